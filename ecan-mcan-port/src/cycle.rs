@@ -149,6 +149,9 @@ impl Port {
     fn send_queued(&mut self) {
         let stamp = self.stamp();
         let Some(queues) = &mut self.queues else { return };
+        if !queues.begin() {
+            return;
+        }
         for (slave, gateway) in self.gateways.iter_mut().enumerate() {
             let (image, first) = (self.adapter.rx_pdo_mut(slave), self.cycle_number as u8);
             queues.send(slave, gateway, image, first, |channel, frames, taken| {

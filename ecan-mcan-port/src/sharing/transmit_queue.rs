@@ -55,7 +55,14 @@ pub enum QueueError {
     Closed,
 }
 
-/// What both ends share about a gateway.
+/// What both ends share.
+#[derive(Debug)]
+struct Shared {
+    /// Frames that were queued since the start, in all queues.
+    pushed: AtomicU64,
+    gateways: Box<[SharedGateway]>,
+}
+
 #[derive(Debug, Default)]
 struct SharedGateway {
     /// The [`accepted_word`].
@@ -74,17 +81,20 @@ struct SharedGateway {
 /// count them as all other frames.
 #[derive(Debug)]
 pub struct TransmitQueues {
-    shared: Arc<[SharedGateway]>,
+    shared: Arc<Shared>,
     writers: Vec<RingWriter>,
 }
 
 /// The cycle's ends of the queues.
 #[derive(Debug)]
 pub(crate) struct CycleQueues {
-    shared: Arc<[SharedGateway]>,
+    shared: Arc<Shared>,
     readers: Vec<RingReader>,
+    /// Frames that were taken since the start, from all queues.
+    removed: u64,
     /// Frames of each channel that were added to the image of this cycle.
     sent: Vec<[u8; CHANNELS]>,
+    has_sent: bool,
 }
 
 /// The two ends of queues of at least `depth` frames for each channel.
@@ -92,8 +102,15 @@ pub(crate) fn transmit_queues(gateways: &[Gateway], depth: usize) -> (CycleQueue
     let count = gateways.len();
     let words = depth.max(1) * (1 + FRAME_WORDS);
     let (writers, readers) = (0..count * CHANNELS).map(|_| ring(words)).unzip();
-    let shared: Arc<[_]> = (0..count).map(|_| SharedGateway::default()).collect();
-    let queues = CycleQueues { shared: shared.clone(), readers, sent: vec![[0; CHANNELS]; count] };
+    let of_gateways = (0..count).map(|_| SharedGateway::default()).collect();
+    let shared = Arc::new(Shared { pushed: AtomicU64::new(0), gateways: of_gateways });
+    let queues = CycleQueues {
+        shared: shared.clone(),
+        readers,
+        removed: 0,
+        sent: vec![[0; CHANNELS]; count],
+        has_sent: false,
+    };
     queues.set_accepted(gateways);
     (queues, TransmitQueues { shared, writers })
 }
@@ -104,8 +121,8 @@ impl TransmitQueues {
     /// # Errors
     /// A [`QueueError`]; the frame is not in the queue.
     pub fn push(&mut self, slave: usize, channel: u8, frame: &CanFrame) -> Result<(), QueueError> {
-        let count = self.shared.len();
-        let Some(shared) = self.shared.get(slave) else {
+        let count = self.shared.gateways.len();
+        let Some(shared) = self.shared.gateways.get(slave) else {
             return Err(AddressError::Slave { slave, count }.into());
         };
         if usize::from(channel) >= CHANNELS {
@@ -129,7 +146,10 @@ impl TransmitQueues {
             return Err(QueueError::Closed);
         }
         match writer.write(&[frame_word(frame)], frame.data()) {
-            true => Ok(()),
+            true => {
+                self.shared.pushed.fetch_add(1, Ordering::Release);
+                Ok(())
+            }
             false => Err(QueueError::Full { slave, channel }),
         }
     }
@@ -137,7 +157,7 @@ impl TransmitQueues {
     /// Frames of a channel that the cycle took from its queue since the start, to send or to reject
     /// them; 0 for a wrong address.
     pub fn taken(&self, slave: usize, channel: u8) -> u64 {
-        let shared = self.shared.get(slave);
+        let shared = self.shared.gateways.get(slave);
         let taken = shared.and_then(|it| it.taken.get(usize::from(channel)));
         taken.map_or(0, |taken| taken.load(Ordering::Acquire))
     }
@@ -146,7 +166,7 @@ impl TransmitQueues {
 impl CycleQueues {
     /// Sets what [`TransmitQueues::push`] accepts.
     pub(crate) fn set_accepted(&self, gateways: &[Gateway]) {
-        for (at, shared) in self.shared.iter().enumerate() {
+        for (at, shared) in self.shared.gateways.iter().enumerate() {
             let word = gateways.get(at).map_or(0, accepted_word);
             shared.accepted.store(word, Ordering::Release);
         }
@@ -155,15 +175,25 @@ impl CycleQueues {
     /// Frames of each channel that [`send`](Self::send) added to the image of this cycle, and those that
     /// it took from the queue since the start.
     pub(crate) fn sent(&self, slave: usize) -> QueuedFrames {
-        let counts = self.sent.get(slave).zip(self.shared.get(slave));
+        let counts = self.sent.get(slave).zip(self.shared.gateways.get(slave));
         counts.map_or_else(QueuedFrames::default, |(sent, shared)| QueuedFrames {
             sent: *sent,
             taken: shared.taken.each_ref().map(|taken| taken.load(Ordering::Relaxed)),
         })
     }
 
+    /// Begins a cycle; returns whether frames wait. Real-time safe.
+    pub(crate) fn begin(&mut self) -> bool {
+        if std::mem::take(&mut self.has_sent) {
+            self.sent.fill([0; CHANNELS]);
+        }
+        // Counts a frame shortly after it is in its queue.
+        self.shared.pushed.load(Ordering::Acquire) != self.removed
+    }
+
     /// Adds the waiting frames of a gateway to its image; `reject` gets the channel and the number of those
-    /// that are rejected, and of those that were taken from its queue since the start. The channels take turns, beginning with `first`. Real-time safe.
+    /// that are rejected, and of those that were taken from its queue since the start. The channels take
+    /// turns, beginning with `first`. Once per cycle, after [`begin`](Self::begin). Real-time safe.
     pub(crate) fn send(
         &mut self,
         slave: usize,
@@ -173,14 +203,14 @@ impl CycleQueues {
         mut reject: impl FnMut(u8, u32, u64),
     ) {
         let start = slave * CHANNELS;
-        let Self { shared, readers, sent } = self;
+        let Self { shared, readers, removed, sent, has_sent } = self;
         let readers = readers.get_mut(start..start + CHANNELS);
         let (Some(readers), Some(shared), Some(sent)) =
-            (readers, shared.get(slave), sent.get_mut(slave))
+            (readers, shared.gateways.get(slave), sent.get_mut(slave))
         else {
             return;
         };
-        *sent = [0; CHANNELS];
+        *has_sent = true;
         for turn in 0..CHANNELS as u8 {
             let channel = first.wrapping_add(turn) % CHANNELS as u8;
             let at = usize::from(channel);
@@ -197,6 +227,7 @@ impl CycleQueues {
                     Verdict::Rejected => rejected += 1,
                 }
                 reader.remove();
+                *removed = removed.wrapping_add(1);
                 taken.fetch_add(1, Ordering::Release);
             }
             if rejected > 0 {
