@@ -19,14 +19,15 @@ has_goal() { awk -F'|' '$3 !~ /^ *$/'; }
 has_no_goal() { awk -F'|' '$3 ~ /^ *$/'; }
 
 cargo bench --quiet --locked --no-run -p ecan-protocol -p ecan-host -p ecan-mcan-port \
-    -p ecan-cia402 -p ecan-igh-host --bench codec --bench wake_up --bench cycle --bench axes \
-    --bench simulation --bench c_face
+    -p ecan-cia402 -p ecan-igh-host -p ecan-service --bench codec --bench wake_up --bench cycle \
+    --bench axes --bench simulation --bench c_face --bench clients
 load_before=$(cut -d' ' -f1-2 /proc/loadavg)
 codec=$(bench ecan-protocol codec)
 cycle=$(bench ecan-mcan-port cycle)
 axes=$(bench ecan-cia402 axes)
 simulation=$(bench ecan-cia402 simulation)
 c_face=$(bench ecan-igh-host c_face)
+clients=$(bench ecan-service clients)
 
 wake_up='| wake-up at 1 ms, p50 | 1.1 | not measured in this run | | cycle timer / cyclictest |
 | wake-up at 1 ms, p99 | 1.2 | not measured in this run | | cycle timer / cyclictest |
@@ -48,6 +49,7 @@ table="| measure | goal | accelerated | portable | what |
 $(rows "$codec" | has_goal)
 $(rows "$cycle")
 $(rows "$axes")
+$(rows "$clients")
 $simulated
 $wake_up
 $(rows "$c_face")"
@@ -127,6 +129,18 @@ The snapshot for observers is measured in whole cycles with N = 3: wait, begin, 
 $(details "$axes")
 
     cargo bench -p ecan-cia402 --bench axes
+
+## Service
+
+Run time of a cycle with N = 3 and 10 frames in each direction, of a Port whose service has eight clients relative to
+one without a service: six read all frames, one polls the state, one never reads. One cycle per millisecond, of both in
+turn. The simulated master stands for the system calls of a real one; the null master has none.
+
+\`\`\`text
+$(details "$clients")
+\`\`\`
+
+    cargo bench -p ecan-service --bench clients
 
 ## Simulator
 

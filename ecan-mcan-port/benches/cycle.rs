@@ -33,6 +33,14 @@ struct Case {
     frames: usize,
 }
 
+impl Case {
+    fn size(&self) -> String {
+        let Self { slaves, multiplier, frames } = self;
+        let plural = if *slaves == 1 { "" } else { "s" };
+        format!("{slaves} slave{plural}, N = {multiplier}, {frames} frames each way")
+    }
+}
+
 const CASES: [Case; 4] = [
     Case { slaves: 1, multiplier: 3, frames: 10 },
     Case { slaves: 3, multiplier: 3, frames: 10 },
@@ -203,18 +211,13 @@ impl Bench {
         };
         let outcome = warm(|| run(false), || run(true));
         assert_eq!(stream.borrow().lost(), 0);
-        let name =
-            format!("images for another thread, {} slaves, N = {}", case.slaves, case.multiplier);
+        let name = format!("images for another thread, {}", case.size());
         Row::new(name, "whole cycle with / without them, null master", outcome.ratio)
     }
 
     fn rows(&mut self) -> [Row; 2] {
         let (over_codec, over_wire) = self.measure();
-        let Case { slaves, multiplier, frames } = self.case;
-        let plural = if *slaves == 1 { "" } else { "s" };
-        let name = format!(
-            "whole cycle, {slaves} slave{plural}, N = {multiplier}, {frames} frames each way"
-        );
+        let name = format!("whole cycle, {}", self.case.size());
         let row = Row::new(name, "Port on a null master / bare codec, same images", over_codec);
         let share = Row::new("the same, share of the wire time", "Port / 100 Mbit/s", over_wire);
         [row, share.as_share()]
