@@ -1,7 +1,9 @@
 use std::panic::resume_unwind;
 use std::thread::{self, ScopedJoinHandle};
 
-use ecan_host::{Clock, Diagnostics, Ecrt, Error, SlaveInfo, SlaveKind, SlaveQuery as _};
+use ecan_host::{
+    Clock, Diagnostics, Ecrt, Error, IdentificationError, SlaveInfo, SlaveKind, SlaveQuery as _,
+};
 use ecan_protocol::device::Capabilities;
 use ecan_sim::Backend;
 
@@ -263,7 +265,15 @@ impl Candidates for Bus {
     }
 
     fn recognised(&self) -> Result<Recognised> {
-        Ok(Recognised::new(self.kinds().into_iter().enumerate()))
+        // Without the service no slave can be identified, and none can be selected.
+        let kinds = self.kinds().into_iter().map(|kind| match kind {
+            SlaveKind::Unknown(IdentificationError::Silent(end @ Error::Disconnected { .. })) => {
+                Err(end)
+            }
+            kind => Ok(kind),
+        });
+        let kinds: Vec<_> = kinds.collect::<Result<_, _>>()?;
+        Ok(Recognised::new(kinds.into_iter().enumerate()))
     }
 
     fn serial(&self, slave: usize) -> Result<u64> {
