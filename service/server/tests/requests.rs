@@ -7,7 +7,7 @@ use std::io::{Read as _, Write as _};
 use std::os::unix::net::UnixStream;
 use std::time::Duration;
 
-use common::{Fixture, PATIENCE, exists, frame, gateway, wait_for};
+use common::{Fixture, PATIENCE, exists, frame, gateway, next, wait_for};
 use ecan_host::AdapterConfig;
 use ecan_mcan_port::PortConfig;
 use ecan_service::{Control, Extension, Permission, Service, ServiceConfig, ServiceError};
@@ -215,6 +215,33 @@ fn broken_clients_are_answered_and_disturb_nobody() {
     drop(stream);
     assert_eq!(good.slaves().unwrap().len(), 1);
     wait_for("the end of the others", || good.service_stats().unwrap().clients.len() == 1);
+}
+
+/// As if its process was killed in the middle of a batch, and with frames on the bus.
+#[test]
+fn batch_cut_by_the_end_of_its_client_sends_nothing() {
+    let fixture = Fixture::start(|_| ());
+    let good = fixture.client();
+    good.subscribe(&Subscription::default()).unwrap();
+    let mut stream = fixture.stream();
+    say_hello(&mut stream);
+    let record = |id| TransmitRecord { gateway: 0, channel: 0, tag: 1, frame: frame(id, &[7; 8]) };
+    let (mut whole, mut cut) = (Vec::new(), Vec::new());
+    record(0x111).encode(&mut whole);
+    (0..2).for_each(|_| record(0x222).encode(&mut cut));
+    write(&mut stream, MessageKind::Transmit, &whole);
+    stream.write_all(&header(MessageKind::Transmit, cut.len())).unwrap();
+    stream.write_all(&cut[..cut.len() - 1]).unwrap();
+    drop(stream);
+    wait_for("its end", || good.service_stats().unwrap().clients.len() == 1);
+    good.send(0, 0, &frame(0x333, &[])).unwrap();
+    let mut ids = Vec::new();
+    while ids.len() < 4 {
+        let Event::Frame(report) = next(&good) else { panic!("no frame") };
+        ids.push(report.frame.id().raw());
+    }
+    ids.sort_unstable();
+    assert_eq!(ids, [0x111, 0x111, 0x333, 0x333], "each frame and its echo");
 }
 
 #[test]

@@ -32,6 +32,7 @@ mod selftest_service;
 mod send;
 mod serve;
 mod serve_daemon;
+mod service_failures;
 mod setup_host;
 mod sii_sm_layout;
 mod sim;

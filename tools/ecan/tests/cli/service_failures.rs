@@ -1,0 +1,269 @@
+//! Failures of a service and of its clients: killed processes, a full disk, another version.
+
+use std::io::{Read as _, Write as _};
+use std::os::unix::net::UnixListener;
+use std::path::Path;
+use std::process::Command;
+use std::thread::sleep;
+use std::time::{Duration, Instant};
+
+use ecan_protocol::can::{CanFrame, CanId};
+use ecan_service_client::{Client, ClientError, Event, FrameEvent, Subscription, UploadParams};
+use rustix::process::Signal;
+use serde_json::json;
+
+use crate::support::timed_reader::LIMIT;
+use crate::support::{Running, fails};
+
+/// `ecan serve` on a simulated bus.
+struct Daemon {
+    directory: tempfile::TempDir,
+    program: Running,
+}
+
+impl Daemon {
+    fn start() -> Self {
+        let directory = tempfile::tempdir().unwrap();
+        let program = start_at(&directory.path().join("bus.sock"));
+        Self { directory, program }
+    }
+
+    fn path(&self, name: &str) -> String {
+        self.directory.path().join(name).display().to_string()
+    }
+
+    fn client(&self) -> Client {
+        Client::connect(Path::new(&self.path("bus.sock")), "test").unwrap()
+    }
+
+    fn run(&self, arguments: &[&str]) -> Running {
+        Running::start(&[&["--via", &self.path("bus.sock")], arguments].concat())
+    }
+}
+
+fn start_at(path: &Path) -> Running {
+    let path = path.display().to_string();
+    let mut program = Running::start(&["--ecrt", "sim", "serve", "--socket", &path]);
+    program.wait_for_error("slave 0: ready");
+    program
+}
+
+fn wait_for(what: &str, mut condition: impl FnMut() -> bool) {
+    let end = Instant::now() + LIMIT;
+    while !condition() {
+        assert!(Instant::now() < end, "waited for {what}");
+        sleep(Duration::from_millis(5));
+    }
+}
+
+fn upload() -> UploadParams {
+    UploadParams { slave: 0, index: 0x8010, subindex: 3, max_bytes: None, once: false }
+}
+
+/// The mailbox of the gateway responds to nothing for a while.
+fn silence_mailbox(client: &Client) {
+    let fault = json!({ "kind": "mailbox_timeout", "gateway": 0, "for_ms": 4_000_000 });
+    client.call("sim.fault", fault).unwrap();
+}
+
+/// Sends a numbered frame and waits for its result and echo.
+fn exchange(client: &Client, number: u16) {
+    let frame = CanFrame::classic(CanId::standard(0x123).unwrap(), &number.to_be_bytes()).unwrap();
+    client.send(0, 0, &frame).unwrap();
+    for _ in 0..2 {
+        let event = client.poll(LIMIT).unwrap();
+        assert!(matches!(event, Some(Event::Frame(report)) if report.frame == frame), "{event:?}");
+    }
+}
+
+/// Numbers of the frames of `exchange` in a log, each twice.
+fn logged(text: &str) -> Vec<u16> {
+    let data = text.lines().filter_map(|line| line.split_once(" can0 123#"));
+    data.map(|(_, data)| u16::from_str_radix(data, 16).unwrap()).collect()
+}
+
+/// Returns whether the numbers up to `end` are complete. Of the first one only the echo may be there.
+fn is_complete(numbers: &[u16], end: u16) -> bool {
+    let first = numbers[0];
+    let rest = numbers.iter().skip_while(|number| **number == first).copied();
+    rest.eq((first + 1..end).flat_map(|number| [number; 2]))
+}
+
+#[test]
+fn killed_daemon_ends_every_client_with_a_message_and_complete_files() {
+    const FRAMES: u16 = 100;
+    let daemon = Daemon::start();
+    let (log, capture) = (daemon.path("bus.log"), daemon.path("bus.pcapng"));
+    let client = daemon.client();
+    client.subscribe(&Subscription::default()).unwrap();
+    let mut clients = [
+        daemon.run(&["dump", "-l", &log]),
+        daemon.run(&["dump", "--capture", &capture]),
+        daemon.run(&["bridge"]),
+    ];
+    clients[2].line();
+    let stats = || client.service_stats().unwrap().clients;
+    // The dumps have subscribed when they receive a frame.
+    let mut first = 0;
+    wait_for("the subscriptions", || {
+        exchange(&client, first);
+        first += 1;
+        stats().iter().filter(|it| it.frames_delivered > 0).count() == 4
+    });
+    (first..first + FRAMES).for_each(|number| exchange(&client, number));
+    wait_for("the output", || stats().iter().all(|it| it.queued_bytes == 0));
+    silence_mailbox(&client);
+    let mut reader = daemon.run(&["sdo", "read", "0x8010:3"]);
+    reader.wait_for_error("via ");
+    let pending = daemon.client();
+    std::thread::scope(|threads| {
+        let pending = threads.spawn(|| pending.sdo_upload(&upload()));
+        let requests = |count| stats().iter().filter(|it| it.requests >= 2).count() == count;
+        wait_for("the requests", || requests(6));
+        daemon.program.signal(Signal::KILL);
+        assert!(matches!(pending.join().unwrap(), Err(ClientError::Closed)));
+    });
+    assert!(matches!(client.poll(LIMIT), Err(ClientError::Closed)));
+    let message = format!("ecan: {}: the service closed the connection", daemon.path("bus.sock"));
+    for mut program in clients.into_iter().chain([reader]) {
+        let (status, errors) = program.wait();
+        assert_eq!(status, Some(3), "{errors}");
+        assert!(errors.contains(&message), "{errors}");
+    }
+    let numbers = logged(&std::fs::read_to_string(&log).unwrap());
+    assert!(numbers[0] <= first && is_complete(&numbers, first + FRAMES), "{numbers:?}");
+    // Each packet of the capture has the CAN ID 0x123 and two bytes of data.
+    let packet = |number: u16| [&[0, 0, 1, 0x23, 2, 0, 0, 0], &number.to_be_bytes()[..]].concat();
+    let bytes = std::fs::read(&capture).unwrap();
+    for number in first..first + FRAMES {
+        let packet = packet(number);
+        let count = bytes.windows(packet.len()).filter(|it| *it == packet).count();
+        assert_eq!(count, 2, "frame {number}");
+    }
+
+    // Its socket is stale; another daemon takes its path.
+    let _next = start_at(Path::new(&daemon.path("bus.sock")));
+    exchange_alone(&daemon.client());
+}
+
+/// As `exchange`, without a subscription.
+fn exchange_alone(client: &Client) {
+    let frame = CanFrame::classic(CanId::standard(0x124).unwrap(), &[]).unwrap();
+    let tag = client.send(0, 0, &frame).unwrap();
+    let event = client.poll(LIMIT).unwrap();
+    let Some(Event::Frame(report)) = event else { panic!("{event:?}") };
+    assert_eq!((report.tag, report.event), (tag, FrameEvent::Transmitted));
+}
+
+#[test]
+fn killed_clients_disturb_nobody() {
+    let daemon = Daemon::start();
+    let client = daemon.client();
+    client.subscribe(&Subscription::default()).unwrap();
+    // One that sends without a pause, and one in the middle of a request.
+    let sender = daemon.run(&["gen", "-g", "0", "-I", "321"]);
+    let is_sent = |event: &Event| matches!(event, Event::Frame(it) if it.frame.id().raw() == 0x321);
+    wait_for("frames of gen", || client.poll(LIMIT).unwrap().is_some_and(|event| is_sent(&event)));
+    sender.signal(Signal::KILL);
+    silence_mailbox(&client);
+    let reader = daemon.run(&["sdo", "read", "0x8010:3"]);
+    let stats = || client.service_stats().unwrap().clients;
+    wait_for("the request", || stats().iter().any(|it| it.name == "ecan" && it.requests >= 2));
+    reader.signal(Signal::KILL);
+    wait_for("the end of both", || stats().len() == 1);
+    while client.poll(Duration::from_millis(100)).unwrap().is_some() {}
+    (0..10).for_each(|number| exchange(&client, number));
+    assert!(client.state().is_ok());
+}
+
+/// Runs in a mount namespace with a file system of 64 KiB at the first argument, and copies the file
+/// of the second argument from there to the third one at the end.
+const ON_SMALL_DISK: &str = "mount -t tmpfs -o size=64k none \"$1\" || exit 99; disk=$1 name=$2 to=$3; \
+     shift 3; \"$@\"; status=$?; cp \"$disk/$name\" \"$to\"; exit $status";
+
+#[test]
+fn full_disk_ends_the_record_and_the_capture_only() {
+    let may_mount = ["--map-root-user", "--mount", "mount", "-t", "tmpfs", "none", "/mnt"];
+    match Command::new("unshare").args(may_mount).output() {
+        Ok(output) if output.status.success() => {}
+        other => return println!("skipped: no small file system can be mounted: {other:?}"),
+    }
+    let mut daemon = Daemon::start();
+    let (disk, other) = (daemon.path("disk"), daemon.path("other.log"));
+    std::fs::create_dir(&disk).unwrap();
+    let socket = daemon.path("bus.sock");
+    let on_small_disk = |option: &str, name: &str| {
+        let (file, saved) = (format!("{disk}/{name}"), daemon.path(name));
+        Command::new("unshare")
+            .args(["--map-root-user", "--mount", "sh", "-c", ON_SMALL_DISK, "sh", &disk, name])
+            .args([&saved, env!("CARGO_BIN_EXE_ecan"), "--via", &socket, "dump", option, &file])
+            .stderr(std::process::Stdio::piped())
+            .spawn()
+            .unwrap()
+    };
+    let full = [on_small_disk("-l", "full.log"), on_small_disk("--capture", "full.pcapng")];
+    let mut dump = daemon.run(&["dump", "-l", &other]);
+    let client = daemon.client();
+    client.subscribe(&Subscription::default()).unwrap();
+    let stats = || client.service_stats().unwrap().clients;
+    let mut number = 0;
+    wait_for("the subscriptions", || {
+        exchange(&client, number);
+        number += 1;
+        stats().iter().filter(|it| it.frames_delivered > 0).count() == 4
+    });
+    // Until both have ended; the other dump and this client go on.
+    wait_for("the full disks", || {
+        exchange(&client, number);
+        number += 1;
+        stats().len() == 2
+    });
+    for child in full {
+        let output = child.wait_with_output().unwrap();
+        let errors = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(6), "{errors}");
+        let message = format!("ecan: cannot write {disk}/full.");
+        assert!(errors.contains(&message) && errors.contains("No space left"), "{errors}");
+    }
+    for last in number..number + 10 {
+        exchange(&client, last);
+    }
+    wait_for("the output", || stats().iter().all(|it| it.queued_bytes == 0));
+    dump.terminate();
+    let (status, errors) = dump.wait();
+    assert_eq!(status, Some(0), "{errors}");
+    assert!(is_complete(&logged(&std::fs::read_to_string(&other).unwrap()), number + 10));
+    // What fits is there; the last line is cut.
+    let text = std::fs::read_to_string(daemon.path("full.log")).unwrap();
+    let (lines, _) = text.rsplit_once('\n').unwrap();
+    let numbers = logged(lines);
+    let numbers = &numbers[..numbers.len() - numbers.len() % 2];
+    assert!(is_complete(numbers, numbers[numbers.len() - 1] + 1));
+    daemon.program.terminate();
+    assert_eq!(daemon.program.wait().0, Some(0));
+}
+
+#[test]
+fn service_of_another_version_is_reported() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("new.sock");
+    let listener = UnixListener::bind(&path).unwrap();
+    let text = "protocol version 1 of the client is not supported; the service has version 2; \
+                install the same release of both";
+    let service = std::thread::spawn(move || {
+        let (mut stream, _) = listener.accept().unwrap();
+        let mut head = [0; 8];
+        stream.read_exact(&mut head).unwrap();
+        let mut request = vec![0; u32::from_le_bytes(*head.first_chunk().unwrap()) as usize];
+        stream.read_exact(&mut request).unwrap();
+        let id = serde_json::from_slice::<serde_json::Value>(&request).unwrap()["id"].clone();
+        let error = json!({ "code": -32002, "message": text });
+        let answer = json!({ "jsonrpc": "2.0", "id": id, "error": error }).to_string();
+        stream.write_all(&(answer.len() as u32).to_le_bytes()).unwrap();
+        stream.write_all(&[1, 0, 0, 0]).unwrap();
+        stream.write_all(answer.as_bytes()).unwrap();
+    });
+    let message = fails(3, &["--via", path.to_str().unwrap(), "scan"]);
+    service.join().unwrap();
+    assert!(message.contains(text), "{message}");
+}
