@@ -111,7 +111,8 @@ impl<'a> Prepared<'a> {
         let started = match service {
             Some(ServiceSetup { connection, gateways }) => {
                 let has_images = options.capture.has_images();
-                ServiceLink::start(connection, config, &gateways, has_images).map(boxed)
+                let channels = planned.requested;
+                ServiceLink::start(connection, config, &gateways, channels, has_images).map(boxed)
             }
             None => real_time.apply(|line| note(line)).map_err(Failure::from).and_then(|()| {
                 let link = PortLink::start(bus.ecrt()?, config, real_time, &interrupt);

@@ -15,6 +15,7 @@ use ecan_service_protocol::{
 use serde_json::Value;
 
 use crate::context::{Failure, Result, note};
+use crate::frames::channels::Channels;
 use crate::frames::link::{Arrival, BusFrame, Event, FrameLink, Outcome, SessionState, Ticket};
 use crate::service_access::ServiceConnection;
 
@@ -55,12 +56,13 @@ pub struct ServiceLink {
 }
 
 impl ServiceLink {
-    /// Subscribes to the frames of gateways: index in the service and position of each, in the order
-    /// of the configuration.
+    /// Subscribes to the frames of channels of gateways: index in the service and position of each, in
+    /// the order of the configuration.
     pub fn start(
         connection: ServiceConnection,
         (adapter, config): (AdapterConfig, PortConfig),
         gateways: &[(u16, u16)],
+        channels: Channels,
         has_images: bool,
     ) -> Result<Self> {
         let linked = |(index, position): &(u16, u16)| LinkedGateway {
@@ -91,6 +93,7 @@ impl ServiceLink {
         let indices: Vec<_> = gateways.iter().map(|it| it.0).collect();
         let subscription = Subscription {
             gateways: indices.clone(),
+            channels: channels.iter().collect(),
             kinds: vec![EventKind::Received, EventKind::Transmitted, EventKind::Published],
             ..Subscription::default()
         };
