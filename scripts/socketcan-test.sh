@@ -1,16 +1,22 @@
 #!/bin/bash
 # socketcan-test.sh [ECAN]: can-utils, ISO-TP and Python on `ecan bridge --socketcan`, on the simulator.
 # Needs root, vcan, can-isotp and can-utils; ECAN_PYTHON names a Python with python-can and canopen.
-# BRIDGE_OPTIONS are further options of the bridge, for example --driver gs-usb. It creates the interfaces et00 to et03 and prints what it measures. Status 0: passed, or skipped.
+# BRIDGE_OPTIONS are further options of the bridge, for example --driver gs-usb. With VIA=1 the bridge works
+# through `ecan serve`. It creates the interfaces et00 to et03 and prints what it measures. Status 0:
+# passed, or skipped.
 set -eu
 ecan=${1:-target/debug/ecan}
 python=${ECAN_PYTHON:-python3}
 count=${COUNT:-2000}
 options=${BRIDGE_OPTIONS:-}
 work=$(mktemp -d)
-bridge=
+bridge='' serve=''
 stop() {
-    [ -z "$bridge" ] || { kill "$bridge" 2>/dev/null || true; wait "$bridge" || true; bridge=; }
+    for pid in $bridge $serve; do
+        kill "$pid" 2>/dev/null || true
+        wait "$pid" || true
+    done
+    bridge='' serve=''
 }
 trap 'stop; rm -rf "$work"' EXIT
 skip() { echo "skipped: $*"; exit 0; }
@@ -24,11 +30,22 @@ modprobe -aq vcan can-raw can-isotp vhci-hcd gs_usb || true
 ip link add dev et00 type vcan 2>"$work/errors" || skip "no vcan: $(cat "$work/errors")"
 ip link delete et00
 
+rates='--bitrate 1000000 --data-bitrate 5000000'
 # Starts the bridge on all channels of a simulated bus, and waits for the interfaces.
+# shellcheck disable=SC2086 # several options
 start() {
-    # shellcheck disable=SC2086 # several options
-    "$ecan" --ecrt "sim$1" bridge --channel all --socketcan 'et%g%c' --bitrate 1000000 \
-        --data-bitrate 5000000 $options >"$work/addresses" 2>"$work/errors" &
+    set -- --ecrt "sim$1"
+    if [ -n "${VIA:-}" ]; then
+        "$ecan" "$@" serve --socket "$work/bus.sock" $rates 2>"$work/serve" &
+        serve=$!
+        until grep -q 'slave 0: ready' "$work/serve"; do
+            kill -0 "$serve" 2>/dev/null || fail "ecan serve has ended: $(cat "$work/serve")"
+            sleep 0.1
+        done
+        set -- --via "$work/bus.sock"
+    fi
+    "$ecan" "$@" bridge --channel all --socketcan 'et%g%c' $rates $options \
+        >"$work/addresses" 2>"$work/errors" &
     bridge=$!
     until [ "$(grep -c '^socketcan bridge at et0' "$work/addresses")" = 4 ]; do
         kill -0 "$bridge" 2>/dev/null || fail "the bridge has ended"
@@ -105,11 +122,12 @@ done
 if ip -br link | grep '^et0'; then fail "the interfaces remain"; fi
 if grep '^#' "$work/errors"; then fail "losses"; fi
 
-# Drives on all channels: error frames and CANopen.
-printf '[[gateway]]\n[[node]]\nkind = "silent"\nbus = "0.0"\n[[fault]]\nat_ms = 9000\nkind = "bus_off"\ngateway = 0\nchannel = 0\n' \
-    >"$work/off.toml"
+# Drives on all channels: error frames and CANopen. A service starts later.
+off_ms=${VIA:+30000}
+printf '[[gateway]]\n[[node]]\nkind = "silent"\nbus = "0.0"\n[[fault]]\nat_ms = %s\nkind = "bus_off"\ngateway = 0\nchannel = 0\n' \
+    "${off_ms:-9000}" >"$work/off.toml"
 start ":$work/off.toml"
-timeout 60 candump -e -n 2 et00,0~0,#FFFFFFFF >"$work/errors-seen" || fail "no error frames"
+timeout 120 candump -e -n 2 et00,0~0,#FFFFFFFF >"$work/errors-seen" || fail "no error frames"
 for event in 'bus-off' 'restarted-after-bus-off'; do
     grep -q "$event" "$work/errors-seen" || fail "$(cat "$work/errors-seen")"
 done

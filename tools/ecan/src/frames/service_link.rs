@@ -5,7 +5,7 @@ use std::time::{Duration, SystemTime};
 use ecan_host::{AdapterConfig, Clock as _, Errno, MonotonicClock, SlaveAccess as _};
 use ecan_mcan_port::{PortConfig, SlaveStatistics};
 use ecan_protocol::can::CanFrame;
-use ecan_protocol::image::{ChannelStatus, Timestamp};
+use ecan_protocol::image::{ChannelState, ChannelStatus, Timestamp};
 use ecan_protocol::mapping::{CHANNELS, Direction};
 use ecan_service_client::{ClientError, Event as ServiceEvent, ReceivedImage, SendError};
 use ecan_service_protocol::{
@@ -34,6 +34,8 @@ struct LinkedGateway {
     position: u16,
     session: SessionState,
     status: [ChannelStatus; CHANNELS],
+    /// Status in the last state; `status` differs for one cycle after a bus-off between two states.
+    last_status: [ChannelStatus; CHANNELS],
     /// Counters at the start of the command.
     start: Value,
     statistics: SlaveStatistics,
@@ -65,14 +67,6 @@ impl ServiceLink {
         channels: Channels,
         has_images: bool,
     ) -> Result<Self> {
-        let linked = |(index, position): &(u16, u16)| LinkedGateway {
-            index: *index,
-            position: *position,
-            session: SessionState::default(),
-            status: [ChannelStatus::default(); CHANNELS],
-            start: Value::Null,
-            statistics: SlaveStatistics::default(),
-        };
         let since_1970 = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH);
         let since_1970_ns = u64::try_from(since_1970.unwrap_or_default().as_nanos()).unwrap_or(0);
         let now_ns = MonotonicClock.now_ns();
@@ -80,7 +74,7 @@ impl ServiceLink {
             connection,
             adapter,
             config,
-            gateways: gateways.iter().map(linked).collect(),
+            gateways: gateways.iter().copied().map(LinkedGateway::new).collect(),
             since_1970_ns: since_1970_ns.wrapping_sub(now_ns),
             state_at_ns: now_ns,
             sent_at_ns: None,
@@ -215,16 +209,41 @@ impl ServiceLink {
 }
 
 impl LinkedGateway {
+    fn new((index, position): (u16, u16)) -> Self {
+        Self {
+            index,
+            position,
+            session: SessionState::default(),
+            status: [ChannelStatus::default(); CHANNELS],
+            last_status: [ChannelStatus::default(); CHANNELS],
+            start: Value::Null,
+            statistics: SlaveStatistics::default(),
+        }
+    }
+
+    /// Begins a cycle.
+    fn begin(&mut self) {
+        self.status = self.last_status;
+    }
+
     fn update(&mut self, state: &GatewayState) {
         self.session = state.session.into();
-        self.status =
+        self.last_status =
             state.channel_status.map(|raw| ChannelStatus::from_raw(raw.unwrap_or_default()));
         let counters = Value::Object(state.statistics.clone());
         if self.start.is_null() {
             self.start = counters.clone();
         }
         let since = difference(&counters, &self.start);
+        let before = self.statistics.channels;
         self.statistics = serde_json::from_value(since).unwrap_or_default();
+        self.status = self.last_status;
+        let counts = before.iter().zip(&self.statistics.channels);
+        for (status, (before, now)) in self.status.iter_mut().zip(counts) {
+            if now.bus_off_images > before.bus_off_images {
+                *status = status.with_state(ChannelState::BusOff).with_bus_off(true);
+            }
+        }
     }
 }
 
@@ -272,6 +291,7 @@ impl FrameLink for ServiceLink {
 
     fn begin(&mut self, arrivals: &mut Vec<Arrival>) -> u64 {
         self.images.clear();
+        self.gateways.iter_mut().for_each(LinkedGateway::begin);
         if let Err(error) = self.read_events(arrivals) {
             self.failure = Some(self.error(&error));
         }
@@ -331,5 +351,41 @@ impl FrameLink for ServiceLink {
             }
             _ => Ok(u32::from_le_bytes(data)),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use ecan_mcan_port::ChannelStatistics;
+    use serde_json::json;
+
+    use super::*;
+
+    #[test]
+    fn bus_off_between_two_states_shows_for_one_cycle() {
+        let run = ChannelStatus::default().with_state(ChannelState::Run);
+        let state = |bus_off_images: u64| {
+            let channels = [0, bus_off_images, 0, 0]
+                .map(|bus_off_images| ChannelStatistics { bus_off_images, ..Default::default() });
+            let statistics = json!(SlaveStatistics { channels, ..Default::default() });
+            GatewayState {
+                session: ecan_service_protocol::SessionState::Ready,
+                waiting_for: None,
+                working_counter: 3,
+                expected_working_counter: 3,
+                channel_status: [Some(run.raw()); CHANNELS],
+                statistics: statistics.as_object().unwrap().clone(),
+            }
+        };
+        let mut gateway = LinkedGateway::new((0, 0));
+        let mut bus_off = |bus_off_images: Option<u64>| {
+            gateway.begin();
+            bus_off_images.into_iter().for_each(|images| gateway.update(&state(images)));
+            gateway.status.map(ChannelStatus::bus_off)
+        };
+        assert_eq!(bus_off(Some(7)), [false; CHANNELS], "before the command");
+        assert_eq!(bus_off(Some(9)), [false, true, false, false]);
+        assert_eq!(bus_off(None), [false; CHANNELS]);
+        assert_eq!(bus_off(Some(9)), [false; CHANNELS]);
     }
 }
