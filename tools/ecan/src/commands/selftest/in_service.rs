@@ -10,7 +10,7 @@ use ecan_service_client::Access;
 
 use crate::context::{Bus, Result};
 use crate::frames::{
-    Event, FrameLink, Planned, ServiceLink, ServiceSetup, can_config, gateways_of_service,
+    Channels, Event, FrameLink, Planned, ServiceLink, ServiceSetup, can_config, gateways_of_service,
 };
 use crate::service_access::ServiceConnection;
 
@@ -142,7 +142,7 @@ impl Running {
         let (setup, planned) = gateways_of_service(connection, bus, true)?;
         let ServiceSetup { connection, gateways } = setup;
         let config = (planned.adapter, planned.config);
-        let link = ServiceLink::start(connection, config, &gateways, false)?;
+        let link = ServiceLink::start(connection, config, &gateways, Channels::ALL, false)?;
         Ok(Some(Self { link, planned }))
     }
 
