@@ -23,6 +23,8 @@ mod publication;
 #[cfg(feature = "engine")]
 mod publication_error;
 #[cfg(feature = "engine")]
+mod publisher;
+#[cfg(feature = "engine")]
 mod remote_clients;
 #[cfg(feature = "engine")]
 mod zenoh_config;
