@@ -47,6 +47,11 @@ impl GatewayRequirements {
         }
     }
 
+    /// Requirements of `ecan serve`.
+    pub fn of_service() -> Self {
+        Self { has_results: true, has_end: false, ..Self::on(Channels::ALL) }
+    }
+
     pub fn apply(self, gateway: &mut GatewayConfig) {
         if self.has_results {
             gateway.tx_options = gateway.tx_options.with(OptionFlags::TX_RESULT);

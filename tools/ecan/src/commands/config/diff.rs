@@ -8,6 +8,7 @@ use serde::Serialize;
 use crate::commands::serve;
 use crate::config_file;
 use crate::context::{Context, Failure, Result, Tone, note};
+use crate::frames::GatewayRequirements;
 
 #[derive(Debug, Serialize)]
 struct Compared {
@@ -44,7 +45,8 @@ pub fn run(path: &Path, counts_active: bool, context: &Context) -> Result {
     let mut file = config_file::read(path)?;
     let (bus, resolved) = super::open_gateways(&file, context)?;
     if bus.service().is_some_and(|it| serve::keeps_gateways(it.hello())) {
-        file.port.gateways.iter_mut().for_each(|it| serve::requirements().apply(it));
+        let requirements = GatewayRequirements::of_service();
+        file.port.gateways.iter_mut().for_each(|it| requirements.apply(it));
     }
     let mut compared = Vec::new();
     let mut failed = None;

@@ -8,12 +8,11 @@ use ecan_service::Service;
 use ecan_sim::Backend;
 
 use crate::context::{Failure, Result, note};
-use crate::frames::{Channels, GatewayRequirements, Planned};
+use crate::frames::Planned;
 
-use super::ServeArguments;
-use super::daemon::Command;
+use super::arguments::ServeArguments;
+use super::command::{Command, NotConfigured};
 use super::notification::{Event, Notifier};
-use super::reconfigure::NotConfigured;
 
 #[derive(Debug)]
 pub struct GatewayCycle {
@@ -23,15 +22,6 @@ pub struct GatewayCycle {
     /// Gateways that were ready in the last cycle.
     were_ready: Vec<bool>,
     has_been_ready: bool,
-}
-
-/// Requirements of the service for a configuration.
-pub fn requirements() -> GatewayRequirements {
-    GatewayRequirements {
-        has_results: true,
-        has_end: false,
-        ..GatewayRequirements::on(Channels::ALL)
-    }
 }
 
 impl GatewayCycle {

@@ -5,29 +5,23 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError};
 use std::time::{Duration, Instant};
 
 use ecan_command_line::interrupt::Interrupt;
-use ecan_mcan_port::{Config, PortConfig};
+use ecan_mcan_port::Config;
 use ecan_service::Service;
 use ecan_sim::Backend;
 
 use crate::context::{Bus, Context, Failure, Result, note};
-use crate::frames::{Planned, Settings};
+use crate::frames::{GatewayRequirements, Planned, Settings};
 
-use super::cycle::{GatewayCycle, requirements};
+use super::arguments::ServeArguments;
+use super::command::{Command, NotConfigured, Request};
+use super::cycle::GatewayCycle;
 use super::notification::{Event, Notifier};
-use super::reconfigure::{NotConfigured, Request};
 use super::reload::ActiveConfig;
-use super::{POLL, ServeArguments};
 
+/// Interval of looking for signals without a cycle.
+pub const POLL: Duration = Duration::from_millis(50);
 /// Pauses before further attempts to start the gateways.
 const PAUSES_S: [u64; 4] = [1, 2, 5, 10];
-
-/// Command to the thread of the cycle.
-#[derive(Debug)]
-pub enum Command {
-    Reconfigure(Box<Request>),
-    /// Host settings of the same gateways.
-    Limits(Box<PortConfig>),
-}
 
 pub struct Daemon<'a> {
     pub backend: &'a Backend,
@@ -78,7 +72,8 @@ impl Daemon<'_> {
                 let (master, is_stopped) =
                     (self.settings.master(global), || self.interrupt.is_set());
                 let bus = Bus::of_until(self.backend, master, None, &is_stopped)?;
-                let planned = self.settings.for_all(&bus, requirements(), global)?;
+                let planned =
+                    self.settings.for_all(&bus, GatewayRequirements::of_service(), global)?;
                 self.start(planned)?
             }
         };

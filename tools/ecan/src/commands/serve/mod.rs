@@ -1,5 +1,7 @@
 //! `ecan serve`: holds the master, keeps the gateways ready and serves the bus to other programs.
 
+mod arguments;
+mod command;
 mod cycle;
 mod daemon;
 mod notification;
@@ -12,23 +14,22 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::mpsc::channel;
 use std::thread::sleep;
-use std::time::Duration;
 
-use clap::Args;
 use ecan_command_line::interrupt::Interrupt;
 use ecan_config_file::ServiceSettings;
-use ecan_service::{Control, Service, ServiceConfig};
+use ecan_service::{Service, ServiceConfig};
 use ecan_service_client::Hello;
 use ecan_sim::{Backend, ClockKind};
 use listenfd::ListenFd;
 
 use crate::config_file;
 use crate::context::{Context, Failure, Result, note};
-use crate::frames::{GatewayOptions, Settings};
+use crate::frames::Settings;
 use crate::via::default_paths;
 
-pub use cycle::requirements;
-use daemon::Daemon;
+pub use arguments::ServeArguments;
+use arguments::access_text;
+use daemon::{Daemon, POLL};
 use notification::{Event, Notifier};
 use reconfigure::ReconfigureMethod;
 use reload::{ActiveConfig, Reloader};
@@ -46,57 +47,6 @@ not answer) does not end the command: it tries again.";
 
 /// Name of the program in its service.
 const NAME: &str = "ecan serve";
-const MAX_CLIENTS: u16 = 64;
-/// Interval of looking for signals without a cycle.
-const POLL: Duration = Duration::from_millis(50);
-
-#[derive(Debug, Args)]
-pub struct ServeArguments {
-    /// Socket for clients [default: /run/ecan/master<N>.sock for root, otherwise
-    /// $XDG_RUNTIME_DIR/ecan/master<N>.sock]
-    #[arg(long, value_name = "PATH")]
-    socket: Option<PathBuf>,
-    /// Group of the socket [default: of this process]
-    #[arg(long, value_name = "GROUP")]
-    group: Option<String>,
-    #[command(flatten)]
-    access: Access,
-    /// Run no cycle; serve the state of the bus and SDO transfers only
-    #[arg(long, conflicts_with_all = ["config", "bitrate"])]
-    idle: bool,
-    #[command(flatten)]
-    options: GatewayOptions,
-}
-
-/// Access of the clients; what is not given comes from the table `[service]` of the file.
-#[derive(Clone, Debug, Args)]
-pub struct Access {
-    /// Reject requests that send frames or change something
-    #[arg(long)]
-    read_only: bool,
-    /// Permit control to the members of a group [default: to this user and root]
-    #[arg(long, value_name = "GROUP", conflicts_with = "read_only")]
-    control_group: Option<String>,
-    /// Maximum number of clients [default: 64]
-    #[arg(long, value_name = "COUNT", value_parser = clap::value_parser!(u16).range(1..=1000))]
-    max_clients: Option<u16>,
-}
-
-impl Access {
-    /// Control and limit of clients, with the settings of a file.
-    fn with(&self, file: &ServiceSettings) -> (Control, u16) {
-        let own = (self.read_only, &self.control_group);
-        let of_file = (file.read_only == Some(true), &file.control_group);
-        let control = match (own, of_file) {
-            ((true, _), _) => Control::Nobody,
-            ((_, Some(group)), _) => Control::Group(group.clone()),
-            (_, (true, _)) => Control::Nobody,
-            (_, (_, Some(group))) => Control::Group(group.clone()),
-            _ => Control::Owner,
-        };
-        (control, self.max_clients.or(file.max_clients).unwrap_or(MAX_CLIENTS))
-    }
-}
 
 pub fn run(arguments: &ServeArguments, context: &Context) -> Result {
     context.global.without_slave("it serves all gateways of the bus or of the file")?;
@@ -150,14 +100,6 @@ pub fn run(arguments: &ServeArguments, context: &Context) -> Result {
     ended
 }
 
-fn access_text(control: &Control) -> String {
-    match control {
-        Control::Nobody => "read-only".to_owned(),
-        Control::Group(group) => format!("control for group {group}"),
-        _ => "control for this user".to_owned(),
-    }
-}
-
 fn service_config(
     arguments: &ServeArguments,
     of_file: &ServiceSettings,
@@ -208,7 +150,7 @@ fn path_of(socket: &UnixListener) -> PathBuf {
     path.unwrap_or_else(|| "the socket of the service manager".into())
 }
 
-/// Returns whether a service is `ecan serve` with its [`requirements`].
+/// Returns whether a service is `ecan serve` with its requirements.
 pub fn keeps_gateways(hello: &Hello) -> bool {
     hello.server == NAME && hello.cycle_ns.is_some()
 }
@@ -229,37 +171,4 @@ fn idle(backend: &Backend, interrupt: &Interrupt, notifier: &Notifier) -> Result
         sleep(POLL);
     }
     Ok(())
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn options_override_the_table_of_the_file() {
-        let access = |read_only, group: Option<&str>, max_clients| Access {
-            read_only,
-            control_group: group.map(str::to_owned),
-            max_clients,
-        };
-        let none = ServiceSettings::default();
-        let group = ServiceSettings {
-            control_group: Some("file".to_owned()),
-            max_clients: Some(3),
-            ..none.clone()
-        };
-        let read_only = ServiceSettings { read_only: Some(true), ..none.clone() };
-        let of = |name: &str| Control::Group(name.to_owned());
-        let cases = [
-            (access(false, None, None), &none, Control::Owner, MAX_CLIENTS),
-            (access(false, None, None), &group, of("file"), 3),
-            (access(false, Some("own"), Some(9)), &group, of("own"), 9),
-            (access(true, None, None), &group, Control::Nobody, 3),
-            (access(false, None, None), &read_only, Control::Nobody, MAX_CLIENTS),
-            (access(false, Some("own"), None), &read_only, of("own"), MAX_CLIENTS),
-        ];
-        for (access, file, control, max_clients) in cases {
-            assert_eq!(access.with(file), (control, max_clients), "{access:?} {file:?}");
-        }
-    }
 }

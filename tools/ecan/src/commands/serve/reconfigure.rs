@@ -2,57 +2,20 @@
 //! the thread of the cycle.
 
 use std::path::PathBuf;
-use std::sync::mpsc::{Sender, SyncSender, sync_channel};
+use std::sync::mpsc::{Sender, sync_channel};
 use std::sync::{Mutex, TryLockError};
 
 use ecan_mcan_port::Config;
 use ecan_service::{Extension, Permission};
-use ecan_service_client::{BUS_ERROR, BUSY, INVALID_PARAMS, NOT_AVAILABLE, RpcError};
+use ecan_service_client::{BUSY, INVALID_PARAMS, NOT_AVAILABLE, RpcError};
 use ecan_sim::Backend;
 use serde_json::{Value, json};
 
 use crate::context::{Bus, Failure, GlobalOptions, Result};
-use crate::frames::{Planned, of_whole_file};
+use crate::frames::{GatewayRequirements, Planned, of_whole_file};
 use crate::reconfiguration::{ConfigText, METHOD, ReadyGateway, Report};
 
-use super::cycle::requirements;
-use super::daemon::Command;
-
-/// A configuration for the thread of the cycle, checked and with its gateways on the bus.
-#[derive(Debug)]
-pub struct Request {
-    pub path: PathBuf,
-    pub file: Config,
-    pub planned: Planned,
-    reply: SyncSender<Result<Report, RpcError>>,
-}
-
-/// Error of a configuration that failed on the gateways.
-#[derive(Debug)]
-pub struct NotConfigured {
-    pub cause: Failure,
-    /// Result of the return to the former configuration.
-    pub restored: Result,
-}
-
-impl Request {
-    /// Ends the call.
-    pub fn reply(self, result: Result<Report, &NotConfigured>) {
-        let result = result.map_err(|NotConfigured { cause, restored }| {
-            let end = match restored {
-                Ok(()) => "the former configuration is active again".to_owned(),
-                Err(error) => format!(
-                    "the former configuration is not active again: {error}; the service tries again"
-                ),
-            };
-            let data = json!({ "kind": "reconfiguration", "is_restored": restored.is_ok() });
-            let message = format!("{}: {cause}; {end}", self.path.display());
-            RpcError { data, ..RpcError::new(BUS_ERROR, message) }
-        });
-        // The client may have gone.
-        let _ = self.reply.send(result);
-    }
-}
+use super::command::{Command, Request};
 
 impl Planned {
     /// Report of gateways that are ready with this configuration.
@@ -122,7 +85,8 @@ impl ReconfigureMethod {
     /// Finds the gateways of the file and checks the whole configuration.
     fn plan(&self, path: &std::path::Path, file: &Config) -> Result<Planned> {
         let bus = Bus::of(&self.backend, self.master, None)?;
-        let planned = of_whole_file(path, file, &bus, requirements(), &self.global)?;
+        let planned =
+            of_whole_file(path, file, &bus, GatewayRequirements::of_service(), &self.global)?;
         let found = planned.adapter.master_index;
         if found != self.master {
             return Err(Failure::Usage(format!(

@@ -11,11 +11,10 @@ use ecan_service::{Control, Service};
 use crate::config_changes::{Change, changes};
 use crate::config_file;
 use crate::context::{Failure, GlobalOptions, Result, note};
-use crate::frames::of_file_offline;
+use crate::frames::{GatewayRequirements, of_file_offline};
 
-use super::cycle::requirements;
-use super::daemon::Command;
-use super::{Access, access_text};
+use super::arguments::{Access, access_text};
+use super::command::Command;
 
 /// Configuration of the gateways now; `None` before the first one.
 pub type ActiveConfig = Arc<Mutex<Option<Config>>>;
@@ -44,7 +43,8 @@ impl Reloader {
         };
         let file = config_file::read(&path)?;
         let settings = config_file::service(&path)?;
-        let planned = of_file_offline(&path, &file, requirements(), &self.global)?;
+        let planned =
+            of_file_offline(&path, &file, GatewayRequirements::of_service(), &self.global)?;
         self.set_access(&service, &settings)?;
         let name = path.display();
         let Some((limits, others)) = self.apply(&(planned.adapter, planned.config).into()) else {

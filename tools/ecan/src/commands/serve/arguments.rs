@@ -1,0 +1,100 @@
+//! Arguments of `ecan serve`, and the access of its clients.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use ecan_config_file::ServiceSettings;
+use ecan_service::Control;
+
+use crate::frames::GatewayOptions;
+
+const MAX_CLIENTS: u16 = 64;
+
+#[derive(Debug, Args)]
+pub struct ServeArguments {
+    /// Socket for clients [default: /run/ecan/master<N>.sock for root, otherwise
+    /// $XDG_RUNTIME_DIR/ecan/master<N>.sock]
+    #[arg(long, value_name = "PATH")]
+    pub socket: Option<PathBuf>,
+    /// Group of the socket [default: of this process]
+    #[arg(long, value_name = "GROUP")]
+    pub group: Option<String>,
+    #[command(flatten)]
+    pub access: Access,
+    /// Run no cycle; serve the state of the bus and SDO transfers only
+    #[arg(long, conflicts_with_all = ["config", "bitrate"])]
+    pub idle: bool,
+    #[command(flatten)]
+    pub options: GatewayOptions,
+}
+
+/// Access of the clients; what is not given comes from the table `[service]` of the file.
+#[derive(Clone, Debug, Args)]
+pub struct Access {
+    /// Reject requests that send frames or change something
+    #[arg(long)]
+    read_only: bool,
+    /// Permit control to the members of a group [default: to this user and root]
+    #[arg(long, value_name = "GROUP", conflicts_with = "read_only")]
+    control_group: Option<String>,
+    /// Maximum number of clients [default: 64]
+    #[arg(long, value_name = "COUNT", value_parser = clap::value_parser!(u16).range(1..=1000))]
+    max_clients: Option<u16>,
+}
+
+impl Access {
+    /// Control and limit of clients, with the settings of a file.
+    pub fn with(&self, file: &ServiceSettings) -> (Control, u16) {
+        let own = (self.read_only, &self.control_group);
+        let of_file = (file.read_only == Some(true), &file.control_group);
+        let control = match (own, of_file) {
+            ((true, _), _) => Control::Nobody,
+            ((_, Some(group)), _) => Control::Group(group.clone()),
+            (_, (true, _)) => Control::Nobody,
+            (_, (_, Some(group))) => Control::Group(group.clone()),
+            _ => Control::Owner,
+        };
+        (control, self.max_clients.or(file.max_clients).unwrap_or(MAX_CLIENTS))
+    }
+}
+
+pub fn access_text(control: &Control) -> String {
+    match control {
+        Control::Nobody => "read-only".to_owned(),
+        Control::Group(group) => format!("control for group {group}"),
+        _ => "control for this user".to_owned(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn options_override_the_table_of_the_file() {
+        let access = |read_only, group: Option<&str>, max_clients| Access {
+            read_only,
+            control_group: group.map(str::to_owned),
+            max_clients,
+        };
+        let none = ServiceSettings::default();
+        let group = ServiceSettings {
+            control_group: Some("file".to_owned()),
+            max_clients: Some(3),
+            ..none.clone()
+        };
+        let read_only = ServiceSettings { read_only: Some(true), ..none.clone() };
+        let of = |name: &str| Control::Group(name.to_owned());
+        let cases = [
+            (access(false, None, None), &none, Control::Owner, MAX_CLIENTS),
+            (access(false, None, None), &group, of("file"), 3),
+            (access(false, Some("own"), Some(9)), &group, of("own"), 9),
+            (access(true, None, None), &group, Control::Nobody, 3),
+            (access(false, None, None), &read_only, Control::Nobody, MAX_CLIENTS),
+            (access(false, Some("own"), None), &read_only, of("own"), MAX_CLIENTS),
+        ];
+        for (access, file, control, max_clients) in cases {
+            assert_eq!(access.with(file), (control, max_clients), "{access:?} {file:?}");
+        }
+    }
+}
