@@ -13,7 +13,7 @@ struct Ring {
     read: OwnLine,
     /// The other end is gone.
     is_closed: AtomicBool,
-    /// The reader wants no records for now.
+    /// The reader has paused the records.
     is_paused: AtomicBool,
 }
 

@@ -1,4 +1,4 @@
-//! The way to the gateways of a frame command.
+//! Access of a frame command to the gateways.
 
 use std::fmt;
 

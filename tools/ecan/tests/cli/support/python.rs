@@ -6,7 +6,7 @@ use std::process::Command;
 /// Names the interpreter, usually that of a virtual environment.
 const PYTHON_VARIABLE: &str = "ECAN_PYTHON";
 
-/// An interpreter with these modules; says why where there is none. One that was named has to be right.
+/// An interpreter with these modules; prints the reason if there is none. A named one must have them.
 pub fn python_with(modules: &[&str], packages: &str) -> Option<String> {
     let named = std::env::var(PYTHON_VARIABLE).ok().filter(|value| !value.is_empty());
     let interpreter = named.clone().unwrap_or_else(|| "python3".to_owned());
