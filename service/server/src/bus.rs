@@ -11,9 +11,9 @@ use ecan_service_protocol::{
 use serde_json::Value;
 
 use crate::attachment::Attachment;
-use crate::extension::Permission;
+use crate::extension::{Permission, result_value};
 use crate::frame_feed::Owner;
-use crate::session::{ClientId, Host, parameters, value};
+use crate::session::{ClientId, Host, parameters};
 use crate::workers::{Job, Workers};
 
 /// Owner of frames that the service queues; no client has this number.
@@ -61,7 +61,7 @@ impl Bus {
             );
             RpcError::new(NOT_AVAILABLE, text)
         })?;
-        value(&Empty {})
+        result_value(&Empty {})
     }
 }
 
@@ -79,11 +79,15 @@ impl Host for Bus {
         Some(match request.method.as_str() {
             methods::ReadState::NAME => self.attached().and_then(|cycle| {
                 let cycle_ns = cycle.cycle_ns;
-                value(&cycle.view.state(cycle_ns)?)
+                result_value(&cycle.view.state(cycle_ns)?)
             }),
-            methods::ReadAxes::NAME => self.attached().and_then(|cycle| value(&cycle.view.axes()?)),
-            methods::ReadConfig::NAME => self.attached().and_then(|cycle| value(&cycle.config)),
-            methods::ReadServiceStats::NAME => value(&self.stats),
+            methods::ReadAxes::NAME => {
+                self.attached().and_then(|cycle| result_value(&cycle.view.axes()?))
+            }
+            methods::ReadConfig::NAME => {
+                self.attached().and_then(|cycle| result_value(&cycle.config))
+            }
+            methods::ReadServiceStats::NAME => result_value(&self.stats),
             methods::SendNmt::NAME => self.nmt(request),
             _ => {
                 let (permission, request) = (permission.clone(), request.clone());

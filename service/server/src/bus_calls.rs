@@ -11,7 +11,8 @@ use ecan_service_protocol::{
 };
 use serde_json::Value;
 
-use crate::session::{parameters, value};
+use crate::extension::result_value;
+use crate::session::parameters;
 
 /// Requests about the bus of a master, each with a handle of its own: an idle one would keep IgH's
 /// module loaded, and stepped time waits for the threads that have one.
@@ -54,7 +55,7 @@ impl BusCalls {
     ) -> Result<Value, RpcError> {
         let params = parameters(request)?;
         let result = self.master().and_then(|master| call(&master, params));
-        value(&result.map_err(|error| rpc_error(&error))?)
+        result_value(&result.map_err(|error| rpc_error(&error))?)
     }
 
     /// Handle that repeats transfers without response. A new one for each transfer, because it fixes the
@@ -81,7 +82,7 @@ impl BusCalls {
                 .and_then(|bus| bus.sdo_upload(slave.into(), index, subindex, &mut data))
         };
         data.truncate(result.map_err(|error| rpc_error(&error))?);
-        value(&Upload { data })
+        result_value(&Upload { data })
     }
 
     fn download(&self, request: &Request) -> Result<Value, RpcError> {
@@ -102,7 +103,7 @@ impl BusCalls {
             self.repeating().and_then(|bus| bus.sdo_download(slave.into(), index, subindex, &data))
         };
         result.map_err(|error| rpc_error(&error))?;
-        value(&Empty {})
+        result_value(&Empty {})
     }
 }
 

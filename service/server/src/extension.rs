@@ -2,7 +2,8 @@
 
 use std::fmt;
 
-use ecan_service_protocol::{Access, RpcError};
+use ecan_service_protocol::{Access, INTERNAL_ERROR, INVALID_PARAMS, RpcError};
+use serde::{Serialize, de::DeserializeOwned};
 use serde_json::Value;
 
 /// Methods that a program adds to its service, for example `reload`.
@@ -41,4 +42,26 @@ impl Permission {
         let text = format!("{method} is not permitted: {reason}");
         Err(RpcError::new(ecan_service_protocol::NOT_PERMITTED, text))
     }
+}
+
+/// Parses the parameters of a method. Absent ones are those of a method without any.
+///
+/// # Errors
+/// An error with the code [`INVALID_PARAMS`], the method and the cause.
+pub fn parse_params<P: DeserializeOwned>(method: &str, params: &Value) -> Result<P, RpcError> {
+    let params = match params {
+        Value::Null => Value::Object(serde_json::Map::new()),
+        params => params.clone(),
+    };
+    serde_json::from_value(params).map_err(|error| {
+        RpcError::new(INVALID_PARAMS, format!("invalid parameters of {method}: {error}"))
+    })
+}
+
+/// Converts the result of a method to JSON.
+///
+/// # Errors
+/// An error with the code [`INTERNAL_ERROR`]: the result has no form in JSON.
+pub fn result_value(result: &impl Serialize) -> Result<Value, RpcError> {
+    serde_json::to_value(result).map_err(|error| RpcError::new(INTERNAL_ERROR, error.to_string()))
 }

@@ -27,7 +27,7 @@ mod shared;
 mod workers;
 
 pub use config::{Control, ServiceConfig, ServiceError};
-pub use extension::{Extension, Permission};
+pub use extension::{Extension, Permission, parse_params, result_value};
 #[doc(hidden)]
 pub use offline_session::OfflineSession;
 pub use service::{ServePort, Service};

@@ -4,13 +4,13 @@ use std::collections::HashMap;
 
 use ecan_service_protocol::{
     Access, BAD_RECORD, BUSY, Empty, FrameReport, HELLO_FIRST, HeaderError, Hello, HelloParams,
-    INVALID_PARAMS, ImageSubscription, METHOD_NOT_FOUND, METHODS, MessageKind, MessageReader,
-    Method, PROTOCOL_VERSION, RejectReason, Request, Response, RpcError, Sender, Subscription,
+    ImageSubscription, METHOD_NOT_FOUND, METHODS, MessageKind, MessageReader, Method,
+    PROTOCOL_VERSION, RejectReason, Request, Response, RpcError, Sender, Subscription,
     TransmitRecord, TransmitRecords, WRONG_VERSION, methods,
 };
 use serde_json::Value;
 
-use crate::extension::Permission;
+use crate::extension::{Permission, parse_params, result_value};
 use crate::output_queue::{OutputQueue, rejection};
 
 /// Requests of one client that may be pending in workers.
@@ -204,7 +204,7 @@ impl Session {
         self.name = params.client.get(..end).unwrap_or_default().into();
         self.has_hello = true;
         let Permission { access, reason } = self.permission.clone();
-        value(&Hello { access, access_reason: reason, ..host.hello() })
+        result_value(&Hello { access, access_reason: reason, ..host.hello() })
     }
 
     fn check_access(&self, method: &str) -> Result<(), RpcError> {
@@ -219,20 +219,20 @@ impl Session {
             methods::SubscribeFrames::NAME => parameters(request).and_then(|subscription| {
                 host.begin_stream();
                 self.frames = Some(subscription);
-                value(&Empty {})
+                result_value(&Empty {})
             }),
             methods::SubscribeImages::NAME => parameters(request).and_then(|subscription| {
                 host.begin_stream();
                 self.images = Some(subscription);
-                value(&Empty {})
+                result_value(&Empty {})
             }),
             methods::UnsubscribeFrames::NAME => {
                 self.frames = None;
-                value(&Empty {})
+                result_value(&Empty {})
             }
             methods::UnsubscribeImages::NAME => {
                 self.images = None;
-                value(&Empty {})
+                result_value(&Empty {})
             }
             _ if self.pending_requests >= MAX_PENDING_REQUESTS => {
                 let text = format!(
@@ -302,20 +302,7 @@ impl Session {
 
 /// Parameters of a request.
 pub(crate) fn parameters<P: serde::de::DeserializeOwned>(request: &Request) -> Result<P, RpcError> {
-    // Absent parameters are those of a method without any.
-    let params = match &request.params {
-        Value::Null => Value::Object(serde_json::Map::new()),
-        params => params.clone(),
-    };
-    serde_json::from_value(params).map_err(|error| {
-        RpcError::new(INVALID_PARAMS, format!("invalid parameters of {}: {error}", request.method))
-    })
-}
-
-/// Result of a method.
-pub(crate) fn value(result: &impl serde::Serialize) -> Result<Value, RpcError> {
-    serde_json::to_value(result)
-        .map_err(|error| RpcError::new(ecan_service_protocol::INTERNAL_ERROR, error.to_string()))
+    parse_params(&request.method, &request.params)
 }
 
 pub(crate) fn no_such_method(method: &str) -> RpcError {

@@ -12,9 +12,10 @@ use ecan_service_client::Client;
 use rustix::process::Signal;
 use serde_json::{Value, json};
 
+use crate::serve::{Served, serve_ready};
 use crate::support::application::Application;
 use crate::support::on_screen::OnScreen;
-use crate::support::{Running, ends, fails, good};
+use crate::support::{ends, fails, good};
 
 /// Sends a frame every 5 cycles, whose second byte counts.
 fn count() -> impl FnMut(&mut Cycle<'_>) + Send {
@@ -138,41 +139,17 @@ fn without_service_the_axes_view_has_the_reason() {
     );
 }
 
-/// The daemon on a simulated bus.
-struct Daemon {
-    directory: tempfile::TempDir,
-    program: Running,
-}
-
-impl Daemon {
-    fn start() -> Self {
-        let directory = tempfile::tempdir().unwrap();
-        let path = path(&directory);
-        let mut program = Running::start(&["--ecrt", "sim", "serve", "--socket", &path]);
-        program.wait_for_error("slave 0: ready");
-        Self { directory, program }
-    }
-
-    fn path(&self) -> String {
-        path(&self.directory)
-    }
-
-    /// The monitor with a ready gateway.
-    fn monitor(&self) -> OnScreen {
-        let mut monitor = OnScreen::start((80, 24), &["--via", &self.path(), "monitor"]);
-        monitor.wait_for("ready      3/3");
-        monitor
-    }
-}
-
-fn path(directory: &tempfile::TempDir) -> String {
-    directory.path().join("bus.sock").to_str().unwrap().to_owned()
+/// The monitor of a ready gateway.
+fn monitor(daemon: &Served) -> OnScreen {
+    let mut monitor = OnScreen::start((80, 24), &["--via", &daemon.path, "monitor"]);
+    monitor.wait_for("ready      3/3");
+    monitor
 }
 
 #[test]
 fn ended_service_restores_terminal_and_is_reported() {
-    let mut daemon = Daemon::start();
-    let mut monitor = daemon.monitor();
+    let mut daemon = serve_ready();
+    let mut monitor = monitor(&daemon);
     assert!(monitor.is_raw() && monitor.screen().contains("via ecan serve"));
     daemon.program.terminate();
     monitor.wait_until("shell", |it| !it.has_own_screen());
@@ -184,8 +161,8 @@ fn ended_service_restores_terminal_and_is_reported() {
 
 #[test]
 fn stopped_service_is_shown_until_it_continues() {
-    let daemon = Daemon::start();
-    let mut monitor = daemon.monitor();
+    let daemon = serve_ready();
+    let mut monitor = monitor(&daemon);
     daemon.program.signal(Signal::STOP);
     monitor.wait_for("NO RESPONSE");
     daemon.program.signal(Signal::CONT);
@@ -199,13 +176,13 @@ fn stopped_service_is_shown_until_it_continues() {
 
 #[test]
 fn lost_gateway_is_shown_through_a_service() {
-    let daemon = Daemon::start();
-    let mut monitor = daemon.monitor();
-    let client = Client::connect(Path::new(&daemon.path()), "test").unwrap();
+    let daemon = serve_ready();
+    let mut monitor = monitor(&daemon);
+    let client = daemon.client();
     client.call("sim.fault", json!({ "kind": "power_off", "gateway": 0 })).unwrap();
     monitor.wait_for("LOST");
     monitor.wait_for("gateway 0: lost");
-    let arguments = ["--via", &daemon.path(), "monitor", "--for", "0.2"];
+    let arguments = ["--via", &daemon.path, "monitor", "--for", "0.2"];
     assert!(ends(1, &arguments).contains("LOST"));
     client.call("sim.fault", json!({ "kind": "power_on", "gateway": 0 })).unwrap();
     monitor.wait_for("ready again after");

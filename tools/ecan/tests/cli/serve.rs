@@ -30,7 +30,24 @@ pub fn serve_bus(ecrt: &str, options: &[&str]) -> Served {
     Served { directory, path, program }
 }
 
+/// A service of a simulated bus whose gateway is ready.
+pub fn serve_ready() -> Served {
+    let mut served = serve(&[]);
+    served.program.wait_for_error("slave 0: ready");
+    served
+}
+
 impl Served {
+    /// Path of a file in the directory of the socket.
+    pub fn path_of(&self, name: &str) -> String {
+        self.directory.path().join(name).display().to_string()
+    }
+
+    /// Starts a command that uses the service.
+    pub fn run(&self, arguments: &[&str]) -> Running {
+        Running::start(&[&["--via", self.path.as_str()], arguments].concat())
+    }
+
     pub fn client(&self) -> Client {
         Client::connect(Path::new(&self.path), "test").unwrap()
     }

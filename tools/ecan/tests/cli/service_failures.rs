@@ -2,7 +2,6 @@
 
 use std::io::{Read as _, Write as _};
 use std::os::unix::net::UnixListener;
-use std::path::Path;
 use std::process::Command;
 use std::thread::sleep;
 use std::time::{Duration, Instant};
@@ -12,41 +11,9 @@ use ecan_service_client::{Client, ClientError, Event, FrameEvent, Subscription, 
 use rustix::process::Signal;
 use serde_json::json;
 
+use crate::serve::serve_ready;
 use crate::support::timed_reader::LIMIT;
 use crate::support::{Running, fails};
-
-/// `ecan serve` on a simulated bus.
-struct Daemon {
-    directory: tempfile::TempDir,
-    program: Running,
-}
-
-impl Daemon {
-    fn start() -> Self {
-        let directory = tempfile::tempdir().unwrap();
-        let program = start_at(&directory.path().join("bus.sock"));
-        Self { directory, program }
-    }
-
-    fn path(&self, name: &str) -> String {
-        self.directory.path().join(name).display().to_string()
-    }
-
-    fn client(&self) -> Client {
-        Client::connect(Path::new(&self.path("bus.sock")), "test").unwrap()
-    }
-
-    fn run(&self, arguments: &[&str]) -> Running {
-        Running::start(&[&["--via", &self.path("bus.sock")], arguments].concat())
-    }
-}
-
-fn start_at(path: &Path) -> Running {
-    let path = path.display().to_string();
-    let mut program = Running::start(&["--ecrt", "sim", "serve", "--socket", &path]);
-    program.wait_for_error("slave 0: ready");
-    program
-}
 
 fn wait_for(what: &str, mut condition: impl FnMut() -> bool) {
     let end = Instant::now() + LIMIT;
@@ -92,8 +59,8 @@ fn is_complete(numbers: &[u16], end: u16) -> bool {
 #[test]
 fn killed_daemon_ends_every_client_with_a_message_and_complete_files() {
     const FRAMES: u16 = 100;
-    let daemon = Daemon::start();
-    let (log, capture) = (daemon.path("bus.log"), daemon.path("bus.pcapng"));
+    let daemon = serve_ready();
+    let (log, capture) = (daemon.path_of("bus.log"), daemon.path_of("bus.pcapng"));
     let client = daemon.client();
     client.subscribe(&Subscription::default()).unwrap();
     let mut clients = [
@@ -124,7 +91,7 @@ fn killed_daemon_ends_every_client_with_a_message_and_complete_files() {
         assert!(matches!(pending.join().unwrap(), Err(ClientError::Closed)));
     });
     assert!(matches!(client.poll(LIMIT), Err(ClientError::Closed)));
-    let message = format!("ecan: {}: the service closed the connection", daemon.path("bus.sock"));
+    let message = format!("ecan: {}: the service closed the connection", daemon.path);
     for mut program in clients.into_iter().chain([reader]) {
         let (status, errors) = program.wait();
         assert_eq!(status, Some(3), "{errors}");
@@ -142,7 +109,8 @@ fn killed_daemon_ends_every_client_with_a_message_and_complete_files() {
     }
 
     // Its socket is stale; another daemon takes its path.
-    let _next = start_at(Path::new(&daemon.path("bus.sock")));
+    let mut next = Running::start(&["--ecrt", "sim", "serve", "--socket", &daemon.path]);
+    next.wait_for_error("slave 0: ready");
     exchange_alone(&daemon.client());
 }
 
@@ -157,7 +125,7 @@ fn exchange_alone(client: &Client) {
 
 #[test]
 fn killed_clients_disturb_nobody() {
-    let daemon = Daemon::start();
+    let daemon = serve_ready();
     let client = daemon.client();
     client.subscribe(&Subscription::default()).unwrap();
     // One that sends without a pause, and one in the middle of a request.
@@ -188,12 +156,12 @@ fn full_disk_ends_the_record_and_the_capture_only() {
         Ok(output) if output.status.success() => {}
         other => return println!("skipped: no small file system can be mounted: {other:?}"),
     }
-    let mut daemon = Daemon::start();
-    let (disk, other) = (daemon.path("disk"), daemon.path("other.log"));
+    let mut daemon = serve_ready();
+    let (disk, other) = (daemon.path_of("disk"), daemon.path_of("other.log"));
     std::fs::create_dir(&disk).unwrap();
-    let socket = daemon.path("bus.sock");
+    let socket = daemon.path.clone();
     let on_small_disk = |option: &str, name: &str| {
-        let (file, saved) = (format!("{disk}/{name}"), daemon.path(name));
+        let (file, saved) = (format!("{disk}/{name}"), daemon.path_of(name));
         Command::new("unshare")
             .args(["--map-root-user", "--mount", "sh", "-c", ON_SMALL_DISK, "sh", &disk, name])
             .args([&saved, env!("CARGO_BIN_EXE_ecan"), "--via", &socket, "dump", option, &file])
@@ -234,7 +202,7 @@ fn full_disk_ends_the_record_and_the_capture_only() {
     assert_eq!(status, Some(0), "{errors}");
     assert!(is_complete(&logged(&std::fs::read_to_string(&other).unwrap()), number + 10));
     // What fits is there; the last line is cut.
-    let text = std::fs::read_to_string(daemon.path("full.log")).unwrap();
+    let text = std::fs::read_to_string(daemon.path_of("full.log")).unwrap();
     let (lines, _) = text.rsplit_once('\n').unwrap();
     let numbers = logged(lines);
     let numbers = &numbers[..numbers.len() - numbers.len() % 2];

@@ -6,7 +6,7 @@ use std::sync::mpsc::{Sender, sync_channel};
 use std::sync::{Mutex, TryLockError};
 
 use ecan_mcan_port::Config;
-use ecan_service::{Extension, Permission};
+use ecan_service::{Extension, Permission, parse_params, result_value};
 use ecan_service_client::{BUSY, INVALID_PARAMS, NOT_AVAILABLE, RpcError};
 use ecan_sim::Backend;
 use serde_json::{Value, json};
@@ -109,10 +109,8 @@ impl Extension for ReconfigureMethod {
     ) -> Option<Result<Value, RpcError>> {
         (method == METHOD).then(|| {
             access.need_control(method)?;
-            let config: ConfigText = serde_json::from_value(params.clone()).map_err(|error| {
-                RpcError::new(INVALID_PARAMS, format!("invalid parameters of {METHOD}: {error}"))
-            })?;
-            Ok(json!(self.reconfigure(&config)?))
+            let config: ConfigText = parse_params(METHOD, params)?;
+            result_value(&self.reconfigure(&config)?)
         })
     }
 }

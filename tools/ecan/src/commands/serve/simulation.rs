@@ -1,9 +1,8 @@
 //! Methods of the service for a simulated machine.
 
-use ecan_service::{Extension, Permission};
-use ecan_service_client::{INTERNAL_ERROR, INVALID_PARAMS, RpcError};
+use ecan_service::{Extension, Permission, parse_params, result_value};
+use ecan_service_client::{INVALID_PARAMS, RpcError};
 use ecan_sim::Simulation;
-use serde::Serialize;
 use serde_json::Value;
 
 use crate::commands::sim::{
@@ -22,12 +21,10 @@ impl SimulationMethods {
 
     fn inject(&self, params: &Value, access: &Permission) -> Result<Value, RpcError> {
         access.need_control(FAULT_METHOD)?;
-        let invalid = |text: String| RpcError::new(INVALID_PARAMS, text);
-        let fault = serde_json::from_value(params.clone());
-        let fault = fault.map_err(|error| invalid(format!("{FAULT_METHOD}: {error}")))?;
+        let fault = parse_params(FAULT_METHOD, params)?;
         let effect = self.simulation.execute(&fault);
-        let effect = effect.map_err(|error| invalid(error.to_string()))?;
-        json(&FaultReport::from(&effect))
+        let effect = effect.map_err(|error| RpcError::new(INVALID_PARAMS, error.to_string()))?;
+        result_value(&FaultReport::from(&effect))
     }
 }
 
@@ -40,13 +37,9 @@ impl Extension for SimulationMethods {
     ) -> Option<Result<Value, RpcError>> {
         match method {
             FAULT_METHOD => Some(self.inject(params, access)),
-            FAULTS_METHOD => Some(json(&FaultList::of(&self.simulation))),
-            STATUS_METHOD => Some(json(&SimulationStatus::of(&self.simulation))),
+            FAULTS_METHOD => Some(result_value(&FaultList::of(&self.simulation))),
+            STATUS_METHOD => Some(result_value(&SimulationStatus::of(&self.simulation))),
             _ => None,
         }
     }
-}
-
-fn json(result: &impl Serialize) -> Result<Value, RpcError> {
-    serde_json::to_value(result).map_err(|error| RpcError::new(INTERNAL_ERROR, error.to_string()))
 }
