@@ -51,7 +51,7 @@ fn logged(log: &str) -> Vec<u16> {
     data.map(|(_, data)| u16::from_str_radix(data, 16).unwrap()).collect()
 }
 
-/// Returns whether the numbers up to `end` are complete. Of the first one only the echo may be there.
+/// Returns whether the numbers up to `end` are complete. The first one may have only its echo.
 fn is_complete(numbers: &[u16], end: u16) -> bool {
     let Some(&first) = numbers.first() else { return false };
     let rest = numbers.iter().skip_while(|number| **number == first).copied();
@@ -202,7 +202,7 @@ fn full_disk_ends_the_record_and_the_capture_only() {
     dump.terminate();
     let (status, errors) = dump.wait();
     assert_eq!(status, Some(0), "{errors}");
-    // What fits is there; of the last number one frame may be missing.
+    // The log holds all that fits; one frame of the last number may be missing.
     let mut numbers = logged(&daemon.path_of("full.log"));
     let last = numbers[numbers.len() - 1];
     numbers.retain(|number| *number != last);
