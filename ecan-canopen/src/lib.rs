@@ -37,12 +37,19 @@
 #![deny(clippy::print_stdout, clippy::print_stderr)]
 #![forbid(unsafe_code)]
 
+#[cfg(feature = "device-files")]
+extern crate alloc;
+
 mod cia301;
 mod cia402;
+#[cfg(feature = "device-files")]
+mod device_file;
 pub mod object;
 
 pub use cia301::*;
 pub use cia402::*;
+#[cfg(feature = "device-files")]
+pub use device_file::*;
 
 #[cfg(feature = "network")]
 mod network;

@@ -1,0 +1,288 @@
+//! Reading of a whole device file.
+
+use alloc::collections::{BTreeMap, BTreeSet};
+use alloc::string::String;
+use alloc::vec::Vec;
+
+use super::data_type::DataType;
+use super::deviation::{DeviceFileFaults, FileProblem, Report};
+use super::device_file::{DeviceFile, FileSection};
+use super::device_module::{DeviceModule, SubExtension};
+use super::entry_reader::{EntryPlace, EntryReader};
+use super::file_sections::{Commissioning, DeviceInfo, FileInfo, ModuleInfo, Tool};
+use super::ini::{Document, Section};
+use super::object_list::{LISTS, MANDATORY};
+use super::object_reader::{ObjectSections, index_of, numbered_lines, read_object};
+use super::object_type::ObjectType;
+use super::section_fields::bounded;
+use super::section_name::{Owner, Part, SectionName};
+use crate::object;
+
+impl DeviceFile {
+    /// Reads an EDS or a DCF.
+    ///
+    /// The file may be ASCII, UTF-8, UTF-16 with a byte order mark, or ISO 8859-1. Deviations from
+    /// CiA 306-1 that leave a useful reading are [`warnings`](Self::warnings): wrong counts, objects
+    /// in no list, missing sections, duplicates (the first one counts), values out of range.
+    ///
+    /// # Errors
+    /// All faults that prevent the use of the file, each with its line: no object at all, an entry
+    /// without a usable `DataType`, and a `ParameterValue` that does not fit its data type.
+    pub fn parse(bytes: &[u8]) -> Result<Self, DeviceFileFaults> {
+        let mut report = Report::default();
+        let document = Document::parse(bytes, &mut report);
+        let mut reader = FileReader {
+            reader: EntryReader { report, ..EntryReader::default() },
+            objects: BTreeMap::new(),
+            modules: BTreeMap::new(),
+            extensions: Vec::new(),
+            tools: BTreeMap::new(),
+            rest: Vec::new(),
+        };
+        let mut file = reader.read(document);
+        let Report { mut warnings, mut faults } = reader.reader.report;
+        warnings.sort_by_key(|deviation| deviation.line);
+        faults.sort_by_key(|deviation| deviation.line);
+        if !faults.is_empty() {
+            return Err(DeviceFileFaults { faults, warnings });
+        }
+        file.warnings = warnings;
+        Ok(file)
+    }
+}
+
+struct FileReader {
+    reader: EntryReader,
+    objects: BTreeMap<(Owner, u16), ObjectSections>,
+    modules: BTreeMap<u16, DeviceModule>,
+    extensions: Vec<(u16, u16, Section)>,
+    tools: BTreeMap<u16, Section>,
+    /// Sections that are kept as they are.
+    rest: Vec<Section>,
+}
+
+impl FileReader {
+    fn read(&mut self, mut document: Document) -> DeviceFile {
+        let mut file = DeviceFile::default();
+        if let Some(section) = self.wanted(&mut document, "FileInfo") {
+            file.file_info = FileInfo::read(section, &mut self.reader.report);
+        }
+        if let Some(section) = self.wanted(&mut document, "DeviceInfo") {
+            file.device_info = DeviceInfo::read(section, &mut self.reader.report);
+        }
+        file.commissioning = self.commissioning(&mut document);
+        file.comments = self.comments(document.take("Comments"));
+        file.dummy_usage = self.dummy_usage(document.take("DummyUsage"));
+        let lists = LISTS.map(|list| document.take(list));
+        // Their contents follow from the sections that they announce.
+        document.take("Tools");
+        document.take("SupportedModules");
+        if let Some(mut section) = document.take("ConnectedModules") {
+            let lines = numbered_lines(&mut section, "NrOfEntries", &mut self.reader);
+            let modules = lines.iter().filter_map(|(_, line)| index_of(line, &mut self.reader));
+            file.connected_modules = modules.collect();
+        }
+        for section in document.into_sections() {
+            self.sort(section);
+        }
+        self.derive_types();
+        let lines: BTreeMap<u16, usize> = self
+            .objects
+            .iter()
+            .filter(|((owner, _), sections)| owner.is_none() && sections.has_object())
+            .map(|((_, index), sections)| (*index, sections.line()))
+            .collect();
+        for ((owner, index), sections) in core::mem::take(&mut self.objects) {
+            if !sections.has_object() {
+                self.rest.extend(sections.into_additions());
+                continue;
+            }
+            let object = read_object(index, sections, &mut self.reader, &mut self.rest);
+            match owner {
+                None => file.insert(object),
+                Some(module) => {
+                    self.module(module).fixed_objects.insert(index, object);
+                }
+            }
+        }
+        self.check_lists(lists, &lines);
+        self.read_extensions();
+        file.modules = core::mem::take(&mut self.modules);
+        let tools = core::mem::take(&mut self.tools).into_values();
+        file.tools = tools.map(|section| Tool::read(section, &mut self.reader.report)).collect();
+        self.rest.sort_by_key(|section| section.line);
+        file.other_sections = self.rest.drain(..).map(kept).collect();
+        file
+    }
+
+    /// A section that each file has; a missing one is reported.
+    fn wanted(&mut self, document: &mut Document, name: &'static str) -> Option<Section> {
+        let section = document.take(name);
+        if section.is_none() {
+            self.reader.report.warn(1, FileProblem::MissingSection { section: name });
+        }
+        section
+    }
+
+    fn commissioning(&mut self, document: &mut Document) -> Option<Commissioning> {
+        let standard = document.take("DeviceComissioning");
+        let corrected = document.take("DeviceCommissioning");
+        let (section, second) = match standard {
+            Some(section) => (section, corrected),
+            None => (corrected?, None),
+        };
+        if let Some(second) = second {
+            let problem =
+                FileProblem::DuplicateSection { section: second.name, first: section.line };
+            self.reader.report.warn(second.line, problem);
+        }
+        Some(Commissioning::read(section, &mut self.reader.report))
+    }
+
+    fn comments(&mut self, section: Option<Section>) -> Vec<String> {
+        let Some(mut section) = section else { return Vec::new() };
+        section.take("Lines");
+        section.take_numbered("Line").into_iter().map(|(_, line)| line.value).collect()
+    }
+
+    fn dummy_usage(&mut self, section: Option<Section>) -> BTreeSet<u16> {
+        let mut usage = BTreeSet::new();
+        for line in section.into_iter().flat_map(|section| section.entries) {
+            let index = line
+                .key
+                .split_at_checked("Dummy".len())
+                .filter(|(prefix, _)| prefix.eq_ignore_ascii_case("Dummy"))
+                .and_then(|(_, digits)| u16::from_str_radix(digits, 16).ok());
+            let (Some(index), false) = (index, line.value.is_empty()) else { continue };
+            let limits = (i128::MIN, i128::MAX);
+            let report = &mut self.reader.report;
+            let flag = bounded(&line, DataType::Boolean, limits, "ignored", report);
+            if flag.is_some_and(|flag| flag != 0) {
+                usage.insert(index);
+            }
+        }
+        usage
+    }
+
+    fn module(&mut self, number: u16) -> &mut DeviceModule {
+        self.modules.entry(number).or_default()
+    }
+
+    /// Assigns a section to what it describes.
+    fn sort(&mut self, section: Section) {
+        let (name, line) = (section.name.clone(), section.line);
+        let first = match SectionName::of(&section.name) {
+            SectionName::Object(owner, index, part) => {
+                self.objects.entry((owner, index)).or_default().add(part, section).err()
+            }
+            SectionName::ShortObject(index, part) if is_object(&section, part) => {
+                self.objects.entry((None, index)).or_default().add(part, section).err()
+            }
+            SectionName::ModuleInfo(module) => {
+                let info = ModuleInfo::read(section, &mut self.reader.report);
+                self.module(module).info = info;
+                None
+            }
+            SectionName::ModuleComments(module) => {
+                let comments = self.comments(Some(section));
+                self.module(module).comments = comments;
+                None
+            }
+            SectionName::ModuleList(module) => {
+                self.module(module);
+                None
+            }
+            SectionName::ModuleExtension(module, index) => {
+                self.extensions.push((module, index, section));
+                None
+            }
+            SectionName::Tool(number) => match self.tools.get(&number) {
+                Some(first) => Some(first.line),
+                None => {
+                    self.tools.insert(number, section);
+                    None
+                }
+            },
+            SectionName::ShortObject(..) | SectionName::Other => {
+                self.rest.push(section);
+                None
+            }
+        };
+        if let Some(first) = first {
+            let problem = FileProblem::DuplicateSection { section: name, first };
+            self.reader.report.warn(line, problem);
+        }
+    }
+
+    fn derive_types(&mut self) {
+        let own_types = (None, 0x20)..(None, object::DEVICE_TYPE);
+        self.reader.derived = self
+            .objects
+            .range(own_types)
+            .filter_map(|((_, index), sections)| Some((*index, sections.derived_type()?)))
+            .collect();
+    }
+
+    /// Compares the lists with the objects, whose lines are given.
+    fn check_lists(&mut self, lists: [Option<Section>; 3], lines: &BTreeMap<u16, usize>) {
+        if lines.is_empty() {
+            return self.reader.report.fault(1, FileProblem::NoObjects);
+        }
+        let [mandatory, ..] = &lists;
+        let mandatory_line = mandatory.as_ref().map_or(1, |section| section.line);
+        if mandatory.is_none() {
+            let problem = FileProblem::MissingSection { section: "MandatoryObjects" };
+            self.reader.report.warn(1, problem);
+        }
+        let mut listed = BTreeMap::new();
+        for mut section in lists.into_iter().flatten() {
+            for (_, line) in numbered_lines(&mut section, "SupportedObjects", &mut self.reader) {
+                let Some(index) = index_of(&line, &mut self.reader) else { continue };
+                let problem = if listed.insert(index, line.line).is_some() {
+                    FileProblem::ListedTwice { index }
+                } else if !lines.contains_key(&index) {
+                    FileProblem::ListedMissing { index }
+                } else {
+                    continue;
+                };
+                self.reader.report.warn(line.line, problem);
+            }
+        }
+        for (index, line) in lines.iter().filter(|(index, _)| !listed.contains_key(index)) {
+            self.reader.report.warn(*line, FileProblem::Unlisted { index: *index });
+        }
+        for index in MANDATORY.into_iter().filter(|index| !lines.contains_key(index)) {
+            self.reader.report.warn(mandatory_line, FileProblem::MandatoryMissing { index });
+        }
+    }
+
+    fn read_extensions(&mut self) {
+        for (module, index, mut section) in core::mem::take(&mut self.extensions) {
+            let text = |section: &mut Section, key| {
+                section.take(key).map(|line| line.value).unwrap_or_default()
+            };
+            let count = text(&mut section, "Count");
+            let obj_extend = text(&mut section, "ObjExtend");
+            section.take("ObjectType");
+            let object_type = ObjectType::Var;
+            let place = EntryPlace { index, subindex: None, object_type, inherited: None };
+            let entry = self.reader.read(&mut section, place);
+            let extension = SubExtension { entry, count, obj_extend };
+            let extensions = &mut self.module(module).extensions;
+            extensions.entry(index).or_insert(extension);
+        }
+    }
+}
+
+/// Returns whether a section with a short name describes an object.
+fn is_object(section: &Section, part: Part) -> bool {
+    part != Part::Object
+        || ["ObjectType", "DataType", "ParameterName"]
+            .iter()
+            .any(|key| section.filled(key).is_some())
+}
+
+fn kept(section: Section) -> FileSection {
+    let entries = section.entries.into_iter().map(|line| (line.key, line.value)).collect();
+    FileSection { name: section.name, entries }
+}

@@ -1,0 +1,18 @@
+//! Device files: EDS and DCF (CiA 306-1).
+#![allow(missing_docs)]
+
+mod contents;
+mod round_trip;
+
+use ecan_canopen::{DeviceFile, NodeId};
+
+/// A file without deviations that uses everything.
+const EVERYTHING: &str = include_str!("data/everything.dcf");
+
+fn everything() -> DeviceFile {
+    DeviceFile::parse(EVERYTHING.as_bytes()).unwrap()
+}
+
+fn node(id: u8) -> NodeId {
+    NodeId::new(id).unwrap()
+}
