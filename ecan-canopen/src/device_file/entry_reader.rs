@@ -23,6 +23,9 @@ pub(super) struct EntryReader {
     pub(super) report: Report,
 }
 
+/// Data type of an entry that cannot be used; its values are not checked.
+const PLACEHOLDER: DataType = DataType::VisibleString;
+
 /// Properties of an entry that its section does not state.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct EntryPlace {
@@ -109,7 +112,7 @@ impl EntryReader {
             let error = ValueError::NotANumber { text: line.value };
             let problem = FileProblem::InvalidValue { key: line.key, error };
             self.report.fault(line.line, problem);
-            return DataType::Domain;
+            return PLACEHOLDER;
         };
         let Ok(number) = u16::try_from(number) else {
             let error = ValueError::OutOfRange {
@@ -120,7 +123,7 @@ impl EntryReader {
             };
             let problem = FileProblem::InvalidValue { key: line.key, error };
             self.report.fault(line.line, problem);
-            return DataType::Domain;
+            return PLACEHOLDER;
         };
         match DataType::from_index(number) {
             DataType::Other(index) => match self.derived.get(&index) {
@@ -144,7 +147,7 @@ impl EntryReader {
                 let section_name = section.name.clone();
                 let problem = FileProblem::MissingKey { section: section_name, key: "DataType" };
                 self.report.fault(section.line, problem);
-                return DataType::Domain;
+                return PLACEHOLDER;
             }
         };
         let section_name = section.name.clone();

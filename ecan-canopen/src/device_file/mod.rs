@@ -4,6 +4,7 @@
 //! writes them again. `value_text` and `data_value` are the values as text and as bytes.
 
 mod access_type;
+mod concise_dcf;
 mod data_type;
 mod data_value;
 mod deviation;
@@ -11,9 +12,11 @@ mod deviation;
 mod device_file;
 mod device_module;
 mod device_object;
+mod downloads;
 mod entry_reader;
 mod file_sections;
 mod file_value;
+mod find;
 mod ini;
 mod object_entry;
 mod object_list;
@@ -28,14 +31,17 @@ mod value_text;
 mod write;
 
 pub use access_type::AccessType;
+pub use concise_dcf::{ConciseDcfError, Download, decode_concise_dcf, encode_concise_dcf};
 pub use data_type::DataType;
 pub use data_value::DataValue;
 pub use deviation::{DeviceFileFaults, FileDeviation, FileProblem};
 pub use device_file::{DeviceFile, FileSection};
 pub use device_module::{DeviceModule, SubExtension};
 pub use device_object::DeviceObject;
+pub use downloads::{DownloadError, DownloadScope};
 pub use file_sections::{Commissioning, DeviceInfo, FileInfo, ModuleInfo, Tool};
 pub use file_value::FileValue;
+pub use find::FindError;
 pub use object_entry::{ObjectEntry, ObjectFlags};
 pub use object_type::ObjectType;
 pub use section_fields::BitRates;

@@ -18,6 +18,8 @@ pub enum ValueNote {
     TakenAsDecimal,
     /// A comment follows the value.
     CommentRemoved,
+    /// The number has a suffix of the language C.
+    SuffixRemoved,
     /// `NODEID` has no `$`.
     TakenAsNodeId,
     /// A BOOLEAN is a word.
@@ -32,6 +34,7 @@ impl ValueNote {
             Self::TakenAsBits => "out of range, read as the bits of the value",
             Self::TakenAsDecimal => "invalid octal number, read as decimal",
             Self::CommentRemoved => "comment after the value ignored",
+            Self::SuffixRemoved => "suffix of C ignored",
             Self::TakenAsNodeId => "read as $NODEID",
             Self::TakenAsBoolean => "read as BOOLEAN",
         }
@@ -64,6 +67,9 @@ pub(super) fn literal(text: &str) -> Option<Literal> {
         None if is_octal => (8, digits, None),
         None => (10, digits, None),
     };
+    let number = digits.trim_end_matches(['u', 'U', 'l', 'L']);
+    let note = if number.len() < digits.len() { Some(ValueNote::SuffixRemoved) } else { note };
+    let digits = number;
     // from_str_radix would accept a second sign.
     if digits.starts_with(['+', '-']) {
         return None;
@@ -315,8 +321,10 @@ mod tests {
         reads(DataType::Unsigned8, "09", DataValue::Unsigned(9), decimal);
         let comment = Some(ValueNote::CommentRemoved);
         reads(DataType::Unsigned8, "0x10 ; ten", DataValue::Unsigned(16), comment);
+        let suffix = Some(ValueNote::SuffixRemoved);
+        reads(DataType::Unsigned64, "0x00000010LL", DataValue::Unsigned(16), suffix);
         reads(DataType::VisibleString, "a ; b", DataValue::Text("a ; b".into()), None);
-        for text in ["256", "five", "0x", "--1", "-+1", "", "1+", "$NODEID+$NODEID"] {
+        for text in ["256", "five", "0x", "0xL", "u", "--1", "-+1", "", "1+", "$NODEID+$NODEID"] {
             assert!(read(DataType::Unsigned8, text).is_err(), "{text}");
         }
     }

@@ -208,7 +208,7 @@ fn write_column(
     out.section(format_args!("{prefix}{:04X}{name}", object.index));
     out.entry("NrOfEntries", texts.len());
     for (subindex, text) in texts {
-        let subindex: u8 = subindex;
+        let subindex: u16 = subindex;
         out.entry(&format!("{subindex}"), text);
     }
 }

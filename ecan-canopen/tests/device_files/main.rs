@@ -2,6 +2,10 @@
 #![allow(missing_docs)]
 
 mod contents;
+mod deviations;
+mod downloads;
+mod foreign;
+mod names;
 mod round_trip;
 
 use ecan_canopen::{DeviceFile, NodeId};

@@ -1,0 +1,262 @@
+//! Downloads of a configuration, in an order that a device accepts.
+
+use alloc::vec::Vec;
+
+use crate::{NodeId, object};
+
+use super::concise_dcf::Download;
+use super::data_value::DataValue;
+use super::device_file::DeviceFile;
+use super::object_entry::ObjectEntry;
+use super::value_error::ValueError;
+
+/// Values that a configuration downloads.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum DownloadScope {
+    /// Each `ParameterValue` that differs from its `DefaultValue`.
+    #[default]
+    Changed,
+    /// Each `ParameterValue`.
+    All,
+}
+
+/// Value of a file that cannot be encoded.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("object {index:#06X}:{subindex:02X}: {error}")]
+pub struct DownloadError {
+    /// Index.
+    pub index: u16,
+    /// Subindex.
+    pub subindex: u8,
+    /// Reason.
+    pub error: ValueError,
+}
+
+/// Bit of a COB-ID: the service does not exist.
+const INVALID: u32 = 0x8000_0000;
+/// Bit of 0x1005: the device produces SYNC.
+const PRODUCER: u32 = 0x4000_0000;
+/// SDO parameters of servers and clients (CiA 301, 7.5.2.33).
+const SDO_PARAMETERS: core::ops::RangeInclusive<u16> = 0x1200..=0x12FF;
+/// Date and time of the configuration (CiA 301, 7.5.2.22): valid after everything else.
+const VERIFY_CONFIGURATION: u16 = 0x1020;
+const PDOS: u16 = 0x200;
+
+impl DeviceFile {
+    /// The downloads that configure a node as the file states, in an order that a device accepts.
+    ///
+    /// Communication parameters come first, then the objects of the application, then the PDOs, each
+    /// of which is disabled while it changes (CiA 301, 7.5.2.36): COB-ID invalid, communication,
+    /// number of entries 0, mapping, number of entries, COB-ID. SDO, EMCY and SYNC are disabled
+    /// likewise while their COB-ID changes. 0x1020 comes last.
+    ///
+    /// Left out are objects that are not writable or refuse downloads (`ObjFlags`), and 0x1003,
+    /// 0x1010 and 0x1011. The contents of a DOMAIN are in the file that `DownloadFile` names.
+    ///
+    /// # Errors
+    /// [`DownloadError`] for a value that does not fit its type. A file that
+    /// [`parse`](Self::parse) returned has none.
+    pub fn downloads(
+        &self,
+        node: NodeId,
+        scope: DownloadScope,
+    ) -> Result<Vec<Download>, DownloadError> {
+        let mut list = DownloadList { file: self, node, scope, downloads: Vec::new() };
+        let (communication, application): (Vec<_>, Vec<_>) = self
+            .entries()
+            .filter(|entry| !is_pdo(entry.index) && entry.index != VERIFY_CONFIGURATION)
+            .partition(|entry| entry.index < 0x2000);
+        // The counter can change only before SYNC has a period.
+        list.object(object::SYNC_COUNTER_OVERFLOW)?;
+        for entry in communication {
+            match entry.index {
+                object::SYNC_COUNTER_OVERFLOW | object::COMMUNICATION_CYCLE => {}
+                object::SYNC_COB_ID => list.sync()?,
+                object::EMCY_COB_ID => list.emcy()?,
+                index if SDO_PARAMETERS.contains(&index) => list.sdo(entry)?,
+                _ => list.wanted(entry)?,
+            }
+        }
+        for entry in application {
+            list.wanted(entry)?;
+        }
+        for communication in [object::RPDO_COMMUNICATION, object::TPDO_COMMUNICATION] {
+            for number in 0..PDOS {
+                list.pdo(communication + number)?;
+            }
+        }
+        list.object(VERIFY_CONFIGURATION)?;
+        Ok(list.downloads)
+    }
+}
+
+fn is_pdo(index: u16) -> bool {
+    (object::RPDO_COMMUNICATION..object::TPDO_MAPPING + PDOS).contains(&index)
+}
+
+struct DownloadList<'a> {
+    file: &'a DeviceFile,
+    node: NodeId,
+    scope: DownloadScope,
+    downloads: Vec<Download>,
+}
+
+impl<'a> DownloadList<'a> {
+    /// Returns whether a download may write an entry at all.
+    fn is_allowed(&self, entry: &ObjectEntry) -> bool {
+        let object = self.file.object(entry.index);
+        let is_command = matches!(
+            entry.index,
+            object::ERROR_HISTORY | object::STORE_PARAMETERS | object::RESTORE_PARAMETERS
+        );
+        entry.access.is_writable()
+            && !is_command
+            && !entry.flags.refuses_write_on_download()
+            && object.is_none_or(|object| !object.flags.refuses_write_on_download())
+    }
+
+    fn is_wanted(&self, entry: &ObjectEntry) -> bool {
+        let Some(value) = entry.parameter_value(self.node) else { return false };
+        let is_changed =
+            self.scope == DownloadScope::All || entry.default_value(self.node) != Some(value);
+        is_changed && self.is_allowed(entry)
+    }
+
+    fn push(&mut self, entry: &ObjectEntry, value: &DataValue) -> Result<(), DownloadError> {
+        let (index, subindex) = (entry.index, entry.subindex);
+        let encoded = entry.data_type.encode(value);
+        let data = encoded.map_err(|error| DownloadError { index, subindex, error })?;
+        self.downloads.push(Download { index, subindex, data });
+        Ok(())
+    }
+
+    fn push_number(&mut self, entry: &ObjectEntry, number: u32) -> Result<(), DownloadError> {
+        self.push(entry, &DataValue::Unsigned(number.into()))
+    }
+
+    fn wanted(&mut self, entry: &ObjectEntry) -> Result<(), DownloadError> {
+        match entry.parameter_value(self.node) {
+            Some(value) if self.is_wanted(entry) => self.push(entry, &value),
+            _ => Ok(()),
+        }
+    }
+
+    /// The wanted entries of an object.
+    fn object(&mut self, index: u16) -> Result<(), DownloadError> {
+        let entries = self.file.object(index).into_iter().flat_map(|object| object.entries());
+        for entry in entries {
+            self.wanted(entry)?;
+        }
+        Ok(())
+    }
+
+    /// The configured value of an entry as the number of a COB-ID.
+    fn number(&self, entry: &ObjectEntry) -> Option<u32> {
+        entry.configured_value(self.node)?.to_integer()?.try_into().ok()
+    }
+
+    /// SYNC: the device stops to produce it while its COB-ID and its period change.
+    fn sync(&mut self) -> Result<(), DownloadError> {
+        let Some(entry) = self.file.entry(object::SYNC_COB_ID, 0) else { return Ok(()) };
+        let number = self.number(entry).filter(|_| self.is_wanted(entry));
+        if let Some(number) = number {
+            self.push_number(entry, number & !PRODUCER)?;
+        }
+        self.object(object::COMMUNICATION_CYCLE)?;
+        match number {
+            Some(number) if number & PRODUCER != 0 => self.push_number(entry, number),
+            _ => Ok(()),
+        }
+    }
+
+    /// EMCY: invalid while its COB-ID changes.
+    fn emcy(&mut self) -> Result<(), DownloadError> {
+        let Some(entry) = self.file.entry(object::EMCY_COB_ID, 0) else { return Ok(()) };
+        match self.number(entry).filter(|_| self.is_wanted(entry)) {
+            Some(number) => self.replace(entry, number),
+            None => Ok(()),
+        }
+    }
+
+    fn replace(&mut self, entry: &ObjectEntry, number: u32) -> Result<(), DownloadError> {
+        self.push_number(entry, number | INVALID)?;
+        match number & INVALID {
+            0 => self.push_number(entry, number),
+            _ => Ok(()),
+        }
+    }
+
+    /// An entry of an SDO parameter: with sub-object 1, all of them.
+    fn sdo(&mut self, entry: &ObjectEntry) -> Result<(), DownloadError> {
+        let Some(object) = self.file.object(entry.index) else { return Ok(()) };
+        let is_first = object.entries().next().is_some_and(|first| first == entry);
+        let wanted: Vec<_> = object.entries().filter(|entry| self.is_wanted(entry)).collect();
+        if !is_first {
+            return Ok(());
+        }
+        let (cob_ids, others): (Vec<&ObjectEntry>, Vec<_>) =
+            wanted.into_iter().partition(|entry| matches!(entry.subindex, 1 | 2));
+        for entry in &cob_ids {
+            if let Some(number) = self.number(entry) {
+                self.push_number(entry, number | INVALID)?;
+            }
+        }
+        for entry in others {
+            self.wanted(entry)?;
+        }
+        for entry in cob_ids {
+            match self.number(entry) {
+                Some(number) if number & INVALID == 0 => self.push_number(entry, number)?,
+                _ => {}
+            }
+        }
+        Ok(())
+    }
+
+    /// A PDO, if its communication or its mapping is wanted.
+    fn pdo(&mut self, index: u16) -> Result<(), DownloadError> {
+        let mapping_index = index + (object::RPDO_MAPPING - object::RPDO_COMMUNICATION);
+        let has_wanted = |list: &Self, index| {
+            let object = list.file.object(index);
+            object.is_some_and(|object| object.entries().any(|entry| list.is_wanted(entry)))
+        };
+        let (communication, mapping) = (has_wanted(self, index), has_wanted(self, mapping_index));
+        if !communication && !mapping {
+            return Ok(());
+        }
+        let cob_id = self.file.entry(index, 1).filter(|entry| self.is_allowed(entry));
+        let cob_id = cob_id.and_then(|entry| Some((entry, self.number(entry)?)));
+        if let Some((entry, number)) = cob_id {
+            self.push_number(entry, number | INVALID)?;
+        }
+        let others = self.file.object(index).into_iter().flat_map(|object| object.entries());
+        for entry in others.filter(|entry| entry.subindex != 1) {
+            self.wanted(entry)?;
+        }
+        if mapping {
+            self.mapping(mapping_index)?;
+        }
+        match cob_id {
+            Some((entry, number)) if number & INVALID == 0 => self.push_number(entry, number),
+            _ => Ok(()),
+        }
+    }
+
+    /// All mapped objects of a PDO; none if its mapping is fixed.
+    fn mapping(&mut self, index: u16) -> Result<(), DownloadError> {
+        let Some(count) = self.file.entry(index, 0).filter(|entry| self.is_allowed(entry)) else {
+            return Ok(());
+        };
+        let Some(number) = self.number(count) else { return Ok(()) };
+        self.push_number(count, 0)?;
+        for subindex in (1..=u8::MAX).take(number as usize) {
+            let Some(entry) = self.file.entry(index, subindex) else { break };
+            if let Some(value) =
+                entry.configured_value(self.node).filter(|_| self.is_allowed(entry))
+            {
+                self.push(entry, &value)?;
+            }
+        }
+        self.push_number(count, number)
+    }
+}

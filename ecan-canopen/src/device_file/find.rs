@@ -1,0 +1,252 @@
+//! Entries by name.
+
+use alloc::format;
+use alloc::string::String;
+use alloc::vec::Vec;
+use core::fmt;
+
+use super::device_file::DeviceFile;
+use super::device_object::DeviceObject;
+use super::object_entry::ObjectEntry;
+
+/// Reason why a name does not identify one entry.
+#[derive(Clone, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum FindError {
+    /// No entry has this name, index or denotation.
+    NotFound {
+        /// Name.
+        name: String,
+        /// Similar labels, the most similar one first.
+        similar: Vec<String>,
+    },
+    /// Several entries have this name.
+    Ambiguous {
+        /// Name.
+        name: String,
+        /// Their labels.
+        labels: Vec<String>,
+    },
+    /// The name is that of an object with sub-objects.
+    NeedsSubObject {
+        /// Name.
+        name: String,
+        /// Labels of its entries.
+        labels: Vec<String>,
+    },
+}
+
+/// Number of labels in a message.
+const SHOWN: usize = 5;
+
+impl fmt::Display for FindError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let list = |labels: &[String]| {
+            let more = if labels.len() > SHOWN { ", ..." } else { "" };
+            let shown: Vec<_> =
+                labels.iter().take(SHOWN).map(|label| format!("`{label}`")).collect();
+            format!("{}{more}", shown.join(", "))
+        };
+        match self {
+            Self::NotFound { name, similar } if similar.is_empty() => write!(
+                f,
+                "no object `{name}`; allowed: `Object`, `Object/Sub-object`, a unique name of a \
+                 sub-object, or an index like 0x6040 or 0x1018:1"
+            ),
+            Self::NotFound { name, similar } => {
+                write!(f, "no object `{name}`; similar: {}", list(similar))
+            }
+            Self::Ambiguous { name, labels } => {
+                write!(f, "`{name}` is the name of several entries; use one of {}", list(labels))
+            }
+            Self::NeedsSubObject { name, labels } => {
+                write!(f, "object `{name}` has sub-objects; use one of {}", list(labels))
+            }
+        }
+    }
+}
+
+impl core::error::Error for FindError {}
+
+impl DeviceFile {
+    /// Finds an entry by its name, without regard to case.
+    ///
+    /// The name is that of an object (`Controlword`), of an object and a sub-object
+    /// (`Identity object/Vendor-ID`, also with a subindex: `Identity object/1`), of a sub-object if
+    /// no other has it, or a denotation. `0x6040`, `0x1018:1` and `1018sub1` are indices; the
+    /// subindex is decimal after `:` or `/`, hexadecimal after `sub`.
+    ///
+    /// # Errors
+    /// [`FindError`] with similar or matching names.
+    pub fn find(&self, name: &str) -> Result<&ObjectEntry, FindError> {
+        let name = name.trim();
+        if let Some((index, subindex)) = parse_key(name)
+            && let Some(object) = self.object(index)
+        {
+            return match subindex {
+                Some(subindex) => object.entry(subindex).ok_or_else(|| self.not_found(name)),
+                None => self.single(object),
+            };
+        }
+        let objects: Vec<_> = self.objects().filter(|object| is_same(&object.name, name)).collect();
+        match objects.as_slice() {
+            [] => {}
+            [object] => return self.single(object),
+            _ => return Err(self.ambiguous(name, objects.iter().flat_map(|o| o.entries()))),
+        }
+        let mut found: Vec<_> = self.pairs(name).collect();
+        if found.is_empty() {
+            found = self.entries().filter(|entry| is_same(&entry.name, name)).collect();
+        }
+        if found.is_empty() {
+            found = self.entries().filter(|entry| is_same(&entry.denotation, name)).collect();
+        }
+        match found.as_slice() {
+            [] => Err(self.not_found(name)),
+            [entry] => Ok(entry),
+            _ => Err(self.ambiguous(name, found.iter().copied())),
+        }
+    }
+
+    /// Name of an entry that [`find`](Self::find) accepts: `Object` or `Object/Sub-object`; an
+    /// index if several entries share the name.
+    #[must_use]
+    pub fn label(&self, entry: &ObjectEntry) -> String {
+        let Some(object) = self.object(entry.index) else { return key_text(entry) };
+        let label = if object.object_type.has_sub_objects() {
+            format!("{}/{}", object.name, entry.name)
+        } else {
+            object.name.clone()
+        };
+        let mut same = self.objects().filter(|other| is_same(&other.name, &object.name));
+        let is_unique = same.next().is_some() && same.next().is_none();
+        let same_names = object.entries().filter(|other| is_same(&other.name, &entry.name)).count();
+        if is_unique && same_names == 1 { label } else { key_text(entry) }
+    }
+
+    fn single<'a>(&self, object: &'a DeviceObject) -> Result<&'a ObjectEntry, FindError> {
+        match object.entry(0) {
+            Some(entry) if !object.object_type.has_sub_objects() => Ok(entry),
+            _ => Err(FindError::NeedsSubObject {
+                name: object.name.clone(),
+                labels: object.entries().map(|entry| self.label(entry)).collect(),
+            }),
+        }
+    }
+
+    /// Entries whose object and sub-object have the names before and after a slash.
+    fn pairs(&self, name: &str) -> impl Iterator<Item = &ObjectEntry> {
+        let slashes = name.match_indices('/').map(|(position, _)| position);
+        slashes.flat_map(move |position| {
+            let (object_name, sub) = (&name[..position], name[position + 1..].trim());
+            let subindex = sub.parse::<u8>().ok();
+            let is_sub = move |entry: &&ObjectEntry| {
+                is_same(&entry.name, sub) || Some(entry.subindex) == subindex
+            };
+            let objects = self.objects().filter(|object| is_same(&object.name, object_name.trim()));
+            objects.flat_map(move |object| object.entries().filter(is_sub))
+        })
+    }
+
+    fn ambiguous<'a>(
+        &self,
+        name: &str,
+        entries: impl Iterator<Item = &'a ObjectEntry>,
+    ) -> FindError {
+        let labels = entries.map(|entry| self.label(entry)).collect();
+        FindError::Ambiguous { name: name.into(), labels }
+    }
+
+    fn not_found(&self, name: &str) -> FindError {
+        let wanted = name.to_lowercase();
+        let mut similar: Vec<_> = self
+            .entries()
+            .filter_map(|entry| {
+                let label = self.label(entry);
+                let texts = [&*label, &*entry.name, &*entry.denotation];
+                let distance = texts.iter().map(|text| distance(&wanted, text)).min()?;
+                (distance <= wanted.chars().count() / 3).then_some((distance, label))
+            })
+            .collect();
+        similar.sort();
+        similar.truncate(SHOWN);
+        let similar = similar.into_iter().map(|(_, label)| label).collect();
+        FindError::NotFound { name: name.into(), similar }
+    }
+}
+
+fn is_same(text: &str, name: &str) -> bool {
+    !name.is_empty() && text.to_lowercase() == name.to_lowercase()
+}
+
+fn key_text(entry: &ObjectEntry) -> String {
+    format!("{:#06X}:{}", entry.index, entry.subindex)
+}
+
+/// Index and subindex of `0x1018`, `0x1018:1`, `0x1018/1`, `1018`, `1018:1` or `1018sub1`.
+fn parse_key(name: &str) -> Option<(u16, Option<u8>)> {
+    let hexadecimal = name.strip_prefix("0x").or_else(|| name.strip_prefix("0X"));
+    let text = hexadecimal.unwrap_or(name);
+    let length = text.find(|digit: char| !digit.is_ascii_hexdigit()).unwrap_or(text.len());
+    let (digits, rest) = text.split_at(length);
+    // Names may begin with letters that are digits, too.
+    if digits.len() > 4 || (hexadecimal.is_none() && digits.len() != 4) {
+        return None;
+    }
+    let index = u16::from_str_radix(digits, 16).ok()?;
+    if rest.is_empty() {
+        return Some((index, None));
+    }
+    let subindex = match rest.strip_prefix([':', '/']) {
+        Some(sub) => match sub.strip_prefix("0x") {
+            Some(sub) => u8::from_str_radix(sub, 16).ok()?,
+            None => sub.parse().ok()?,
+        },
+        None => u8::from_str_radix(rest.strip_prefix("sub")?, 16).ok()?,
+    };
+    Some((index, Some(subindex)))
+}
+
+/// Number of characters to insert, remove or replace between a name and a text, without regard to
+/// case (Levenshtein).
+fn distance(name: &str, text: &str) -> usize {
+    let text: Vec<char> = text.to_lowercase().chars().collect();
+    let mut row: Vec<usize> = (0..=text.len()).collect();
+    for (above, character) in (1..).zip(name.chars()) {
+        let mut diagonal = above - 1;
+        let mut left = above;
+        if let Some(first) = row.first_mut() {
+            *first = above;
+        }
+        for (cell, other) in row.iter_mut().skip(1).zip(&text) {
+            let replaced = diagonal + usize::from(character != *other);
+            diagonal = *cell;
+            left = replaced.min(*cell + 1).min(left + 1);
+            *cell = left;
+        }
+    }
+    row.last().copied().unwrap_or(0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn distance_counts_changes() {
+        assert_eq!(distance("kitten", "sitting"), 3);
+        assert_eq!(distance("", "abc"), 3);
+        assert_eq!(distance("controlwort", "Controlword"), 1);
+    }
+
+    #[test]
+    fn keys_have_several_forms() {
+        assert_eq!(parse_key("0x6040"), Some((0x6040, None)));
+        assert_eq!(parse_key("1018:10"), Some((0x1018, Some(10))));
+        assert_eq!(parse_key("0x1018/0x10"), Some((0x1018, Some(16))));
+        assert_eq!(parse_key("1018sub1F"), Some((0x1018, Some(0x1F))));
+        assert_eq!(parse_key("Deceleration"), None);
+        assert_eq!(parse_key("0x"), None);
+        assert_eq!(parse_key("1018:256"), None);
+    }
+}
