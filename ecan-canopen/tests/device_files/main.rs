@@ -6,6 +6,7 @@ mod deviations;
 mod downloads;
 mod foreign;
 mod names;
+mod python;
 mod round_trip;
 
 use ecan_canopen::{DeviceFile, NodeId};
