@@ -3,9 +3,9 @@
 use std::error::Error;
 use std::path::PathBuf;
 
+use ecan_canopen::DeviceFileFaults;
 use ecrt_sys::{EnvironmentError, LoadError};
 
-use crate::drive::EdsError;
 use crate::scenario::{BUILTIN_SCENARIOS, ScenarioError};
 
 /// Reason why a library or a simulation cannot be opened.
@@ -41,9 +41,9 @@ pub enum BackendError {
     /// A scenario file is invalid: its first error.
     #[error("{0}: {1}")]
     Scenario(PathBuf, ScenarioError),
-    /// The EDS of a drive is invalid: its first error.
+    /// The device file (EDS or DCF) of a drive cannot be used: all its faults.
     #[error("{0}, {1}")]
-    Eds(PathBuf, EdsError),
+    DeviceFile(PathBuf, DeviceFileFaults),
     /// A candump log of the scenario is invalid: line, from 1, and error.
     #[error("{0}, line {1}: {2}")]
     Log(PathBuf, usize, String),

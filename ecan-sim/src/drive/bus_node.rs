@@ -1,15 +1,14 @@
 //! The drive as a node on a bus, and its interface for tests.
 
 use ecan_canopen::{
-    CobId, DriveState, Emcy, ErrorRegister, NmtRequest, NmtState, NodeId, OperatingMode, Service,
-    Statusword,
+    CobId, DeviceFile, DriveState, Emcy, ErrorRegister, NmtRequest, NmtState, NodeId,
+    OperatingMode, Service, Statusword,
 };
 use ecan_protocol::can::{CanFrame, FrameKind};
 
 use super::config::DriveConfig;
 use super::device::Device;
-use super::eds;
-use super::eds_error::EdsError;
+use super::file_objects::file_objects;
 use super::history::TargetHistory;
 use super::sdo_server::SdoServer;
 use super::trace::DriveTrace;
@@ -40,14 +39,17 @@ impl Drive {
         Self::with_device(Device::new(config, None))
     }
 
-    /// A drive with the objects of an EDS (CiA 306). Motion parameters that are 0 in the EDS and
-    /// must not be 0 have the values of the built-in dictionary.
+    /// A node with the objects of an EDS or a DCF.
     ///
-    /// # Errors
-    /// The first error in the text, with its line.
-    pub fn from_eds(config: &DriveConfig, text: &str) -> Result<Self, EdsError> {
-        let objects = eds::parse(text, config.node.get())?;
-        Ok(Self::with_device(Device::new(config, Some(objects))))
+    /// It is a drive if its device type (0x1000) states CiA 402, or if it has a controlword and a
+    /// statusword; otherwise its objects have values, but no function, as those of an I/O module.
+    /// A `ParameterValue` counts as a saved value. Motion parameters that are 0 in the file and must
+    /// not be 0 have the values of the built-in dictionary; a serial number that is 0 is that of the
+    /// configuration.
+    #[must_use]
+    pub fn from_device_file(config: &DriveConfig, file: &DeviceFile) -> Self {
+        let objects = file_objects(file, config.node, config.serial);
+        Self::with_device(Device::new(config, Some(objects)))
     }
 
     fn with_device(device: Device) -> Self {
@@ -65,6 +67,13 @@ impl Drive {
     #[must_use]
     pub const fn node_id(&self) -> NodeId {
         self.device.config.node
+    }
+
+    /// Returns whether the node is a drive (CiA 402). The getters of motion have no meaning for
+    /// another node.
+    #[must_use]
+    pub const fn is_drive(&self) -> bool {
+        self.device.is_drive
     }
 
     /// Returns whether the drive has its supply.
@@ -182,6 +191,26 @@ impl Drive {
     #[must_use]
     pub fn object(&self, index: u16, subindex: u8) -> Option<i64> {
         self.device.objects.number(index, subindex)
+    }
+
+    /// Sets a numeric object, as the process of an I/O module changes an input; excess bits are cut
+    /// off. Returns `false` if the object does not exist, holds bytes or is updated by the drive, or
+    /// without supply.
+    pub fn set_object(
+        &mut self,
+        now: u64,
+        (index, subindex): (u16, u8),
+        value: i64,
+        out: &mut NodeOutput,
+    ) -> bool {
+        let device = &self.device;
+        let slot = device.objects.find((index, subindex)).ok();
+        let is_updated = slot.is_some_and(|slot| device.slots.contains(&Some(slot)));
+        if !device.powered || is_updated || device.objects.number(index, subindex).is_none() {
+            return false;
+        }
+        self.act(now, out, |drive, _| drive.device.objects.set(index, subindex, value));
+        true
     }
 
     /// Injects a fault; `code` is the error code of the emergency message. Has no effect without

@@ -1,42 +1,43 @@
-use ecan_canopen::{CobId, NodeId, OperatingMode, PdoCobId, SupportedModes, object};
+use ecan_canopen::{
+    AccessType, CobId, DataType, NodeId, OperatingMode, PdoCobId, SupportedModes, object,
+};
 
 use super::config::MotorConfig;
-use super::data_type::DataType;
-use super::dictionary::{Access, Object, Value};
+use super::dictionary::{Object, Value};
 
 pub(super) const PDO_ENTRIES: usize = 8;
 
-const I8: DataType = DataType::Signed(1);
-const I16: DataType = DataType::Signed(2);
-const I32: DataType = DataType::Signed(4);
-const U8: DataType = DataType::Unsigned(1);
-const U16: DataType = DataType::Unsigned(2);
-const U32: DataType = DataType::Unsigned(4);
+const I8: DataType = DataType::Integer8;
+const I16: DataType = DataType::Integer16;
+const I32: DataType = DataType::Integer32;
+const U8: DataType = DataType::Unsigned8;
+const U16: DataType = DataType::Unsigned16;
+const U32: DataType = DataType::Unsigned32;
 
-fn object(key: (u16, u8), data_type: DataType, access: Access, value: i64) -> Object {
-    Object::new(key, data_type, access, Value::Number(data_type.cut(value as u64)))
+fn object(key: (u16, u8), data_type: DataType, access: AccessType, value: i64) -> Object {
+    Object::new(key, data_type, access, Value::Number(data_type.mask(value as u64)))
 }
 
-fn bytes(index: u16, data_type: DataType, access: Access, value: &[u8]) -> Object {
+fn bytes(index: u16, data_type: DataType, access: AccessType, value: &[u8]) -> Object {
     Object::new((index, 0), data_type, access, Value::Bytes(value.to_vec()))
 }
 
 fn parameter(index: u16, subindex: u8, data_type: DataType, value: i64) -> Object {
-    object((index, subindex), data_type, Access::ReadWrite, value)
+    object((index, subindex), data_type, AccessType::ReadWrite, value)
 }
 
 fn constant(index: u16, subindex: u8, data_type: DataType, value: i64) -> Object {
-    object((index, subindex), data_type, Access::Const, value)
+    object((index, subindex), data_type, AccessType::Const, value)
 }
 
 /// A value that the drive updates; mappable.
 fn actual(index: u16, data_type: DataType) -> Object {
-    Object { mappable: true, ..object((index, 0), data_type, Access::ReadOnly, 0) }
+    Object { mappable: true, ..object((index, 0), data_type, AccessType::ReadOnly, 0) }
 }
 
 /// A command to the drive; mappable.
 fn command(index: u16, data_type: DataType) -> Object {
-    Object { mappable: true, ..object((index, 0), data_type, Access::ReadWriteOutput, 0) }
+    Object { mappable: true, ..object((index, 0), data_type, AccessType::ReadWriteOutput, 0) }
 }
 
 fn limited(object: Object, low: i64, high: i64) -> Object {
@@ -51,13 +52,15 @@ pub(super) fn default_objects(node: NodeId, serial: u32, motor: &MotorConfig) ->
     list.extend(profile(motor));
     list.extend(motion_parameters(motor));
     // scratch objects for transfer tests
-    list.push(bytes(0x2000, DataType::Domain, Access::ReadWrite, &[]));
-    list.push(bytes(0x2001, DataType::Text, Access::ReadWrite, b"simulated"));
+    list.push(bytes(0x2000, DataType::Domain, AccessType::ReadWrite, &[]));
+    list.push(bytes(0x2001, DataType::VisibleString, AccessType::ReadWrite, b"simulated"));
     list
 }
 
 fn general(node: NodeId, serial: u32) -> Vec<Object> {
-    let text = |index, text: &str| bytes(index, DataType::Text, Access::Const, text.as_bytes());
+    let text = |index, text: &str| {
+        bytes(index, DataType::VisibleString, AccessType::Const, text.as_bytes())
+    };
     let mut list = vec![
         // CiA 402 servo drive
         constant(object::DEVICE_TYPE, 0, U32, 0x0002_0192),
@@ -92,7 +95,7 @@ fn general(node: NodeId, serial: u32) -> Vec<Object> {
     ];
     for subindex in 1..=super::emergency::HISTORY as u8 {
         let key = (object::ERROR_HISTORY, subindex);
-        list.push(object(key, U32, Access::ReadOnly, 0));
+        list.push(object(key, U32, AccessType::ReadOnly, 0));
     }
     list
 }

@@ -40,6 +40,8 @@ pub(super) type Slots = [Option<Slot>; UPDATED_OBJECTS];
 #[derive(Clone, Debug)]
 pub(super) struct Device {
     pub(super) config: DriveConfig,
+    /// False for a node without CiA 402: its axis stays idle, and its objects only have values.
+    pub(super) is_drive: bool,
     pub(super) now: u64,
     pub(super) powered: bool,
     /// True if the CAN controller takes part in the bus: from the end of booting until the supply
@@ -76,24 +78,24 @@ pub(super) struct Device {
 impl Device {
     pub(super) fn new(config: &DriveConfig, objects: Option<Vec<Object>>) -> Self {
         let motor = &config.motor;
-        let mut list = match objects {
-            Some(mut objects) => {
-                fill_in(&mut objects, motor);
-                objects
-            }
-            None => default_objects(config.node, config.serial, motor),
-        };
+        let mut list =
+            objects.unwrap_or_else(|| default_objects(config.node, config.serial, motor));
+        let is_drive = is_drive(&list);
+        if is_drive {
+            fill_in(&mut list, motor);
+        }
         list.retain(|object| !config.quirks.missing.contains(&object.index));
         let objects = Dictionary::new(list);
         let axis = Axis::new(config);
         Self {
             config: config.clone(),
+            is_drive,
             now: 0,
             powered: false,
             on_bus: false,
             bus_off_until: None,
             power_on_at: None,
-            slots: Self::find_updated(&objects),
+            slots: Self::find_updated(&objects, is_drive),
             pdo_slots: Slots::default(),
             parameters: Parameters::read(&objects, &axis.motor),
             network: Network::new(),
@@ -255,8 +257,9 @@ impl Device {
 
     /// Reacts to a loss of the host as 0x1029 and 0x6007 demand.
     fn lose_host(&mut self, code: u16) {
-        let faults =
-            self.parameters.node_loss == NodeLossReaction::Fault && !self.axis.power.is_faulted();
+        let faults = self.is_drive
+            && self.parameters.node_loss == NodeLossReaction::Fault
+            && !self.axis.power.is_faulted();
         if !faults {
             // Otherwise the fault raises the emergency.
             self.emergency.raise(code, &mut self.objects);
@@ -278,7 +281,9 @@ impl Device {
     }
 
     fn react_to_host_loss(&mut self, code: u16) {
-        self.axis.host_lost(code, &self.parameters);
+        if self.is_drive {
+            self.axis.host_lost(code, &self.parameters);
+        }
         match self.objects.number(object::ERROR_BEHAVIOUR, 1).unwrap_or(0) {
             0 if self.network.state == NmtState::Operational => {
                 self.nmt(NmtCommand::EnterPreOperational);
@@ -424,6 +429,17 @@ impl Device {
         }
         next
     }
+}
+
+/// Returns whether the objects are those of a drive: by the device type, or by controlword and
+/// statusword.
+fn is_drive(objects: &[Object]) -> bool {
+    let has = |index| objects.iter().any(|object| object.index == index);
+    let profile = objects.iter().find(|object| object.key() == (object::DEVICE_TYPE, 0));
+    let is_402 = profile.is_some_and(|object| {
+        matches!(object.default, Value::Number(device_type) if device_type & 0xFFFF == 402)
+    });
+    is_402 || (has(object::CONTROLWORD) && has(object::STATUSWORD))
 }
 
 pub(super) fn send(config: &DriveConfig, out: &mut NodeOutput, id: CanId, data: &[u8]) {

@@ -1,27 +1,7 @@
 //! The object dictionary: objects, access rights and values.
 
+use ecan_canopen::{AccessType, DataType};
 use ecan_protocol::object::AbortCode;
-
-use super::data_type::DataType;
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Access {
-    /// Readable and constant.
-    Const,
-    ReadOnly,
-    WriteOnly,
-    ReadWrite,
-    /// Read and write; mappable to TPDOs only.
-    ReadWriteInput,
-    /// Read and write; mappable to RPDOs only.
-    ReadWriteOutput,
-}
-
-impl Access {
-    const fn is_writable(self) -> bool {
-        !matches!(self, Self::Const | Self::ReadOnly)
-    }
-}
 
 /// A value: raw bits of a number, or bytes.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -36,7 +16,7 @@ pub(super) struct Object {
     pub(super) index: u16,
     pub(super) subindex: u8,
     pub(super) data_type: DataType,
-    pub(super) access: Access,
+    pub(super) access: AccessType,
     pub(super) mappable: bool,
     pub(super) limits: (Option<i64>, Option<i64>),
     /// Value after a reset if none is saved.
@@ -51,7 +31,7 @@ impl Object {
     pub(super) fn new(
         (index, subindex): (u16, u8),
         data_type: DataType,
-        access: Access,
+        access: AccessType,
         default: Value,
     ) -> Self {
         let (value, limits) = (default.clone(), (None, None));
@@ -64,13 +44,23 @@ impl Object {
     }
 
     pub(super) const fn can_be_sent(&self) -> bool {
-        let is_input = !matches!(self.access, Access::WriteOnly | Access::ReadWriteOutput);
-        self.mappable && is_input && self.data_type.bits().is_some()
+        let is_input = !matches!(self.access, AccessType::WriteOnly | AccessType::ReadWriteOutput);
+        self.mappable && is_input && mapped_bits(self.data_type).is_some()
     }
 
     pub(super) const fn can_be_received(&self) -> bool {
-        let is_output = !matches!(self.access, Access::ReadWriteInput) && self.access.is_writable();
-        self.mappable && is_output && self.data_type.bits().is_some()
+        let is_output =
+            !matches!(self.access, AccessType::ReadWriteInput) && self.access.is_writable();
+        self.mappable && is_output && mapped_bits(self.data_type).is_some()
+    }
+}
+
+/// Size of a value in a PDO of the drive, in bits; `None` if it cannot be mapped. A BOOLEAN takes a
+/// byte.
+pub(super) const fn mapped_bits(data_type: DataType) -> Option<u8> {
+    match data_type.size() {
+        Some(bytes) => Some(8 * bytes as u8),
+        None => None,
     }
 }
 
@@ -133,7 +123,7 @@ impl Dictionary {
     pub(super) fn number(&self, index: u16, subindex: u8) -> Option<i64> {
         let object = self.object(self.find((index, subindex)).ok()?)?;
         match object.value {
-            Value::Number(raw) => Some(object.data_type.number(raw)),
+            Value::Number(raw) => Some(object.data_type.sign_extend(raw)),
             Value::Bytes(_) => None,
         }
     }
@@ -143,7 +133,7 @@ impl Dictionary {
         if let Some(object) = self.objects.get_mut(usize::from(slot.0))
             && let Value::Number(value) = &mut object.value
         {
-            *value = object.data_type.cut(raw);
+            *value = object.data_type.mask(raw);
         }
     }
 
@@ -157,7 +147,7 @@ impl Dictionary {
     /// Reads an object for an SDO upload into `out`.
     pub(super) fn read(&self, slot: Slot, out: &mut Vec<u8>) -> Result<(), AbortCode> {
         let object = self.object(slot).ok_or(AbortCode::NO_OBJECT)?;
-        if object.access == Access::WriteOnly {
+        if object.access == AccessType::WriteOnly {
             return Err(AbortCode::WRITE_ONLY);
         }
         out.clear();
@@ -195,7 +185,7 @@ impl Dictionary {
             return Ok(None);
         }
         let raw = data.iter().rev().fold(0, |raw, byte| raw << 8 | u64::from(*byte));
-        let number = object.data_type.number(raw);
+        let number = object.data_type.sign_extend(raw);
         let (low, high) = object.limits;
         if matches!(object.data_type, DataType::Boolean) && raw > 1 {
             return Err(AbortCode::RANGE);

@@ -1,6 +1,6 @@
 //! A simulated CiA 402 drive.
 //!
-//! `dictionary` (filled by `default_objects` or `eds`), `sdo_server` with `sdo_block`, `pdo` with
+//! `dictionary` (filled by `default_objects` or `file_objects`), `sdo_server` with `sdo_block`, `pdo` with
 //! `pdo_rules`, `network` (NMT and heartbeats) and `emergency` are its CANopen side; `motor`, `ramp`,
 //! `homing`, `motion` and the state machine `power` form an `axis`, whose events `trace` records. `device` (with `process_data` and
 //! `object_access`) contains both sides, and `bus_node` connects it to the bus.
@@ -10,16 +10,13 @@ mod axis_commands;
 mod bus_node;
 mod can_id_set;
 mod config;
-mod data_type;
 mod default_objects;
 mod device;
 mod dictionary;
-mod eds;
-mod eds_error;
 mod emergency;
+mod file_objects;
 mod history;
 mod homing;
-mod ini;
 mod motion;
 mod motor;
 mod network;
@@ -36,6 +33,5 @@ mod trace;
 
 pub use bus_node::Drive;
 pub use config::{DriveConfig, DriveQuirks, MotorConfig, SdoDirection, SdoEffect, SdoRule};
-pub use eds_error::EdsError;
 pub use history::{TargetHistory, TargetKind, TargetRecord, TargetSums};
 pub use trace::{CommandSource, DriveTrace, MotionSample, TraceCause, TraceEvent, TraceRecord};

@@ -1,12 +1,12 @@
 //! SDO access to the dictionary: rules, checks, and effects of a write.
 
-use ecan_canopen::{HeartbeatConsumer, OperatingMode, SupportedModes, object};
+use ecan_canopen::{AccessType, HeartbeatConsumer, OperatingMode, SupportedModes, object};
 use ecan_protocol::object::AbortCode;
 
 use super::axis_commands::ReceivedCommands;
 use super::config::{SdoDirection, SdoEffect, SdoRule};
 use super::device::Device;
-use super::dictionary::{Access, Key, Object, Slot, Value};
+use super::dictionary::{Key, Object, Slot, Value};
 use super::emergency::clear_history;
 use super::homing;
 use super::motion;
@@ -119,8 +119,12 @@ impl Device {
             );
         }
         match (index, subindex) {
-            (object::MODE_OF_OPERATION, _) if !self.has_mode(number as i8) => Err(AbortCode::RANGE),
-            (object::HOMING_METHOD, _) if number != 0 && !homing::is_supported(number as i8) => {
+            (object::MODE_OF_OPERATION, _) if self.is_drive && !self.has_mode(number as i8) => {
+                Err(AbortCode::RANGE)
+            }
+            (object::HOMING_METHOD, _)
+                if self.is_drive && number != 0 && !homing::is_supported(number as i8) =>
+            {
                 Err(AbortCode::RANGE)
             }
             // The drive is not a SYNC producer, and supports 11-bit CAN IDs only.
@@ -145,6 +149,7 @@ impl Device {
                 self.network.load_watches(&self.objects);
             }
             object::SYNC_COB_ID => self.load_sync(),
+            _ if !self.is_drive => {}
             _ => {
                 let mut received = ReceivedCommands { by_sdo: true, ..ReceivedCommands::default() };
                 if self.axis.store_command(index, number, &mut received) {
@@ -177,5 +182,5 @@ fn is_parameter(object: &Object) -> bool {
         object.index,
         object::ERROR_HISTORY | object::STORE_PARAMETERS | object::RESTORE_PARAMETERS
     );
-    kept && object.access == Access::ReadWrite && matches!(object.value, Value::Number(_))
+    kept && object.access == AccessType::ReadWrite && matches!(object.value, Value::Number(_))
 }

@@ -1,9 +1,8 @@
-use ecan_canopen::{MappingEntry, PdoCobId, TransmissionType, object};
+use ecan_canopen::{DataType, MappingEntry, PdoCobId, TransmissionType, object};
 use ecan_protocol::can::CanId;
 
-use super::data_type::DataType;
 use super::default_objects::PDO_ENTRIES;
-use super::dictionary::{Dictionary, Slot};
+use super::dictionary::{Dictionary, Slot, mapped_bits};
 use crate::earliest::earliest;
 
 pub(super) const PDO_BYTES: usize = 8;
@@ -69,7 +68,7 @@ impl Mapping {
 pub(super) fn is_dummy(entry: MappingEntry) -> bool {
     entry.subindex == 0
         && (1..=7).contains(&entry.index)
-        && DataType::from_index(entry.index).and_then(DataType::bits) == Some(entry.bits)
+        && mapped_bits(DataType::from_index(entry.index)) == Some(entry.bits)
 }
 
 pub(super) fn numbers(objects: &Dictionary, first: u16) -> impl Iterator<Item = u16> {

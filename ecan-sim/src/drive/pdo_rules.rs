@@ -6,7 +6,7 @@ use ecan_protocol::object::AbortCode;
 
 use super::config::DriveQuirks;
 use super::default_objects::PDO_ENTRIES;
-use super::dictionary::Dictionary;
+use super::dictionary::{Dictionary, mapped_bits};
 use super::pdo::{PDO_BYTES, is_dummy, valid_pdo_id};
 
 /// PDO parameters: communication at 0x1400 and 0x1800, mapping at 0x1600 and 0x1A00.
@@ -113,7 +113,7 @@ impl PdoObject {
         let slot = objects.find((entry.index, entry.subindex))?;
         let object = objects.object(slot).ok_or(AbortCode::NO_OBJECT)?;
         let carries = if self.is_sent { object.can_be_sent() } else { object.can_be_received() };
-        if carries && object.data_type.bits() == Some(entry.bits) {
+        if carries && mapped_bits(object.data_type) == Some(entry.bits) {
             Ok(bytes)
         } else {
             Err(AbortCode::NOT_MAPPABLE)

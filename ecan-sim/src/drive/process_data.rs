@@ -108,8 +108,8 @@ impl Device {
                 continue;
             }
             self.objects.put(slot, raw);
-            if let Some(object) = self.objects.object(slot) {
-                let number = object.data_type.number(raw);
+            if let Some(object) = self.objects.object(slot).filter(|_| self.is_drive) {
+                let number = object.data_type.sign_extend(raw);
                 parameters_changed |= !self.axis.store_command(object.index, number, &mut received);
             }
         }
@@ -122,9 +122,11 @@ impl Device {
     /// Values outside the limits of an object are rejected in PDOs too.
     fn is_within_limits(&self, slot: Slot, raw: u64) -> bool {
         let Some(object) = self.objects.object(slot) else { return false };
-        let number = object.data_type.number(object.data_type.cut(raw));
+        let number = object.data_type.sign_extend(object.data_type.mask(raw));
         let (low, high) = object.limits;
-        let supported = object.index != object::MODE_OF_OPERATION || self.has_mode(number as i8);
+        let supported = !self.is_drive
+            || object.index != object::MODE_OF_OPERATION
+            || self.has_mode(number as i8);
         supported && low.is_none_or(|low| number >= low) && high.is_none_or(|high| number <= high)
     }
 }
@@ -144,8 +146,9 @@ impl Device {
         }
     }
 
-    pub(super) fn find_updated(objects: &Dictionary) -> Slots {
-        UPDATED.map(|(index, _)| objects.find((index, 0)).ok())
+    pub(super) fn find_updated(objects: &Dictionary, is_drive: bool) -> Slots {
+        let is_updated = |index| is_drive || index == object::ERROR_REGISTER;
+        UPDATED.map(|(index, _)| objects.find((index, 0)).ok().filter(|_| is_updated(index)))
     }
 }
 

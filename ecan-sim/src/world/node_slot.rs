@@ -1,5 +1,6 @@
 //! A node in the world with its controller and its queue.
 
+use ecan_canopen::DeviceFile;
 use ecan_protocol::can::CanFrame;
 
 use crate::backend_error::BackendError;
@@ -145,7 +146,8 @@ fn read_log(path: &std::path::Path) -> Result<ReplayNode, BackendError> {
 
 fn make_drive(spec: &DriveSpec) -> Result<Drive, BackendError> {
     let Some(path) = &spec.eds else { return Ok(Drive::new(&spec.config)) };
-    let text =
-        std::fs::read_to_string(path).map_err(|error| BackendError::Read(path.clone(), error))?;
-    Drive::from_eds(&spec.config, &text).map_err(|error| BackendError::Eds(path.clone(), error))
+    let bytes = std::fs::read(path).map_err(|error| BackendError::Read(path.clone(), error))?;
+    let file = DeviceFile::parse(&bytes)
+        .map_err(|faults| BackendError::DeviceFile(path.clone(), faults))?;
+    Ok(Drive::from_device_file(&spec.config, &file))
 }

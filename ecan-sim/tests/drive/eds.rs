@@ -1,9 +1,8 @@
-//! Electronic data sheets: parsed values and error messages.
+//! Nodes that are made from device files (EDS, DCF).
 
 use crate::fixture::{Fixture, MS, config};
-use ecan_canopen::{DriveState, NmtCommand, OperatingMode};
-use ecan_sim::{Drive, EdsError};
-use proptest::prelude::*;
+use ecan_canopen::{DeviceFile, DriveState, NmtCommand, NmtState, OperatingMode};
+use ecan_sim::{Drive, DriveConfig};
 
 /// A small device; the tests change it line by line.
 const SMALL: &str = "\
@@ -74,13 +73,18 @@ AccessType=rw
 DefaultValue=hello world
 ";
 
-fn read(text: &str) -> Result<Drive, EdsError> {
-    Drive::from_eds(&config(), text)
+fn read(text: &str) -> Drive {
+    read_with(&config(), text)
+}
+
+fn read_with(config: &DriveConfig, text: &str) -> Drive {
+    let file = DeviceFile::parse(text.as_bytes()).unwrap_or_else(|faults| panic!("{faults}"));
+    Drive::from_device_file(config, &file)
 }
 
 #[test]
 fn eds_values_are_parsed() {
-    let drive = read(SMALL).unwrap();
+    let drive = read(SMALL);
     let number = |index, sub| drive.object(index, sub);
     assert_eq!(number(0x1000, 0), Some(0x0002_0192));
     // without a default
@@ -105,136 +109,195 @@ fn eds_values_are_parsed() {
 }
 
 #[test]
-fn eds_accepts_crlf_any_case_and_byte_order_mark() {
-    let text = format!(
-        "\u{feff}{}",
-        SMALL.replace('\n', "\r\n").replace("AccessType=rw", "accesstype=RW")
-    );
-    let text = text.replace("[1018sub1]", "[1018SUB1]");
-    assert_eq!(read(&text).unwrap().object(0x1018, 1), Some(8));
-}
-
-/// Replaces one line and returns the error's line and text.
-fn wrong(line: &str, with: &str) -> (usize, String) {
-    let changed: Vec<_> = SMALL.lines().map(|l| if l == line { with } else { l }).collect();
-    assert!(SMALL.lines().any(|l| l == line), "{line}");
-    let error = read(&changed.join("\n")).unwrap_err();
-    (error.line, error.reason)
-}
-
-/// Line number of a text in the small device, from 1.
-fn line(text: &str) -> usize {
-    1 + SMALL.lines().position(|line| line == text).unwrap()
+fn deviations_of_file_do_not_prevent_drive() {
+    let text = SMALL
+        .replace("SubNumber=2", "SubNumber=9")
+        .replace("SupportedObjects=4", "SupportedObjects=1")
+        .replace("DefaultValue=-5", "DefaultValue=-101")
+        .replace("AccessType=rw", "AccessType=wr")
+        .replace("3=0x1018", "3=0x1019");
+    let drive = read(&text.replace('\n', "\r\n"));
+    assert_eq!(drive.object(0x1018, 1), Some(8));
+    assert_eq!(drive.object(0x2101, 3), Some(-1));
+    // outside its limits, but what the device has
+    assert_eq!(drive.object(0x2100, 0), Some(-101));
 }
 
 #[test]
-fn every_error_has_line_and_text() {
-    let cases: [(&str, &str, &str, &str); 22] = [
-        ("VendorName=none", "VendorName", "VendorName=none", "neither [section] nor key=value"),
-        ("[1000]", "[1000", "[1000]", "section name without closing bracket"),
-        ("[1001]", "[1000]", "[1001]", "section [1000] already exists at line 18"),
-        ("; a comment", "key=value", "; a comment", "entry outside any section"),
-        (
-            "AccessType=const",
-            "DATATYPE=5",
-            "AccessType=const",
-            "`DATATYPE` already exists at line 34",
-        ),
-        ("2=0x2100", "2=0x2107", "2=0x2100", "section [2107] is missing"),
-        ("2=0x2100", "2=0x1014", "[2100]", "object 2100 is in no object list"),
-        (
-            "SupportedObjects=4",
-            "SupportedObjects=5",
-            "SupportedObjects=4",
-            "[OptionalObjects] has no `5`",
-        ),
-        ("3=0x1018", "3=0x1000", "[1018]", "object 1018 is in no object list"),
-        ("; a comment", "[1019sub1]", "; a comment", "[1019sub1] belongs to no object"),
-        (
-            "SubNumber=2",
-            "SubNumber=3",
-            "SubNumber=2",
-            "object 1018 has 2 subindices; `SubNumber` is 3",
-        ),
-        ("SubNumber=2", "", "[1018]", "[1018] has no `SubNumber`"),
-        (
-            "ObjectType=9",
-            "ObjectType=5",
-            "ObjectType=9",
-            "invalid object type 5; allowed: 2 (DOMAIN), 7 (VAR), 8 (ARRAY), 9 (RECORD)",
-        ),
-        (
-            "ParameterName=Device type",
-            "DataType=0x0030",
-            "DataType=0x0007",
-            "`DataType` already exists at line 19",
-        ),
-        ("DataType=0x0003", "DataType=0x0030", "DataType=0x0003", "unknown data type 0x0030"),
-        ("DataType=0x0003", "", "[2100]", "[2100] has no `DataType`"),
-        (
-            "LowLimit=-100",
-            "LowLimit=101",
-            "LowLimit=-100",
-            "the lower limit 101 is above the upper limit 100",
-        ),
-        (
-            "DefaultValue=-5",
-            "DefaultValue=-101",
-            "DefaultValue=-5",
-            "-101 is out of range; allowed: -100 to 100",
-        ),
-        ("DefaultValue=-5", "DefaultValue=five", "DefaultValue=-5", "`five` is not a number"),
-        ("DefaultValue=010", "DefaultValue=09", "DefaultValue=010", "`09` is not a number"),
-        (
-            "DefaultValue=0xFF",
-            "DefaultValue=0x100",
-            "DefaultValue=0xFF",
-            "0x100 is out of range; allowed: -128 to 127",
-        ),
-        (
-            "DefaultValue=$NODEID+0x80",
-            "DefaultValue=$NODE+1",
-            "DefaultValue=$NODEID+0x80",
-            "`$NODE+1` is not a number",
-        ),
-    ];
-    for (old, new, at_line, expected) in cases {
-        let (at, text) = wrong(old, new);
-        assert_eq!(text, expected, "{old} -> {new}");
-        assert_eq!(at, line(at_line), "{old} -> {new}: {text}");
-    }
+fn parameter_value_counts_until_defaults_are_restored() {
+    let text = SMALL.replace("DefaultValue=-5", "DefaultValue=-5\nParameterValue=42")
+        + "[1011]\nObjectType=8\nSubNumber=2\n[1011sub0]\nDataType=5\nAccessType=ro\n\
+           DefaultValue=1\n[1011sub1]\nDataType=7\nAccessType=rw\n";
+    let mut fixture = Fixture::cold(read(&text));
+    fixture.pass_ms(50);
+    assert_eq!(fixture.read(0x2100, 0), Ok(42));
+    fixture.write(0x2100, 0, 7, 2).unwrap();
+    fixture.nmt(NmtCommand::ResetNode);
+    fixture.pass_ms(50);
+    assert_eq!(fixture.read(0x2100, 0), Ok(42));
+    // "load"
+    fixture.write(0x1011, 1, 0x6461_6F6C, 4).unwrap();
+    fixture.nmt(NmtCommand::ResetNode);
+    fixture.pass_ms(50);
+    assert_eq!(fixture.read(0x2100, 0), Ok(0xFFFB));
 }
 
 #[test]
-fn invalid_access_and_missing_mandatory_object_are_reported() {
-    let text = SMALL.replacen("AccessType=rw", "AccessType=wr", 1);
-    let error = read(&text).unwrap_err();
-    assert_eq!(
-        error.to_string(),
-        "line 45: invalid access type `wr`; allowed: const, ro, wo, rw, rwr, rww"
-    );
-    let text = SMALL.replace("SupportedObjects=3", "SupportedObjects=2").replace("[1018", "[x1018");
-    assert_eq!(read(&text).unwrap_err().reason, "mandatory object 1018 is missing");
+fn open_serial_number_is_that_of_configuration() {
+    let with_serial = |default: &str| {
+        let sub = format!("[1018sub4]\nDataType=7\nAccessType=ro\n{default}\n");
+        read_with(&DriveConfig { serial: 77, ..config() }, &(SMALL.to_owned() + &sub))
+    };
+    assert_eq!(with_serial("").object(0x1018, 4), Some(77));
+    assert_eq!(with_serial("DefaultValue=0").object(0x1018, 4), Some(77));
+    assert_eq!(with_serial("DefaultValue=5").object(0x1018, 4), Some(5));
 }
 
-proptest! {
-    #[test]
-    fn any_text_is_parsed_or_rejected(text in "(\\[?[0-9a-fA-Fsub]{0,8}\\]?|[a-zA-Z]{0,10}=[$0-9xA-F+-]{0,12})(\n.{0,30}){0,10}") {
-        let _ = read(&text);
-    }
+/// A module with eight inputs (0x6000:01) and eight outputs (0x6200:01), by CiA 401.
+const MODULE: &str = "\
+[MandatoryObjects]
+SupportedObjects=3
+1=0x1000
+2=0x1001
+3=0x1018
 
-    #[test]
-    fn file_with_one_changed_line_is_parsed_or_rejected(
-        at_line in 0..SMALL.lines().count(),
-        with in "[\\[\\]=;0-9a-zA-Z$+-]{0,20}",
-    ) {
-        let lines: Vec<_> = SMALL.lines().enumerate()
-            .map(|(number, line)| if number == at_line { with.as_str() } else { line })
-            .collect();
-        if let Err(error) = read(&lines.join("\n")) {
-            prop_assert!((1..=lines.len()).contains(&error.line));
-        }
-    }
+[1000]
+DataType=7
+AccessType=ro
+DefaultValue=0x00030191
+
+[1001]
+DataType=5
+AccessType=ro
+PDOMapping=1
+
+[1016]
+ObjectType=8
+CompactSubObj=1
+DataType=7
+AccessType=rw
+
+[1018]
+ObjectType=9
+CompactSubObj=4
+DataType=7
+AccessType=ro
+
+[1400]
+ObjectType=9
+SubNumber=3
+[1400sub0]
+DataType=5
+AccessType=ro
+DefaultValue=2
+[1400sub1]
+DataType=7
+AccessType=rw
+DefaultValue=$NODEID+0x200
+[1400sub2]
+DataType=5
+AccessType=rw
+DefaultValue=255
+
+[1600]
+ObjectType=9
+SubNumber=2
+[1600sub0]
+DataType=5
+AccessType=rw
+DefaultValue=1
+[1600sub1]
+DataType=7
+AccessType=rw
+DefaultValue=0x62000108
+
+[1800]
+ObjectType=9
+SubNumber=3
+[1800sub0]
+DataType=5
+AccessType=ro
+DefaultValue=2
+[1800sub1]
+DataType=7
+AccessType=rw
+DefaultValue=$NODEID+0x180
+[1800sub2]
+DataType=5
+AccessType=rw
+DefaultValue=255
+
+[1A00]
+ObjectType=9
+SubNumber=2
+[1A00sub0]
+DataType=5
+AccessType=rw
+DefaultValue=1
+[1A00sub1]
+DataType=7
+AccessType=rw
+DefaultValue=0x60000108
+
+[6000]
+ObjectType=8
+CompactSubObj=1
+DataType=5
+AccessType=ro
+PDOMapping=1
+
+[6200]
+ObjectType=8
+CompactSubObj=1
+DataType=5
+AccessType=rww
+PDOMapping=1
+
+[6060]
+DataType=5
+AccessType=rw
+";
+
+#[test]
+fn module_without_motor_exchanges_process_data() {
+    let mut fixture = Fixture::cold(read(MODULE));
+    assert!(!fixture.drive.is_drive());
+    fixture.pass_ms(50);
+    assert_eq!(fixture.lines(), [(0x705, vec![0])]);
+    // The number of the modes of a drive is any object here.
+    fixture.write(0x6060, 0, 99, 1).unwrap();
+    assert_eq!(fixture.nmt(NmtCommand::Start), [(0x185, vec![0])]);
+    assert_eq!(fixture.frame(0x205, &[0x5A]), []);
+    assert_eq!(fixture.read(0x6200, 1), Ok(0x5A));
+    assert!(fixture.set_object((0x6000, 1), 0x81));
+    assert_eq!(fixture.lines(), [(0x185, vec![0x81])]);
+    assert!(!fixture.set_object((0x6000, 2), 1));
+    assert!(!fixture.set_object((0x1001, 0), 1));
+    assert_eq!(fixture.read(0x1018, 4), Ok(1));
+}
+
+#[test]
+fn module_without_motor_reports_lost_host_and_runs_on() {
+    let mut fixture = Fixture::cold(read(&MODULE.replace(
+        "[1018]",
+        "[1014]\nDataType=7\nAccessType=rw\nDefaultValue=$NODEID+0x80\n[1018]",
+    )));
+    fixture.pass_ms(50);
+    // heartbeats of node 1 within 100 ms
+    fixture.write(0x1016, 1, 0x0001_0064, 4).unwrap();
+    fixture.nmt(NmtCommand::Start);
+    fixture.frame(0x701, &[5]);
+    fixture.lines();
+    fixture.pass_ms(99);
+    assert_eq!(fixture.lines(), []);
+    fixture.pass_ms(1);
+    let lines = fixture.lines();
+    assert_eq!(lines.len(), 1, "{lines:02X?}");
+    assert_eq!((lines[0].0, &lines[0].1[..2]), (0x085, &[0x30, 0x81][..]));
+    assert_eq!(fixture.drive.nmt_state(), NmtState::PreOperational);
+    fixture.nmt(NmtCommand::Start);
+    assert_eq!(fixture.frame(0x205, &[0x0F]), []);
+    assert_eq!(fixture.read(0x6200, 1), Ok(0x0F));
 }
 
 /// The EDS of a real device, if the shared data exist.
@@ -251,7 +314,7 @@ fn shared() -> Option<String> {
 #[test]
 fn drive_from_foreign_eds_moves() {
     let Some(text) = shared() else { return };
-    let mut fixture = Fixture::cold(read(&text).unwrap());
+    let mut fixture = Fixture::cold(read(&text));
     fixture.pass_ms(50);
     fixture.lines();
     assert_eq!(fixture.read(0x1000, 0), Ok(0xFFFF_0192));

@@ -84,6 +84,13 @@ impl Fixture {
         self.sent.split_off(before).into_iter().map(|(_, line)| line).collect()
     }
 
+    /// Changes an object as the process does.
+    pub fn set_object(&mut self, key: (u16, u8), value: i64) -> bool {
+        let is_set = self.drive.set_object(self.now, key, value, &mut self.out);
+        self.collect();
+        is_set
+    }
+
     /// Returns and clears the frames sent so far.
     pub fn lines(&mut self) -> Vec<Line> {
         self.sent.drain(..).map(|(_, line)| line).collect()

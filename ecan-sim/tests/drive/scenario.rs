@@ -486,17 +486,18 @@ fn missing_or_invalid_eds_is_reported() {
     let directory = std::env::temp_dir().join(format!("ecan-drive-{}", std::process::id()));
     std::fs::create_dir_all(&directory).unwrap();
     let path = directory.join("wrong.eds");
-    std::fs::write(&path, "[MandatoryObjects]\nSupportedObjects=none\n").unwrap();
+    std::fs::write(&path, "[1000]\nDataType=none\n\n[1001]\nAccessType=ro\n").unwrap();
     let mut scenario = drives(1, 1);
     for (file, text) in [
-        (path.clone(), "wrong.eds, line 2: `none` is not a number"),
+        (path.clone(), "wrong.eds, line 2: `DataType`: `none` is not a number; "),
+        (path.clone(), "; line 4: [1001] has no `DataType`; add it"),
         (directory.join("absent.eds"), "absent.eds: "),
     ] {
         let config = DriveConfig::new(id(1));
         scenario.nodes[0].kind = NodeKind::Drive(Box::new(DriveSpec { config, eds: Some(file) }));
         let error = open_scenario(scenario.clone(), &SimOptions::default()).unwrap_err();
         assert!(error.to_string().contains(text), "{error}");
-        assert!(matches!(error, BackendError::Eds(..) | BackendError::Read(..)));
+        assert!(matches!(error, BackendError::DeviceFile(..) | BackendError::Read(..)));
     }
     std::fs::remove_dir_all(&directory).unwrap();
 }
