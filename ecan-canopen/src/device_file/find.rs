@@ -80,19 +80,58 @@ impl DeviceFile {
     /// [`FindError`] with similar or matching names.
     pub fn find(&self, name: &str) -> Result<&ObjectEntry, FindError> {
         let name = name.trim();
+        match self.look_up(name) {
+            Matches::One(entry) => Ok(entry),
+            Matches::None => Err(self.not_found(name)),
+            Matches::Many(entries) => Err(FindError::Ambiguous {
+                name: name.into(),
+                labels: entries.into_iter().map(|entry| self.label(entry)).collect(),
+            }),
+            Matches::SubObjects(object) => Err(FindError::NeedsSubObject {
+                name: object.name.clone(),
+                labels: object.entries().map(|entry| self.label(entry)).collect(),
+            }),
+        }
+    }
+
+    /// Name of an entry that [`find`](Self::find) accepts: `Object` or `Object/Sub-object`, or an
+    /// index if this name is not unique.
+    #[must_use]
+    pub fn label(&self, entry: &ObjectEntry) -> String {
+        let label = self.full_name(entry);
+        match self.look_up(&label) {
+            Matches::One(found) if core::ptr::eq(found, entry) || found == entry => label,
+            _ => format!("{:#06X}:{}", entry.index, entry.subindex),
+        }
+    }
+
+    fn full_name(&self, entry: &ObjectEntry) -> String {
+        match self.object(entry.index) {
+            Some(object) if object.object_type.has_sub_objects() => {
+                format!("{}/{}", object.name, entry.name)
+            }
+            _ => entry.name.clone(),
+        }
+    }
+
+    fn look_up(&self, name: &str) -> Matches<'_> {
         if let Some((index, subindex)) = parse_key(name)
             && let Some(object) = self.object(index)
         {
-            return match subindex {
-                Some(subindex) => object.entry(subindex).ok_or_else(|| self.not_found(name)),
-                None => self.single(object),
-            };
+            match subindex {
+                None => return Matches::of_object(object),
+                Some(subindex) => {
+                    if let Some(entry) = object.entry(subindex) {
+                        return Matches::One(entry);
+                    }
+                }
+            }
         }
         let objects: Vec<_> = self.objects().filter(|object| is_same(&object.name, name)).collect();
         match objects.as_slice() {
             [] => {}
-            [object] => return self.single(object),
-            _ => return Err(self.ambiguous(name, objects.iter().flat_map(|o| o.entries()))),
+            [object] => return Matches::of_object(object),
+            _ => return Matches::Many(objects.iter().flat_map(|it| it.entries()).collect()),
         }
         let mut found: Vec<_> = self.pairs(name).collect();
         if found.is_empty() {
@@ -102,35 +141,9 @@ impl DeviceFile {
             found = self.entries().filter(|entry| is_same(&entry.denotation, name)).collect();
         }
         match found.as_slice() {
-            [] => Err(self.not_found(name)),
-            [entry] => Ok(entry),
-            _ => Err(self.ambiguous(name, found.iter().copied())),
-        }
-    }
-
-    /// Name of an entry that [`find`](Self::find) accepts: `Object` or `Object/Sub-object`; an
-    /// index if several entries share the name.
-    #[must_use]
-    pub fn label(&self, entry: &ObjectEntry) -> String {
-        let Some(object) = self.object(entry.index) else { return key_text(entry) };
-        let label = if object.object_type.has_sub_objects() {
-            format!("{}/{}", object.name, entry.name)
-        } else {
-            object.name.clone()
-        };
-        let mut same = self.objects().filter(|other| is_same(&other.name, &object.name));
-        let is_unique = same.next().is_some() && same.next().is_none();
-        let same_names = object.entries().filter(|other| is_same(&other.name, &entry.name)).count();
-        if is_unique && same_names == 1 { label } else { key_text(entry) }
-    }
-
-    fn single<'a>(&self, object: &'a DeviceObject) -> Result<&'a ObjectEntry, FindError> {
-        match object.entry(0) {
-            Some(entry) if !object.object_type.has_sub_objects() => Ok(entry),
-            _ => Err(FindError::NeedsSubObject {
-                name: object.name.clone(),
-                labels: object.entries().map(|entry| self.label(entry)).collect(),
-            }),
+            [] => Matches::None,
+            [entry] => Matches::One(entry),
+            _ => Matches::Many(found),
         }
     }
 
@@ -148,24 +161,16 @@ impl DeviceFile {
         })
     }
 
-    fn ambiguous<'a>(
-        &self,
-        name: &str,
-        entries: impl Iterator<Item = &'a ObjectEntry>,
-    ) -> FindError {
-        let labels = entries.map(|entry| self.label(entry)).collect();
-        FindError::Ambiguous { name: name.into(), labels }
-    }
-
     fn not_found(&self, name: &str) -> FindError {
         let wanted = name.to_lowercase();
         let mut similar: Vec<_> = self
             .entries()
             .filter_map(|entry| {
-                let label = self.label(entry);
-                let texts = [&*label, &*entry.name, &*entry.denotation];
+                let full_name = self.full_name(entry);
+                let texts = [&*full_name, &*entry.name, &*entry.denotation];
                 let distance = texts.iter().map(|text| distance(&wanted, text)).min()?;
-                (distance <= wanted.chars().count() / 3).then_some((distance, label))
+                let is_similar = distance <= wanted.chars().count() / 3;
+                is_similar.then(|| (distance, self.label(entry)))
             })
             .collect();
         similar.sort();
@@ -176,11 +181,27 @@ impl DeviceFile {
 }
 
 fn is_same(text: &str, name: &str) -> bool {
-    !name.is_empty() && text.to_lowercase() == name.to_lowercase()
+    if text.is_ascii() && name.is_ascii() {
+        return !name.is_empty() && text.eq_ignore_ascii_case(name);
+    }
+    text.to_lowercase() == name.to_lowercase()
 }
 
-fn key_text(entry: &ObjectEntry) -> String {
-    format!("{:#06X}:{}", entry.index, entry.subindex)
+/// Entries of a name.
+enum Matches<'a> {
+    None,
+    One(&'a ObjectEntry),
+    Many(Vec<&'a ObjectEntry>),
+    SubObjects(&'a DeviceObject),
+}
+
+impl<'a> Matches<'a> {
+    fn of_object(object: &'a DeviceObject) -> Self {
+        match object.entry(0) {
+            Some(entry) if !object.object_type.has_sub_objects() => Self::One(entry),
+            _ => Self::SubObjects(object),
+        }
+    }
 }
 
 /// Index and subindex of `0x1018`, `0x1018:1`, `0x1018/1`, `1018`, `1018:1` or `1018sub1`.

@@ -94,12 +94,18 @@ pub(super) fn read(
     text: &str,
 ) -> Result<(FileValue, Option<ValueNote>), ValueError> {
     let error = match read_plain(data_type, text) {
+        // A file cannot hold an empty value: `0x` alone is none.
+        Ok((FileValue::Fixed(DataValue::Bytes(bytes)), _)) if bytes.is_empty() => {
+            ValueError::NotBytes { text: text.into() }
+        }
         Err(error) => error,
         value => return value,
     };
     let has_numbers = !matches!(data_type.class(), ValueClass::Text);
     match without_comment(text).filter(|_| has_numbers).map(|text| read_plain(data_type, text)) {
-        Some(Ok((value, note))) => Ok((value, note.or(Some(ValueNote::CommentRemoved)))),
+        Some(Ok((value, note))) if value != FileValue::Fixed(DataValue::Bytes(Vec::new())) => {
+            Ok((value, note.or(Some(ValueNote::CommentRemoved))))
+        }
         _ => Err(error),
     }
 }
@@ -324,6 +330,9 @@ mod tests {
         let suffix = Some(ValueNote::SuffixRemoved);
         reads(DataType::Unsigned64, "0x00000010LL", DataValue::Unsigned(16), suffix);
         reads(DataType::VisibleString, "a ; b", DataValue::Text("a ; b".into()), None);
+        assert!(read(DataType::OctetString, "0x").is_err());
+        assert!(read(DataType::OctetString, "0x ; none").is_err());
+        assert!(read(DataType::OctetString, "; none").is_err());
         for text in ["256", "five", "0x", "0xL", "u", "--1", "-+1", "", "1+", "$NODEID+$NODEID"] {
             assert!(read(DataType::Unsigned8, text).is_err(), "{text}");
         }

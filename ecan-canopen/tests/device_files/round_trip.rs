@@ -42,7 +42,7 @@ fn line() -> impl Strategy<Value = String> {
     ];
     let value = prop_oneof![
         "[0-9]{1,3}",
-        "0x[0-9A-F]{1,8}",
+        "0x[0-9A-F]{0,8}",
         "-?[0-9]{1,6}",
         "(\\$NODEID|0x10)\\+(\\$NODEID|0x10)",
         "rw|ro|const|rww|wo",
