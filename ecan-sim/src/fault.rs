@@ -186,6 +186,16 @@ pub enum DriveFault {
         /// Duration, ms.
         for_ms: u32,
     },
+    /// An object gets a value, as the process of an I/O module changes an input. No effect if the
+    /// object does not exist or is updated by the drive.
+    Value {
+        /// Index.
+        index: u16,
+        /// Subindex.
+        subindex: u8,
+        /// Value; excess bits are cut off.
+        value: i64,
+    },
     /// The motor is blocked for `for_ms` milliseconds.
     Blocked {
         /// Duration, ms.

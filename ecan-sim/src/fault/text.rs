@@ -89,6 +89,9 @@ impl Display for DriveFault {
             }
             Self::PowerCycle { off_ms } => write!(f, "without supply for {off_ms} ms"),
             Self::BusOff { for_ms } => write!(f, "bus-off for {for_ms} ms"),
+            Self::Value { index, subindex, value } => {
+                write!(f, "object {index:#06X}:{subindex:02X} becomes {value}")
+            }
             Self::Blocked { for_ms } => write!(f, "motor blocked for {for_ms} ms"),
         }
     }

@@ -108,7 +108,7 @@ impl GatewaySpec {
 pub struct DriveSpec {
     /// Configuration of the drive.
     pub config: DriveConfig,
-    /// Path of its EDS; `None` is the built-in object dictionary.
+    /// Path of its device file (EDS or DCF); `None` is the built-in object dictionary.
     pub eds: Option<PathBuf>,
 }
 

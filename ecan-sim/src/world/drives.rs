@@ -51,6 +51,9 @@ impl World {
             }
             DriveFault::PowerCycle { off_ms } => drive.power_cycle(now, now + ms(off_ms)),
             DriveFault::BusOff { for_ms } => drive.bus_off(now, now + ms(for_ms), output),
+            DriveFault::Value { index, subindex, value } => {
+                drive.set_object(now, (index, subindex), value, output);
+            }
             DriveFault::Blocked { for_ms } => drive.block(now, now + ms(for_ms), output),
         }
         self.collect_output(index);

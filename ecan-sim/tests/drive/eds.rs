@@ -153,8 +153,38 @@ fn open_serial_number_is_that_of_configuration() {
     assert_eq!(with_serial("DefaultValue=5").object(0x1018, 4), Some(5));
 }
 
+/// One file, drives of different temper.
+#[test]
+fn quirks_apply_to_drive_from_file() {
+    let text = SMALL.replace("SubNumber=2", "SubNumber=9");
+    let with = |change: fn(&mut DriveConfig)| {
+        let mut config = config();
+        change(&mut config);
+        let mut fixture = Fixture::cold(read_with(&config, &text));
+        fixture.pass_ms(u64::from(config.boot_ms));
+        fixture
+    };
+    // slow boot
+    let mut fixture = Fixture::cold(read_with(&DriveConfig { boot_ms: 8000, ..config() }, &text));
+    fixture.pass_ms(7999);
+    assert_eq!(fixture.lines(), []);
+    fixture.pass_ms(1);
+    assert_eq!(fixture.lines(), [(0x705, vec![0])]);
+    // an object of the file that the device does not have
+    let mut fixture = with(|config| config.quirks.missing.push(0x2100));
+    assert_eq!(fixture.read(0x2100, 0), Err(0x0602_0000));
+    // no block transfer: upload of 0x1018:01
+    let request = [0xA4, 0x18, 0x10, 1, 0x7F, 0, 0, 0];
+    let mut fixture = with(|config| config.quirks.no_block_transfer = true);
+    assert_eq!(fixture.sdo(request)[0], 0x80);
+    let mut fixture = with(|config| config.quirks.block_upload_falls_back = true);
+    assert_eq!(fixture.sdo(request), [0x43, 0x18, 0x10, 1, 8, 0, 0, 0]);
+    let mut fixture = with(|_| {});
+    assert_eq!(fixture.sdo(request)[0] & 0xE1, 0xC0);
+}
+
 /// A module with eight inputs (0x6000:01) and eight outputs (0x6200:01), by CiA 401.
-const MODULE: &str = "\
+pub const MODULE: &str = "\
 [MandatoryObjects]
 SupportedObjects=3
 1=0x1000

@@ -502,6 +502,31 @@ fn missing_or_invalid_eds_is_reported() {
     std::fs::remove_dir_all(&directory).unwrap();
 }
 
+/// A module without motor: its input is sent when it changes.
+#[test]
+fn module_of_scenario_file_sends_changed_input() {
+    let directory = std::env::temp_dir().join(format!("ecan-module-{}", std::process::id()));
+    std::fs::create_dir_all(&directory).unwrap();
+    std::fs::write(directory.join("module.dcf"), crate::eds::MODULE).unwrap();
+    let text = "[[gateway]]\n[[node]]\nkind = \"drive\"\nbus = \"0.0\"\nname = \"module\"\n\
+                node_id = 5\ndcf = \"module.dcf\"\n";
+    let scenario = Scenario::from_toml(text, "test", &directory).unwrap();
+    let mut program = program(scenario);
+    program.cycles(100);
+    assert_eq!(exchange(&mut program, &[frame(0, &[1, 5])]), [(0x185, vec![0])]);
+    let input = DriveFault::Value { index: 0x6000, subindex: 1, value: 0x81 };
+    let fault = Fault::Drive { node: "module".to_owned(), fault: input };
+    assert_eq!(fault.to_string(), "drive \"module\": object 0x6000:01 becomes 129");
+    program.simulation().inject(fault);
+    assert_eq!(exchange(&mut program, &[]), [(0x185, vec![0x81])]);
+    let output = |program: &Program| {
+        program.simulation().with_world(|world| world.drive("module").unwrap().object(0x6200, 1))
+    };
+    assert_eq!(exchange(&mut program, &[frame(0x205, &[0x0F])]), []);
+    assert_eq!(output(&program), Some(0x0F));
+    std::fs::remove_dir_all(&directory).unwrap();
+}
+
 #[test]
 fn drive_with_own_bit_rates_runs_without_gateway() {
     let text = FILE.replace("eds = \"drive.eds\"\n", "").replace("boot_ms = 3000", "boot_ms = 30");

@@ -35,6 +35,7 @@ pub(super) struct RawNode {
     max_clients: Option<usize>,
     queue: Option<usize>,
     node_id: Option<u8>,
+    #[serde(alias = "dcf")]
     eds: Option<PathBuf>,
     serial: Option<u32>,
     boot_ms: Option<u32>,
