@@ -32,6 +32,34 @@
 //! }
 //! # }
 //! ```
+//!
+//! # Device files
+//!
+//! With the feature `device-files` (requires an allocator), a `DeviceFile` holds the contents of an EDS
+//! or a DCF (CiA 306-1): it reads them with all deviations of real files as warnings, finds entries
+//! by name, converts values between text and the bytes of an SDO, lists the downloads that configure a
+//! node, and writes the file again.
+//!
+//! ```
+//! # #[cfg(feature = "device-files")]
+//! # fn main() -> Result<(), Box<dyn std::error::Error>> {
+//! use ecan_canopen::{DeviceFile, DownloadScope, NodeId};
+//!
+//! let text = "[1017]\nParameterName=Heartbeat\nDataType=6\nAccessType=rw\nParameterValue=100\n";
+//! let file = DeviceFile::parse(text.as_bytes())?;
+//! for warning in file.warnings() {
+//!     eprintln!("{warning}");
+//! }
+//! let node = NodeId::new(5).ok_or("invalid node-ID")?;
+//! let heartbeat = file.find("heartbeat")?;
+//! assert_eq!(heartbeat.parameter_value(node).map(|value| value.to_string()), Some("100".into()));
+//! let downloads = file.downloads(node, DownloadScope::Changed)?;
+//! assert_eq!((downloads[0].index, &*downloads[0].data), (0x1017, &[100, 0][..]));
+//! # Ok(())
+//! # }
+//! # #[cfg(not(feature = "device-files"))]
+//! # fn main() {}
+//! ```
 #![cfg_attr(not(feature = "network"), no_std)]
 #![deny(missing_docs)]
 #![deny(clippy::print_stdout, clippy::print_stderr)]

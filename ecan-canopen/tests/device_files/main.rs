@@ -8,6 +8,7 @@ mod foreign;
 mod names;
 mod python;
 mod round_trip;
+mod values;
 
 use ecan_canopen::{DeviceFile, NodeId};
 
