@@ -5,6 +5,7 @@ use alloc::vec::Vec;
 use crate::{NodeId, object};
 
 use super::concise_dcf::Download;
+use super::data_type::DataType;
 use super::data_value::DataValue;
 use super::device_file::DeviceFile;
 use super::object_entry::ObjectEntry;
@@ -150,17 +151,23 @@ impl<'a> DownloadList<'a> {
         Ok(())
     }
 
-    /// The configured value of an entry as the number of a COB-ID.
+    /// The configured value of an entry as a number.
     fn number(&self, entry: &ObjectEntry) -> Option<u32> {
         entry.configured_value(self.node)?.to_integer()?.try_into().ok()
+    }
+
+    /// The configured COB-ID of an entry; `None` if its type cannot hold the bits of one.
+    fn cob_id(&self, entry: &ObjectEntry) -> Option<u32> {
+        self.number(entry).filter(|_| entry.data_type == DataType::Unsigned32)
     }
 
     /// SYNC: the device stops to produce it while its COB-ID and its period change.
     fn sync(&mut self) -> Result<(), DownloadError> {
         let Some(entry) = self.file.entry(object::SYNC_COB_ID, 0) else { return Ok(()) };
-        let number = self.number(entry).filter(|_| self.is_wanted(entry));
-        if let Some(number) = number {
-            self.push_number(entry, number & !PRODUCER)?;
+        let number = self.cob_id(entry).filter(|_| self.is_wanted(entry));
+        match number {
+            Some(number) => self.push_number(entry, number & !PRODUCER)?,
+            None => self.wanted(entry)?,
         }
         self.object(object::COMMUNICATION_CYCLE)?;
         match number {
@@ -172,9 +179,9 @@ impl<'a> DownloadList<'a> {
     /// EMCY: invalid while its COB-ID changes.
     fn emcy(&mut self) -> Result<(), DownloadError> {
         let Some(entry) = self.file.entry(object::EMCY_COB_ID, 0) else { return Ok(()) };
-        match self.number(entry).filter(|_| self.is_wanted(entry)) {
+        match self.cob_id(entry).filter(|_| self.is_wanted(entry)) {
             Some(number) => self.replace(entry, number),
-            None => Ok(()),
+            None => self.wanted(entry),
         }
     }
 
@@ -194,21 +201,19 @@ impl<'a> DownloadList<'a> {
         if !is_first {
             return Ok(());
         }
-        let (cob_ids, others): (Vec<&ObjectEntry>, Vec<_>) =
-            wanted.into_iter().partition(|entry| matches!(entry.subindex, 1 | 2));
-        for entry in &cob_ids {
-            if let Some(number) = self.number(entry) {
-                self.push_number(entry, number | INVALID)?;
+        let is_cob_id = |entry: &&ObjectEntry| matches!(entry.subindex, 1 | 2);
+        let cob_id = |entry| Some((entry, self.cob_id(entry).filter(|_| is_cob_id(&entry))?));
+        let cob_ids: Vec<_> = wanted.iter().filter_map(|entry| cob_id(*entry)).collect();
+        for (entry, number) in &cob_ids {
+            self.push_number(entry, number | INVALID)?;
+        }
+        for entry in wanted {
+            if !cob_ids.iter().any(|(other, _)| other.subindex == entry.subindex) {
+                self.wanted(entry)?;
             }
         }
-        for entry in others {
-            self.wanted(entry)?;
-        }
-        for entry in cob_ids {
-            match self.number(entry) {
-                Some(number) if number & INVALID == 0 => self.push_number(entry, number)?,
-                _ => {}
-            }
+        for (entry, number) in cob_ids.into_iter().filter(|(_, number)| number & INVALID == 0) {
+            self.push_number(entry, number)?;
         }
         Ok(())
     }
@@ -225,12 +230,12 @@ impl<'a> DownloadList<'a> {
             return Ok(());
         }
         let cob_id = self.file.entry(index, 1).filter(|entry| self.is_allowed(entry));
-        let cob_id = cob_id.and_then(|entry| Some((entry, self.number(entry)?)));
+        let cob_id = cob_id.and_then(|entry| Some((entry, self.cob_id(entry)?)));
         if let Some((entry, number)) = cob_id {
             self.push_number(entry, number | INVALID)?;
         }
         let others = self.file.object(index).into_iter().flat_map(|object| object.entries());
-        for entry in others.filter(|entry| entry.subindex != 1) {
+        for entry in others.filter(|entry| entry.subindex != 1 || cob_id.is_none()) {
             self.wanted(entry)?;
         }
         if mapping {

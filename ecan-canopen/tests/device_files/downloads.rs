@@ -1,7 +1,7 @@
 //! Downloads of a DCF, in the order of a device.
 
 use ecan_canopen::{
-    DataValue, DeviceFile, Download, DownloadScope, FileValue, decode_concise_dcf,
+    DataType, DataValue, DeviceFile, Download, DownloadScope, FileValue, decode_concise_dcf,
     encode_concise_dcf,
 };
 use proptest::prelude::*;
@@ -124,6 +124,28 @@ ParameterValue=5
             (0x1280, 3, 5),
             (0x1280, 1, 0x605),
             (0x1280, 2, 0x585),
+        ]
+    );
+}
+
+/// A file may describe a COB-ID with a type that has no bit for "invalid".
+#[test]
+fn cob_id_of_another_type_is_downloaded_once() {
+    let mut file = everything();
+    for (index, subindex) in [(0x1400, 1), (0x1014, 0), (0x1005, 0)] {
+        let entry = file.entry_mut(index, subindex).unwrap();
+        entry.data_type = DataType::Unsigned16;
+        entry.default = None;
+        entry.parameter = Some(FileValue::Fixed(DataValue::Unsigned(0x123)));
+    }
+    assert_eq!(
+        list(&file, DownloadScope::Changed),
+        [
+            (0x1005, 0, 0x123),
+            (0x1014, 0, 0x123),
+            (0x1017, 0, 100),
+            (0x1400, 1, 0x123),
+            (0x1400, 2, 1),
         ]
     );
 }
