@@ -109,7 +109,7 @@ pub enum FileProblem {
         index: u16,
     },
     /// A count is not the number of what it counts.
-    #[error("`{key}` is {announced}, but [{section}] has {found}; the latter counts")]
+    #[error("`{key}` of [{section}] is {announced}, but {found} exist; the latter counts")]
     WrongCount {
         /// Section.
         section: String,

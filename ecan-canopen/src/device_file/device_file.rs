@@ -2,6 +2,9 @@ use alloc::collections::{BTreeMap, BTreeSet};
 use alloc::string::String;
 use alloc::vec::Vec;
 
+use crate::object;
+
+use super::data_type::DataType;
 use super::data_value::DataValue;
 use super::deviation::FileDeviation;
 use super::device_module::DeviceModule;
@@ -46,6 +49,11 @@ pub struct FileSection {
     pub name: String,
     /// Keys and values.
     pub entries: Vec<(String, String)>,
+}
+
+/// Returns whether writing an object executes a command instead of setting a parameter.
+pub(super) const fn is_command(index: u16) -> bool {
+    matches!(index, object::ERROR_HISTORY | object::STORE_PARAMETERS | object::RESTORE_PARAMETERS)
 }
 
 impl PartialEq for DeviceFile {
@@ -128,6 +136,37 @@ impl DeviceFile {
     #[must_use]
     pub fn entry_mut(&mut self, index: u16, subindex: u8) -> Option<&mut ObjectEntry> {
         self.object_mut(index)?.entry_mut(subindex)
+    }
+
+    /// A DCF for a node: this file without any `ParameterValue`, with the commissioning and the name
+    /// of this file as `LastEDS`. [`set_parameter`](Self::set_parameter) adds what the node
+    /// returns for the [`parameters`](Self::parameters).
+    #[must_use]
+    pub fn to_dcf(&self, commissioning: Commissioning) -> Self {
+        let mut dcf = self.clone();
+        dcf.commissioning = Some(commissioning);
+        if !self.is_dcf() {
+            dcf.file_info.last_eds.clone_from(&self.file_info.file_name);
+        }
+        for object in dcf.objects.values_mut() {
+            object.entries.values_mut().for_each(|entry| entry.parameter = None);
+        }
+        dcf
+    }
+
+    /// The entries whose values make up the configuration of a node, in the order of index and
+    /// subindex: readable and writable, neither a DOMAIN nor excluded from scans (`ObjFlags`),
+    /// without 0x1003, 0x1010 and 0x1011.
+    pub fn parameters(&self) -> impl Iterator<Item = &ObjectEntry> {
+        self.objects.values().filter(|object| !is_command(object.index)).flat_map(|object| {
+            object.entries().filter(|entry| {
+                entry.access.is_readable()
+                    && entry.access.is_writable()
+                    && entry.data_type != DataType::Domain
+                    && !entry.flags.refuses_read_on_scan()
+                    && !object.flags.refuses_read_on_scan()
+            })
+        })
     }
 
     /// Sets `ParameterValue` from the bytes that a node returned in an SDO.

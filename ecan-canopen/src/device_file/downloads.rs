@@ -7,7 +7,7 @@ use crate::{NodeId, object};
 use super::concise_dcf::Download;
 use super::data_type::DataType;
 use super::data_value::DataValue;
-use super::device_file::DeviceFile;
+use super::device_file::{DeviceFile, is_command};
 use super::object_entry::ObjectEntry;
 use super::value_error::ValueError;
 
@@ -106,12 +106,8 @@ impl<'a> DownloadList<'a> {
     /// Returns whether a download may write an entry at all.
     fn is_allowed(&self, entry: &ObjectEntry) -> bool {
         let object = self.file.object(entry.index);
-        let is_command = matches!(
-            entry.index,
-            object::ERROR_HISTORY | object::STORE_PARAMETERS | object::RESTORE_PARAMETERS
-        );
         entry.access.is_writable()
-            && !is_command
+            && !is_command(entry.index)
             && !entry.flags.refuses_write_on_download()
             && object.is_none_or(|object| !object.flags.refuses_write_on_download())
     }

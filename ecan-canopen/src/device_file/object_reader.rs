@@ -342,10 +342,20 @@ pub(super) fn numbered_lines(
     count_key: &'static str,
     reader: &mut EntryReader,
 ) -> Vec<(u16, Line)> {
-    let count = section.take(count_key);
     let mut lines = section.take_numbered("");
-    let found = lines.len();
-    if let Some(line) = count {
+    check_count(section, count_key, lines.len(), reader);
+    lines.retain(|(_, line)| !line.value.is_empty());
+    lines
+}
+
+/// Compares a count with the number of what it counts.
+pub(super) fn check_count(
+    section: &mut Section,
+    count_key: &'static str,
+    found: usize,
+    reader: &mut EntryReader,
+) {
+    if let Some(line) = section.take(count_key) {
         match value_text::number(&line.value) {
             Some(announced) if usize::try_from(announced) == Ok(found) => {}
             Some(announced) => {
@@ -361,8 +371,6 @@ pub(super) fn numbered_lines(
             }
         }
     }
-    lines.retain(|(_, line)| !line.value.is_empty());
-    lines
 }
 
 /// The index that a line of a list gives.

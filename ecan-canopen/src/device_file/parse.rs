@@ -12,7 +12,7 @@ use super::entry_reader::{EntryPlace, EntryReader};
 use super::file_sections::{Commissioning, DeviceInfo, FileInfo, ModuleInfo, Tool};
 use super::ini::{Document, Section};
 use super::object_list::{LISTS, MANDATORY};
-use super::object_reader::{ObjectSections, index_of, numbered_lines, read_object};
+use super::object_reader::{ObjectSections, check_count, index_of, numbered_lines, read_object};
 use super::object_type::ObjectType;
 use super::section_fields::bounded;
 use super::section_name::{Owner, Part, SectionName};
@@ -75,8 +75,8 @@ impl FileReader {
         file.dummy_usage = self.dummy_usage(document.take("DummyUsage"));
         let lists = LISTS.map(|list| document.take(list));
         // Their contents follow from the sections that they announce.
-        document.take("Tools");
-        document.take("SupportedModules");
+        let tools = document.take("Tools");
+        let supported_modules = document.take("SupportedModules");
         if let Some(mut section) = document.take("ConnectedModules") {
             let lines = numbered_lines(&mut section, "NrOfEntries", &mut self.reader);
             let modules = lines.iter().filter_map(|(_, line)| index_of(line, &mut self.reader));
@@ -107,6 +107,12 @@ impl FileReader {
         }
         self.check_lists(lists, &lines);
         self.read_extensions();
+        if let Some(mut section) = supported_modules {
+            check_count(&mut section, "NrOfEntries", self.modules.len(), &mut self.reader);
+        }
+        if let Some(mut section) = tools {
+            check_count(&mut section, "Items", self.tools.len(), &mut self.reader);
+        }
         file.modules = core::mem::take(&mut self.modules);
         let tools = core::mem::take(&mut self.tools).into_values();
         file.tools = tools.map(|section| Tool::read(section, &mut self.reader.report)).collect();
@@ -141,8 +147,9 @@ impl FileReader {
 
     fn comments(&mut self, section: Option<Section>) -> Vec<String> {
         let Some(mut section) = section else { return Vec::new() };
-        section.take("Lines");
-        section.take_numbered("Line").into_iter().map(|(_, line)| line.value).collect()
+        let lines = section.take_numbered("Line");
+        check_count(&mut section, "Lines", lines.len(), &mut self.reader);
+        lines.into_iter().map(|(_, line)| line.value).collect()
     }
 
     fn dummy_usage(&mut self, section: Option<Section>) -> BTreeSet<u16> {
@@ -189,6 +196,8 @@ impl FileReader {
                 None
             }
             SectionName::ModuleList(module) => {
+                let mut section = section;
+                numbered_lines(&mut section, "NrOfEntries", &mut self.reader);
                 self.module(module);
                 None
             }

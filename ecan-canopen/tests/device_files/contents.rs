@@ -1,6 +1,6 @@
 //! A file that uses everything is read completely.
 
-use ecan_canopen::{AccessType, DataType, DataValue, DeviceFile, ObjectType};
+use ecan_canopen::{AccessType, Commissioning, DataType, DataValue, DeviceFile, ObjectType};
 
 use crate::{everything, node};
 
@@ -142,4 +142,25 @@ fn same_file_is_equal_whatever_its_warnings() {
     let file = DeviceFile::parse(text.as_bytes()).unwrap();
     assert_eq!(file.warnings().len(), 1);
     assert_eq!(file, everything());
+}
+
+#[test]
+fn dcf_is_made_from_eds_and_values() {
+    let mut eds = everything();
+    eds.commissioning = None;
+    let commissioning = Commissioning { node_id: Some(node(9)), ..Commissioning::default() };
+    let mut dcf = eds.to_dcf(commissioning);
+    assert!(dcf.is_dcf() && dcf.entries().all(|entry| entry.parameter.is_none()));
+    assert_eq!(dcf.file_info.last_eds, "everything.dcf");
+    // What a node returns is written, and only that.
+    let parameters: Vec<_> = eds.parameters().map(|entry| (entry.index, entry.subindex)).collect();
+    assert!(parameters.contains(&(0x1017, 0)) && parameters.contains(&(0x2014, 2)));
+    for excluded in [(0x1000, 0), (0x1018, 1), (0x1021, 0), (0x1F22, 1), (0x2014, 1)] {
+        assert!(!parameters.contains(&excluded), "{excluded:04X?}");
+    }
+    dcf.set_parameter(0x1017, 0, &[0xE8, 0x03]).unwrap();
+    let text = dcf.write();
+    assert_eq!(text.matches("ParameterValue=").count(), 1);
+    assert!(text.contains("ParameterValue=0x03E8\n"), "{text}");
+    assert!(text.contains("[DeviceComissioning]\nNodeID=9\n"));
 }

@@ -148,7 +148,7 @@ fn every_deviation_is_a_warning_with_its_line() {
             "SupportedObjects=4",
             "SupportedObjects=5",
             "SupportedObjects=4",
-            "`SupportedObjects` is 5, but [OptionalObjects] has 4; the latter counts",
+            "`SupportedObjects` of [OptionalObjects] is 5, but 4 exist; the latter counts",
         ),
         (
             "[MandatoryObjects]",
@@ -464,4 +464,33 @@ fn commissioning_has_two_spellings() {
         file.warnings()[0].problem.to_string(),
         "`NodeID`: 0 is out of range for UNSIGNED8; allowed: 1 to 127; ignored"
     );
+}
+
+/// Files of editors count comment lines that they do not write.
+#[test]
+fn wrong_counts_of_other_sections_are_warnings() {
+    let cases = [
+        ("[Comments]\nLines=3\nLine1=a\n", "`Lines` of [Comments] is 3, but 1 exist"),
+        ("[Tools]\nItems=2\n[Tool1]\nName=a\n", "`Items` of [Tools] is 2, but 1 exist"),
+        (
+            "[SupportedModules]\nNrOfEntries=2\n[M1ModuleInfo]\nProductName=a\n",
+            "`NrOfEntries` of [SupportedModules] is 2, but 1 exist",
+        ),
+        (
+            "[M1FixedObjects]\nNrOfEntries=0\n1=0x6000\n[M1Fixed6000]\nDataType=5\n\
+             AccessType=ro\nParameterName=a\n",
+            "`NrOfEntries` of [M1FixedObjects] is 0, but 1 exist",
+        ),
+        ("[1018Name]\nNrOfEntries=x\n", ""),
+        ("[2101Name]\nNrOfEntries=x\n1=a\n", "`NrOfEntries`: `x` is not a number; "),
+    ];
+    for (text, warning) in cases {
+        let file = read(&(SMALL.to_owned() + text));
+        let warnings: Vec<_> = file.warnings().iter().map(|it| it.problem.to_string()).collect();
+        match warning {
+            "" => assert_eq!(warnings.len(), 0, "{text}"),
+            _ => assert!(warnings.len() == 1 && warnings[0].starts_with(warning), "{warnings:?}"),
+        }
+        assert_eq!(read(&file.write()), file);
+    }
 }
