@@ -27,5 +27,8 @@ mkdir -p "target/fuzz/corpus/$target" "target/fuzz/findings"
 # What a target begins with, where it would not find the grammar by itself.
 seeds=()
 if [[ -d fuzz/seeds/$target ]]; then seeds=("fuzz/seeds/$target"); fi
+# Words of the grammar.
+words=()
+if [[ -f fuzz/words/$target.dict ]]; then words=("-dict=fuzz/words/$target.dict"); fi
 exec "target/fuzz/$host/release/$target" "-max_total_time=$seconds" -max_len=8192 \
-    -artifact_prefix=target/fuzz/findings/ "$@" "target/fuzz/corpus/$target" "${seeds[@]}"
+    -artifact_prefix=target/fuzz/findings/ "${words[@]}" "$@" "target/fuzz/corpus/$target" "${seeds[@]}"
