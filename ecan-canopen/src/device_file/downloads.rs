@@ -2,7 +2,7 @@
 
 use alloc::vec::Vec;
 
-use crate::{NodeId, object};
+use crate::{CobId, NodeId, object};
 
 use super::concise_dcf::Download;
 use super::data_type::DataType;
@@ -48,7 +48,8 @@ impl DeviceFile {
     ///
     /// Communication parameters come first, then the objects of the application, then the PDOs, each
     /// of which is disabled while it changes (CiA 301, 7.5.2.36): COB-ID invalid, communication,
-    /// number of entries 0, mapping, number of entries, COB-ID. SDO, EMCY and SYNC are disabled
+    /// number of entries 0, mapping, number of entries, COB-ID. If the file states no COB-ID for one of
+    /// the first four PDOs, that of the predefined connection set counts. SDO, EMCY and SYNC are disabled
     /// likewise while their COB-ID changes. 0x1020 comes last.
     ///
     /// Left out are objects that are not writable or refuse downloads (`ObjFlags`), and 0x1003,
@@ -226,7 +227,10 @@ impl<'a> DownloadList<'a> {
             return Ok(());
         }
         let cob_id = self.file.entry(index, 1).filter(|entry| self.is_allowed(entry));
-        let cob_id = cob_id.and_then(|entry| Some((entry, self.cob_id(entry)?)));
+        let cob_id = cob_id.and_then(|entry| {
+            let number = self.cob_id(entry).or_else(|| self.predefined(entry))?;
+            Some((entry, number))
+        });
         if let Some((entry, number)) = cob_id {
             self.push_number(entry, number | INVALID)?;
         }
@@ -241,6 +245,19 @@ impl<'a> DownloadList<'a> {
             Some((entry, number)) if number & INVALID == 0 => self.push_number(entry, number),
             _ => Ok(()),
         }
+    }
+
+    /// COB-ID of the predefined connection set, for a PDO of a file that states none.
+    fn predefined(&self, entry: &ObjectEntry) -> Option<u32> {
+        let is_open =
+            entry.data_type == DataType::Unsigned32 && entry.configured_value(self.node).is_none();
+        let is_sent = entry.index >= object::TPDO_COMMUNICATION;
+        let number = (entry.index & (PDOS - 1)) as u8 + 1;
+        if !is_open || entry.index & (PDOS - 1) > 3 {
+            return None;
+        }
+        let cob_id = if is_sent { CobId::tpdo } else { CobId::rpdo };
+        Some(cob_id(self.node, number).raw().into())
     }
 
     /// All mapped objects of a PDO; none if its mapping is fixed.

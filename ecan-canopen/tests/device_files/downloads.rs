@@ -48,6 +48,18 @@ fn changed_pdo_is_disabled_while_it_changes() {
     );
 }
 
+/// The EDS of a simple device leaves the COB-IDs open.
+#[test]
+fn pdo_without_cob_id_has_that_of_predefined_set() {
+    let mut file = everything();
+    let cob_id = file.entry_mut(0x1400, 1).unwrap();
+    (cob_id.default, cob_id.parameter) = (None, None);
+    assert_eq!(
+        list(&file, DownloadScope::Changed),
+        [(0x1017, 0, 100), (0x1400, 1, 0x8000_0205), (0x1400, 2, 1), (0x1400, 1, 0x205)]
+    );
+}
+
 #[test]
 fn disabled_pdo_stays_disabled() {
     let mut file = everything();
