@@ -51,7 +51,8 @@ impl PdoObject {
         if state == NmtState::Operational {
             return Err(AbortCode::DEVICE_STATE);
         }
-        if quirks.rejects_mapping_while_valid && self.valid_id(objects).is_some() {
+        let must_be_invalid = quirks.rejects_mapping_while_valid && self.can_be_invalid(objects);
+        if must_be_invalid && self.valid_id(objects).is_some() {
             return Err(AbortCode::UNSUPPORTED_ACCESS);
         }
         if subindex == 0 {
@@ -64,6 +65,13 @@ impl PdoObject {
             self.check_entry(objects, MappingEntry::from_raw(value))?;
         }
         Ok(())
+    }
+
+    /// Returns whether a client can write the COB-ID. Some devices have a constant one.
+    fn can_be_invalid(self, objects: &Dictionary) -> bool {
+        let slot = objects.find((self.communication(), 1)).ok();
+        let object = slot.and_then(|slot| objects.object(slot));
+        object.is_none_or(|object| object.access.is_writable())
     }
 
     fn valid_id(self, objects: &Dictionary) -> Option<CanId> {

@@ -1,7 +1,10 @@
 //! Nodes that are made from device files (EDS, DCF).
 
-use crate::fixture::{Fixture, MS, config};
-use ecan_canopen::{DeviceFile, DriveState, NmtCommand, NmtState, OperatingMode};
+use crate::fixture::{Fixture, MS, NODE, config};
+use ecan_canopen::{
+    Commissioning, DeviceFile, Download, DownloadScope, DriveState, NmtCommand, NmtState, NodeId,
+    OperatingMode,
+};
 use ecan_sim::{Drive, DriveConfig};
 
 /// A small device; the tests change it line by line.
@@ -328,6 +331,113 @@ fn module_without_motor_reports_lost_host_and_runs_on() {
     fixture.nmt(NmtCommand::Start);
     assert_eq!(fixture.frame(0x205, &[0x0F]), []);
     assert_eq!(fixture.read(0x6200, 1), Ok(0x0F));
+}
+
+/// Downloads a configuration to a node that has only the defaults of the file; returns the number
+/// of downloads, and those that the node aborts with their codes.
+fn configure(file: &DeviceFile) -> (usize, Vec<(u16, u8, u32)>) {
+    let node = NodeId::new(NODE as u8).unwrap();
+    let defaults = file.to_dcf(Commissioning::default());
+    let mut fixture = Fixture::cold(Drive::from_device_file(&config(), &defaults));
+    fixture.pass_ms(50);
+    let mut downloads = file.downloads(node, DownloadScope::Changed).unwrap();
+    // The fixture has expedited transfers only.
+    downloads.retain(|download| (1..=4).contains(&download.data.len()));
+    let mut aborts = Vec::new();
+    for Download { index, subindex, data } in &downloads {
+        let value = data.iter().rev().fold(0, |value, byte| value << 8 | i64::from(*byte));
+        if let Err(code) = fixture.write(*index, *subindex, value, data.len() as u8) {
+            aborts.push((*index, *subindex, code));
+        }
+    }
+    let mut configured = Fixture::cold(Drive::from_device_file(&config(), file));
+    configured.pass_ms(50);
+    // Where nothing was aborted, the node has what a node with this file has.
+    for Download { index, subindex, .. } in downloads.iter().filter(|_| aborts.is_empty()) {
+        let value = fixture.read(*index, *subindex);
+        assert_eq!(value, configured.read(*index, *subindex), "{index:04X}:{subindex}");
+    }
+    (downloads.len(), aborts)
+}
+
+/// The node checks the order: a mapping changes only while the PDO is invalid and has no entries.
+#[test]
+fn node_accepts_downloads_of_dcf() {
+    let text = MODULE
+        .replace(
+            "DefaultValue=$NODEID+0x180\n",
+            "DefaultValue=$NODEID+0x180\nParameterValue=$NODEID+0x280\n",
+        )
+        .replace("DefaultValue=255\n", "DefaultValue=255\nParameterValue=1\n")
+        .replace("DefaultValue=0x60000108", "DefaultValue=0\nParameterValue=0x10010008")
+        .replace("[6060]", "[1600sub2]\nDataType=7\nAccessType=rw\n[6060]")
+        .replace(
+            "[6060]\nDataType=5\nAccessType=rw",
+            "[6060]\nDataType=5\nAccessType=rw\nParameterValue=3",
+        );
+    let file = DeviceFile::parse(text.as_bytes()).unwrap();
+    assert_eq!(configure(&file), (10, vec![]));
+    // In the order of the indices the node aborts: the COB-ID of a valid PDO cannot change.
+    let mut fixture = Fixture::cold(read(MODULE));
+    fixture.pass_ms(50);
+    assert_eq!(fixture.write(0x1800, 1, 0x285, 4), Err(0x0601_0000));
+    assert_eq!(fixture.write(0x1A00, 1, 0x1001_0008, 4), Err(0x0601_0000));
+}
+
+/// A device whose COB-IDs are constant cannot demand that they are invalid.
+#[test]
+fn mapping_of_constant_cob_id_changes_while_valid() {
+    let text = MODULE
+        .replacen(
+            "DataType=7\nAccessType=rw\nDefaultValue=$",
+            "DataType=7\nAccessType=ro\nDefaultValue=$",
+            2,
+        )
+        .replace("DefaultValue=0x60000108", "DefaultValue=0x60000108\nParameterValue=0x10010008");
+    let file = DeviceFile::parse(text.as_bytes()).unwrap();
+    assert_eq!(configure(&file), (3, vec![]));
+}
+
+/// Device files of other makers, in the directory that `ECAN_DEVICE_FILES` names.
+#[test]
+fn nodes_from_foreign_files_boot_and_answer() {
+    let Some(directory) = std::env::var_os("ECAN_DEVICE_FILES").filter(|it| !it.is_empty()) else {
+        eprintln!("skipped: ECAN_DEVICE_FILES names no directory with device files");
+        return;
+    };
+    for entry in std::fs::read_dir(directory).unwrap() {
+        let path = entry.unwrap().path();
+        let Ok(file) = DeviceFile::parse(&std::fs::read(&path).unwrap()) else { continue };
+        let mut fixture = Fixture::cold(Drive::from_device_file(&config(), &file));
+        fixture.pass_ms(50);
+        assert_eq!(fixture.lines()[..1], [(0x705, vec![0])], "{}", path.display());
+        let node = NodeId::new(NODE as u8).unwrap();
+        let mut uploads = 0;
+        for entry in file.parameters().filter(|it| it.data_type.is_integer()) {
+            let Some(value) = entry.configured_value(node).filter(|_| entry.index >= 0x1000) else {
+                continue;
+            };
+            let Some(expected) = value.to_integer().filter(|_| entry.data_type.size() <= Some(4))
+            else {
+                continue;
+            };
+            // Some motion parameters must not be 0.
+            if expected == 0 && entry.index >= 0x6000 {
+                continue;
+            }
+            let found = fixture.read(entry.index, entry.subindex).unwrap();
+            let mask = |number: i128| entry.data_type.mask(number as u64);
+            let context = format!("{}: {:04X}:{}", path.display(), entry.index, entry.subindex);
+            assert_eq!(mask(found.into()), mask(expected), "{context}");
+            uploads += 1;
+        }
+        let (downloads, aborts) = configure(&file);
+        println!(
+            "{}: drive: {}, {uploads} values, {downloads} downloads, aborted: {aborts:04X?}",
+            path.display(),
+            fixture.drive.is_drive()
+        );
+    }
 }
 
 /// The EDS of a real device, if the shared data exist.
