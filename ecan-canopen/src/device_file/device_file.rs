@@ -2,7 +2,7 @@ use alloc::collections::{BTreeMap, BTreeSet};
 use alloc::string::String;
 use alloc::vec::Vec;
 
-use crate::object;
+use crate::{NodeId, object};
 
 use super::data_type::DataType;
 use super::data_value::DataValue;
@@ -97,6 +97,12 @@ impl DeviceFile {
     #[must_use]
     pub const fn is_dcf(&self) -> bool {
         self.commissioning.is_some()
+    }
+
+    /// The node-ID of the commissioning.
+    #[must_use]
+    pub fn node_id(&self) -> Option<NodeId> {
+        self.commissioning.as_ref()?.node_id
     }
 
     /// The objects in the order of their indices.

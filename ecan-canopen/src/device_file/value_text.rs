@@ -126,6 +126,9 @@ fn read_plain(
             fixed(value)
         }
         ValueClass::Time => {
+            if let Some(value) = time(text) {
+                return Ok(fixed(value));
+            }
             let not_a_number = || ValueError::NotANumber { text: text.into() };
             let raw = literal(text).ok_or_else(not_a_number)?.value;
             let high = (1 << 48) - 1;
@@ -171,6 +174,25 @@ fn integer(data_type: DataType, text: &str) -> Result<(FileValue, Option<ValueNo
     };
     let value = data_type.integer(value).ok_or_else(not_a_number)?;
     Ok((FileValue::Fixed(value), note))
+}
+
+/// Reads a time as it is displayed: `3 d 04:05:06.789`.
+fn time(text: &str) -> Option<DataValue> {
+    let (days, clock) = text.split_once(" d ")?;
+    let (clock, thousandths) = clock.split_once('.')?;
+    let number = |digits: &str, length: usize, limit: u32| -> Option<u32> {
+        let is_number = digits.len() == length && digits.bytes().all(|it| it.is_ascii_digit());
+        is_number.then(|| digits.parse().ok()).flatten().filter(|number| *number < limit)
+    };
+    let mut parts = clock.splitn(3, ':');
+    let mut part = |limit| number(parts.next()?, 2, limit);
+    // 28 bits of milliseconds are 74 hours.
+    let (hours, minutes, seconds) = (part(75)?, part(60)?, part(60)?);
+    let thousandths = number(thousandths, 3, 1000)?;
+    let milliseconds = ((hours * 60 + minutes) * 60 + seconds) * 1000 + thousandths;
+    let is_time = milliseconds <= TIME_MASK;
+    let days = days.parse().ok().filter(|_| is_time)?;
+    Some(DataValue::Time { days, milliseconds })
 }
 
 fn boolean_word(text: &str) -> Option<bool> {
@@ -276,7 +298,7 @@ impl DataType {
     /// Integers are decimal, hexadecimal (`0x`, also the bits of a negative number) or octal (a
     /// leading `0`); a BOOLEAN may also be `true` or `false`; reals are decimal or their bits in
     /// hexadecimal; OCTET_STRING, DOMAIN and types that CiA 301 does not define are pairs of
-    /// hexadecimal digits; times are their 48 bits as a number.
+    /// hexadecimal digits; times have the form `3 d 04:05:06.789` or are their 48 bits as a number.
     ///
     /// # Errors
     /// [`ValueError`] with the text and what is allowed.
@@ -361,6 +383,11 @@ mod tests {
 
     #[test]
     fn text_of_a_person_is_read_strictly() {
+        let time = DataValue::Time { days: 3, milliseconds: 14_706_789 };
+        assert_eq!(DataType::TimeOfDay.parse("3 d 04:05:06.789"), Ok(time));
+        for text in ["3 d 04:05", "3 d 04:65:06.789", "3 d 4:05:06.789", "x d 04:05:06.789"] {
+            assert!(DataType::TimeOfDay.parse(text).is_err(), "{text}");
+        }
         assert_eq!(DataType::Boolean.parse("true"), Ok(DataValue::Boolean(true)));
         assert_eq!(DataType::Integer16.parse(" -3 "), Ok(DataValue::Signed(-3)));
         assert!(DataType::Unsigned32.parse("-1").is_err());

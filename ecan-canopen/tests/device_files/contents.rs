@@ -24,7 +24,7 @@ fn device_and_commissioning_are_read() {
     assert_eq!((info.granularity, info.lss_supported), (Some(8), Some(true)));
     assert_eq!((info.receive_pdos, info.transmit_pdos), (Some(1), Some(1)));
     let commissioning = file.commissioning.as_ref().unwrap();
-    assert_eq!(commissioning.node_id, Some(node(16)));
+    assert_eq!(file.node_id(), Some(node(16)));
     assert_eq!(commissioning.bit_rate_kbit, Some(500));
     assert_eq!(commissioning.node_name, "left wheel");
     assert_eq!(commissioning.lss_serial_number, Some(0xABCD));
