@@ -19,13 +19,14 @@ const NODE: u8 = 17;
 /// Data type, access, default and value of an entry, as Python shows them.
 type Row = (u16, String, String, String);
 
-/// What Python reads from a text; its last words if it rejects it.
-fn load(python: &Path, text: &str) -> Result<BTreeMap<(u16, u8), Row>, String> {
+/// Output of the script for a text; its last words if it rejects the text.
+fn run(python: &Path, text: &str, options: &[&str]) -> Result<String, String> {
     let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/python/device_file.py");
     let mut child = Command::new(python)
         .arg("-B")
         .arg(script)
         .arg(format!("--node={NODE}"))
+        .args(options)
         .stdin(Stdio::piped())
         .stdout(Stdio::piped())
         .stderr(Stdio::piped())
@@ -42,7 +43,12 @@ fn load(python: &Path, text: &str) -> Result<BTreeMap<(u16, u8), Row>, String> {
         let words = String::from_utf8_lossy(&output.stderr);
         return Err(words.lines().last().unwrap_or_default().to_owned());
     }
-    let output = String::from_utf8(output.stdout).expect("UTF-8");
+    Ok(String::from_utf8(output.stdout).expect("UTF-8"))
+}
+
+/// Entries that Python reads from a text.
+fn load(python: &Path, text: &str) -> Result<BTreeMap<(u16, u8), Row>, String> {
+    let output = run(python, text, &[])?;
     let row = |line: &str| {
         let columns: Vec<_> = line.split('\t').collect();
         let [index, subindex, data_type, access, default, value] = columns[..] else {
@@ -166,6 +172,34 @@ fn python_reads_values_of_node() {
     assert_eq!(value(0x2010), "dead");
     assert_eq!(value(0x200D), "2.5");
     compare(&python, &file, &file.write(), "everything.dcf with values").unwrap();
+}
+
+/// In the other direction: the DCF that Python writes.
+#[test]
+fn dcf_of_python_is_read() {
+    let Some(python) = python() else { return };
+    let file = everything();
+    let text = run(&python, &file.write(), &["--export"]).unwrap();
+    let again = DeviceFile::parse(text.as_bytes()).unwrap_or_else(|faults| panic!("{faults}"));
+    assert_eq!(again.node_id(), Some(node(NODE)));
+    assert_eq!(again.device_info.vendor_number, file.device_info.vendor_number);
+    assert_eq!(again.device_info.bit_rates, file.device_info.bit_rates);
+    assert_eq!(again.comments, file.comments);
+    let mut compared = 0;
+    for object in file.objects().filter(|object| !object.is_compact) {
+        for entry in object.entries() {
+            let other = again.entry(entry.index, entry.subindex).expect("an entry");
+            let key = (entry.index, entry.subindex);
+            assert_eq!(other.name, entry.name, "{key:04X?}");
+            assert_eq!(other.data_type, entry.data_type, "{key:04X?}");
+            assert_eq!(other.access, entry.access, "{key:04X?}");
+            assert_eq!(other.pdo_mapping, entry.pdo_mapping, "{key:04X?}");
+            assert_eq!(other.default, entry.default, "{key:04X?}");
+            assert_eq!(other.parameter, entry.parameter, "{key:04X?}");
+            compared += 1;
+        }
+    }
+    assert!(compared > 35, "{compared}");
 }
 
 #[test]

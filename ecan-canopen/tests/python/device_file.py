@@ -1,6 +1,6 @@
 """Loads a device file with the package canopen and prints its values, one entry a line:
 index, subindex, data type, access, default, value, separated by tabs. Bytes are hexadecimal digits;
-`-` is no value."""
+`-` is no value. With --export it prints the DCF that the package writes instead."""
 
 import argparse
 import io
@@ -11,11 +11,16 @@ from canopen.objectdictionary import ODVariable
 
 parser = argparse.ArgumentParser()
 parser.add_argument("--node", type=int, required=True)
+parser.add_argument("--export", action="store_true")
 arguments = parser.parse_args()
 
 source = io.StringIO(sys.stdin.read())
 source.name = "device.dcf"
 dictionary = canopen.import_od(source, arguments.node)
+
+if arguments.export:
+    canopen.export_od(dictionary, sys.stdout, "dcf")
+    sys.exit()
 
 
 def text(value):
