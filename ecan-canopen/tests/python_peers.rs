@@ -9,8 +9,8 @@ mod python_peer;
 use std::time::Duration;
 
 use ecan_canopen::{
-    Heartbeat, Network, NetworkConfig, NmtCommand, NmtState, NodeAddress, NodeConfig, NodeHandle,
-    NodeId, Sdo, SdoConfig, SdoFault, run_cycle_until,
+    Commissioning, DeviceFile, Heartbeat, Network, NetworkConfig, NmtCommand, NmtState,
+    NodeAddress, NodeConfig, NodeHandle, NodeId, Sdo, SdoConfig, SdoFault, run_cycle_until,
 };
 use ecan_host::AdapterConfig;
 use ecan_mcan_port::{ChannelConfig, GatewayConfig, Port, PortConfig};
@@ -243,4 +243,62 @@ fn python_402_master_drives_the_simulated_drive() {
     assert_eq!(peer.wait_line(), "passed");
     assert_eq!(bridge.statistics().dropped_to_bus, 0);
     assert_eq!(bridge.statistics().dropped_to_clients, 0);
+}
+
+/// The package configures a drive that is made from the same file, of which it reads the DCF that is
+/// written here; the drive then has the values of the DCF.
+#[test]
+fn python_configures_the_simulated_drive_by_dcf() {
+    let Some(python) = python() else { return };
+    let text = include_bytes!("device_files/data/servo.dcf");
+    let file = DeviceFile::parse(text).unwrap();
+    assert_eq!(file.warnings(), []);
+    let drive = file.node_id().unwrap();
+    let directory = std::env::temp_dir().join(format!("ecan-dcf-{}", std::process::id()));
+    std::fs::create_dir_all(&directory).unwrap();
+    let (eds, dcf) = (directory.join("servo.eds"), directory.join("servo.dcf"));
+    let mut defaults = file.to_dcf(Commissioning::default());
+    defaults.commissioning = None;
+    std::fs::write(&eds, defaults.write()).unwrap();
+    std::fs::write(&dcf, file.write()).unwrap();
+
+    let node = |name: &str, kind| NodeSpec {
+        name: name.to_owned(),
+        bus: "0.0".to_owned(),
+        kind,
+        bitrate: Some(500_000),
+        data_bitrate: None,
+        physical_layer: None,
+    };
+    let settings = DriveSpec { config: DriveConfig::new(drive), eds: Some(eds) };
+    let scenario = Scenario {
+        gateways: vec![GatewaySpec::at(0)],
+        nodes: vec![
+            node("drive", NodeKind::Drive(Box::new(settings))),
+            node("bridge", NodeKind::Bridge(BridgeSpec::default())),
+        ],
+        ..Scenario::default()
+    };
+    let simulation = open(scenario, ClockKind::Real).simulation.unwrap();
+    let _runner = simulation.keep_running().unwrap();
+    let bridge = bridges(&simulation)[0].1.clone();
+    let arguments = [
+        ("port", bridge.address().port().to_string()),
+        ("node", drive.to_string()),
+        ("dcf", dcf.display().to_string()),
+    ];
+    let mut peer = Peer::start(&python, "dcf_master.py", &arguments);
+    let parameters: Vec<_> =
+        file.entries().filter(|entry| entry.parameter.is_some()).cloned().collect();
+    assert_eq!(peer.wait_line(), format!("compared {}", parameters.len()));
+    simulation.with_world(|world| {
+        let drive_node = world.drive("drive").unwrap();
+        for entry in &parameters {
+            let expected = entry.parameter_value(drive).unwrap().to_integer().unwrap();
+            let found = drive_node.object(entry.index, entry.subindex).unwrap();
+            let bits = |number: i128| entry.data_type.mask(number as u64);
+            assert_eq!(bits(found.into()), bits(expected), "{:04X}", entry.index);
+        }
+    });
+    std::fs::remove_dir_all(&directory).unwrap();
 }

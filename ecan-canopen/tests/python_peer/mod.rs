@@ -1,6 +1,7 @@
 //! Programs in Python that take part in a test.
 #![allow(dead_code, missing_docs)]
 
+use std::fmt::Display;
 use std::io::{BufRead as _, BufReader, Write as _};
 use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdin, Command, ExitStatus, Stdio};
@@ -59,8 +60,8 @@ pub struct Peer {
 }
 
 impl Peer {
-    /// Runs a script of `tests/python` with numbers by name.
-    pub fn start(python: &Path, script: &str, arguments: &[(&str, u16)]) -> Self {
+    /// Runs a script of `tests/python` with arguments by name.
+    pub fn start<A: Display>(python: &Path, script: &str, arguments: &[(&str, A)]) -> Self {
         let directory = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/python");
         let mut child = Command::new(python)
             .arg("-B")
