@@ -6,7 +6,7 @@ use super::device_object::DeviceObject;
 use super::file_sections::ModuleInfo;
 use super::object_entry::ObjectEntry;
 
-/// Module that a modular device supports (CiA 306-1, 7).
+/// Module that a modular device supports (CiA 306-1, 8.3).
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct DeviceModule {
     /// Identification of the module.

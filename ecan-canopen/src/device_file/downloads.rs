@@ -37,9 +37,9 @@ pub struct DownloadError {
 const INVALID: u32 = 0x8000_0000;
 /// Bit of 0x1005: the device produces SYNC.
 const PRODUCER: u32 = 0x4000_0000;
-/// SDO parameters of servers and clients (CiA 301, 7.5.2.33).
+/// SDO parameters of servers and clients (CiA 301, 7.5.2.33 and 7.5.2.34).
 const SDO_PARAMETERS: core::ops::RangeInclusive<u16> = 0x1200..=0x12FF;
-/// Date and time of the configuration (CiA 301, 7.5.2.22): valid after everything else.
+/// Date and time of the configuration (CiA 301, 7.5.2.23): valid after everything else.
 const VERIFY_CONFIGURATION: u16 = 0x1020;
 const PDOS: u16 = 0x200;
 

@@ -1,4 +1,4 @@
-//! Sections about the file, the device and its commissioning (CiA 306-1, 4.4, 4.5 and 5).
+//! Sections about the file, the device and its commissioning (CiA 306-1, 6.4, 6.5, 7.3.5 and 8.3).
 
 use alloc::string::String;
 

@@ -1,7 +1,9 @@
 //! Device files: electronic data sheets (EDS) and device configuration files (DCF, CiA 306-1).
 //!
 //! `ini` reads the syntax, `parse` with `object_reader` and `entry_reader` the contents, and `write`
-//! writes them again. `value_text` and `data_value` are the values as text and as bytes.
+//! writes them again; `section_fields` declares sections with fixed entries for both. `value_text` and
+//! `data_value` are the values as text and as bytes. `find` looks entries up by name, `downloads` lists
+//! the SDO downloads that configure a node, and `concise_dcf` holds them in one value.
 
 mod access_type;
 mod concise_dcf;

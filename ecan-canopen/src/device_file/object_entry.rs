@@ -48,7 +48,7 @@ pub struct ObjectEntry {
     pub extra: Vec<(String, String)>,
 }
 
-/// `ObjFlags` of an object (CiA 306-1, 4.6.3).
+/// `ObjFlags` of an object (CiA 306-1, 6.6.3).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct ObjectFlags(pub u32);
 

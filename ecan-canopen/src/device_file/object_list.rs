@@ -1,4 +1,4 @@
-//! Lists of the objects of a device (CiA 306-1, 4.6.1).
+//! Lists of the objects of a device (CiA 306-1, 6.6.3.1).
 
 use crate::object;
 

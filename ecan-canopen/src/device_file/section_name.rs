@@ -1,4 +1,4 @@
-//! Names of sections (CiA 306-1, 4.6 and 7).
+//! Names of sections (CiA 306-1, 6.6 and 8.3).
 
 use super::ini::numbered;
 
