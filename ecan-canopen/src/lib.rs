@@ -1,9 +1,10 @@
-//! CANopen (CiA 301) and the objects of CiA 402: frames as types, and a CANopen master over an
+//! CANopen (CiA 301, CiA 305) and the objects of CiA 402: frames as types, and a CANopen master over an
 //! MCAN Port.
 //!
 //! # Frames
 //!
-//! COB-IDs, NMT, heartbeat, EMCY, SYNC, SDO, PDO mapping, controlword, statusword and modes.
+//! COB-IDs, NMT, heartbeat, node guarding, EMCY, SYNC, TIME, SDO, PDO mapping, MPDO, LSS, controlword,
+//! statusword and modes.
 //! `no_std`, without allocation and without I/O. The host's CANopen master and the simulated drive
 //! both use it, so every byte is defined once. Decoders take the data bytes of a CAN frame and
 //! return a value or a typed error, for any input.
@@ -11,8 +12,8 @@
 //! # Network
 //!
 //! With the feature `network` (requires `std`), `Network` is the master of all nodes that are
-//! connected to the gateways of a Port: NMT, boot-up messages and heartbeats, EMCY, SYNC, and one
-//! SDO client per node. The cycle drives it; it never blocks. A `Configurator` configures many
+//! connected to the gateways of a Port: NMT, boot-up messages, heartbeats or node guarding, EMCY, SYNC,
+//! TIME, one LSS master per channel, and one SDO client per node. The cycle drives it; it never blocks. A `Configurator` configures many
 //! nodes at once from lists of `Step`s; a `PdoMapping` returns the steps that map a PDO. Calls
 //! whose names end in `_blocking` run the cycle themselves.
 //!
@@ -69,12 +70,14 @@
 extern crate alloc;
 
 mod cia301;
+mod cia305;
 mod cia402;
 #[cfg(feature = "device-files")]
 mod device_file;
 pub mod object;
 
 pub use cia301::*;
+pub use cia305::*;
 pub use cia402::*;
 #[cfg(feature = "device-files")]
 pub use device_file::*;

@@ -16,10 +16,16 @@ pub const DEVICE_NAME: u16 = 0x1008;
 pub const HARDWARE_VERSION: u16 = 0x1009;
 /// Software version, string.
 pub const SOFTWARE_VERSION: u16 = 0x100A;
+/// Guard time in milliseconds, U16.
+pub const GUARD_TIME: u16 = 0x100C;
+/// Life time factor, U8.
+pub const LIFE_TIME_FACTOR: u16 = 0x100D;
 /// Store parameters, array of U32.
 pub const STORE_PARAMETERS: u16 = 0x1010;
 /// Restore default parameters, array of U32.
 pub const RESTORE_PARAMETERS: u16 = 0x1011;
+/// COB-ID of TIME, U32; bit 31: the node consumes it, bit 30: it produces it.
+pub const TIME_COB_ID: u16 = 0x1012;
 /// COB-ID of EMCY, U32.
 pub const EMCY_COB_ID: u16 = 0x1014;
 /// Inhibit time of EMCY in 100 us, U16.
@@ -42,6 +48,10 @@ pub const RPDO_MAPPING: u16 = 0x1600;
 pub const TPDO_COMMUNICATION: u16 = 0x1800;
 /// Mapping of the first TPDO; the others follow.
 pub const TPDO_MAPPING: u16 = 0x1A00;
+/// First object scanner list of MPDOs in source address mode, array of U32.
+pub const SCANNER_LIST: u16 = 0x1FA0;
+/// First object dispatcher list of MPDOs in source address mode, array of U64.
+pub const DISPATCHER_LIST: u16 = 0x1FD0;
 /// Reaction to a loss of communication, I16 (abort connection option code).
 pub const ABORT_CONNECTION_OPTION: u16 = 0x6007;
 /// Error code, U16.

@@ -27,8 +27,12 @@ pub enum Service {
     SdoServer(NodeId),
     /// SDO request to a node.
     SdoClient(NodeId),
-    /// Boot-up and heartbeat of a node.
+    /// Boot-up, heartbeat and node guarding of a node.
     Heartbeat(NodeId),
+    /// Response of an LSS slave (CiA 305).
+    LssResponse,
+    /// Request of the LSS master (CiA 305).
+    LssRequest,
 }
 
 const FIRST_TPDO: u16 = 0x180;
@@ -41,6 +45,10 @@ impl CobId {
     pub const SYNC: Self = Self(0x080);
     /// TIME.
     pub const TIME: Self = Self(0x100);
+    /// Response of an LSS slave (CiA 305).
+    pub const LSS_RESPONSE: Self = Self(0x7E4);
+    /// Request of the LSS master (CiA 305).
+    pub const LSS_REQUEST: Self = Self(0x7E5);
 
     /// Emergency of a node.
     pub const fn emcy(node: NodeId) -> Self {
@@ -85,7 +93,7 @@ impl CobId {
     /// The identifier for a frame.
     pub fn can_id(self) -> CanId {
         CanId::standard(self.0).unwrap_or_else(|_| {
-            // infallible: every constructor stays below 0x780
+            // infallible: every constructor stays below 0x800
             unreachable!()
         })
     }
@@ -113,6 +121,8 @@ impl CobId {
             0x580 => Service::SdoServer(node),
             0x600 => Service::SdoClient(node),
             0x700 => Service::Heartbeat(node),
+            0x780 if raw == 0x7E4 => Service::LssResponse,
+            0x780 if raw == 0x7E5 => Service::LssRequest,
             _ => return None,
         })
     }
@@ -130,6 +140,8 @@ mod tests {
         is(CobId::NMT, Service::Nmt);
         is(CobId::SYNC, Service::Sync);
         is(CobId::TIME, Service::Time);
+        is(CobId::LSS_RESPONSE, Service::LssResponse);
+        is(CobId::LSS_REQUEST, Service::LssRequest);
         for node in (1..=127).filter_map(NodeId::new) {
             is(CobId::emcy(node), Service::Emcy(node));
             is(CobId::sdo_client(node), Service::SdoClient(node));

@@ -2,7 +2,9 @@
 
 mod cob_id;
 mod emcy;
+mod guarding;
 mod heartbeat;
+mod mpdo;
 mod nmt;
 mod node_id;
 mod pdo;
@@ -11,10 +13,13 @@ mod sdo_block;
 mod sdo_client_frame;
 mod sdo_server_frame;
 mod sync;
+mod time_of_day;
 
 pub use cob_id::{CobId, Service};
 pub use emcy::{Emcy, EmcyClass, ErrorRegister, error_code_text};
+pub use guarding::GuardResponse;
 pub use heartbeat::{HeartbeatConsumer, heartbeat_data, parse_heartbeat};
+pub use mpdo::{DispatcherEntry, Mpdo, MpdoAddress, MpdoDecodeError, ScannerEntry};
 pub use nmt::{NmtCommand, NmtRequest, NmtState};
 pub use node_id::NodeId;
 pub use pdo::{MappingEntry, PdoCobId, TransmissionType};
@@ -23,3 +28,4 @@ pub use sdo_block::{BlockSegment, MAX_BLOCK_SIZE, block_crc};
 pub use sdo_client_frame::ClientFrame;
 pub use sdo_server_frame::ServerFrame;
 pub use sync::{SYNC_COB_ID, parse_sync, sync_data};
+pub use time_of_day::TimeOfDay;
