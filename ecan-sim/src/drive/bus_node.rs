@@ -1,15 +1,17 @@
 //! The drive as a node on a bus, and its interface for tests.
 
+use std::sync::Arc;
+
 use ecan_canopen::{
     CobId, DeviceFile, DriveState, Emcy, ErrorRegister, NmtRequest, NmtState, NodeId,
-    OperatingMode, Service, Statusword,
+    OperatingMode, Service, Statusword, TimeOfDay,
 };
 use ecan_protocol::can::{CanFrame, FrameKind};
 
 use super::config::DriveConfig;
 use super::device::Device;
-use super::file_objects::file_objects;
 use super::history::TargetHistory;
+use super::object_source::ObjectSource;
 use super::sdo_server::SdoServer;
 use super::trace::DriveTrace;
 use crate::earliest::earliest;
@@ -36,7 +38,7 @@ impl Drive {
     /// and a scratch domain (0x2000) and text (0x2001) for transfer tests.
     #[must_use]
     pub fn new(config: &DriveConfig) -> Self {
-        Self::with_device(Device::new(config, None))
+        Self::with_device(Device::new(config, ObjectSource::BuiltIn))
     }
 
     /// A node with the objects of an EDS or a DCF.
@@ -48,8 +50,7 @@ impl Drive {
     /// configuration.
     #[must_use]
     pub fn from_device_file(config: &DriveConfig, file: &DeviceFile) -> Self {
-        let objects = file_objects(file, config.node, config.serial);
-        Self::with_device(Device::new(config, Some(objects)))
+        Self::with_device(Device::new(config, ObjectSource::File(Arc::new(file.clone()))))
     }
 
     fn with_device(device: Device) -> Self {
@@ -57,16 +58,28 @@ impl Drive {
         Self { device, sdo, segment_waits: false, next: None }
     }
 
-    /// Configuration of the drive.
+    /// Configuration of the drive, with its present node-ID.
     #[must_use]
     pub const fn config(&self) -> &DriveConfig {
         &self.device.config
     }
 
-    /// Node-ID.
+    /// Node-ID; of a drive that has none, the last or the configured one.
     #[must_use]
     pub const fn node_id(&self) -> NodeId {
         self.device.config.node
+    }
+
+    /// Active node-ID; `None` before LSS has configured one.
+    #[must_use]
+    pub fn active_node_id(&self) -> Option<NodeId> {
+        self.device.node_id()
+    }
+
+    /// Last time that the drive received by TIME; `None` before the first, or if it does not consume TIME.
+    #[must_use]
+    pub const fn time_of_day(&self) -> Option<TimeOfDay> {
+        self.device.time_of_day
     }
 
     /// Returns whether the node is a drive (CiA 402). The getters of motion have no meaning for
@@ -286,7 +299,15 @@ impl Drive {
         if self.device.sync_id == Some(id) {
             return self.device.on_sync(data, out);
         }
+        if self.device.time_id == Some(id) {
+            return self.device.on_time(data);
+        }
         match CobId::classify(id) {
+            Some(Service::LssRequest) => self.device.on_lss(data, out),
+            _ if self.device.is_unconfigured() => {}
+            Some(Service::Heartbeat(own)) if own == node && frame.is_remote() => {
+                self.device.guarding_request(out);
+            }
             Some(Service::Nmt) => {
                 if let Some(request) = NmtRequest::parse(data).filter(|nmt| nmt.concerns(node)) {
                     self.device.nmt(request.command);
@@ -318,9 +339,16 @@ impl Drive {
 
     /// Receives a frame; returns false if the drive ignores it.
     pub(crate) fn receive(&mut self, now: u64, frame: &CanFrame, out: &mut NodeOutput) -> bool {
-        let is_relevant = self.device.received_ids.contains(frame.id())
-            && frame.kind() == FrameKind::Data
-            && self.device.network.state != NmtState::Initialising;
+        let has_booted = self.device.network.state != NmtState::Initialising;
+        let is_read = match frame.kind() {
+            FrameKind::Data => has_booted || self.device.is_unconfigured() && self.device.on_bus,
+            // Only guarding requests.
+            FrameKind::Remote => {
+                has_booted && frame.id() == CobId::heartbeat(self.node_id()).can_id()
+            }
+            FrameKind::Fd { .. } => false,
+        };
+        let is_relevant = is_read && self.device.received_ids.contains(frame.id());
         if is_relevant {
             self.act(now, out, |drive, out| drive.frame(frame, out));
         }
@@ -356,5 +384,9 @@ impl Node for Drive {
 
     fn is_on_bus(&self) -> bool {
         self.device.on_bus
+    }
+
+    fn bit_rate(&self) -> Option<u32> {
+        self.device.bit_per_s
     }
 }

@@ -18,11 +18,12 @@ impl CanIdSet {
         Self { standard: [0; STANDARD_IDS / WORD_BITS], extended: Vec::new() }
     }
 
-    /// CAN IDs of the services that every drive has: NMT, its SDO server, and heartbeats of other
-    /// nodes.
+    /// CAN IDs of the services that every drive has: NMT, LSS, its SDO server, heartbeats of other nodes,
+    /// and its guarding requests.
     pub(super) fn services_of(node: NodeId) -> Self {
         let mut services = Self::new();
         services.insert(CobId::NMT.can_id());
+        services.insert(CobId::LSS_REQUEST.can_id());
         services.insert(CobId::sdo_client(node).can_id());
         for producer in (1..=127).filter_map(NodeId::new) {
             services.insert(CobId::heartbeat(producer).can_id());

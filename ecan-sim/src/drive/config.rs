@@ -216,7 +216,13 @@ pub struct DriveQuirks {
     pub block_upload_falls_back: bool,
     /// When enabled, the drive moves to the value of 0x607A instead of waiting for a target.
     pub follows_old_target: bool,
-    /// Objects that the drive lacks, for example 0x1016.
+    /// The drive has no node-ID until LSS configures one (CiA 305).
+    pub without_node_id: bool,
+    /// LSS is not supported.
+    pub no_lss: bool,
+    /// LSS cannot store node-ID and bit rate: they are lost at a reset.
+    pub no_lss_store: bool,
+    /// Objects that the drive lacks, for example 0x1016; without 0x1016 and 0x1017 it supports guarding only.
     pub missing: Vec<u16>,
     /// Objects whose transfers fail.
     #[serde(rename = "sdo")]
@@ -238,6 +244,9 @@ impl Default for DriveQuirks {
             no_block_transfer: false,
             block_upload_falls_back: false,
             follows_old_target: false,
+            without_node_id: false,
+            no_lss: false,
+            no_lss_store: false,
             missing: Vec::new(),
             sdo_rules: Vec::new(),
         }

@@ -3,7 +3,7 @@
 use std::collections::VecDeque;
 
 use ecan_canopen::{
-    CobId, ErrorRegister, NmtCommand, NmtState, NodeId, NodeLossReaction, Statusword,
+    CobId, ErrorRegister, NmtCommand, NmtState, NodeId, NodeLossReaction, Statusword, TimeOfDay,
     heartbeat_data, object,
 };
 use ecan_protocol::can::{CanFrame, CanId};
@@ -11,16 +11,18 @@ use ecan_protocol::can::{CanFrame, CanId};
 use super::axis::{Axis, Report};
 use super::can_id_set::CanIdSet;
 use super::config::{DriveConfig, SdoRule};
-use super::default_objects::{default_objects, fill_in};
-use super::dictionary::{Dictionary, Object, Slot, Value};
+use super::dictionary::{Dictionary, Slot, Value};
 use super::emergency::Emergency;
+use super::guarding::Guarding;
+use super::lss_slave::{BitRateSwitch, LssSlave};
 use super::network::Network;
+use super::object_source::ObjectSource;
 use super::parameters::Parameters;
 use super::pdo::{ReceivePdo, TransmitPdo, numbers, valid_pdo_id};
 use crate::earliest::earliest;
 use crate::node::NodeOutput;
 
-/// EMCY error code: heartbeat of another node missing.
+/// EMCY error code: heartbeat of another node, or guarding request, missing.
 const HEARTBEAT_LOST: u16 = 0x8130;
 /// EMCY error code: NMT command ended communication while the motor was energised.
 const COMMUNICATION_ENDED: u16 = 0x8100;
@@ -33,7 +35,7 @@ const COMMUNICATION_RESET_NS: u64 = 2_000_000;
 /// Maximum number of delayed SDO responses.
 const MAX_RESPONSES: usize = 8;
 
-pub(super) const UPDATED_OBJECTS: usize = 13;
+pub(super) const UPDATED_OBJECTS: usize = 20;
 /// Slots of the objects that the drive updates; `None` if the dictionary lacks the object.
 pub(super) type Slots = [Option<Slot>; UPDATED_OBJECTS];
 
@@ -45,17 +47,27 @@ pub(super) struct Device {
     pub(super) now: u64,
     pub(super) powered: bool,
     /// True if the CAN controller takes part in the bus: from the end of booting until the supply
-    /// is switched off, also during NMT resets; not in bus-off.
+    /// is switched off, also during NMT resets; not in bus-off, nor while the bit rate switches.
     pub(super) on_bus: bool,
     /// End of bus-off.
     bus_off_until: Option<u64>,
     power_on_at: Option<u64>,
+    pub(super) source: ObjectSource,
     pub(super) objects: Dictionary,
     pub(super) slots: Slots,
     /// Slots that transmit PDOs contain.
     pub(super) pdo_slots: Slots,
     pub(super) parameters: Parameters,
     pub(super) network: Network,
+    pub(super) guarding: Guarding,
+    pub(super) lss: LssSlave,
+    /// Bit rate that LSS has configured, in bit/s.
+    pub(super) bit_per_s: Option<u32>,
+    pub(super) bit_rate_switch: Option<BitRateSwitch>,
+    /// CAN ID of TIME, if the drive consumes it.
+    pub(super) time_id: Option<CanId>,
+    /// Last received time.
+    pub(super) time_of_day: Option<TimeOfDay>,
     pub(super) emergency: Emergency,
     pub(super) axis: Axis,
     pub(super) receive: Vec<ReceivePdo>,
@@ -66,8 +78,10 @@ pub(super) struct Device {
     has_event_pdos: bool,
     /// COB-IDs of the services, SYNC and the receive PDOs.
     pub(super) received_ids: CanIdSet,
-    services: CanIdSet,
+    pub(super) services: CanIdSet,
     pub(super) sync_id: Option<CanId>,
+    /// SYNC carries a counter: 0x1019 is not 0.
+    pub(super) has_sync_counter: bool,
     /// SDO rules, each with its remaining count.
     pub(super) rules: Vec<(SdoRule, Option<u32>)>,
     pub(super) responses: VecDeque<(u64, [u8; 8])>,
@@ -76,17 +90,11 @@ pub(super) struct Device {
 }
 
 impl Device {
-    pub(super) fn new(config: &DriveConfig, objects: Option<Vec<Object>>) -> Self {
-        let motor = &config.motor;
-        let mut list =
-            objects.unwrap_or_else(|| default_objects(config.node, config.serial, motor));
-        let is_drive = is_drive(&list);
-        if is_drive {
-            fill_in(&mut list, motor);
-        }
-        list.retain(|object| !config.quirks.missing.contains(&object.index));
-        let objects = Dictionary::new(list);
+    pub(super) fn new(config: &DriveConfig, source: ObjectSource) -> Self {
+        let (objects, is_drive) = source.objects(config);
         let axis = Axis::new(config);
+        let quirks = &config.quirks;
+        let node = (!quirks.without_node_id).then_some(config.node);
         Self {
             config: config.clone(),
             is_drive,
@@ -99,6 +107,12 @@ impl Device {
             pdo_slots: Slots::default(),
             parameters: Parameters::read(&objects, &axis.motor),
             network: Network::new(),
+            guarding: Guarding::default(),
+            lss: LssSlave::new(node, !quirks.no_lss_store),
+            bit_per_s: None,
+            bit_rate_switch: None,
+            time_id: None,
+            time_of_day: None,
             emergency: Emergency::new(),
             axis,
             receive: numbers(&objects, object::RPDO_COMMUNICATION)
@@ -112,10 +126,12 @@ impl Device {
             received_ids: CanIdSet::new(),
             services: CanIdSet::services_of(config.node),
             sync_id: None,
+            has_sync_counter: false,
             rules: config.quirks.sdo_rules.iter().map(|rule| (*rule, rule.times)).collect(),
             responses: VecDeque::with_capacity(MAX_RESPONSES),
             syncs: 0,
             received_pdos: 0,
+            source,
             objects,
         }
     }
@@ -134,6 +150,7 @@ impl Device {
         self.on_bus = false;
         self.bus_off_until = None;
         self.power_on_at = Some(on_at);
+        self.bit_rate_switch = None;
         self.axis.restart(false);
         self.network.boot(None);
         self.responses.clear();
@@ -143,12 +160,21 @@ impl Device {
     fn reset_node(&mut self) {
         self.axis.restart(false);
         self.emergency.restart();
+        self.bit_per_s = self.lss.reset_node();
+        self.apply_node_id();
         self.reload(0x0000..=0xFFFF);
         self.boot(u64::from(self.config.boot_ms) * 1_000_000);
     }
 
     fn reset_communication(&mut self) {
         self.lose_host_in_motion();
+        self.lss.reset_communication();
+        self.restart_communication();
+    }
+
+    /// Applies the active node-ID and boots.
+    pub(super) fn restart_communication(&mut self) {
+        self.apply_node_id();
         self.reload(0x1000..=0x1FFF);
         self.boot(COMMUNICATION_RESET_NS);
     }
@@ -157,6 +183,7 @@ impl Device {
         self.responses.clear();
         let at = self.now.saturating_add(ns);
         self.network.boot((!self.config.quirks.never_boots).then_some(at));
+        self.guarding.restart();
     }
 
     fn reload(&mut self, indices: std::ops::RangeInclusive<u16>) {
@@ -178,6 +205,8 @@ impl Device {
         }
         self.update_pdos();
         self.load_sync();
+        self.load_time();
+        self.guarding.load(&self.objects);
         self.network.load_watches(&self.objects);
         let mode = self.objects.number(object::MODE_OF_OPERATION, 0).unwrap_or(0) as i8;
         self.axis.preset_mode(mode);
@@ -186,13 +215,14 @@ impl Device {
     pub(super) fn load_parameters(&mut self) {
         self.parameters = Parameters::read(&self.objects, &self.axis.motor);
         self.axis.motor.limit_torque(self.parameters.max_torque);
+        self.axis.motor.limit_speed(self.parameters.max_motor_speed);
     }
 
     /// Updates what depends on the PDO parameters, after they were loaded.
     pub(super) fn update_pdos(&mut self) {
         self.has_timed_pdos = self.receive.iter().any(ReceivePdo::is_timed);
         self.has_event_pdos = self.transmit.iter().any(TransmitPdo::is_event_driven);
-        let sent = |slot| self.transmit.iter().any(|pdo| pdo.id.is_some() && pdo.mapping.has(slot));
+        let sent = |slot| self.transmit.iter().any(|pdo| pdo.id.is_some() && pdo.has(slot));
         self.pdo_slots = self.slots.map(|slot| slot.filter(|slot| sent(*slot)));
         self.collect_received_ids();
     }
@@ -200,17 +230,32 @@ impl Device {
     fn collect_received_ids(&mut self) {
         self.received_ids.reset(&self.services);
         let pdos = self.receive.iter().filter_map(|pdo| pdo.id);
-        pdos.chain(self.sync_id).for_each(|id| self.received_ids.insert(id));
+        let broadcasts = self.sync_id.into_iter().chain(self.time_id);
+        pdos.chain(broadcasts).for_each(|id| self.received_ids.insert(id));
+    }
+
+    /// Bit 31 of 0x1012: the drive consumes TIME.
+    pub(super) fn load_time(&mut self) {
+        let raw = self.objects.number(object::TIME_COB_ID, 0).unwrap_or(0) as u32;
+        let id = CanId::standard((raw & 0x7FF) as u16).ok();
+        self.time_id = id.filter(|_| raw & 1 << 31 != 0);
+        self.collect_received_ids();
     }
 
     pub(super) fn load_sync(&mut self) {
         let raw = self.objects.number(object::SYNC_COB_ID, 0);
         self.sync_id = raw.and_then(|raw| CanId::standard((raw & 0x7FF) as u16).ok());
+        let overflow = self.objects.number(object::SYNC_COUNTER_OVERFLOW, 0);
+        self.has_sync_counter = overflow.is_some_and(|overflow| overflow > 0);
         self.collect_received_ids();
     }
 
     fn finish_boot(&mut self, out: &mut NodeOutput) {
         self.on_bus = self.bus_off_until.is_none();
+        if self.is_unconfigured() {
+            // It takes part in LSS only.
+            return;
+        }
         self.send(out, CobId::heartbeat(self.config.node), &heartbeat_data(NmtState::Initialising));
         self.network.state = NmtState::PreOperational;
         self.network.load(self.now, &self.objects);
@@ -300,6 +345,18 @@ impl Device {
         }
     }
 
+    /// Responds to a guarding request, unless the drive produces heartbeats.
+    pub(super) fn guarding_request(&mut self, out: &mut NodeOutput) {
+        if self.network.produces_heartbeats() {
+            return;
+        }
+        let (response, was_lost) = self.guarding.request(self.now, self.network.state);
+        self.send(out, CobId::heartbeat(self.config.node), &response);
+        if was_lost && !self.axis.power.is_faulted() {
+            self.emergency.clear(ErrorRegister::COMMUNICATION);
+        }
+    }
+
     pub(super) fn run_to(&mut self, now: u64) {
         self.axis.advance(now, &self.parameters);
         self.now = now;
@@ -319,7 +376,11 @@ impl Device {
         if self.network.boot_ends(now) {
             self.finish_boot(out);
         }
+        self.switch_bit_rate();
         while self.network.take_late(now) {
+            self.lose_host(HEARTBEAT_LOST);
+        }
+        if self.guarding.take_late(now) {
             self.lose_host(HEARTBEAT_LOST);
         }
         let late = |pdo: &&mut ReceivePdo| pdo.deadline.is_some_and(|at| at <= now);
@@ -415,6 +476,8 @@ impl Device {
         let operational = self.network.state == NmtState::Operational;
         let mut next = earliest([
             self.network.next_event(),
+            self.guarding.next_event(),
+            self.bit_rate_switch.map(|switch| switch.ends_at),
             self.axis.next_event(&self.parameters),
             self.bus_off_until,
             response,
@@ -429,17 +492,6 @@ impl Device {
         }
         next
     }
-}
-
-/// Returns whether the objects are those of a drive: by the device type, or by controlword and
-/// statusword.
-fn is_drive(objects: &[Object]) -> bool {
-    let has = |index| objects.iter().any(|object| object.index == index);
-    let profile = objects.iter().find(|object| object.key() == (object::DEVICE_TYPE, 0));
-    let is_402 = profile.is_some_and(|object| {
-        matches!(object.default, Value::Number(device_type) if device_type & 0xFFFF == 402)
-    });
-    is_402 || (has(object::CONTROLWORD) && has(object::STATUSWORD))
 }
 
 pub(super) fn send(config: &DriveConfig, out: &mut NodeOutput, id: CanId, data: &[u8]) {

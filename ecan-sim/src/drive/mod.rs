@@ -1,7 +1,8 @@
 //! A simulated CiA 402 drive.
 //!
 //! `dictionary` (filled by `default_objects` or `file_objects`), `sdo_server` with `sdo_block`, `pdo` with
-//! `pdo_rules`, `network` (NMT and heartbeats) and `emergency` are its CANopen side; `motor`, `ramp`,
+//! `pdo_rules`, `mpdo` and `scanner_list`, `network` (NMT and heartbeats), `guarding`, `lss_slave` with `layer_settings`,
+//! and `emergency` are its CANopen side; `motor`, `ramp`,
 //! `homing`, `motion` and the state machine `power` form an `axis`, whose events `trace` records. `device` (with `process_data` and
 //! `object_access`) contains both sides, and `bus_node` connects it to the bus.
 
@@ -15,20 +16,27 @@ mod device;
 mod dictionary;
 mod emergency;
 mod file_objects;
+mod guarding;
 mod history;
 mod homing;
+mod layer_settings;
+mod lss_slave;
 mod motion;
 mod motor;
+mod mpdo;
 mod network;
 mod object_access;
+mod object_source;
 mod parameters;
 mod pdo;
 mod pdo_rules;
 mod power;
 mod process_data;
 mod ramp;
+mod scanner_list;
 mod sdo_block;
 mod sdo_server;
+mod touch_probe;
 mod trace;
 
 pub use bus_node::Drive;

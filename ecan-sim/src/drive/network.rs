@@ -108,6 +108,10 @@ impl Network {
         true
     }
 
+    pub(super) const fn produces_heartbeats(&self) -> bool {
+        self.producer_ns > 0
+    }
+
     pub(super) fn heartbeat_due(&mut self, now: u64) -> bool {
         let Some(at) = self.heartbeat_at.filter(|at| *at <= now) else { return false };
         let period = self.producer_ns.max(1);

@@ -86,14 +86,20 @@ impl Device {
     fn write(&mut self, slot: Slot, key: Key, number: i64) -> Result<(), AbortCode> {
         self.check(key, number)?;
         match key {
-            (object::STORE_PARAMETERS, _) if number == SAVE => {
+            (object::STORE_PARAMETERS, group) if number == SAVE => {
                 for object in self.objects.iter_mut().filter(|object| is_parameter(object)) {
-                    object.saved = Some(object.value.clone());
+                    if group_range(group).contains(&object.index) {
+                        object.saved = Some(object.value.clone());
+                    }
                 }
             }
             // The defaults apply after the next reset.
-            (object::RESTORE_PARAMETERS, _) if number == LOAD => {
-                self.objects.iter_mut().for_each(|object| object.saved = None);
+            (object::RESTORE_PARAMETERS, group) if number == LOAD => {
+                for object in self.objects.iter_mut() {
+                    if group_range(group).contains(&object.index) {
+                        object.saved = None;
+                    }
+                }
             }
             (object::STORE_PARAMETERS | object::RESTORE_PARAMETERS, _) => {
                 return Err(AbortCode::NOT_STORED);
@@ -101,10 +107,20 @@ impl Device {
             (object::ERROR_HISTORY, 0) => clear_history(&mut self.objects),
             _ => {
                 self.objects.put(slot, number as u64);
+                self.date_expires(slot, key);
                 self.follow_up(key, number);
             }
         }
         Ok(())
+    }
+
+    /// The configuration date 0x1020 applies to unchanged parameters only.
+    fn date_expires(&mut self, slot: Slot, (index, _): Key) {
+        let is_changed = self.objects.object(slot).is_some_and(is_parameter);
+        if is_changed && index != object::CONFIGURATION_DATE {
+            self.objects.set(object::CONFIGURATION_DATE, 1, 0);
+            self.objects.set(object::CONFIGURATION_DATE, 2, 0);
+        }
     }
 
     /// Checks beyond the type and limits of an object.
@@ -125,6 +141,18 @@ impl Device {
             (object::HOMING_METHOD, _)
                 if self.is_drive && number != 0 && !homing::is_supported(number as i8) =>
             {
+                Err(AbortCode::RANGE)
+            }
+            // Only while the communication cycle period is 0; the counter counts at least to 2.
+            (object::SYNC_COUNTER_OVERFLOW, _) => {
+                match self.objects.number(object::COMMUNICATION_CYCLE, 0).unwrap_or(0) {
+                    0 if number == 1 => Err(AbortCode::RANGE),
+                    0 => Ok(()),
+                    _ => Err(AbortCode::DEVICE_STATE),
+                }
+            }
+            // The drive does not produce TIME, and supports 11-bit CAN IDs only.
+            (object::TIME_COB_ID, _) if number as u32 & !(1 << 31 | 0x7FF) != 0 => {
                 Err(AbortCode::RANGE)
             }
             // The drive is not a SYNC producer, and supports 11-bit CAN IDs only.
@@ -148,7 +176,10 @@ impl Device {
             object::CONSUMER_HEARTBEAT if subindex > 0 => {
                 self.network.load_watches(&self.objects);
             }
-            object::SYNC_COB_ID => self.load_sync(),
+            object::SYNC_COB_ID | object::SYNC_COUNTER_OVERFLOW => self.load_sync(),
+            object::TIME_COB_ID => self.load_time(),
+            object::SCANNER_LIST => self.load_scanner_lists(),
+            object::GUARD_TIME | object::LIFE_TIME_FACTOR => self.guarding.load(&self.objects),
             _ if !self.is_drive => {}
             _ => {
                 let mut received = ReceivedCommands { by_sdo: true, ..ReceivedCommands::default() };
@@ -159,6 +190,13 @@ impl Device {
                 }
             }
         }
+    }
+
+    fn load_scanner_lists(&mut self) {
+        for pdo in &mut self.transmit {
+            *pdo = TransmitPdo::load(&self.objects, pdo.number);
+        }
+        self.update_pdos();
     }
 
     fn load_pdo(&mut self, pdo: PdoObject) {
@@ -173,6 +211,16 @@ impl Device {
             }
         }
         self.update_pdos();
+    }
+}
+
+/// Objects that a subindex of 0x1010 and 0x1011 concerns.
+fn group_range(group: u8) -> std::ops::RangeInclusive<u16> {
+    match group {
+        0 | 1 => 0x0000..=0xFFFF,
+        2 => 0x1000..=0x1FFF,
+        3 => 0x6000..=0x9FFF,
+        _ => 0x2000..=0x5FFF,
     }
 }
 

@@ -1,6 +1,6 @@
 //! Processing of PDOs and SYNC.
 
-use ecan_canopen::{NmtState, object, parse_sync};
+use ecan_canopen::{NmtState, TimeOfDay, object, parse_sync};
 use ecan_protocol::can::CanId;
 
 use super::axis_commands::ReceivedCommands;
@@ -34,6 +34,15 @@ impl Device {
             if let Some(waiting) = pdo.waiting.take() {
                 self.unpack(&mapping, &waiting);
             }
+        }
+    }
+
+    /// Handles a TIME message.
+    pub(super) fn on_time(&mut self, data: &[u8]) {
+        if self.network.communicates()
+            && let Some(time) = TimeOfDay::parse(data)
+        {
+            self.time_of_day = Some(time);
         }
     }
 

@@ -60,6 +60,12 @@ pub trait Node: Any + Send {
         true
     }
 
+    /// Own nominal bit rate in bit/s, for example configured by LSS; `None` uses that of the scenario or the gateway.
+    /// Read after every call.
+    fn bit_rate(&self) -> Option<u32> {
+        None
+    }
+
     /// The time of [`next_event`](Self::next_event) has come. Afterwards it returns a later time,
     /// or `None`.
     fn advance(&mut self, now: u64, out: &mut NodeOutput) {

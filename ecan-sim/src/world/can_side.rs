@@ -162,7 +162,12 @@ impl World {
         let now = self.now;
         let Some(slot) = self.nodes.get_mut(index) else { return false };
         slot.has_events = false;
-        let config = slot.config.filter(|_| slot.node.as_node().is_on_bus());
+        let node = slot.node.as_node();
+        let bit_rate = node.bit_rate();
+        let config = slot.config.filter(|_| node.is_on_bus()).map(|config| StationConfig {
+            nominal_bitrate: bit_rate.unwrap_or(config.nominal_bitrate),
+            ..config
+        });
         if now < slot.muted_until || config.is_none() {
             slot.output.clear();
         }

@@ -2,7 +2,7 @@
 use ecan_canopen::{
     Command, Controlword, DriveState, NmtCommand, NmtRequest, NodeId, OperatingMode,
 };
-use ecan_protocol::can::{CanFrame, CanId};
+use ecan_protocol::can::{CanFrame, CanId, Dlc};
 use ecan_sim::{Drive, DriveConfig, MotorConfig, Node, NodeOutput};
 
 /// Node-ID of the drive.
@@ -75,9 +75,18 @@ impl Fixture {
         self.pass(ms * MS);
     }
 
+    /// Passes a remote frame for one byte to the drive; returns the frames sent at the same instant.
+    pub fn remote(&mut self, id: u16) -> Vec<Line> {
+        let id = CanId::standard(id).unwrap();
+        self.receive(CanFrame::remote(id, Dlc::new(1).unwrap()).unwrap())
+    }
+
     /// Passes a received frame to the drive; returns the frames sent at the same instant.
     pub fn frame(&mut self, id: u16, data: &[u8]) -> Vec<Line> {
-        let frame = CanFrame::classic(CanId::standard(id).unwrap(), data).unwrap();
+        self.receive(CanFrame::classic(CanId::standard(id).unwrap(), data).unwrap())
+    }
+
+    fn receive(&mut self, frame: CanFrame) -> Vec<Line> {
         let before = self.sent.len();
         self.drive.received(self.now, &frame, &mut self.out);
         self.collect();

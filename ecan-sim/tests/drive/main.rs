@@ -4,7 +4,9 @@
 mod ecrt_support;
 mod eds;
 mod fixture;
+mod guarding;
 mod host_loss;
+mod lss;
 mod motion;
 mod network;
 mod pdo;

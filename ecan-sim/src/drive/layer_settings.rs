@@ -1,0 +1,123 @@
+//! Node-ID and bit rate of a drive, as LSS configures them.
+
+use std::sync::Arc;
+
+use ecan_canopen::{CobId, LssAddress, LssPart, LssRequest, NodeId, object};
+
+use super::can_id_set::CanIdSet;
+use super::config::DriveConfig;
+use super::default_objects::{default_objects, fill_in};
+use super::device::Device;
+use super::dictionary::{Dictionary, Object};
+use super::eds;
+use super::eds_error::EdsError;
+use super::lss_slave::LssAction;
+use crate::node::NodeOutput;
+
+const MS: u64 = 1_000_000;
+/// Objects whose values a change of the node-ID resets: the communication profile.
+const COMMUNICATION: std::ops::RangeInclusive<u16> = 0x1000..=0x1FFF;
+
+/// Source of the objects of a drive, whose defaults depend on the node-ID.
+#[derive(Clone, Debug)]
+pub(super) enum ObjectSource {
+    BuiltIn,
+    Eds(Arc<str>),
+}
+
+impl ObjectSource {
+    pub(super) fn objects(&self, config: &DriveConfig) -> Result<Dictionary, EdsError> {
+        let motor = &config.motor;
+        let mut list = match self {
+            Self::BuiltIn => default_objects(config.node, config.serial, motor),
+            Self::Eds(text) => {
+                let mut objects = eds::parse(text, config.node.get())?;
+                fill_in(&mut objects, motor);
+                objects
+            }
+        };
+        list.retain(|object| !config.quirks.missing.contains(&object.index));
+        Ok(Dictionary::new(list))
+    }
+}
+
+/// Switch of the bit rate in progress.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct BitRateSwitch {
+    bit_per_s: Option<u32>,
+    /// End of both delays: the drive takes part in the bus again.
+    pub(super) ends_at: u64,
+}
+
+impl Device {
+    pub(super) fn on_lss(&mut self, data: &[u8], out: &mut NodeOutput) {
+        if self.config.quirks.no_lss {
+            return;
+        }
+        let Some(request) = LssRequest::parse(data) else { return };
+        let own = self.lss_address();
+        let (response, action) = self.lss.receive(request, &own);
+        if let Some(response) = response {
+            self.send(out, CobId::LSS_RESPONSE, &response.to_bytes());
+        }
+        match action {
+            None => {}
+            Some(LssAction::Boot) => self.restart_communication(),
+            Some(LssAction::SwitchBitRate { bit_per_s, delay_ms }) => {
+                let delays = 2 * u64::from(delay_ms) * MS;
+                let ends_at = self.now.saturating_add(delays.max(1));
+                self.bit_rate_switch = Some(BitRateSwitch { bit_per_s, ends_at });
+                self.on_bus = false;
+            }
+        }
+    }
+
+    pub(super) fn lss_address(&self) -> LssAddress {
+        let mut address = LssAddress::default();
+        for part in LssPart::ALL {
+            let value = self.objects.number(object::IDENTITY, part.raw() + 1).unwrap_or(0);
+            address.set_part(*part, value as u32);
+        }
+        address
+    }
+
+    /// Ends a switch of the bit rate that is due.
+    pub(super) fn switch_bit_rate(&mut self) {
+        if let Some(switch) = self.bit_rate_switch.take_if(|switch| switch.ends_at <= self.now) {
+            self.bit_per_s = switch.bit_per_s;
+            self.on_bus = true;
+        }
+    }
+
+    /// Applies the node-ID of the LSS slave. Objects outside the communication profile keep their values.
+    pub(super) fn apply_node_id(&mut self) {
+        let Some(node) = self.lss.node.filter(|node| *node != self.config.node) else { return };
+        self.config.node = node;
+        self.services = CanIdSet::services_of(node);
+        // infallible: the same text was read before
+        let Ok(mut objects) = self.source.objects(&self.config) else { return };
+        for object in objects.iter_mut() {
+            let Ok(slot) = self.objects.find(object.key()) else { continue };
+            if let Some(before) = self.objects.object(slot) {
+                carry_over(before, object);
+            }
+        }
+        self.objects = objects;
+    }
+
+    pub(super) fn is_unconfigured(&self) -> bool {
+        self.lss.node.is_none()
+    }
+
+    /// Node-ID; `None` before LSS has configured one.
+    pub(super) fn node_id(&self) -> Option<NodeId> {
+        self.lss.node
+    }
+}
+
+fn carry_over(before: &Object, object: &mut Object) {
+    object.saved.clone_from(&before.saved);
+    if !COMMUNICATION.contains(&object.index) {
+        object.value.clone_from(&before.value);
+    }
+}
