@@ -8,8 +8,9 @@ use std::time::Duration;
 
 use counting::allocations;
 use ecan_canopen::{
-    Configurator, HostHeartbeat, Network, NetworkConfig, NmtCommand, NodeAction, NodeAddress,
-    NodeConfig, NodeId, SdoConfig, Step, SyncConfig,
+    Configurator, FastscanFilter, GuardingConfig, HostHeartbeat, LssCommand, Network,
+    NetworkConfig, NmtCommand, NodeAction, NodeAddress, NodeConfig, NodeId, SdoConfig, Step,
+    SyncConfig, TimeConfig, TimeReference,
 };
 use ecan_host::AdapterConfig;
 use ecan_mcan_port::{ChannelConfig, GatewayConfig, Port, PortConfig};
@@ -29,15 +30,22 @@ fn forty_nodes_in_transfers_allocate_nothing() {
     let mut network = Network::new(config);
     // Short timeouts, so that failing, aborting and starting over are part of it.
     let sdo = SdoConfig { timeout: Duration::from_millis(20), ..SdoConfig::default() };
-    let settings = NodeConfig { heartbeat_timeout: Duration::from_millis(100), sdo };
+    let heartbeat_timeout = Duration::from_millis(100);
+    let watched = NodeConfig { heartbeat_timeout, sdo, ..NodeConfig::default() };
+    let guarding = GuardingConfig { guard_time: Duration::from_millis(50), life_time_factor: 2 };
+    let guarded = NodeConfig { guarding: Some(guarding), sdo, ..NodeConfig::default() };
     let nodes: Vec<_> = (0..40u8)
         .map(|nth| {
             let (slave, channel) = (usize::from(nth % 3), nth / 3 % 4);
             let node = NodeId::new(1 + nth).unwrap();
+            let settings = if nth % 2 == 0 { watched } else { guarded };
             network.add_node(NodeAddress { slave, channel, node }, settings).unwrap()
         })
         .collect();
     network.set_sync(Some(SyncConfig::default())).unwrap();
+    let reference = TimeReference::from_system_clock(port.adapter().clock().now_ns());
+    let time = TimeConfig { period: Duration::from_millis(10), reference };
+    network.set_time(Some(time)).unwrap();
     let mut configurator = Configurator::new();
     for node in &nodes {
         let read = Step::read(0x1000, 0).if_accepted();
@@ -54,6 +62,7 @@ fn forty_nodes_in_transfers_allocate_nothing() {
         network.receive(&mut cycle, now, |_| others += 1);
         configurator.step(&mut network, now);
         failures += configurator.progress(now).filter(|node| node.failure.is_some()).count();
+        let _ = network.start_lss(0, 0, LssCommand::Fastscan(FastscanFilter::default()));
         for node in &nodes {
             if number % 100 == 0 {
                 let _ = network.start_download(*node, 0x1F50, 1, &[7; 200]);
@@ -73,6 +82,8 @@ fn forty_nodes_in_transfers_allocate_nothing() {
     let statistics = network.statistics();
     assert!(statistics.sdo_sent > 1_000 && statistics.syncs_sent > 11_000, "{statistics:?}");
     assert!(statistics.heartbeats_sent > 1_000 && statistics.nmt_sent >= 400, "{statistics:?}");
+    assert!(statistics.times_sent > 1_000 && statistics.guards_sent > 500, "{statistics:?}");
+    assert!(statistics.lss_sent > 10, "{statistics:?}");
     assert!(others > 10_000, "echoes: {others}");
     assert!(failures > 0, "no answers, so the configurations fail in the end");
     assert_eq!(inside, 0);

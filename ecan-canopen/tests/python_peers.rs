@@ -59,6 +59,7 @@ impl Client {
             heartbeat_timeout: Duration::from_millis(2_000),
             // Another program answers, on a machine that may have much to do.
             sdo: SdoConfig { timeout: Duration::from_millis(20_000), ..SdoConfig::default() },
+            ..NodeConfig::default()
         };
         let address = NodeAddress { slave: 0, channel: 0, node };
         let node = network.add_node(address, settings).unwrap();

@@ -4,7 +4,8 @@ use std::collections::VecDeque;
 
 use crate::{NmtRequest, NodeId};
 
-use super::heartbeat::HeartbeatTimer;
+use super::lss::{LssConfig, LssFault, LssMaster};
+use super::period_timer::PeriodTimer;
 use super::sync_producer::SyncProducer;
 
 /// Node-IDs, 0 included.
@@ -15,7 +16,7 @@ pub(super) struct Channel {
     pub(super) slave: usize,
     pub(super) channel: u8,
     pub(super) is_ready: bool,
-    /// Neither SYNC nor the host's heartbeat is sent.
+    /// Neither SYNC nor the host's heartbeat nor a guarding request is sent.
     pub(super) is_paused: bool,
     pub(super) nodes: Vec<usize>,
     lookup: [Option<u16>; NODE_IDS],
@@ -23,8 +24,12 @@ pub(super) struct Channel {
     pub(super) turn: usize,
     nmt: VecDeque<NmtRequest>,
     nmt_limit: usize,
-    pub(super) heartbeat: HeartbeatTimer,
+    pub(super) heartbeat: PeriodTimer,
+    pub(super) time: PeriodTimer,
+    /// The node that is guarded first in the next cycle.
+    pub(super) guard_turn: usize,
     pub(super) sync: SyncProducer,
+    pub(super) lss: LssMaster,
 }
 
 impl Channel {
@@ -39,8 +44,11 @@ impl Channel {
             turn: 0,
             nmt: VecDeque::with_capacity(nmt_limit),
             nmt_limit,
-            heartbeat: HeartbeatTimer::default(),
+            heartbeat: PeriodTimer::default(),
+            time: PeriodTimer::default(),
+            guard_turn: 0,
             sync: SyncProducer::default(),
+            lss: LssMaster::new(LssConfig::default()),
         }
     }
 
@@ -80,5 +88,7 @@ impl Channel {
     pub(super) fn gateway_lost(&mut self) {
         self.nmt.clear();
         self.heartbeat.reset();
+        self.time.reset();
+        self.lss.cancel(LssFault::GatewayLost);
     }
 }

@@ -4,6 +4,7 @@ use std::time::Duration;
 
 use ecan_protocol::image::Schedule;
 
+use super::guarding::GuardingConfig;
 use crate::NodeId;
 
 /// Use of SDO block transfer with a node (CiA 301, 7.2.4.2.9 to 7.2.4.2.16).
@@ -64,6 +65,8 @@ pub struct NodeConfig {
     /// Longest time between two heartbeats; zero does not watch them. Choose it well above the
     /// producer time in the node's 0x1017.
     pub heartbeat_timeout: Duration,
+    /// Node guarding in place of the heartbeat, for a node without heartbeat producer. `None` does not guard.
+    pub guarding: Option<GuardingConfig>,
     /// SDO client.
     pub sdo: SdoConfig,
 }

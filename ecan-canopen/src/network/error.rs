@@ -6,6 +6,8 @@ use ecan_host::CycleError;
 use thiserror::Error;
 
 use super::address::NodeAddress;
+use super::guarding::GuardingConfig;
+use super::lss::{LssFailure, LssStartError};
 use super::sdo_error::{SdoFailure, SdoStartError};
 use super::step_failure::StepFailure;
 
@@ -34,6 +36,44 @@ pub enum NetworkError {
     /// A network holds 65535 nodes.
     #[error("too many nodes; allowed: 65535")]
     TooMany,
+    /// A gateway has four channels.
+    #[error("slave {slave}: invalid channel {channel}; allowed: 0 to 3")]
+    NoChannel {
+        /// Slave index.
+        slave: usize,
+        /// The invalid channel.
+        channel: u8,
+    },
+    /// The guarding configuration is out of range.
+    #[error(
+        "{address}: guard time {} us with life time factor {} is out of range; allowed: 1 ms to 65535 ms in whole \
+         milliseconds, factor 1 to 255",
+        guarding.guard_time.as_micros(),
+        guarding.life_time_factor
+    )]
+    Guarding {
+        /// The node.
+        address: NodeAddress,
+        /// The invalid configuration.
+        guarding: GuardingConfig,
+    },
+    /// A node is watched by its heartbeat or by guarding.
+    #[error(
+        "{address} has a heartbeat timeout and guarding; allowed: one of them; set heartbeat_timeout to 0 or \
+         guarding to None"
+    )]
+    HeartbeatAndGuarding {
+        /// The node.
+        address: NodeAddress,
+    },
+    /// TIME cannot express the Unix time.
+    #[error(
+        "Unix time {unix_ns} ns is out of range for TIME; allowed: 1984-01-01 to 2163-06-06; set the clock"
+    )]
+    TimeReference {
+        /// The invalid time in nanoseconds.
+        unix_ns: u64,
+    },
     /// The SYNC counter overflow is out of range.
     #[error("SYNC counter overflow {value} is out of range; allowed: 2 to 240")]
     CounterOverflow {
@@ -48,6 +88,16 @@ pub enum NmtError {
     /// The queue of the channel is full.
     #[error("slave {slave} channel {channel}: NMT command queue is full; retry in a later cycle")]
     QueueFull {
+        /// Slave index.
+        slave: usize,
+        /// Channel.
+        channel: u8,
+    },
+    /// The network does not have the channel.
+    #[error(
+        "slave {slave} channel {channel} is not in the network; add a node or call add_channel"
+    )]
+    UnknownChannel {
         /// Slave index.
         slave: usize,
         /// Channel.
@@ -75,6 +125,12 @@ pub enum WaitError {
     /// The transfer could not start.
     #[error(transparent)]
     Start(#[from] SdoStartError),
+    /// The LSS command failed.
+    #[error(transparent)]
+    Lss(#[from] LssFailure),
+    /// The LSS command could not start.
+    #[error(transparent)]
+    LssStart(#[from] LssStartError),
     /// A step of a configuration failed.
     #[error(transparent)]
     Step(Box<StepFailure>),
@@ -105,6 +161,8 @@ impl WaitError {
         match self {
             Self::Sdo(failure) => failure.fault.is_temporary(),
             Self::Start(error) => error.is_temporary(),
+            Self::Lss(failure) => failure.fault.is_temporary(),
+            Self::LssStart(error) => error.is_temporary(),
             Self::Step(failure) => failure.is_temporary(),
             Self::TimedOut { .. } => true,
             Self::Stopped => false,

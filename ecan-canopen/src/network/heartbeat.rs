@@ -1,15 +1,11 @@
-//! Heartbeat consumer of one node, and heartbeat producer of the host (CiA 301, 7.2.8.3.2.2).
+//! Heartbeat consumer of one node (CiA 301, 7.2.8.3.2.2).
 
 use std::time::Duration;
 
-use super::config::HostHeartbeat;
-
-pub(super) fn nanoseconds(duration: Duration) -> u64 {
-    u64::try_from(duration.as_nanos()).unwrap_or(u64::MAX)
-}
+use super::period_timer::nanoseconds;
 
 ecan_protocol::text_enum! {
-    /// State of a node's heartbeat.
+    /// Life sign of a node: heartbeat, or response to node guarding.
     #[derive(Default)]
     pub enum Heartbeat;
     /// Not watched.
@@ -82,32 +78,9 @@ impl HeartbeatWatch {
     }
 }
 
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub(super) struct HeartbeatTimer {
-    due_ns: Option<u64>,
-}
-
-impl HeartbeatTimer {
-    pub(super) fn is_due(&self, now_ns: u64) -> bool {
-        self.due_ns.is_none_or(|due| now_ns >= due)
-    }
-
-    /// Keeps the period; after a gap it restarts instead of catching up.
-    pub(super) fn sent(&mut self, now_ns: u64, config: &HostHeartbeat) {
-        let period = nanoseconds(config.period.max(Duration::from_millis(1)));
-        let next = self.due_ns.map_or(now_ns, |due| due.saturating_add(period));
-        self.due_ns = Some(if next > now_ns { next } else { now_ns.saturating_add(period) });
-    }
-
-    pub(super) fn reset(&mut self) {
-        self.due_ns = None;
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::NodeId;
 
     const MS: u64 = 1_000_000;
 
@@ -145,21 +118,5 @@ mod tests {
         assert_eq!(consumer.state(), Heartbeat::Unconfigured);
         consumer.set_timeout(Duration::from_millis(5));
         assert_eq!(consumer.state(), Heartbeat::Unknown);
-    }
-
-    #[test]
-    fn producer_keeps_its_period_without_catching_up() {
-        let config =
-            HostHeartbeat { node: NodeId::new(127).unwrap(), period: Duration::from_millis(10) };
-        let mut producer = HeartbeatTimer::default();
-        assert!(producer.is_due(0));
-        producer.sent(3 * MS, &config);
-        assert!(!producer.is_due(12 * MS));
-        assert!(producer.is_due(13 * MS));
-        producer.sent(14 * MS, &config);
-        assert!(producer.is_due(23 * MS), "a late cycle does not shift the plan");
-        producer.sent(100 * MS, &config);
-        assert!(!producer.is_due(109 * MS));
-        assert!(producer.is_due(110 * MS));
     }
 }

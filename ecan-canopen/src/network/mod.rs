@@ -7,18 +7,23 @@ mod config;
 mod emcy_log;
 mod error;
 mod frame_sink;
+mod guarding;
 mod heartbeat;
+mod lss;
 #[expect(clippy::module_inception, reason = "a file has the name of its main type")]
 mod network;
 mod network_cycle;
+mod network_lss;
 mod network_sync;
 mod nmt_tracker;
 mod node;
+mod period_timer;
 mod sdo;
 mod sdo_error;
 mod service_sender;
 mod statistics;
 mod sync_producer;
+mod time_producer;
 
 pub use address::{NodeAddress, NodeHandle};
 pub use config::{
@@ -26,12 +31,17 @@ pub use config::{
 };
 pub use emcy_log::{EMCY_DEPTH, EmcyLog, EmcyRecord};
 pub use error::{NetworkError, NmtError, WaitError};
+pub use guarding::{GuardErrors, GuardingConfig};
 pub use heartbeat::Heartbeat;
+pub use lss::{
+    Lss, LssCommand, LssConfig, LssFailure, LssFault, LssMaster, LssResult, LssStartError,
+};
 pub use network::Network;
 pub use node::NodeStatus;
 pub use sdo::{Sdo, SdoClient};
 pub use sdo_error::{SdoFailure, SdoFault, SdoStartError};
 pub use statistics::ServiceStatistics;
+pub use time_producer::{TimeConfig, TimeReference};
 
 // Configuration of nodes
 mod configurator;

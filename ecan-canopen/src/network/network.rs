@@ -10,11 +10,13 @@ use super::channel::Channel;
 use super::config::{HostHeartbeat, NetworkConfig, NodeConfig, SyncConfig};
 use super::emcy_log::EmcyLog;
 use super::error::{NetworkError, NmtError};
+use super::guarding::{GuardingConfig, NodeGuard};
 use super::heartbeat::Heartbeat;
 use super::node::{Node, NodeStatus};
 use super::sdo::{Sdo, SdoClient};
 use super::sdo_error::{SdoFailure, SdoStartError};
 use super::statistics::ServiceStatistics;
+use super::time_producer::TimeConfig;
 
 /// CANopen master of all nodes that are connected to the gateways of a Port (CiA 301): NMT,
 /// heartbeat, EMCY, SYNC and one SDO client per node.
@@ -45,6 +47,7 @@ pub struct Network {
     pub(super) nodes: Vec<Node>,
     pub(super) channels: Vec<Channel>,
     pub(super) sync: Option<SyncConfig>,
+    pub(super) time: Option<TimeConfig>,
     pub(super) statistics: ServiceStatistics,
 }
 
@@ -56,6 +59,7 @@ impl Network {
             nodes: Vec::new(),
             channels: Vec::new(),
             sync: None,
+            time: None,
             statistics: ServiceStatistics::default(),
         }
     }
@@ -78,20 +82,39 @@ impl Network {
         if self.find(address).is_some() {
             return Err(NetworkError::Duplicate { address });
         }
+        if let Some(guarding) = config.guarding {
+            if guarding.checked_ms().is_none() {
+                return Err(NetworkError::Guarding { address, guarding });
+            }
+            if !config.heartbeat_timeout.is_zero() {
+                return Err(NetworkError::HeartbeatAndGuarding { address });
+            }
+        }
         let nth = self.nodes.len();
         let short = u16::try_from(nth).map_err(|_| NetworkError::TooMany)?;
         self.nodes.push(Node::new(address, config));
-        let (slave, channel) = (address.slave, address.channel);
-        let at = self.channel_index(slave, channel).unwrap_or_else(|| {
-            let mut channel = Channel::new(slave, channel, self.config.nmt_queue);
-            channel.sync.enable(self.sync.is_some());
-            self.channels.push(channel);
-            self.channels.len() - 1
-        });
+        let at = self.ensure_channel(address.slave, address.channel);
+        let has_sync = self.sync.is_some();
         if let Some(channel) = self.channels.get_mut(at) {
+            if channel.nodes.is_empty() {
+                channel.sync.enable(has_sync);
+            }
             channel.add_node(address.node, short);
         }
         Ok(NodeHandle(nth))
+    }
+
+    /// Index of a channel; adds it if the network does not have it.
+    pub(super) fn ensure_channel(&mut self, slave: usize, channel: u8) -> usize {
+        self.channel_index(slave, channel).unwrap_or_else(|| {
+            self.channels.push(Channel::new(slave, channel, self.config.nmt_queue));
+            self.channels.len() - 1
+        })
+    }
+
+    pub(super) fn channel_mut(&mut self, slave: usize, channel: u8) -> Option<&mut Channel> {
+        let nth = self.channel_index(slave, channel)?;
+        self.channels.get_mut(nth)
     }
 
     /// All nodes, in the order in which they were added.
@@ -130,7 +153,8 @@ impl Network {
     /// Counters; real-time safe.
     pub fn statistics(&self) -> ServiceStatistics {
         let sdo_strays = self.nodes.iter().map(|node| node.sdo.strays()).sum();
-        ServiceStatistics { sdo_strays, ..self.statistics }
+        let lss_strays = self.channels.iter().map(|channel| channel.lss.strays()).sum();
+        ServiceStatistics { sdo_strays, lss_strays, ..self.statistics }
     }
 
     // Node state
@@ -147,17 +171,41 @@ impl Network {
         self.node(handle)?.nmt.reported()
     }
 
-    /// State of a node's heartbeat; real-time safe.
+    /// State of a node's life sign, by heartbeat or guarding; real-time safe.
     pub fn heartbeat(&self, handle: NodeHandle) -> Heartbeat {
-        self.node(handle).map_or(Heartbeat::Unconfigured, |node| node.heartbeat.state())
+        self.node(handle).map_or(Heartbeat::Unconfigured, Node::life)
     }
 
-    /// Watches a node's heartbeat with another timeout from now on; zero stops watching. Real-time
-    /// safe.
+    /// Watches a node's heartbeat with another timeout from now on, and ends guarding; zero stops watching
+    /// heartbeats and does not change guarding. Real-time safe.
     pub fn set_heartbeat_timeout(&mut self, handle: NodeHandle, timeout: Duration) {
         if let Some(node) = self.node_mut(handle) {
             node.heartbeat.set_timeout(timeout);
+            if !timeout.is_zero() {
+                node.guard = None;
+            }
         }
+    }
+
+    /// Guards a node from now on, and ends the watch of its heartbeat; `None` stops guarding. Write 0x100C and 0x100D
+    /// of the node first, see [`GuardingConfig::steps`]. Real-time safe.
+    ///
+    /// # Errors
+    /// [`NetworkError::Guarding`]; nothing is changed.
+    pub fn set_guarding(
+        &mut self,
+        handle: NodeHandle,
+        guarding: Option<GuardingConfig>,
+    ) -> Result<(), NetworkError> {
+        let Some(node) = self.node_mut(handle) else { return Ok(()) };
+        if let Some(guarding) = guarding {
+            if guarding.checked_ms().is_none() {
+                return Err(NetworkError::Guarding { address: node.address, guarding });
+            }
+            node.heartbeat.set_timeout(Duration::ZERO);
+        }
+        node.guard = guarding.map(NodeGuard::new);
+        Ok(())
     }
 
     /// Emergency messages of a node; real-time safe.
@@ -182,7 +230,7 @@ impl Network {
         if queued { Ok(()) } else { Err(NmtError::QueueFull { slave, channel }) }
     }
 
-    /// Queues an NMT command to all nodes, as one broadcast per channel that has a node. It also
+    /// Queues an NMT command to all nodes, as one broadcast per channel of the network. It also
     /// reaches nodes that were not added. Real-time safe.
     ///
     /// # Errors
@@ -197,13 +245,29 @@ impl Network {
         Ok(())
     }
 
+    /// Queues an NMT command to all nodes of one channel, also to those that were not added. Real-time safe.
+    ///
+    /// # Errors
+    /// [`NmtError::QueueFull`] or [`NmtError::UnknownChannel`].
+    pub fn nmt_channel(
+        &mut self,
+        slave: usize,
+        channel: u8,
+        command: NmtCommand,
+    ) -> Result<(), NmtError> {
+        let entry = self.channel_mut(slave, channel);
+        let entry = entry.ok_or(NmtError::UnknownChannel { slave, channel })?;
+        let queued = entry.queue_nmt(NmtRequest { command, node: None });
+        if queued { Ok(()) } else { Err(NmtError::QueueFull { slave, channel }) }
+    }
+
     /// Returns whether NMT commands wait to be sent; real-time safe.
     pub fn nmt_is_pending(&self) -> bool {
         self.channels.iter().any(|channel| channel.next_nmt().is_some())
     }
 
-    /// Withholds SYNC and the host's heartbeat on a channel, or sends them again: nodes that watch the
-    /// host are not kept alive while their state is unknown. Ignores a channel without nodes.
+    /// Withholds SYNC, the host's heartbeat and guarding requests on a channel, or sends them again: nodes that watch
+    /// the host are not kept alive while their state is unknown. Ignores a channel without nodes.
     /// Real-time safe.
     pub fn set_paused(&mut self, slave: usize, channel: u8, is_paused: bool) {
         let nth = self.channel_index(slave, channel);
@@ -215,6 +279,27 @@ impl Network {
     /// Heartbeat of the host.
     pub fn host_heartbeat(&self) -> Option<HostHeartbeat> {
         self.config.host_heartbeat
+    }
+
+    /// Starts, changes or stops the production of TIME (CiA 301, 7.2.6). The first message is due in the next cycle.
+    /// Real-time safe.
+    ///
+    /// # Errors
+    /// [`NetworkError::TimeReference`]; nothing is changed.
+    pub fn set_time(&mut self, config: Option<TimeConfig>) -> Result<(), NetworkError> {
+        if let Some(config) = &config {
+            config.check()?;
+        }
+        self.time = config;
+        for channel in &mut self.channels {
+            channel.time.reset();
+        }
+        Ok(())
+    }
+
+    /// Configuration of TIME; `None` if it is off.
+    pub fn time(&self) -> Option<TimeConfig> {
+        self.time
     }
 
     // SDO

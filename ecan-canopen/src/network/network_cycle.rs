@@ -1,18 +1,19 @@
 //! The network in the cycle: received and sent frames.
 
-use crate::{CobId, Emcy, NmtState, Service, parse_heartbeat};
+use crate::{CobId, Emcy, GuardResponse, NmtState, Service};
 use ecan_mcan_port::{Cycle, Received, ReceivedFrame};
 use ecan_protocol::can::FrameKind;
 
 use super::frame_sink::FrameSink;
+use super::guarding::GuardResult;
 use super::network::Network;
 use super::node::Node;
 use super::sdo_error::SdoFault;
 use super::service_sender::ServiceSender;
 
 impl Network {
-    /// Takes the received frames of the cycle: boot-up messages, heartbeats, emergency messages and SDO
-    /// answers of its nodes. Passes everything else to `other`, in order: the nodes' TPDOs with slave,
+    /// Takes the received frames of the cycle: boot-up messages, heartbeats, guarding responses, emergency messages
+    /// and SDO answers of its nodes, and the responses to LSS commands. Passes everything else to `other`, in order: the nodes' TPDOs with slave,
     /// channel and CAN ID, frames of unknown nodes, and transmit reports. Then checks timeouts and the
     /// sessions of the gateways.
     ///
@@ -29,8 +30,8 @@ impl Network {
         self.tick(now_ns);
     }
 
-    /// Sends NMT commands, the host's heartbeat and SDO frames that are due, in this order on each
-    /// channel.
+    /// Sends NMT commands, the host's heartbeat, TIME, guarding requests, LSS and SDO frames that are due, in this
+    /// order on each channel.
     ///
     /// Call once per cycle, after the cycle's process data. A frame that finds no space waits for the next
     /// cycle and is not duplicated. Real-time safe.
@@ -62,6 +63,12 @@ impl Network {
             return false;
         }
         let service = CobId::classify(frame.id());
+        if service == Some(Service::LssResponse) {
+            let channel = self.channel_mut(received.slave, received.channel);
+            let Some(channel) = channel else { return false };
+            channel.lss.receive(frame.data());
+            return true;
+        }
         let Some(Service::Emcy(node) | Service::SdoServer(node) | Service::Heartbeat(node)) =
             service
         else {
@@ -90,7 +97,13 @@ impl Network {
             if node.heartbeat.tick(now_ns) {
                 tracing::warn!("{}: heartbeat lost", node.address);
             }
+            if node.guard.as_mut().is_some_and(|guard| guard.tick(now_ns)) {
+                tracing::warn!("{}: no response to guarding", node.address);
+            }
             node.sdo.tick(now_ns);
+        }
+        for channel in &mut self.channels {
+            channel.lss.tick(now_ns);
         }
         if let Some(sync) = &self.sync {
             for channel in &mut self.channels {
@@ -100,9 +113,10 @@ impl Network {
     }
 
     pub(super) fn send_to(&mut self, sink: &mut impl FrameSink, now_ns: u64) {
-        let Self { config, nodes, channels, statistics, .. } = self;
+        let Self { config, nodes, channels, time, statistics, .. } = self;
         for channel in channels {
-            ServiceSender { sink, channel, nodes, config, statistics }.deliver(now_ns);
+            let mut sender = ServiceSender { sink, channel, nodes, config, statistics };
+            sender.deliver(time.as_ref(), now_ns);
         }
     }
 }
@@ -123,19 +137,41 @@ fn emcy(node: &mut Node, data: &[u8], now_ns: u64) -> bool {
 }
 
 fn error_control(node: &mut Node, data: &[u8], now_ns: u64) -> bool {
-    let Some(state) = parse_heartbeat(data) else { return false };
-    if state == NmtState::Initialising {
-        tracing::info!("{}: boot-up", node.address);
+    // A heartbeat has the same form; its toggle bit is 0.
+    let Some(response) = GuardResponse::parse(data) else { return false };
+    let address = node.address;
+    if response.state == NmtState::Initialising {
+        tracing::info!("{address}: boot-up");
         node.nmt.booted();
         node.heartbeat.booted();
+        if let Some(guard) = &mut node.guard {
+            guard.booted();
+        }
         if node.sdo.is_known_to_node() {
             node.sdo.drop_transfer(SdoFault::NodeRestarted);
         }
-    } else {
-        node.nmt.reported_by_node(state);
-        if node.heartbeat.received(now_ns) {
-            tracing::info!("{}: heartbeat received again", node.address);
-        }
+        return true;
+    }
+    let was_overdue = match &mut node.guard {
+        None => node.heartbeat.received(now_ns),
+        Some(guard) => match guard.received(response, now_ns) {
+            GuardResult::Accepted(was_overdue) => was_overdue,
+            GuardResult::State(was_overdue) => {
+                tracing::warn!(
+                    "{address}: guarding reported {}, not the commanded state",
+                    response.state
+                );
+                was_overdue
+            }
+            GuardResult::Toggle => {
+                tracing::warn!("{address}: toggle bit of guarding did not alternate");
+                return true;
+            }
+        },
+    };
+    node.nmt.reported_by_node(response.state);
+    if was_overdue {
+        tracing::info!("{address}: life sign received again");
     }
     true
 }

@@ -22,7 +22,7 @@ impl Network {
         }
         self.sync = config;
         for channel in &mut self.channels {
-            channel.sync.enable(config.is_some());
+            channel.sync.enable(config.is_some() && !channel.nodes.is_empty());
         }
         Ok(())
     }
@@ -62,7 +62,7 @@ impl Network {
     /// Whether a SYNC period begins in this cycle, on all channels alike. A late SYNC is due in other cycles,
     /// too. Real-time safe.
     pub fn sync_period_begins(&self) -> bool {
-        self.channels.first().is_some_and(|channel| channel.sync.is_planned())
+        self.channels.iter().any(|channel| channel.sync.is_planned())
     }
 
     /// Returns whether a SYNC was sent to a channel in this cycle. Real-time safe.
@@ -83,7 +83,7 @@ impl Network {
         sink: &mut impl FrameSink,
         mut may_send: impl FnMut(usize, u8) -> bool,
     ) -> usize {
-        let Self { config, nodes, channels, sync, statistics } = self;
+        let Self { config, nodes, channels, sync, statistics, .. } = self;
         let Some(sync) = sync else { return 0 };
         let before = statistics.syncs_sent;
         for channel in channels {

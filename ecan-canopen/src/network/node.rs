@@ -5,6 +5,7 @@ use crate::NmtState;
 use super::address::NodeAddress;
 use super::config::NodeConfig;
 use super::emcy_log::EmcyLog;
+use super::guarding::{GuardErrors, NodeGuard};
 use super::heartbeat::{Heartbeat, HeartbeatWatch};
 use super::nmt_tracker::NmtTracker;
 use super::sdo::SdoClient;
@@ -14,6 +15,8 @@ pub(super) struct Node {
     pub(super) address: NodeAddress,
     pub(super) nmt: NmtTracker,
     pub(super) heartbeat: HeartbeatWatch,
+    /// In place of the heartbeat.
+    pub(super) guard: Option<NodeGuard>,
     pub(super) emcy: EmcyLog,
     pub(super) sdo: SdoClient,
 }
@@ -24,9 +27,16 @@ impl Node {
             address,
             nmt: NmtTracker::default(),
             heartbeat: HeartbeatWatch::new(config.heartbeat_timeout),
+            guard: config.guarding.map(NodeGuard::new),
             emcy: EmcyLog::default(),
             sdo: SdoClient::new(config.sdo),
         }
+    }
+
+    /// Life sign, by heartbeat or guarding.
+    #[inline]
+    pub(super) fn life(&self) -> Heartbeat {
+        self.guard.as_ref().map_or(self.heartbeat.state(), NodeGuard::state)
     }
 
     #[inline]
@@ -36,8 +46,11 @@ impl Node {
             nmt_state: self.nmt.reported(),
             expected_nmt_state: self.nmt.expected(),
             boot_ups: self.nmt.boot_ups(),
-            heartbeat: self.heartbeat.state(),
-            heartbeat_timeouts: self.heartbeat.timeouts(),
+            heartbeat: self.life(),
+            heartbeat_timeouts: self
+                .guard
+                .map_or(self.heartbeat.timeouts(), |guard| guard.timeouts),
+            guard_errors: self.guard.map_or(GuardErrors::default(), |guard| guard.errors),
             emcy_count: self.emcy.count(),
             error_code: self.emcy.last_code(),
         }
@@ -49,7 +62,7 @@ impl Node {
 pub struct NodeStatus {
     /// Address of the node.
     pub address: NodeAddress,
-    /// NMT state that it reported last, by boot-up message or heartbeat; `None` before the first report, and
+    /// NMT state that it reported last, by boot-up message, heartbeat or guarding; `None` before the first report, and
     /// after a reset command until its boot-up message.
     pub nmt_state: Option<NmtState>,
     /// NMT state to which the last boot-up message or command leads: the only information about a node
@@ -57,10 +70,12 @@ pub struct NodeStatus {
     pub expected_nmt_state: Option<NmtState>,
     /// Number of boot-up messages.
     pub boot_ups: u32,
-    /// State of its heartbeat.
+    /// State of its life sign: of its heartbeat, or of node guarding.
     pub heartbeat: Heartbeat,
-    /// Number of heartbeat timeouts.
+    /// Number of timeouts of the life sign.
     pub heartbeat_timeouts: u32,
+    /// Number of errors of node guarding; 0 without guarding.
+    pub guard_errors: GuardErrors,
     /// Number of emergency messages.
     pub emcy_count: u32,
     /// Error code of the last one; 0 for none, or after the node reset its error.

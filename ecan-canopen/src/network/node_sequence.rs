@@ -175,7 +175,9 @@ impl ObjectAccess for NodeAccess<'_> {
                     Ok(true)
                 }
                 Err(NmtError::QueueFull { .. }) => Ok(false),
-                Err(NmtError::UnknownNode) => Err(SdoStartError::UnknownNode.into()),
+                Err(NmtError::UnknownNode | NmtError::UnknownChannel { .. }) => {
+                    Err(SdoStartError::UnknownNode.into())
+                }
             },
             NodeAction::AwaitBootUp { timeout } => {
                 if self.client.boot_ups != Some(status.boot_ups) {

@@ -11,6 +11,12 @@ pub struct ServiceStatistics {
     pub nmt_sent: u64,
     /// Heartbeats of the host sent to gateways.
     pub heartbeats_sent: u64,
+    /// TIME messages sent to gateways.
+    pub times_sent: u64,
+    /// Guarding requests sent to gateways.
+    pub guards_sent: u64,
+    /// LSS frames sent to gateways.
+    pub lss_sent: u64,
     /// SYNC messages sent to gateways.
     pub syncs_sent: u64,
     /// Times that a frame waited: it found no space, or its gateway was not ready.
@@ -24,6 +30,8 @@ pub struct ServiceStatistics {
     pub last_rejection: Option<SendError>,
     /// SDO answers that matched no transfer.
     pub sdo_strays: u64,
+    /// LSS responses that matched no command.
+    pub lss_strays: u64,
     /// Messages of nodes that CiA 301 does not allow: a heartbeat without a valid state, an emergency
     /// message of another length.
     pub malformed: u64,

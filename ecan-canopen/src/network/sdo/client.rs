@@ -8,7 +8,7 @@ use ecan_protocol::object::AbortCode;
 
 use super::transfer::{Phase, Transfer, TransferFailure};
 use crate::network::config::SdoConfig;
-use crate::network::heartbeat::nanoseconds;
+use crate::network::period_timer::nanoseconds;
 use crate::network::sdo_error::{SdoFault, SdoStartError};
 
 /// Bytes after the longest value that the last segment of a block may fill up.

@@ -1,0 +1,268 @@
+//! Node guarding and life guarding of one node (CiA 301, 7.2.8.3.2.1): an alternative to its heartbeat.
+
+use std::time::Duration;
+
+use super::heartbeat::Heartbeat;
+use super::node_action::Step;
+use super::period_timer::{PeriodTimer, nanoseconds};
+use crate::{GuardResponse, NmtState, object};
+
+/// Node guarding of a node: the host asks for its NMT state, and the node detects by the requests that the host
+/// runs (life guarding). For nodes without heartbeat producer.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub struct GuardingConfig {
+    /// Time between two requests, 1 ms to 65535 ms, in whole milliseconds (0x100C).
+    pub guard_time: Duration,
+    /// The node, and the host, react after this multiple of the guard time without response or request, 1 to 255
+    /// (0x100D).
+    pub life_time_factor: u8,
+}
+
+impl GuardingConfig {
+    /// Longest time between two valid responses: guard time times life time factor.
+    pub fn life_time(&self) -> Duration {
+        self.guard_time * u32::from(self.life_time_factor)
+    }
+
+    /// Guard time in milliseconds; `None` if it or the factor is out of range.
+    pub(super) fn checked_ms(&self) -> Option<u16> {
+        let is_whole = self.guard_time.subsec_nanos().is_multiple_of(1_000_000);
+        let ms = u16::try_from(self.guard_time.as_millis()).ok()?;
+        (is_whole && ms > 0 && self.life_time_factor > 0).then_some(ms)
+    }
+
+    /// Steps that enable life guarding in the node: heartbeat producer off, if it has one, then 0x100C and 0x100D.
+    /// A guard time out of range counts as the nearest allowed one; [`Network::add_node`](crate::Network::add_node)
+    /// rejects it.
+    pub fn steps(&self) -> [Step; 3] {
+        let ms = self.guard_time.as_millis().clamp(1, u128::from(u16::MAX)) as u16;
+        [
+            Step::write(object::PRODUCER_HEARTBEAT, 0, 0u16).named("heartbeat off").if_present(),
+            Step::write(object::GUARD_TIME, 0, ms).named("guard time"),
+            Step::write(object::LIFE_TIME_FACTOR, 0, self.life_time_factor)
+                .named("life time factor"),
+        ]
+    }
+}
+
+/// Counters of guarding errors of a node.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
+pub struct GuardErrors {
+    /// Responses whose toggle bit did not alternate; they count as not received.
+    pub toggle: u32,
+    /// Responses with another NMT state than the last command leads to.
+    pub state: u32,
+}
+
+/// Result of a guarding response.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum GuardResult {
+    /// Valid; `true` if the node was overdue.
+    Accepted(bool),
+    /// The toggle bit did not alternate.
+    Toggle,
+    /// Valid, with another NMT state than expected.
+    State(bool),
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct NodeGuard {
+    config: GuardingConfig,
+    state: Heartbeat,
+    timer: PeriodTimer,
+    /// End of the life time; `None` before the first request.
+    deadline_ns: Option<u64>,
+    /// Toggle bit of the next response; `None` accepts both.
+    toggle: Option<bool>,
+    /// NMT state that the response to the last request reports.
+    expected: Option<NmtState>,
+    pub(super) timeouts: u32,
+    pub(super) errors: GuardErrors,
+}
+
+impl NodeGuard {
+    pub(super) fn new(config: GuardingConfig) -> Self {
+        Self {
+            config,
+            state: Heartbeat::Unknown,
+            timer: PeriodTimer::default(),
+            deadline_ns: None,
+            toggle: None,
+            expected: None,
+            timeouts: 0,
+            errors: GuardErrors::default(),
+        }
+    }
+
+    #[inline]
+    pub(super) fn state(&self) -> Heartbeat {
+        self.state
+    }
+
+    pub(super) fn is_due(&self, now_ns: u64) -> bool {
+        self.timer.is_due(now_ns)
+    }
+
+    /// A request was sent to a node whose NMT state should be `expected`.
+    pub(super) fn sent(&mut self, now_ns: u64, expected: Option<NmtState>) {
+        self.timer.sent(now_ns, self.config.guard_time);
+        self.expected = expected;
+        if self.deadline_ns.is_none() && self.state != Heartbeat::TimedOut {
+            self.extend(now_ns);
+        }
+    }
+
+    /// The host sent an NMT command: the response to the last request may report either state.
+    pub(super) fn commanded(&mut self) {
+        self.expected = None;
+    }
+
+    pub(super) fn received(&mut self, response: GuardResponse, now_ns: u64) -> GuardResult {
+        if self.toggle.is_some_and(|toggle| toggle != response.toggle) {
+            self.errors.toggle = self.errors.toggle.saturating_add(1);
+            return GuardResult::Toggle;
+        }
+        self.toggle = Some(!response.toggle);
+        let was_overdue = self.state == Heartbeat::TimedOut;
+        self.state = Heartbeat::Active;
+        self.extend(now_ns);
+        if self.expected.take().is_some_and(|expected| expected != response.state) {
+            self.errors.state = self.errors.state.saturating_add(1);
+            return GuardResult::State(was_overdue);
+        }
+        GuardResult::Accepted(was_overdue)
+    }
+
+    /// The node booted: its first response has the toggle bit 0.
+    pub(super) fn booted(&mut self) {
+        self.state = Heartbeat::Unknown;
+        self.toggle = Some(false);
+        self.expected = None;
+        self.deadline_ns = None;
+    }
+
+    /// No request is sent: the life time stops.
+    pub(super) fn pause(&mut self) {
+        self.deadline_ns = None;
+        self.timer.reset();
+    }
+
+    /// Returns whether the node became overdue.
+    pub(super) fn tick(&mut self, now_ns: u64) -> bool {
+        let is_overdue = self.deadline_ns.is_some_and(|deadline| now_ns > deadline);
+        if is_overdue {
+            self.deadline_ns = None;
+            self.state = Heartbeat::TimedOut;
+            self.timeouts = self.timeouts.saturating_add(1);
+            // A node that restarted without boot-up message begins with toggle bit 0.
+            self.toggle = None;
+        }
+        is_overdue
+    }
+
+    fn extend(&mut self, now_ns: u64) {
+        let life_ns = nanoseconds(self.config.life_time());
+        self.deadline_ns = Some(now_ns.saturating_add(life_ns));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const MS: u64 = 1_000_000;
+    const CONFIG: GuardingConfig =
+        GuardingConfig { guard_time: Duration::from_millis(10), life_time_factor: 3 };
+
+    fn response(toggle: bool) -> GuardResponse {
+        GuardResponse { toggle, state: NmtState::Operational }
+    }
+
+    #[test]
+    fn responses_alternate_and_keep_the_node_alive() {
+        let mut guard = NodeGuard::new(CONFIG);
+        guard.booted();
+        for nth in 0..10u64 {
+            assert!(guard.is_due(nth * 10 * MS));
+            guard.sent(nth * 10 * MS, None);
+            assert!(!guard.is_due(nth * 10 * MS + 1));
+            let result = guard.received(response(nth % 2 == 1), nth * 10 * MS + MS);
+            assert_eq!(result, GuardResult::Accepted(false));
+            assert!(!guard.tick(nth * 10 * MS + MS));
+            assert_eq!(guard.state(), Heartbeat::Active);
+        }
+        // The last response came at 91 ms.
+        assert!(!guard.tick(121 * MS), "exactly in time");
+        assert!(guard.tick(121 * MS + 1));
+        assert_eq!((guard.state(), guard.timeouts), (Heartbeat::TimedOut, 1));
+        assert!(!guard.tick(999 * MS), "counted once");
+        guard.sent(1_000 * MS, None);
+        assert!(!guard.tick(2_000 * MS), "still lost");
+        assert_eq!(guard.received(response(true), 2_000 * MS), GuardResult::Accepted(true));
+        assert_eq!(guard.state(), Heartbeat::Active);
+    }
+
+    #[test]
+    fn node_that_never_responds_is_lost() {
+        let mut guard = NodeGuard::new(CONFIG);
+        assert!(!guard.tick(1_000 * MS), "no request, no life time");
+        for nth in 0..4 {
+            guard.sent(1_000 * MS + nth * 10 * MS, None);
+        }
+        assert!(!guard.tick(1_030 * MS));
+        assert!(guard.tick(1_030 * MS + 1));
+        guard.booted();
+        assert_eq!(guard.state(), Heartbeat::Unknown);
+    }
+
+    #[test]
+    fn repeated_toggle_bit_counts_as_not_received() {
+        let mut guard = NodeGuard::new(CONFIG);
+        guard.booted();
+        guard.sent(0, None);
+        assert_eq!(guard.received(response(true), MS), GuardResult::Toggle);
+        assert_eq!(guard.received(response(false), MS), GuardResult::Accepted(false));
+        guard.sent(10 * MS, None);
+        assert_eq!(guard.received(response(false), 11 * MS), GuardResult::Toggle);
+        assert_eq!(guard.errors, GuardErrors { toggle: 2, state: 0 });
+        assert!(guard.tick(31 * MS + 1), "the life time runs since 1 ms");
+    }
+
+    #[test]
+    fn unexpected_state_is_counted_unless_a_command_is_running() {
+        let mut guard = NodeGuard::new(CONFIG);
+        guard.sent(0, Some(NmtState::Operational));
+        assert_eq!(guard.received(response(false), 0), GuardResult::Accepted(false));
+        guard.sent(10 * MS, Some(NmtState::Stopped));
+        assert_eq!(guard.received(response(true), 11 * MS), GuardResult::State(false));
+        guard.sent(20 * MS, Some(NmtState::Stopped));
+        guard.commanded();
+        assert_eq!(guard.received(response(false), 21 * MS), GuardResult::Accepted(false));
+        assert_eq!(guard.errors, GuardErrors { toggle: 0, state: 1 });
+    }
+
+    #[test]
+    fn paused_guarding_loses_no_node() {
+        let mut guard = NodeGuard::new(CONFIG);
+        guard.sent(0, None);
+        guard.pause();
+        assert!(!guard.tick(1_000 * MS));
+        assert!(guard.is_due(1_000 * MS));
+    }
+
+    #[test]
+    fn guard_time_is_whole_milliseconds_in_range() {
+        let with = |guard_time, life_time_factor| {
+            GuardingConfig { guard_time, life_time_factor }.checked_ms()
+        };
+        assert_eq!(with(Duration::from_millis(65_535), 255), Some(65_535));
+        for (guard_time, factor) in [
+            (Duration::ZERO, 1),
+            (Duration::from_micros(1_500), 1),
+            (Duration::from_millis(65_536), 1),
+            (Duration::from_millis(100), 0),
+        ] {
+            assert_eq!(with(guard_time, factor), None);
+        }
+    }
+}
