@@ -1,53 +1,16 @@
 //! Node-ID and bit rate of a drive, as LSS configures them.
 
-use std::sync::Arc;
-
 use ecan_canopen::{CobId, LssAddress, LssPart, LssRequest, NodeId, object};
 
 use super::can_id_set::CanIdSet;
-use super::config::DriveConfig;
-use super::default_objects::{default_objects, fill_in};
 use super::device::Device;
-use super::dictionary::{Dictionary, Object};
-use super::eds;
-use super::eds_error::EdsError;
-use super::lss_slave::LssAction;
+use super::dictionary::Object;
+use super::lss_slave::{BitRateSwitch, LssAction};
 use crate::node::NodeOutput;
 
 const MS: u64 = 1_000_000;
 /// Objects whose values a change of the node-ID resets: the communication profile.
 const COMMUNICATION: std::ops::RangeInclusive<u16> = 0x1000..=0x1FFF;
-
-/// Source of the objects of a drive, whose defaults depend on the node-ID.
-#[derive(Clone, Debug)]
-pub(super) enum ObjectSource {
-    BuiltIn,
-    Eds(Arc<str>),
-}
-
-impl ObjectSource {
-    pub(super) fn objects(&self, config: &DriveConfig) -> Result<Dictionary, EdsError> {
-        let motor = &config.motor;
-        let mut list = match self {
-            Self::BuiltIn => default_objects(config.node, config.serial, motor),
-            Self::Eds(text) => {
-                let mut objects = eds::parse(text, config.node.get())?;
-                fill_in(&mut objects, motor);
-                objects
-            }
-        };
-        list.retain(|object| !config.quirks.missing.contains(&object.index));
-        Ok(Dictionary::new(list))
-    }
-}
-
-/// Switch of the bit rate in progress.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct BitRateSwitch {
-    bit_per_s: Option<u32>,
-    /// End of both delays: the drive takes part in the bus again.
-    pub(super) ends_at: u64,
-}
 
 impl Device {
     pub(super) fn on_lss(&mut self, data: &[u8], out: &mut NodeOutput) {

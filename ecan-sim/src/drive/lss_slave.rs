@@ -14,6 +14,14 @@ pub(super) enum LssAction {
     SwitchBitRate { bit_per_s: Option<u32>, delay_ms: u16 },
 }
 
+/// Switch of the bit rate in progress.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct BitRateSwitch {
+    pub(super) bit_per_s: Option<u32>,
+    /// End of both delays: the drive takes part in the bus again.
+    pub(super) ends_at: u64,
+}
+
 /// Node-ID and bit rate; `None` is no node-ID, and the bit rate of the scenario.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Settings {
