@@ -1,9 +1,11 @@
-//! Peers that no one here wrote: Python's packages `canopen` and `python-can`, joined to the
+//! Peers that no one here wrote: Python's packages `canopen`, `durand` and `python-can`, joined to the
 //! simulated bus by the simulator's bridges.
 //!
 //! Other programs take part here, and they live in real time: deadlines are generous, and nothing is
 //! asserted of durations.
 
+#[path = "python_peers/lss.rs"]
+mod lss;
 mod python_peer;
 
 use std::time::Duration;

@@ -20,7 +20,7 @@ pub const PATIENCE: Duration = Duration::from_secs(120);
 pub fn python() -> Option<PathBuf> {
     let named = std::env::var_os(PYTHON_VARIABLE).filter(|value| !value.is_empty());
     let interpreter = named.as_ref().map_or_else(|| PathBuf::from("python3"), PathBuf::from);
-    let has_packages = imports(&interpreter, "canopen, can, serial");
+    let has_packages = imports(&interpreter, "canopen, can, durand, serial");
     assert!(
         has_packages.is_ok() || named.is_none(),
         "{PYTHON_VARIABLE}={}: {}",
@@ -32,7 +32,7 @@ pub fn python() -> Option<PathBuf> {
         let _ = writeln!(
             std::io::stderr(),
             "skipped: no peer in Python: {why} ({PYTHON_VARIABLE} may name an interpreter with the \
-             packages canopen, python-can and pyserial)"
+             packages canopen, durand, python-can and pyserial)"
         );
     }
     has_packages.ok().map(|()| interpreter)
