@@ -73,7 +73,7 @@ pub enum ClientFrame {
         /// CRC of the value; 0 without.
         crc: u16,
     },
-    /// Gives a transfer up.
+    /// Aborts a transfer.
     Abort {
         /// Index.
         index: u16,

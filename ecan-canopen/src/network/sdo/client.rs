@@ -11,16 +11,16 @@ use crate::network::config::SdoConfig;
 use crate::network::period_timer::nanoseconds;
 use crate::network::sdo_error::{SdoFault, SdoStartError};
 
-/// Bytes after the longest value that the last segment of a block may fill up.
+/// Bytes after the longest value, for the padding of the last segment of a block.
 const PADDING: usize = 7;
 
 /// State of a node's SDO client.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Sdo {
-    /// Nothing was transferred yet.
+    /// No transfer was started yet.
     #[default]
     Idle,
-    /// A transfer is under way.
+    /// A transfer is running.
     Busy,
     /// The last transfer succeeded.
     Done {
@@ -42,34 +42,36 @@ impl fmt::Display for Sdo {
     }
 }
 
-/// The SDO client of one node, without a bus: whoever owns it carries its frames.
+/// SDO client of one node, without a bus: its owner transports its frames.
 ///
 /// ```text
 /// start_upload, start_download     begin a transfer
-/// frame                            what is to be sent next, if anything
+/// frame                            the frame to send next, if any
 /// sent                             it was sent: the time for the answer runs
-/// receive                          a frame of the server came
+/// receive                          the server sent a frame
 /// tick                             time passed
-/// state, data                      how it stands, and the value
+/// state, data                      state of the transfer, and the value
 /// ```
 ///
-/// A frame that finds no room is simply asked for again in a later cycle. After a missing or
-/// damaged answer the server is told to abort and the transfer starts over, as often as
-/// [`SdoConfig::retries`] says. Answers about another object, and segments that belong to an
-/// earlier attempt, are ignored. Only an answer to an earlier request for the same object cannot be
-/// told apart: after a timeout a value may be as old as the attempts took, so what has to be fresh
-/// does not come by SDO. Real-time safe; memory is allocated in [`new`](Self::new) alone.
+/// A frame that finds no space stays the next frame; the owner retries in a later cycle. After a missing or
+/// damaged answer the client sends an abort and starts the transfer over, at most [`SdoConfig::retries`] times.
+/// It ignores answers about another object, and segments of an earlier attempt. It cannot distinguish the answer to
+/// an earlier request for the same object: after a timeout a value may be as old as all attempts together. Do not
+/// transfer values by SDO that must be recent.
+///
+/// A value is complete or the transfer fails: the client compares the received bytes with the announced size and the
+/// CRC, as far as the server sends them. Real-time safe; only [`new`](Self::new) allocates memory.
 #[derive(Debug)]
 pub struct SdoClient {
     pub(super) buffer: Box<[u8]>,
     pub(super) transfer: Option<Transfer>,
     config: SdoConfig,
     outcome: Sdo,
-    /// Object of the outcome.
+    /// Direction and object of the outcome.
     subject: (SdoDirection, u16, u8),
-    /// An abort to send before anything else.
+    /// Abort to send before any other frame.
     pub(super) abort: Option<[u8; 8]>,
-    /// The server has rejected block transfer, of uploads and of downloads.
+    /// The server has rejected block transfer, for uploads and for downloads.
     rejects_block: (bool, bool),
     generation: u64,
     strays: u64,
@@ -77,7 +79,7 @@ pub struct SdoClient {
 }
 
 impl SdoClient {
-    /// A client for one server.
+    /// Creates a client for one server. Allocates the buffer for the value.
     pub fn new(config: SdoConfig) -> Self {
         let length = config.buffer_bytes.saturating_add(PADDING);
         Self {
@@ -94,17 +96,17 @@ impl SdoClient {
         }
     }
 
-    /// Bytes of the longest value.
+    /// Length of the longest value in bytes.
     pub fn capacity(&self) -> usize {
         self.buffer.len() - PADDING
     }
 
-    /// Its state.
+    /// State of the last transfer.
     pub fn state(&self) -> Sdo {
         if self.transfer.is_some() { Sdo::Busy } else { self.outcome }
     }
 
-    /// The value of the last successful transfer; empty in every other state.
+    /// Value of the last successful transfer; empty in every other state.
     pub fn data(&self) -> &[u8] {
         match self.state() {
             Sdo::Done { len } => self.buffer.get(..len).unwrap_or_default(),
@@ -112,7 +114,7 @@ impl SdoClient {
         }
     }
 
-    /// Direction, index and subindex of the present or the last transfer.
+    /// Direction, index and subindex of the last transfer.
     pub fn subject(&self) -> (SdoDirection, u16, u8) {
         self.subject
     }
@@ -122,17 +124,17 @@ impl SdoClient {
         self.generation
     }
 
-    /// Frames of the server that fitted no transfer.
+    /// Number of frames of the server that fitted no transfer.
     pub fn strays(&self) -> u64 {
         self.strays
     }
 
-    /// Times that the server did not answer, also where it did after a repetition.
+    /// Number of timeouts, including those after which a repetition succeeded.
     pub fn silences(&self) -> u64 {
         self.silences
     }
 
-    /// Begins to read an object; by block transfer only where the settings say so.
+    /// Starts to upload an object, by block transfer if [`BlockTransferConfig::upload`](crate::BlockTransferConfig) is set.
     ///
     /// # Errors
     /// [`SdoStartError::Busy`].
@@ -141,8 +143,8 @@ impl SdoClient {
         self.start(Transfer::new(SdoDirection::Upload, (index, subindex), None, block))
     }
 
-    /// Begins to read an object by block transfer, whatever the settings say. A server that
-    /// rejects that is asked again for a segmented transfer.
+    /// Starts to upload an object by block transfer, independently of the configuration. If the server rejects it, the
+    /// client requests a segmented transfer.
     ///
     /// # Errors
     /// [`SdoStartError::Busy`].
@@ -150,7 +152,7 @@ impl SdoClient {
         self.start(Transfer::new(SdoDirection::Upload, (index, subindex), None, true))
     }
 
-    /// Begins to write an object.
+    /// Starts to download a value to an object. The bytes are copied.
     ///
     /// # Errors
     /// [`SdoStartError::Busy`], or [`SdoStartError::TooLong`].
@@ -188,44 +190,44 @@ impl SdoClient {
         Ok(())
     }
 
-    /// Gives the transfer under way up, and tells the server.
+    /// Cancels the running transfer and sends the server an abort.
     pub fn cancel(&mut self) {
-        self.tell_abort(AbortCode::GENERAL);
+        self.queue_abort(AbortCode::GENERAL);
         self.fail(SdoFault::Cancelled);
     }
 
-    /// Ends the transfer under way without telling the server, who has forgotten it.
+    /// Ends the running transfer without an abort, if the server no longer has it.
     pub fn drop_transfer(&mut self, fault: SdoFault) {
         self.abort = None;
         self.fail(fault);
     }
 
-    /// Returns whether the server has accepted the open transfer.
+    /// Returns whether a frame of the running transfer was sent.
     pub fn is_known_to_node(&self) -> bool {
         self.transfer.is_some_and(|transfer| transfer.is_known_to_node)
     }
 
-    /// The time: answers that are overdue count as lost.
+    /// Checks the waiting time: an overdue answer counts as lost.
     pub fn tick(&mut self, now_ns: u64) {
         let Some(transfer) = &mut self.transfer else { return };
         if transfer.deadline_ns.is_none_or(|deadline| now_ns <= deadline) {
             return;
         }
         self.silences += 1;
-        if let Phase::BlockUploadSegments { last, seen: true } = transfer.phase
+        if let Phase::BlockUploadSegments { last, has_segment: true } = transfer.phase
             && transfer.stalls < self.config.retries
             && (transfer.crc || transfer.size.is_some())
         {
-            // The end of a block got lost: the server sends again what is not acknowledged. If it
-            // is only late, segments come twice, which CRC or size must be able to reveal.
+            // The end of a block was lost: the server repeats the segments that are not acknowledged. If it was
+            // only late, segments arrive twice, which the CRC or the size reveals.
             transfer.stalls = transfer.stalls.saturating_add(1);
             transfer.block_arrived(last, false);
             return;
         }
-        self.handle_failure(TransferFailure::Silence);
+        self.handle_failure(TransferFailure::Timeout);
     }
 
-    /// The transfer cannot go on as it is: starts over or ends.
+    /// Starts the transfer over, or ends it.
     pub(super) fn handle_failure(&mut self, failure: TransferFailure) {
         let Some(transfer) = &mut self.transfer else { return };
         let opening_block = transfer.is_opening_block();
@@ -245,7 +247,7 @@ impl SdoClient {
             TransferFailure::Abort(code) => {
                 (None, SdoFault::Aborted(code), has_attempts && is_transmission_fault(code))
             }
-            TransferFailure::Silence => {
+            TransferFailure::Timeout => {
                 (Some(AbortCode::TIMEOUT), SdoFault::TimedOut { attempts }, has_attempts)
             }
             TransferFailure::Violation(code) => {
@@ -257,18 +259,18 @@ impl SdoClient {
             }
         };
         if again {
-            // A server without block transfer may also just keep silent.
+            // A server without block transfer may not respond at all.
             transfer.block &= !opening_block;
             transfer.attempts += 1;
             let mut restarted = *transfer;
             restarted.begin();
             if let Some(code) = code {
-                self.tell_abort(code);
+                self.queue_abort(code);
             }
             self.transfer = Some(restarted);
         } else {
             if let Some(code) = code {
-                self.tell_abort(code);
+                self.queue_abort(code);
             }
             self.fail(fault);
         }
@@ -303,7 +305,7 @@ impl SdoClient {
     }
 }
 
-/// Codes with which servers reject block transfer, but perhaps not segmented transfer.
+/// Codes with which servers reject block transfer; they may support segmented transfer.
 fn is_block_rejection(code: AbortCode) -> bool {
     const INVALID_BLOCK_SIZE: AbortCode = AbortCode(0x0504_0002);
     matches!(
@@ -316,7 +318,7 @@ fn is_block_rejection(code: AbortCode) -> bool {
     )
 }
 
-/// Codes that tell of lost or damaged frames, not of the object.
+/// Codes that report lost or damaged frames, not an error of the object.
 fn is_transmission_fault(code: AbortCode) -> bool {
     const INVALID_SEQUENCE: AbortCode = AbortCode(0x0504_0003);
     const CRC: AbortCode = AbortCode(0x0504_0004);

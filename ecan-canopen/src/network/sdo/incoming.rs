@@ -11,32 +11,43 @@ const INVALID_SEQUENCE: AbortCode = AbortCode(0x0504_0003);
 const CRC_ERROR: AbortCode = AbortCode(0x0504_0004);
 
 impl SdoClient {
-    /// A frame of the server came, at `now_ns`.
+    /// Processes a frame of the server that arrived at `now_ns`.
     pub fn receive(&mut self, frame: &[u8; 8], now_ns: u64) {
         let Some(transfer) = &self.transfer else { return self.stray() };
         if !transfer.is_known_to_node {
-            // Nothing has been asked: it belongs to an earlier attempt.
+            // No request was sent: the frame belongs to an earlier attempt.
             return self.stray();
         }
         let answer = ServerFrame::parse(frame);
-        if let Phase::BlockUploadSegments { last, .. } = transfer.phase
-            && let Some(segment) = BlockSegment::parse(frame)
-        {
+        if let Some(segment) = BlockSegment::parse(frame) {
             // The answer to an earlier request for the same object looks like a segment.
-            let is_late = matches!(
+            let is_answer = matches!(
                 answer,
                 Ok(ServerFrame::BlockUpload { index, subindex, .. }
                     | ServerFrame::Upload { index, subindex, .. })
-                    if transfer.is_about(index, subindex) && segment.sequence != last + 1
+                    if transfer.is_about(index, subindex)
             );
-            if is_late || segment.sequence > self.block_size() {
-                return self.stray();
+            let is_surplus = !is_answer && segment.sequence > self.block_size();
+            match transfer.phase {
+                Phase::BlockUploadSegments { .. }
+                | Phase::BlockUploadAck { is_last: false, .. }
+                    if is_surplus =>
+                {
+                    // A server that sends more segments than the block has would continue after them.
+                    return self.handle_failure(TransferFailure::Violation(INVALID_SEQUENCE));
+                }
+                Phase::BlockUploadSegments { last, .. } => {
+                    if is_answer && segment.sequence != last + 1 {
+                        return self.stray();
+                    }
+                    return self.block_segment(segment, last, now_ns);
+                }
+                _ => {}
             }
-            return self.block_segment(segment, last, now_ns);
         }
         match answer {
             Ok(ServerFrame::Abort { index, subindex, code }) => {
-                // Some servers do not name the object of a transfer that is under way.
+                // Some servers do not name the object of the running transfer.
                 if transfer.is_about(index, subindex) || (index, subindex) == (0, 0) {
                     self.handle_failure(TransferFailure::Abort(code));
                 } else {
@@ -106,7 +117,7 @@ impl SdoClient {
                 let size = transfer.size.unwrap_or_default();
                 self.succeed(size);
             }
-            // The right object, the wrong service.
+            // Another service than requested, for the same object.
             (
                 Phase::Upload | Phase::BlockUpload | Phase::Download | Phase::BlockDownload,
                 ServerFrame::Upload { .. }
@@ -114,7 +125,7 @@ impl SdoClient {
                 | ServerFrame::BlockUpload { .. }
                 | ServerFrame::BlockDownload { .. },
             ) => self.handle_failure(TransferFailure::Violation(AbortCode::COMMAND)),
-            // An answer to an earlier attempt that was late.
+            // A late answer to an earlier attempt.
             _ => self.stray(),
         }
     }
@@ -125,7 +136,7 @@ impl SdoClient {
         }
     }
 
-    /// Takes the size that the server tells; gives whether it fits.
+    /// Stores the size that the server announces; returns whether the value fits.
     fn announce(&mut self, size: Option<u32>) -> bool {
         let capacity = self.capacity();
         let Some(transfer) = &mut self.transfer else { return false };
@@ -178,7 +189,7 @@ impl SdoClient {
         }
     }
 
-    /// A segment of a block; `last` of the block are here in order.
+    /// Processes a segment of a block; `last` is the last one received in order.
     fn block_segment(&mut self, segment: BlockSegment, last: u8, now_ns: u64) {
         let deadline = self.deadline(now_ns);
         let (block_size, limit) = (self.block_size(), self.buffer.len());
@@ -186,7 +197,7 @@ impl SdoClient {
         let in_order = segment.sequence == last + 1;
         let last = if in_order { segment.sequence } else { last };
         let at = transfer.position + usize::from(segment.sequence - 1) * SEGMENT;
-        transfer.phase = Phase::BlockUploadSegments { last, seen: true };
+        transfer.phase = Phase::BlockUploadSegments { last, has_segment: true };
         transfer.deadline_ns = Some(deadline);
         let ends_value = in_order && segment.last;
         if ends_value || segment.last || segment.sequence >= block_size {
@@ -231,7 +242,7 @@ impl SdoClient {
         }
     }
 
-    /// The server has `received` of the `sent` segments of the block.
+    /// The server has received `received` of the `sent` segments of the block.
     fn block_acknowledged(&mut self, sent: u8, received: u8, block_size: u8) {
         let Some(transfer) = &mut self.transfer else { return };
         if received > sent {
@@ -248,7 +259,7 @@ impl SdoClient {
         }
     }
 
-    /// Blocks of which nothing arrives are not sent forever.
+    /// Ends a transfer after too many blocks without progress.
     fn check_stalls(&mut self) {
         let limit = self.retries();
         if self.transfer.is_some_and(|transfer| transfer.stalls > limit) {
@@ -263,7 +274,7 @@ impl SdoClient {
     }
 }
 
-/// The object that an answer names.
+/// Object that an answer names.
 fn subject(answer: &ServerFrame) -> Option<(u16, u8)> {
     match *answer {
         ServerFrame::Upload { index, subindex, .. }

@@ -10,8 +10,7 @@ use super::transfer::{Phase, SEGMENT, Transfer};
 const SWITCH_THRESHOLD: u8 = 14;
 
 impl SdoClient {
-    /// The frame to be sent next; `None` while an answer is awaited and when there is nothing to
-    /// do. Asking changes nothing.
+    /// The frame to send next; `None` while an answer is due, and without a transfer. The call changes nothing.
     pub fn frame(&self) -> Option<[u8; 8]> {
         if self.abort.is_some() {
             return self.abort;
@@ -58,7 +57,7 @@ impl SdoClient {
         Some(frame.to_bytes())
     }
 
-    /// The frame that [`frame`](Self::frame) gave has been handed over, at `now_ns`.
+    /// Takes note that the frame of [`frame`](Self::frame) was sent at `now_ns`.
     pub fn sent(&mut self, now_ns: u64) {
         if self.abort.take().is_some() {
             return;
@@ -69,7 +68,7 @@ impl SdoClient {
         transfer.deadline_ns = Some(deadline);
         match transfer.phase {
             Phase::BlockUploadStart | Phase::BlockUploadAck { is_last: false, .. } => {
-                transfer.phase = Phase::BlockUploadSegments { last: 0, seen: false };
+                transfer.phase = Phase::BlockUploadSegments { last: 0, has_segment: false };
             }
             Phase::BlockUploadAck { is_last: true, .. } => transfer.phase = Phase::BlockUploadEnd,
             Phase::BlockUploadEndAck => {
@@ -79,8 +78,8 @@ impl SdoClient {
             Phase::BlockDownloadSegments { sent } => {
                 let sent = sent.saturating_add(1);
                 transfer.phase = Phase::BlockDownloadSegments { sent };
-                let out = transfer.position + usize::from(sent) * SEGMENT;
-                if sent < transfer.block_size && transfer.size.is_some_and(|size| out < size) {
+                let end = transfer.position + usize::from(sent) * SEGMENT;
+                if sent < transfer.block_size && transfer.size.is_some_and(|size| end < size) {
                     transfer.deadline_ns = None;
                 }
             }
@@ -94,7 +93,7 @@ impl SdoClient {
         Initiate::expedited(value).unwrap_or(Initiate::Segmented { size: u32::try_from(size).ok() })
     }
 
-    /// The segment of a download that begins at a byte, and whether it is the last.
+    /// Segment of a download that begins at a byte, and whether it is the last.
     fn segment_at(&self, transfer: &Transfer, at: usize) -> (&[u8], bool) {
         let size = transfer.size.unwrap_or_default();
         let end = size.min(at.saturating_add(SEGMENT));
@@ -111,7 +110,7 @@ impl SdoClient {
         }
     }
 
-    pub(super) fn tell_abort(&mut self, code: AbortCode) {
+    pub(super) fn queue_abort(&mut self, code: AbortCode) {
         if let Some(Transfer { is_known_to_node: true, index, subindex, .. }) = self.transfer {
             self.abort = Some(ClientFrame::Abort { index, subindex, code }.to_bytes());
         }

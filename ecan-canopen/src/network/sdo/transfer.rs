@@ -1,4 +1,4 @@
-//! The transfer under way: what it is about and how far it is.
+//! State of the running transfer.
 
 use ecan_host::SdoDirection;
 use ecan_protocol::object::AbortCode;
@@ -11,7 +11,7 @@ pub(super) enum Phase {
     Upload,
     /// Request for the next segment.
     UploadSegment { toggle: bool },
-    /// Request for a download; with the data where they are short.
+    /// Request for a download, with the value if it is short.
     Download,
     /// The next segment.
     DownloadSegment { toggle: bool },
@@ -19,29 +19,32 @@ pub(super) enum Phase {
     BlockUpload,
     /// Permission to send the first block.
     BlockUploadStart,
-    /// Blocks come in; `last` segments of the block under way are here.
-    BlockUploadSegments { last: u8, seen: bool },
-    /// Acknowledgement of a block of which `received` segments are here.
+    /// Segments of a block arrive; `last` is the last one received in order, 0 for none.
+    BlockUploadSegments { last: u8, has_segment: bool },
+    /// Acknowledgement of a block of which `received` segments arrived in order.
     BlockUploadAck { received: u8, is_last: bool },
-    /// All blocks are here, the server's closing frame is to come.
+    /// All blocks arrived; the server's closing frame is due.
     BlockUploadEnd,
-    /// Acknowledgement of the whole.
+    /// Acknowledgement of the closing frame.
     BlockUploadEndAck,
     /// Request for a block download.
     BlockDownload,
-    /// Segments of a block go out; `sent` are out.
+    /// Segments of a block are sent; `sent` is their number so far.
     BlockDownloadSegments { sent: u8 },
-    /// All blocks are out and acknowledged, the closing frame is next.
+    /// Closing frame, after all blocks were acknowledged.
     BlockDownloadEnd,
 }
 
 /// Cause for which a transfer starts over or ends.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum TransferFailure {
-    Silence,
+    /// No answer in time.
+    Timeout,
     /// An answer that the protocol does not allow here.
     Violation(AbortCode),
+    /// The server aborted.
     Abort(AbortCode),
+    /// The value does not fit the buffer.
     TooLong,
 }
 
@@ -53,14 +56,14 @@ pub(super) struct Transfer {
     /// True if block transfer is tried.
     pub(super) block: bool,
     pub(super) phase: Phase,
-    /// When the answer to the frame sent last is overdue; `None` while a frame is to be sent.
+    /// Time after which the answer to the last frame is overdue; `None` while a frame is to be sent.
     pub(super) deadline_ns: Option<u64>,
-    /// Bytes that have been transferred; of block transfers, acknowledged blocks.
+    /// Transferred bytes; in block transfers, those of acknowledged blocks.
     pub(super) position: usize,
-    /// Bytes in all, as far as known.
+    /// Length of the value in bytes, if known.
     pub(super) size: Option<usize>,
     pub(super) attempts: u8,
-    /// A frame of it has been sent.
+    /// A frame of the transfer was sent.
     pub(super) is_known_to_node: bool,
     pub(super) block_size: u8,
     /// True if both sides check the CRC.
@@ -118,7 +121,7 @@ impl Transfer {
         self.deadline_ns = None;
     }
 
-    /// `received` segments of the block of the present upload are here in order.
+    /// A block ended, of which `received` segments arrived in order.
     pub(super) fn block_arrived(&mut self, received: u8, is_last: bool) {
         self.position += usize::from(received) * SEGMENT;
         self.go(Phase::BlockUploadAck { received, is_last });
@@ -128,7 +131,7 @@ impl Transfer {
         (self.index, self.subindex) == (index, subindex)
     }
 
-    /// Returns whether a frame of the server may come now: one was asked for, or a block goes out.
+    /// Returns whether a frame of the server is due: after a request, or while a block is sent.
     pub(super) fn expects_answer(&self) -> bool {
         self.deadline_ns.is_some() || matches!(self.phase, Phase::BlockDownloadSegments { .. })
     }
