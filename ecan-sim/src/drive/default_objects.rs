@@ -73,10 +73,6 @@ fn general(node: NodeId, serial: u32) -> Vec<Object> {
         text(object::SOFTWARE_VERSION, env!("CARGO_PKG_VERSION")),
         parameter(object::GUARD_TIME, 0, U16, 0),
         parameter(object::LIFE_TIME_FACTOR, 0, U8, 0),
-        constant(object::STORE_PARAMETERS, 0, U8, 1),
-        parameter(object::STORE_PARAMETERS, 1, U32, 1),
-        constant(object::RESTORE_PARAMETERS, 0, U8, 1),
-        parameter(object::RESTORE_PARAMETERS, 1, U32, 1),
         parameter(object::TIME_COB_ID, 0, U32, i64::from(CobId::TIME.raw())),
         parameter(object::EMCY_COB_ID, 0, U32, i64::from(CobId::emcy(node).raw())),
         parameter(object::EMCY_INHIBIT, 0, U16, 0),
@@ -96,6 +92,10 @@ fn general(node: NodeId, serial: u32) -> Vec<Object> {
         constant(SDO_SERVER, 1, U32, i64::from(CobId::sdo_client(node).raw())),
         constant(SDO_SERVER, 2, U32, i64::from(CobId::sdo_server(node).raw())),
     ];
+    for index in [object::STORE_PARAMETERS, object::RESTORE_PARAMETERS] {
+        list.push(constant(index, 0, U8, STORAGE_GROUPS));
+        list.extend((1..=STORAGE_GROUPS as u8).map(|group| parameter(index, group, U32, 1)));
+    }
     for subindex in 1..=super::emergency::HISTORY as u8 {
         let key = (object::ERROR_HISTORY, subindex);
         list.push(object(key, U32, AccessType::ReadOnly, 0));
@@ -104,6 +104,8 @@ fn general(node: NodeId, serial: u32) -> Vec<Object> {
 }
 
 const SDO_SERVER: u16 = 0x1200;
+/// All, communication, application and manufacturer parameters.
+const STORAGE_GROUPS: i64 = 4;
 
 /// Second objects of the four RPDOs and TPDOs, and their bits; the first is the controlword or
 /// statusword, in PDO 1 the only one.
