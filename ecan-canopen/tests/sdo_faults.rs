@@ -4,6 +4,8 @@
 mod link;
 mod reference;
 
+use std::time::Duration;
+
 use ecan_canopen::{Sdo, SdoConfig, SdoFault};
 use ecan_protocol::object::AbortCode;
 use link::{Link, MS, TIMEOUT_MS, block_settings, settings, value};
@@ -62,6 +64,20 @@ fn answer_timeout_starts_when_the_frame_is_sent() {
     link.now_ns = 200 * MS;
     assert_eq!(link.run(), Sdo::Done { len: 1 });
     assert_eq!(link.wire.len(), 2);
+}
+
+#[test]
+fn answer_to_storing_parameters_may_be_slow() {
+    let server = || Server::new(Block::Checked).with(0x1010, 1, &[1, 0, 0, 0]);
+    let storage_timeout = Duration::from_millis(2_000);
+    let mut link = Link::new(server(), SdoConfig { storage_timeout, ..settings() });
+    link.delays = vec![0, 1_900];
+    assert_eq!(link.download(0x1010, 1, b"save"), Sdo::Done { len: 4 });
+    assert_eq!(link.wire.len(), 2, "no repetition");
+    // Reading the capability is as fast as any other object.
+    let mut link = Link::new(server(), SdoConfig { storage_timeout, retries: 0, ..settings() });
+    link.delays = vec![0, 1_900];
+    assert_eq!(link.upload(0x1010, 1), Sdo::Failed(SdoFault::TimedOut { attempts: 1 }));
 }
 
 #[test]

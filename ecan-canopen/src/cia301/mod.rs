@@ -2,6 +2,7 @@
 
 mod cob_id;
 mod emcy;
+mod error_history;
 mod guarding;
 mod heartbeat;
 mod mpdo;
@@ -17,6 +18,7 @@ mod time_of_day;
 
 pub use cob_id::{CobId, Service};
 pub use emcy::{Emcy, EmcyClass, ErrorRegister, error_code_text};
+pub use error_history::HistoryEntry;
 pub use guarding::GuardResponse;
 pub use heartbeat::{HeartbeatConsumer, heartbeat_data, parse_heartbeat};
 pub use mpdo::{DispatcherEntry, Mpdo, MpdoAddress, MpdoDecodeError, ScannerEntry};

@@ -38,6 +38,9 @@ impl BlockTransferConfig {
 pub struct SdoConfig {
     /// Longest time for an answer, from the request's acceptance by the gateway.
     pub timeout: Duration,
+    /// Longest time for the answer to a download of 0x1010 or 0x1011, if it is above `timeout`: a node may write its
+    /// memory before it answers.
+    pub storage_timeout: Duration,
     /// Repetitions of a transfer after a missing or damaged answer. A repeated download writes the
     /// same value again. A transfer that the server aborts is never repeated.
     pub retries: u8,
@@ -48,10 +51,11 @@ pub struct SdoConfig {
 }
 
 impl Default for SdoConfig {
-    /// 500 ms, two retries, 1024 bytes.
+    /// 500 ms, 5 s to store and restore parameters, two retries, 1024 bytes.
     fn default() -> Self {
         Self {
             timeout: Duration::from_millis(500),
+            storage_timeout: Duration::from_millis(5_000),
             retries: 2,
             buffer_bytes: 1024,
             block: BlockTransferConfig::default(),

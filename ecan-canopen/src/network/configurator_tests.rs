@@ -11,8 +11,8 @@ use proptest::prelude::*;
 use super::network_tests::{MS, RecordingSink, address, cycle, received};
 use super::{
     Configurator, Configuring, Expectation, Network, NetworkConfig, NodeAccessError, NodeAction,
-    NodeConfig, NodeHandle, PdoDirection, PdoMapping, PdoMappingError, SdoConfig, SdoFault, Step,
-    StepFault,
+    NodeConfig, NodeHandle, ParameterGroup, PdoDirection, PdoMapping, PdoMappingError, SdoConfig,
+    SdoFault, Step, StepFault,
 };
 
 #[path = "../../tests/reference/mod.rs"]
@@ -391,6 +391,22 @@ fn disabling_steps_disable_a_pdo() {
     configurator.add(&fixture.network, fixture.handles[2], steps);
     assert_eq!(fixture.run(&mut configurator), Configuring::Done);
     assert_eq!(fixture.servers[2].value(0x1400, 1), 0xC000_0203_u32.to_le_bytes());
+}
+
+#[test]
+fn node_that_does_not_store_on_command_is_reported() {
+    let mut fixture = Fixture::new();
+    let node = fixture.handles[0];
+    // Stores autonomously.
+    fixture.servers[0].objects.insert((0x1010, 1), vec![2, 0, 0, 0]);
+    let mut configurator = Configurator::new();
+    configurator.add(&fixture.network, node, ParameterGroup::All.store_steps());
+    let Configuring::Failed(failure) = fixture.run(&mut configurator) else { panic!("stored") };
+    assert_eq!(
+        failure.to_string(),
+        "node 1 (slave 0, channel 1), step 1 of 2, stores on command (check 0x1010:01): value is 0x2, expected the bits \
+         0x1"
+    );
 }
 
 proptest! {

@@ -45,14 +45,18 @@ pub use time_producer::{TimeConfig, TimeReference};
 
 // Configuration of nodes
 mod configurator;
+mod error_history;
 mod node_action;
 mod node_sequence;
+mod parameter_storage;
 mod pdo_mapping;
 mod step_failure;
 
 pub use configurator::{Configurator, Progress};
+pub use error_history::ErrorHistory;
 pub use node_action::{NodeAction, Step};
 pub use node_sequence::{Configuring, NodeSequence};
+pub use parameter_storage::{ParameterGroup, StorageCapability};
 pub use pdo_mapping::{PdoDirection, PdoMapping, PdoMappingError};
 pub use step_failure::{NodeAccessError, StepFailure, StepFault};
 

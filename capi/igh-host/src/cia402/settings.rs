@@ -138,6 +138,7 @@ impl igh_cia402_settings_t {
                     retries: self.sdo_retries,
                     buffer_bytes: self.sdo_buffer_bytes as usize,
                     block,
+                    ..SdoConfig::default()
                 },
                 ..NodeConfig::default()
             },

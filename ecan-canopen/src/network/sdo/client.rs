@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use crate::MAX_BLOCK_SIZE;
+use crate::{MAX_BLOCK_SIZE, object};
 use ecan_host::SdoDirection;
 use ecan_protocol::object::AbortCode;
 
@@ -60,7 +60,7 @@ impl fmt::Display for Sdo {
 /// transfer values by SDO that must be recent.
 ///
 /// A value is complete or the transfer fails: the client compares the received bytes with the announced size and the
-/// CRC, as far as the server sends them. Real-time safe; only [`new`](Self::new) allocates memory.
+/// CRC, if the server sends them. Real-time safe; only [`new`](Self::new) allocates memory.
 #[derive(Debug)]
 pub struct SdoClient {
     pub(super) buffer: Box<[u8]>,
@@ -301,7 +301,13 @@ impl SdoClient {
     }
 
     pub(super) fn deadline(&self, now_ns: u64) -> u64 {
-        now_ns.saturating_add(nanoseconds(self.config.timeout))
+        let SdoConfig { timeout, storage_timeout, .. } = self.config;
+        let is_storage = self.transfer.is_some_and(|transfer| {
+            transfer.direction == SdoDirection::Download
+                && matches!(transfer.index, object::STORE_PARAMETERS | object::RESTORE_PARAMETERS)
+        });
+        let wait = if is_storage { timeout.max(storage_timeout) } else { timeout };
+        now_ns.saturating_add(nanoseconds(wait))
     }
 }
 
