@@ -14,13 +14,14 @@ use crate::node::NodeOutput;
 const PDO_TOO_SHORT: u16 = 0x8210;
 /// EMCY error code: PDO with too many bytes.
 const PDO_TOO_LONG: u16 = 0x8220;
-/// EMCY error code: SYNC with wrong length.
+/// EMCY error code: SYNC with wrong length, or with or without counter against 0x1019.
 const SYNC_LENGTH: u16 = 0x8240;
 
 impl Device {
     /// Handles a SYNC: inputs are sampled and sent, then waiting outputs are applied.
     pub(super) fn on_sync(&mut self, data: &[u8], out: &mut NodeOutput) {
-        let Some(counter) = parse_sync(data) else {
+        let counter = parse_sync(data).filter(|counter| counter.is_some() == self.has_sync_counter);
+        let Some(counter) = counter else {
             return self.report(SYNC_LENGTH);
         };
         self.syncs += 1;

@@ -116,10 +116,37 @@ fn every_nth_sync_and_start_value_apply() {
     fixture.write(0x1800, 2, 3, 1).unwrap();
     fixture.write(0x1800, 6, 2, 1).unwrap();
     fixture.write(0x1800, 1, 0x4000_0185, 4).unwrap();
+    fixture.write(0x1019, 0, 240, 1).unwrap();
     fixture.nmt(NmtCommand::Start);
     let counts: Vec<_> = (1..=10).map(|counter| fixture.frame(0x80, &[counter]).len()).collect();
     // the second SYNC is the first that counts, then every third
     assert_eq!(counts, [0, 1, 0, 0, 1, 0, 0, 1, 0, 0]);
+}
+
+#[test]
+fn start_value_without_counter_is_ignored() {
+    let mut fixture = Fixture::booted();
+    fixture.map_csp();
+    fixture.write(0x1800, 1, 0xC000_0185, 4).unwrap();
+    fixture.write(0x1800, 6, 2, 1).unwrap();
+    fixture.write(0x1800, 1, 0x4000_0185, 4).unwrap();
+    fixture.nmt(NmtCommand::Start);
+    assert_eq!(fixture.frame(0x80, &[]).len(), 1);
+}
+
+#[test]
+fn sync_counter_is_expected_by_0x1019() {
+    let mut fixture = Fixture::booted();
+    let length_error = [(0x085, vec![0x40, 0x82, 0x11, 0, 0, 0, 0, 0])];
+    assert_eq!(fixture.frame(0x80, &[1]), length_error, "0x1019 is 0");
+    assert_eq!(fixture.write(0x1019, 0, 1, 1), Err(RANGE));
+    assert_eq!(fixture.write(0x1019, 0, 241, 1), Err(0x0609_0031));
+    fixture.write(0x1019, 0, 240, 1).unwrap();
+    assert_eq!(fixture.frame(0x80, &[]), length_error, "no counter");
+    assert_eq!(fixture.frame(0x80, &[240]), []);
+    assert_eq!(fixture.drive.syncs(), 1);
+    fixture.write(0x1006, 0, 2_000, 4).unwrap();
+    assert_eq!(fixture.write(0x1019, 0, 0, 1), Err(STATE));
 }
 
 #[test]
