@@ -80,6 +80,7 @@ fn further_tpdo(node: NodeId, number: u8) -> Result<PdoMapping, PdoMappingError>
         transmission: TransmissionType::Synchronous(1),
         inhibit_time: None,
         event_timer_ms: None,
+        sync_start: None,
         entries,
     })
 }

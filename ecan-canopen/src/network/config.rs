@@ -5,7 +5,8 @@ use std::time::Duration;
 use ecan_protocol::image::Schedule;
 
 use super::guarding::GuardingConfig;
-use crate::NodeId;
+use super::node_action::Step;
+use crate::{NodeId, object};
 
 /// Use of SDO block transfer with a node (CiA 301, 7.2.4.2.9 to 7.2.4.2.16).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -95,6 +96,15 @@ pub struct SyncConfig {
     pub counter_overflow: Option<u8>,
     /// Sends at a phase of the next Sync0 period instead of at once (manual 8.4, 13.8).
     pub schedule: Option<Schedule>,
+}
+
+impl SyncConfig {
+    /// Step that makes a node expect this counter, or none: 0x1019. The node must be pre-operational, and its
+    /// communication cycle period 0x1006 must be 0. Tolerates a node without the object.
+    pub fn counter_step(&self) -> Step {
+        let overflow = self.counter_overflow.unwrap_or(0);
+        Step::write(object::SYNC_COUNTER_OVERFLOW, 0, overflow).named("SYNC counter").if_present()
+    }
 }
 
 impl Default for SyncConfig {

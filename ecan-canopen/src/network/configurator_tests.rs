@@ -154,6 +154,7 @@ fn targets(node: u8) -> PdoMapping {
         transmission: TransmissionType::Synchronous(1),
         inhibit_time: None,
         event_timer_ms: None,
+        sync_start: None,
         entries: vec![MappingEntry::new(0x6040, 0, 16), MappingEntry::new(0x607A, 0, 32)],
     }
 }

@@ -32,6 +32,12 @@ pub enum PdoMappingError {
         /// The invalid number.
         number: u16,
     },
+    /// The SYNC start value is out of range.
+    #[error("SYNC start value {value} is out of range; allowed: 0 to 240")]
+    SyncStart {
+        /// The invalid value.
+        value: u8,
+    },
     /// The mapping is empty or too long.
     #[error("{bits} bits in {entries} entries are mapped; allowed: 1 to 64 bits")]
     Size {
@@ -59,6 +65,9 @@ pub struct PdoMapping {
     /// Longest time between two of a TPDO, or deadline of an RPDO, in milliseconds (subindex 5);
     /// `None` leaves it as it is.
     pub event_timer_ms: Option<u16>,
+    /// SYNC counter at which a synchronous TPDO starts, 1..240 (subindex 6); 0 starts with any SYNC, and `None`
+    /// leaves it as it is. It needs a counter, see [`SyncConfig::counter_step`](crate::SyncConfig::counter_step).
+    pub sync_start: Option<u8>,
     /// Mapped objects, in order.
     pub entries: Vec<MappingEntry>,
 }
@@ -95,6 +104,9 @@ impl PdoMapping {
         if !(1..=512).contains(&self.number) {
             return Err(PdoMappingError::Number { number: self.number });
         }
+        if let Some(value) = self.sync_start.filter(|value| *value > 240) {
+            return Err(PdoMappingError::SyncStart { value });
+        }
         let (bits, entries) = (self.bits(), self.entries.len());
         if !(1..=MAX_BITS).contains(&bits) || entries > MAX_BITS as usize {
             return Err(PdoMappingError::Size { bits, entries });
@@ -112,6 +124,11 @@ impl PdoMapping {
         }
         if let Some(event_timer) = self.event_timer_ms {
             steps.push(Step::write(communication, 5, event_timer).named("event timer"));
+        }
+        if let Some(sync_start) =
+            self.sync_start.filter(|_| self.direction == PdoDirection::Transmit)
+        {
+            steps.push(Step::write(communication, 6, sync_start).named("SYNC start value"));
         }
         steps.push(Step::write(mapping, 0, 0u8).named("mapping off"));
         let numbered = || (1u8..).zip(&self.entries);

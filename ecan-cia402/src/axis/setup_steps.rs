@@ -123,6 +123,7 @@ fn push_mapping(steps: &mut Vec<Step>, config: &AxisConfig) -> Result<(), PdoMap
         transmission: TransmissionType::Synchronous(1),
         inhibit_time: None,
         event_timer_ms: None,
+        sync_start: None,
         entries: entries.to_vec(),
     };
     let rpdo =

@@ -1,0 +1,9 @@
+//! Services of CANopen over a simulated gateway, with simulated drives.
+#![allow(missing_docs)]
+
+mod bench;
+mod guarding;
+mod lss;
+mod parameters;
+mod pdo;
+mod time;
