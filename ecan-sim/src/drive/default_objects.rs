@@ -92,6 +92,10 @@ fn general(node: NodeId, serial: u32) -> Vec<Object> {
         constant(SDO_SERVER, 1, U32, i64::from(CobId::sdo_client(node).raw())),
         constant(SDO_SERVER, 2, U32, i64::from(CobId::sdo_server(node).raw())),
     ];
+    list.push(constant(object::SCANNER_LIST, 0, U8, SCANNER_ENTRIES));
+    list.extend(
+        (1..=SCANNER_ENTRIES as u8).map(|nth| parameter(object::SCANNER_LIST, nth, U32, 0)),
+    );
     for index in [object::STORE_PARAMETERS, object::RESTORE_PARAMETERS] {
         list.push(constant(index, 0, U8, STORAGE_GROUPS));
         list.extend((1..=STORAGE_GROUPS as u8).map(|group| parameter(index, group, U32, 1)));
@@ -106,6 +110,7 @@ fn general(node: NodeId, serial: u32) -> Vec<Object> {
 const SDO_SERVER: u16 = 0x1200;
 /// All, communication, application and manufacturer parameters.
 const STORAGE_GROUPS: i64 = 4;
+const SCANNER_ENTRIES: i64 = 4;
 
 /// Second objects of the four RPDOs and TPDOs, and their bits; the first is the controlword or
 /// statusword, in PDO 1 the only one.
@@ -125,7 +130,7 @@ fn cob_id(id: CobId, number: u8) -> i64 {
 fn mapping(index: u16, first: u16, second: u16, bits: u8) -> Vec<Object> {
     let entry = |index, bits| i64::from(ecan_canopen::MappingEntry::new(index, 0, bits).raw());
     let count = if bits > 0 { 2 } else { 1 };
-    let mut list = vec![limited(parameter(index, 0, U8, count), 0, PDO_ENTRIES as i64)];
+    let mut list = vec![parameter(index, 0, U8, count)];
     for subindex in 1..=PDO_ENTRIES as u8 {
         let value = match subindex {
             1 => entry(first, 16),

@@ -1,8 +1,9 @@
-use ecan_canopen::{DataType, MappingEntry, PdoCobId, TransmissionType, object};
+use ecan_canopen::{DataType, MappingEntry, Mpdo, PdoCobId, TransmissionType, object};
 use ecan_protocol::can::CanId;
 
 use super::default_objects::PDO_ENTRIES;
 use super::dictionary::{Dictionary, Slot, mapped_bits};
+use super::scanner_list::{ScannedObject, scanned_objects};
 use crate::earliest::earliest;
 
 pub(super) const PDO_BYTES: usize = 8;
@@ -25,6 +26,9 @@ impl Mapping {
     fn load(objects: &Dictionary, index: u16) -> Self {
         let mut mapping = Self::default();
         let count = objects.number(index, 0).unwrap_or(0);
+        if is_multiplexed(count) {
+            return mapping;
+        }
         for (entry, subindex) in mapping.entries.iter_mut().zip(1u8..) {
             if i64::from(subindex) > count {
                 break;
@@ -64,6 +68,13 @@ impl Mapping {
     }
 }
 
+/// Returns whether a number of mapped objects is that of an MPDO.
+pub(super) fn is_multiplexed(count: i64) -> bool {
+    [Mpdo::SOURCE_MAPPING, Mpdo::DESTINATION_MAPPING]
+        .into_iter()
+        .any(|mode| i64::from(mode) == count)
+}
+
 /// Returns whether a mapping entry is a dummy: the index of a data type.
 pub(super) fn is_dummy(entry: MappingEntry) -> bool {
     entry.subindex == 0
@@ -81,6 +92,7 @@ pub(super) struct ReceivePdo {
     /// `None` while the PDO does not exist.
     pub(super) id: Option<CanId>,
     pub(super) synchronous: bool,
+    pub(super) is_multiplexed: bool,
     pub(super) mapping: Mapping,
     /// Data that wait for SYNC.
     pub(super) waiting: Option<[u8; PDO_BYTES]>,
@@ -94,10 +106,13 @@ impl ReceivePdo {
         let communication = object::RPDO_COMMUNICATION + number;
         let get = |subindex| objects.number(communication, subindex).unwrap_or(0);
         let kind = TransmissionType::from_raw(get(2) as u8);
-        let mapping = Mapping::load(objects, object::RPDO_MAPPING + number);
+        let mapping_index = object::RPDO_MAPPING + number;
+        let mapping = Mapping::load(objects, mapping_index);
+        let is_multiplexed = is_multiplexed(objects.number(mapping_index, 0).unwrap_or(0));
         Self {
             number,
-            id: valid_pdo_id(get(1) as u32).filter(|_| mapping.length > 0),
+            id: valid_pdo_id(get(1) as u32).filter(|_| is_multiplexed || mapping.length > 0),
+            is_multiplexed,
             synchronous: kind.is_some_and(TransmissionType::is_synchronous),
             mapping,
             waiting: None,
@@ -127,6 +142,8 @@ pub(super) struct TransmitPdo {
     pub(super) id: Option<CanId>,
     kind: TransmissionType,
     pub(super) mapping: Mapping,
+    /// Objects of an MPDO; empty for another PDO.
+    scanned: Vec<ScannedObject>,
     inhibit_ns: u64,
     timer_ns: u64,
     sync_start: u8,
@@ -141,11 +158,15 @@ impl TransmitPdo {
     pub(super) fn load(objects: &Dictionary, number: u16) -> Self {
         let communication = object::TPDO_COMMUNICATION + number;
         let get = |subindex| objects.number(communication, subindex).unwrap_or(0);
-        let mapping = Mapping::load(objects, object::TPDO_MAPPING + number);
+        let mapping_index = object::TPDO_MAPPING + number;
+        let mapping = Mapping::load(objects, mapping_index);
+        let is_multiplexed = is_multiplexed(objects.number(mapping_index, 0).unwrap_or(0));
+        let scanned = if is_multiplexed { scanned_objects(objects) } else { Vec::new() };
         let sync_start = get(6) as u8;
         Self {
             number,
-            id: valid_pdo_id(get(1) as u32).filter(|_| mapping.length > 0),
+            id: valid_pdo_id(get(1) as u32).filter(|_| is_multiplexed || mapping.length > 0),
+            scanned,
             kind: TransmissionType::from_raw(get(2) as u8)
                 .unwrap_or(TransmissionType::EventProfile),
             mapping,
@@ -162,6 +183,7 @@ impl TransmitPdo {
     /// Handles entering Operational: event-driven PDOs are sent once, counters start.
     pub(super) fn start(&mut self) {
         self.last = None;
+        self.scanned.iter_mut().for_each(ScannedObject::restart);
         self.free_at = 0;
         self.timer_at = None;
         self.syncs = None;
@@ -208,7 +230,7 @@ impl TransmitPdo {
     }
 
     pub(super) fn on_event(&mut self, now: u64, objects: &Dictionary) -> Option<[u8; PDO_BYTES]> {
-        if !self.is_event_driven() || self.free_at > now {
+        if !self.is_event_driven() || self.mapping.length == 0 || self.free_at > now {
             return None;
         }
         let data = self.mapping.pack(objects);
@@ -220,6 +242,24 @@ impl TransmitPdo {
         self.free_at = now.saturating_add(self.inhibit_ns);
         self.timer_at = (self.timer_ns > 0).then(|| now.saturating_add(self.timer_ns));
         Some(data)
+    }
+
+    /// Returns the next object of an MPDO whose value changed, unless the inhibit time runs.
+    pub(super) fn next_scanned(&mut self, now: u64, objects: &Dictionary) -> Option<(Slot, u64)> {
+        if !self.is_event_driven() || self.free_at > now {
+            return None;
+        }
+        let changed = self
+            .scanned
+            .iter_mut()
+            .find_map(|scanned| scanned.take_change(objects).map(|value| (scanned.slot, value)))?;
+        self.free_at = now.saturating_add(self.inhibit_ns);
+        Some(changed)
+    }
+
+    /// Returns whether the PDO contains an object.
+    pub(super) fn has(&self, slot: Slot) -> bool {
+        self.mapping.has(slot) || self.scanned.iter().any(|scanned| scanned.slot == slot)
     }
 
     /// Time at which the PDO may become due without another event.

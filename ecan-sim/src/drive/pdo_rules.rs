@@ -1,6 +1,6 @@
 //! Rules for writing PDO parameters (CiA 301, 7.5.2.35 to 7.5.2.38).
 
-use ecan_canopen::{MappingEntry, NmtState, PdoCobId, TransmissionType, object};
+use ecan_canopen::{MappingEntry, Mpdo, NmtState, PdoCobId, TransmissionType, object};
 use ecan_protocol::can::CanId;
 use ecan_protocol::object::AbortCode;
 
@@ -129,6 +129,11 @@ impl PdoObject {
     }
 
     fn check_count(self, objects: &Dictionary, index: u16, count: u32) -> Result<(), AbortCode> {
+        // The drive sends MPDOs in source address mode only, and receives them in the other one only.
+        let mode = if self.is_sent { Mpdo::SOURCE_MAPPING } else { Mpdo::DESTINATION_MAPPING };
+        if count == u32::from(mode) {
+            return Ok(());
+        }
         if count as usize > PDO_ENTRIES {
             return Err(AbortCode::TOO_GREAT);
         }

@@ -51,6 +51,7 @@ impl Device {
     pub(super) fn send_events(&mut self, out: &mut NodeOutput) {
         let now = self.now;
         self.send_pdos(out, |pdo, objects| pdo.on_event(now, objects));
+        self.send_scanned(out);
     }
 
     fn send_pdos(
@@ -68,7 +69,7 @@ impl Device {
     }
 
     /// Reports a communication error that has already gone.
-    fn report(&mut self, code: u16) {
+    pub(super) fn report(&mut self, code: u16) {
         self.emergency.report(code, register_of(code), &mut self.objects);
     }
 
@@ -79,6 +80,11 @@ impl Device {
         for index in 0..self.receive.len() {
             let Some(pdo) = self.receive.get_mut(index) else { continue };
             if pdo.id != Some(id) {
+                continue;
+            }
+            if pdo.is_multiplexed {
+                pdo.restart_timer(self.now);
+                self.on_mpdo(data);
                 continue;
             }
             let (mapping, synchronous) = (pdo.mapping, pdo.synchronous);

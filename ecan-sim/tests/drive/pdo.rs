@@ -248,3 +248,75 @@ fn missing_pdo_is_detected() {
     let emcy = (start + 30 * MS, (0x085, vec![0x50, 0x82, 0x11, 0, 0, 0, 0, 0]));
     assert!(fixture.sent.contains(&emcy), "{:?}", fixture.sent);
 }
+
+/// Changes PDO 1 to an MPDO: disables it, sets the number of mapped objects, enables it.
+fn multiplex(fixture: &mut Fixture, communication: u16, mapping: u16, mode: i64) {
+    let id = i64::from(fixture.read(communication, 1).unwrap());
+    fixture.write(communication, 1, id | 0x8000_0000, 4).unwrap();
+    fixture.write(mapping, 0, mode, 1).unwrap();
+    fixture.write(communication, 1, id, 4).unwrap();
+}
+
+#[test]
+fn mpdo_in_destination_mode_writes_the_named_object() {
+    let mut fixture = Fixture::booted();
+    multiplex(&mut fixture, 0x1400, 0x1600, 0xFF);
+    fixture.nmt(NmtCommand::Start);
+    fixture.lines();
+    let profile_velocity = |node: u8, value: u8| [node, 0x81, 0x60, 0, value, 1, 0, 0];
+    assert_eq!(fixture.frame(0x205, &profile_velocity(0x85, 2)), []);
+    assert_eq!(fixture.drive.object(0x6081, 0), Some(0x102));
+    assert_eq!(fixture.frame(0x205, &profile_velocity(0x80, 3)), [], "to all nodes");
+    assert_eq!(fixture.drive.object(0x6081, 0), Some(0x103));
+    // Another node, source address mode
+    fixture.frame(0x205, &profile_velocity(0x86, 4));
+    fixture.frame(0x205, &profile_velocity(0x05, 4));
+    assert_eq!(fixture.drive.object(0x6081, 0), Some(0x103));
+    // No such object, a constant, wrong length
+    for [low, high] in [[0xFF, 0x2F], [0x00, 0x10]] {
+        let lines = fixture.frame(0x205, &[0x85, low, high, 0, 1, 0, 0, 0]);
+        assert_eq!(lines, [(0x085, vec![0x30, 0x82, 0x11, 0, 0, 0, 0, 0])]);
+    }
+    let lines = fixture.frame(0x205, &[0x85, 0x81, 0x60]);
+    assert_eq!(lines, [(0x085, vec![0x10, 0x82, 0x11, 0, 0, 0, 0, 0])]);
+}
+
+#[test]
+fn mpdo_in_source_mode_sends_changed_objects_of_the_scanner_list() {
+    let mut fixture = Fixture::booted();
+    // Actual position, then both entries of 0x608F
+    fixture.write(0x1FA0, 1, 0x0160_6400, 4).unwrap();
+    fixture.write(0x1FA0, 2, 0x0260_8F01, 4).unwrap();
+    multiplex(&mut fixture, 0x1800, 0x1A00, 0xFE);
+    let position = (0x185, vec![0x05, 0x64, 0x60, 0, 0xE8, 3, 0, 0]);
+    let entries = [
+        (0x185, vec![0x05, 0x8F, 0x60, 1, 0, 0, 1, 0]),
+        (0x185, vec![0x05, 0x8F, 0x60, 2, 1, 0, 0, 0]),
+    ];
+    let [first, second] = entries;
+    assert_eq!(fixture.nmt(NmtCommand::Start), [position, first, second]);
+    fixture.lines();
+    fixture.pass_ms(100);
+    assert!(fixture.sent.is_empty(), "no change, no MPDO");
+    // Entering Operational sends all of them; the inhibit time of 5 ms lies between them.
+    fixture.nmt(NmtCommand::EnterPreOperational);
+    fixture.write(0x1800, 1, 0xC000_0185, 4).unwrap();
+    fixture.write(0x1800, 3, 50, 2).unwrap();
+    fixture.write(0x1800, 1, 0x4000_0185, 4).unwrap();
+    let start = fixture.now;
+    assert_eq!(fixture.nmt(NmtCommand::Start).len(), 1);
+    fixture.lines();
+    fixture.pass_ms(100);
+    let times: Vec<_> = fixture.sent.iter().map(|(at, _)| (at - start) / MS).collect();
+    assert_eq!(times, [5, 10]);
+}
+
+#[test]
+fn mpdo_of_the_other_mode_is_aborted() {
+    let mut fixture = Fixture::booted();
+    fixture.write(0x1400, 1, 0xC000_0205, 4).unwrap();
+    fixture.write(0x1800, 1, 0xC000_0185, 4).unwrap();
+    assert_eq!(fixture.write(0x1600, 0, 0xFE, 1), Err(0x0609_0031));
+    assert_eq!(fixture.write(0x1A00, 0, 0xFF, 1), Err(0x0609_0031));
+    assert_eq!(fixture.write(0x1A00, 0, 9, 1), Err(0x0609_0031));
+}
