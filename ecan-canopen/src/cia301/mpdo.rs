@@ -113,11 +113,11 @@ impl ScannerEntry {
         (self.count as u32) << 24 | (self.index as u32) << 8 | self.subindex as u32
     }
 
-    /// Reads an entry; `None` for an empty one.
+    /// Reads an entry; `None` for an empty one. A block size of 0 counts as 1.
     pub const fn from_raw(raw: u32) -> Option<Self> {
         let [subindex, low, high, count] = raw.to_le_bytes();
         let index = u16::from_le_bytes([low, high]);
-        if count == 0 || index == 0 { None } else { Some(Self { index, subindex, count }) }
+        if index == 0 { None } else { Some(Self { index, subindex, count: block(count) }) }
     }
 
     /// Returns whether the entry contains an object.
@@ -155,17 +155,18 @@ impl DispatcherEntry {
             | self.producer.get() as u64
     }
 
-    /// Reads an entry; `None` for an empty or invalid one.
+    /// Reads an entry; `None` for one without producer. A block size of 0 counts as 1.
     pub const fn from_raw(raw: u64) -> Option<Self> {
         let [producer, subindex, low, high, local_subindex, local_low, local_high, count] =
             raw.to_le_bytes();
         let index = u16::from_le_bytes([low, high]);
         let local_index = u16::from_le_bytes([local_low, local_high]);
         match NodeId::new(producer) {
-            Some(producer) if count > 0 => {
+            Some(producer) => {
+                let count = block(count);
                 Some(Self { producer, index, subindex, local_index, local_subindex, count })
             }
-            _ => None,
+            None => None,
         }
     }
 
@@ -180,7 +181,11 @@ impl DispatcherEntry {
     }
 }
 
-/// `node 5: 0x6064:00 = 01 02 03 04`
+const fn block(count: u8) -> u8 {
+    if count == 0 { 1 } else { count }
+}
+
+/// `from node 5: 0x6064:00 = 01 02 03 04`
 impl fmt::Display for Mpdo {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self.address {
@@ -228,6 +233,7 @@ mod tests {
         assert_eq!(entry.raw(), 0x0364_0101);
         assert_eq!(ScannerEntry::from_raw(0x0364_0101), Some(entry));
         assert_eq!(ScannerEntry::from_raw(0), None);
+        assert_eq!(ScannerEntry::from_raw(0x0064_0101).unwrap().count, 1);
         let contained = (0..=5).map(|subindex| entry.contains(0x6401, subindex));
         assert!(contained.eq([false, true, true, true, false, false]));
         assert!(!entry.contains(0x6402, 1));
@@ -246,6 +252,7 @@ mod tests {
         assert_eq!(entry.raw(), 0x0321_0010_6401_0105);
         assert_eq!(DispatcherEntry::from_raw(entry.raw()), Some(entry));
         assert_eq!(DispatcherEntry::from_raw(0), None);
+        assert_eq!(DispatcherEntry::from_raw(0x0021_0010_6401_0105).unwrap().count, 1);
         let from = |id, subindex| {
             let address = MpdoAddress::Source(node(id));
             Mpdo::new(address, (0x6401, subindex), &[7]).unwrap()

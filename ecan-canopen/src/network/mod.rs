@@ -46,6 +46,7 @@ pub use time_producer::{TimeConfig, TimeReference};
 // Configuration of nodes
 mod configurator;
 mod error_history;
+mod mpdo_config;
 mod node_action;
 mod node_sequence;
 mod parameter_storage;
@@ -54,6 +55,7 @@ mod step_failure;
 
 pub use configurator::{Configurator, Progress};
 pub use error_history::ErrorHistory;
+pub use mpdo_config::{MpdoConfig, MpdoConfigError, MpdoMode};
 pub use node_action::{NodeAction, Step};
 pub use node_sequence::{Configuring, NodeSequence};
 pub use parameter_storage::{ParameterGroup, StorageCapability};

@@ -8,11 +8,13 @@ use thiserror::Error;
 use super::node_action::Step;
 
 /// The PDO does not exist: bit 31 of its COB-ID entry.
-const INVALID: u32 = 1 << 31;
+pub(super) const COB_ID_INVALID: u32 = 1 << 31;
 /// No remote request for the PDO: bit 30, which stays as the node has it.
-const NO_RTR: u32 = 1 << 30;
+pub(super) const NO_RTR: u32 = 1 << 30;
 
 const MAX_BITS: u32 = 64;
+/// PDOs of a node in each direction.
+pub(super) const MAX_NUMBER: u16 = 512;
 
 /// Direction of a PDO, seen from the node.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -80,7 +82,7 @@ impl PdoMapping {
 
     /// Index of the mapping parameters: 0x1600 or 0x1A00 upwards.
     pub fn mapping_index(&self) -> u16 {
-        self.communication_index().wrapping_add(MAPPING)
+        mapping_index(self.direction, self.number)
     }
 
     /// Length of the PDO in bytes.
@@ -101,7 +103,7 @@ impl PdoMapping {
     /// # Errors
     /// A [`PdoMappingError`].
     pub fn steps(&self) -> Result<Vec<Step>, PdoMappingError> {
-        if !(1..=512).contains(&self.number) {
+        if !(1..=MAX_NUMBER).contains(&self.number) {
             return Err(PdoMappingError::Number { number: self.number });
         }
         if let Some(value) = self.sync_start.filter(|value| *value > 240) {
@@ -116,7 +118,7 @@ impl PdoMapping {
         let (communication, mapping) = (self.communication_index(), self.mapping_index());
         let cob_id = PdoCobId::new(self.cob_id).raw() & !NO_RTR;
         let mut steps = vec![
-            Step::modify(communication, 1, 0, INVALID).named("PDO off"),
+            Step::modify(communication, 1, 0, COB_ID_INVALID).named("PDO off"),
             Step::write(communication, 2, self.transmission.raw()).named("transmission type"),
         ];
         if let Some(inhibit_time) = self.inhibit_time {
@@ -156,13 +158,13 @@ impl PdoMapping {
         direction: PdoDirection,
         number: u16,
     ) -> Result<Vec<Step>, PdoMappingError> {
-        if !(1..=512).contains(&number) {
+        if !(1..=MAX_NUMBER).contains(&number) {
             return Err(PdoMappingError::Number { number });
         }
         let communication = communication_index(direction, number);
-        let invalid = Expectation::HasBits(INVALID.into());
+        let invalid = Expectation::HasBits(COB_ID_INVALID.into());
         Ok(vec![
-            Step::modify(communication, 1, 0, INVALID).named("PDO off"),
+            Step::modify(communication, 1, 0, COB_ID_INVALID).named("PDO off"),
             Step::expect_that(communication, 1, invalid).named("readback"),
         ])
     }
@@ -171,7 +173,11 @@ impl PdoMapping {
 /// From the communication parameters of a PDO to its mapping.
 const MAPPING: u16 = 0x200;
 
-fn communication_index(direction: PdoDirection, number: u16) -> u16 {
+pub(super) fn mapping_index(direction: PdoDirection, number: u16) -> u16 {
+    communication_index(direction, number).wrapping_add(MAPPING)
+}
+
+pub(super) fn communication_index(direction: PdoDirection, number: u16) -> u16 {
     let base = match direction {
         PdoDirection::Receive => 0x1400,
         PdoDirection::Transmit => 0x1800,

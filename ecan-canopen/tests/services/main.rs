@@ -4,6 +4,7 @@
 mod bench;
 mod guarding;
 mod lss;
+mod mpdo;
 mod parameters;
 mod pdo;
 mod time;
