@@ -74,4 +74,6 @@ pub use ecan_protocol::sequence::{Expectation, SdoValue, Tolerance};
 #[cfg(test)]
 mod configurator_tests;
 #[cfg(test)]
+mod network_services_tests;
+#[cfg(test)]
 mod network_tests;
