@@ -91,7 +91,7 @@ impl Network {
         }
     }
 
-    /// Waits until every node has reported an NMT state by boot-up message or heartbeat. Blocks.
+    /// Waits until every node has reported an NMT state by boot-up message, heartbeat or guarding. Blocks.
     ///
     /// # Errors
     /// [`WaitError::TimedOut`]; [`nmt_state`](Self::nmt_state) shows which node is missing.

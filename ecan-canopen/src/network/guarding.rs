@@ -61,8 +61,17 @@ pub(super) enum GuardResult {
     Accepted(bool),
     /// The toggle bit did not alternate.
     Toggle,
-    /// Valid, with another NMT state than expected.
+    /// Valid, with another NMT state than expected; `true` if the node was overdue.
     State(bool),
+}
+
+/// Kind of the last response, to report an error once.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+enum LastResponse {
+    #[default]
+    Valid,
+    Toggle,
+    State,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -76,6 +85,9 @@ pub(super) struct NodeGuard {
     toggle: Option<bool>,
     /// NMT state that the response to the last request reports.
     expected: Option<NmtState>,
+    last: LastResponse,
+    /// The last error differs from the one before.
+    is_new_error: bool,
     pub(super) timeouts: u32,
     pub(super) errors: GuardErrors,
 }
@@ -89,6 +101,8 @@ impl NodeGuard {
             deadline_ns: None,
             toggle: None,
             expected: None,
+            last: LastResponse::default(),
+            is_new_error: false,
             timeouts: 0,
             errors: GuardErrors::default(),
         }
@@ -120,6 +134,7 @@ impl NodeGuard {
     pub(super) fn received(&mut self, response: GuardResponse, now_ns: u64) -> GuardResult {
         if self.toggle.is_some_and(|toggle| toggle != response.toggle) {
             self.errors.toggle = self.errors.toggle.saturating_add(1);
+            self.note(LastResponse::Toggle);
             return GuardResult::Toggle;
         }
         self.toggle = Some(!response.toggle);
@@ -128,9 +143,21 @@ impl NodeGuard {
         self.extend(now_ns);
         if self.expected.take().is_some_and(|expected| expected != response.state) {
             self.errors.state = self.errors.state.saturating_add(1);
+            self.note(LastResponse::State);
             return GuardResult::State(was_overdue);
         }
+        self.note(LastResponse::Valid);
         GuardResult::Accepted(was_overdue)
+    }
+
+    fn note(&mut self, response: LastResponse) {
+        self.is_new_error = response != LastResponse::Valid && response != self.last;
+        self.last = response;
+    }
+
+    /// Returns whether the last response has an error that the one before did not have.
+    pub(super) fn has_new_error(&self) -> bool {
+        self.is_new_error
     }
 
     /// The node booted: its first response has the toggle bit 0.
@@ -221,10 +248,14 @@ mod tests {
         guard.booted();
         guard.sent(0, None);
         assert_eq!(guard.received(response(true), MS), GuardResult::Toggle);
+        assert!(guard.has_new_error());
+        assert_eq!(guard.received(response(true), MS), GuardResult::Toggle);
+        assert!(!guard.has_new_error(), "reported once");
         assert_eq!(guard.received(response(false), MS), GuardResult::Accepted(false));
         guard.sent(10 * MS, None);
         assert_eq!(guard.received(response(false), 11 * MS), GuardResult::Toggle);
-        assert_eq!(guard.errors, GuardErrors { toggle: 2, state: 0 });
+        assert!(guard.has_new_error(), "a valid one was in between");
+        assert_eq!(guard.errors, GuardErrors { toggle: 3, state: 0 });
         assert!(guard.tick(31 * MS + 1), "the life time runs since 1 ms");
     }
 

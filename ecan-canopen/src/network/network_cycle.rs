@@ -154,20 +154,28 @@ fn error_control(node: &mut Node, data: &[u8], now_ns: u64) -> bool {
     }
     let was_overdue = match &mut node.guard {
         None => node.heartbeat.received(now_ns),
-        Some(guard) => match guard.received(response, now_ns) {
-            GuardResult::Accepted(was_overdue) => was_overdue,
-            GuardResult::State(was_overdue) => {
-                tracing::warn!(
-                    "{address}: guarding reported {}, not the commanded state",
-                    response.state
-                );
-                was_overdue
+        Some(guard) => {
+            let result = guard.received(response, now_ns);
+            let is_new = guard.has_new_error();
+            match result {
+                GuardResult::Accepted(was_overdue) => was_overdue,
+                GuardResult::State(was_overdue) => {
+                    if is_new {
+                        let state = response.state;
+                        tracing::warn!(
+                            "{address}: guarding reports {state}, not the commanded state"
+                        );
+                    }
+                    was_overdue
+                }
+                GuardResult::Toggle => {
+                    if is_new {
+                        tracing::warn!("{address}: toggle bit of guarding did not alternate");
+                    }
+                    return true;
+                }
             }
-            GuardResult::Toggle => {
-                tracing::warn!("{address}: toggle bit of guarding did not alternate");
-                return true;
-            }
-        },
+        }
     };
     node.nmt.reported_by_node(response.state);
     if was_overdue {

@@ -73,6 +73,33 @@ impl Network {
 
     /// Executes an LSS command. Blocks.
     ///
+    /// ```no_run
+    /// use std::time::Duration;
+    ///
+    /// use ecan_canopen::{
+    ///     FastscanFilter, LssCommand, LssResult, Network, NetworkConfig, NodeId,
+    /// };
+    ///
+    /// /// Gives node-IDs from 1 to all slaves without node-ID on the first channel.
+    /// fn commission(port: &mut ecan_mcan_port::Port) -> Result<u8, Box<dyn std::error::Error>> {
+    ///     let mut network = Network::new(NetworkConfig::default());
+    ///     network.add_channel(0, 0)?;
+    ///     let mut lss =
+    ///         |command| network.lss_blocking(port, (0, 0), command, Duration::from_secs(30));
+    ///     let mut count = 0;
+    ///     while let LssResult::Address(address) =
+    ///         lss(LssCommand::Fastscan(FastscanFilter::default()))?
+    ///     {
+    ///         count += 1;
+    ///         println!("node {count}: {address}");
+    ///         lss(LssCommand::ConfigureNodeId(NodeId::new(count)))?;
+    ///         lss(LssCommand::Store)?;
+    ///         lss(LssCommand::SwitchGlobal { configuration: false })?;
+    ///     }
+    ///     Ok(count)
+    /// }
+    /// ```
+    ///
     /// # Errors
     /// [`WaitError::Lss`] names channel, command and cause; [`WaitError::LssStart`]; [`WaitError::TimedOut`] after
     /// `timeout` in all, with the command cancelled.

@@ -22,7 +22,7 @@ pub enum NodeAction {
         /// Longest waiting time.
         timeout: Duration,
     },
-    /// Waits until the node's heartbeat reports a state.
+    /// Waits until the node reports a state, by heartbeat or guarding.
     AwaitState {
         /// The state.
         state: NmtState,
