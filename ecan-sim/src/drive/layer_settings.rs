@@ -78,8 +78,11 @@ impl Device {
     }
 }
 
+/// Keeps the saved value, unless it depends on the node-ID as the default does.
 fn carry_over(before: &Object, object: &mut Object) {
-    object.saved.clone_from(&before.saved);
+    if before.default == object.default {
+        object.saved.clone_from(&before.saved);
+    }
     if !COMMUNICATION.contains(&object.index) {
         object.value.clone_from(&before.value);
     }

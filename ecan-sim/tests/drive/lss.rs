@@ -224,3 +224,19 @@ fn drive_without_lss_is_silent() {
     assert_eq!(lss(&mut fixture, &[0x04, 1]), None);
     assert_eq!(lss(&mut fixture, &[0x5E]), None);
 }
+
+#[test]
+fn saved_values_survive_a_new_node_id_except_its_cob_ids() {
+    let mut fixture = Fixture::booted();
+    fixture.write(0x1015, 0, 77, 2).unwrap();
+    fixture.write(0x1014, 0, 0x123, 4).unwrap();
+    fixture.write(0x1010, 1, 0x6576_6173, 4).unwrap();
+    lss(&mut fixture, &[0x04, 1]);
+    lss(&mut fixture, &[0x11, 9]);
+    lss(&mut fixture, &[0x04, 0]);
+    fixture.nmt(NmtCommand::ResetCommunication);
+    fixture.pass_ms(100);
+    assert_eq!(fixture.drive.active_node_id(), NodeId::new(9));
+    assert_eq!(fixture.drive.object(0x1015, 0), Some(77));
+    assert_eq!(fixture.drive.object(0x1014, 0), Some(0x89));
+}
