@@ -60,6 +60,18 @@ pub const ERROR_CODE: u16 = 0x603F;
 pub const CONTROLWORD: u16 = 0x6040;
 /// Statusword, U16.
 pub const STATUSWORD: u16 = 0x6041;
+/// Target velocity of the velocity mode (vl), I16.
+pub const VL_TARGET_VELOCITY: u16 = 0x6042;
+/// Velocity demand of the velocity mode, I16.
+pub const VL_VELOCITY_DEMAND: u16 = 0x6043;
+/// Actual velocity of the velocity mode, I16.
+pub const VL_VELOCITY_ACTUAL: u16 = 0x6044;
+/// Velocity limits of the velocity mode: 1 smallest amount, 2 largest amount, U32.
+pub const VL_VELOCITY_LIMITS: u16 = 0x6046;
+/// Acceleration of the velocity mode: 1 change of velocity (U32), 2 its time in seconds (U16).
+pub const VL_ACCELERATION: u16 = 0x6048;
+/// Deceleration of the velocity mode, as the acceleration.
+pub const VL_DECELERATION: u16 = 0x6049;
 /// Quick stop option code, I16.
 pub const QUICK_STOP_OPTION: u16 = 0x605A;
 /// Shutdown option code, I16.
@@ -122,26 +134,57 @@ pub const PROFILE_ACCELERATION: u16 = 0x6083;
 pub const PROFILE_DECELERATION: u16 = 0x6084;
 /// Quick stop deceleration, U32.
 pub const QUICK_STOP_DECELERATION: u16 = 0x6085;
+/// Torque slope in thousandths of the rated torque per second, U32.
+pub const TORQUE_SLOPE: u16 = 0x6087;
 /// Position encoder resolution, array of U32.
 pub const ENCODER_RESOLUTION: u16 = 0x608F;
+/// Gear ratio: 1 motor revolutions, 2 shaft revolutions, U32.
+pub const GEAR_RATIO: u16 = 0x6091;
+/// Feed constant: 1 feed in position units, 2 shaft revolutions, U32.
+pub const FEED_CONSTANT: u16 = 0x6092;
 /// Homing method, I8.
 pub const HOMING_METHOD: u16 = 0x6098;
 /// Homing speeds, array of U32: 1 to the switch, 2 to the zero.
 pub const HOMING_SPEEDS: u16 = 0x6099;
 /// Homing acceleration, U32.
 pub const HOMING_ACCELERATION: u16 = 0x609A;
+/// SI unit of positions, U32.
+pub const SI_UNIT_POSITION: u16 = 0x60A8;
+/// SI unit of velocities, U32.
+pub const SI_UNIT_VELOCITY: u16 = 0x60A9;
 /// Position offset, I32.
 pub const POSITION_OFFSET: u16 = 0x60B0;
 /// Velocity offset, I32.
 pub const VELOCITY_OFFSET: u16 = 0x60B1;
 /// Torque offset, I16.
 pub const TORQUE_OFFSET: u16 = 0x60B2;
+/// Touch probe function, U16.
+pub const PROBE_FUNCTION: u16 = 0x60B8;
+/// Touch probe status, U16.
+pub const PROBE_STATUS: u16 = 0x60B9;
+/// Position at the positive edge of touch probe 1, I32.
+pub const PROBE_1_POSITIVE: u16 = 0x60BA;
+/// Position at the negative edge of touch probe 1, I32.
+pub const PROBE_1_NEGATIVE: u16 = 0x60BB;
+/// Position at the positive edge of touch probe 2, I32.
+pub const PROBE_2_POSITIVE: u16 = 0x60BC;
+/// Position at the negative edge of touch probe 2, I32.
+pub const PROBE_2_NEGATIVE: u16 = 0x60BD;
+/// Interpolation sub mode, I16; 0 is linear.
+pub const INTERPOLATION_MODE: u16 = 0x60C0;
+/// Interpolation data record: 1 position (I32).
+pub const INTERPOLATION_DATA: u16 = 0x60C1;
 /// Interpolation time: 1 value (U8), 2 power of ten of seconds (I8).
 pub const INTERPOLATION_TIME: u16 = 0x60C2;
+/// Interpolation data configuration: 1 largest size, 2 size (U32), 3 organisation, 4 position
+/// (U16), 5 size of a record, 6 clear (U8).
+pub const INTERPOLATION_BUFFER: u16 = 0x60C4;
 /// Following error actual value, I32.
 pub const FOLLOWING_ERROR: u16 = 0x60F4;
 /// Digital inputs, U32.
 pub const DIGITAL_INPUTS: u16 = 0x60FD;
+/// Digital outputs: 1 outputs, 2 mask, U32.
+pub const DIGITAL_OUTPUTS: u16 = 0x60FE;
 /// Target velocity, I32.
 pub const TARGET_VELOCITY: u16 = 0x60FF;
 /// Supported drive modes, U32.

@@ -4,8 +4,10 @@ mod controlword;
 mod mode;
 mod option_code;
 mod statusword;
+mod touch_probe;
 
 pub use controlword::{Command, Controlword};
 pub use mode::{OperatingMode, SupportedModes};
 pub use option_code::{FaultReaction, HaltOption, NodeLossReaction, QuickStopOption, StopOption};
 pub use statusword::{DriveState, Statusword};
+pub use touch_probe::{Probe, ProbeSource, ProbeStatus, ProbeTrigger};
