@@ -86,13 +86,15 @@ typedef enum {
 typedef enum {
     /** Profile position. Targets are steps; the drive generates the trajectory. */
     IGH_CIA402_MODE_PP = 1,
+    /** Velocity (vl). Targets are those of 0x6042, by default revolutions per minute. */
+    IGH_CIA402_MODE_VL = 2,
     /** Profile velocity. Targets are velocities in the drive's unit. */
     IGH_CIA402_MODE_PV = 3,
     /** Profile torque. Targets are torques in the drive's unit. */
     IGH_CIA402_MODE_PT = 4,
     /** Homing; igh_cia402_home() enters and leaves it. */
     IGH_CIA402_MODE_HM = 6,
-    /** Interpolated position; not driven by this library. */
+    /** Interpolated position. Targets are steps, one per target period, into the drive's buffer. */
     IGH_CIA402_MODE_IP = 7,
     /** Cyclic synchronous position. Targets are steps, one per target period. */
     IGH_CIA402_MODE_CSP = 8,

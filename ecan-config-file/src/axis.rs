@@ -12,13 +12,15 @@ use ecan_protocol::mapping::{CHANNELS, Direction};
 
 use crate::document::{Document, Table, store};
 
-const MODES: [(&str, OperatingMode); 6] = [
+const MODES: [(&str, OperatingMode); 8] = [
     ("csp", OperatingMode::CyclicPosition),
     ("csv", OperatingMode::CyclicVelocity),
     ("cst", OperatingMode::CyclicTorque),
     ("pp", OperatingMode::ProfilePosition),
     ("pv", OperatingMode::ProfileVelocity),
     ("pt", OperatingMode::ProfileTorque),
+    ("ip", OperatingMode::InterpolatedPosition),
+    ("vl", OperatingMode::Velocity),
 ];
 
 // Option codes; `unchanged` does not write the object.
@@ -197,7 +199,6 @@ fn keys(fault: &AxisFault) -> &'static [&'static str] {
         }
     };
     match fault {
-        AxisFault::Mode { .. } => &["mode"],
         AxisFault::Scale { .. } => &["steps_per_turn"],
         AxisFault::VelocityUnits { .. } => &["velocity_units_per_turn_s"],
         AxisFault::NoStep => &["step_limit"],

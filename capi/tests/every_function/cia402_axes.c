@@ -231,7 +231,7 @@ static void tables(igh_mcan_port_t *port)
     FAULTY(node_id, 0);
     FAULTY(node_id, 128);
     FAULTY(mode, 2);
-    FAULTY(mode, IGH_CIA402_MODE_IP);
+    FAULTY(mode, 5);
     FAULTY(pdo_number, 0);
     FAULTY(pdo_number, 5);
     FAULTY(range, 3);

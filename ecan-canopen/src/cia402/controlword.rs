@@ -32,11 +32,11 @@ impl Controlword {
     pub const QUICK_STOP: u16 = 1 << 2;
     /// Bit 3: enable operation.
     pub const ENABLE_OPERATION: u16 = 1 << 3;
-    /// Bit 4: by mode; new set-point in PP, start in homing.
+    /// Bit 4: by mode; new set-point in PP, start in homing, interpolation in IP, ramp in VL.
     pub const MODE_4: u16 = 1 << 4;
-    /// Bit 5: by mode; change set immediately in PP.
+    /// Bit 5: by mode; change set immediately in PP, ramp not locked in VL.
     pub const MODE_5: u16 = 1 << 5;
-    /// Bit 6: by mode; the target is relative in PP.
+    /// Bit 6: by mode; the target is relative in PP, the ramp follows the target in VL.
     pub const MODE_6: u16 = 1 << 6;
     /// Bit 7: fault reset, by its rising edge.
     pub const FAULT_RESET: u16 = 1 << 7;

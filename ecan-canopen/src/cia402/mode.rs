@@ -5,6 +5,8 @@ ecan_protocol::text_enum! {
     pub enum OperatingMode: i8;
     /// Profile position (PP).
     ProfilePosition = 1, "PP";
+    /// Velocity (vl), of frequency converters.
+    Velocity = 2, "VL";
     /// Profile velocity (PV).
     ProfileVelocity = 3, "PV";
     /// Profile torque (PT).
@@ -24,7 +26,13 @@ ecan_protocol::text_enum! {
 impl OperatingMode {
     /// Returns whether a target comes with every cycle.
     pub const fn is_cyclic(self) -> bool {
-        matches!(self, Self::CyclicPosition | Self::CyclicVelocity | Self::CyclicTorque)
+        matches!(
+            self,
+            Self::InterpolatedPosition
+                | Self::CyclicPosition
+                | Self::CyclicVelocity
+                | Self::CyclicTorque
+        )
     }
 }
 

@@ -37,7 +37,7 @@ impl Statusword {
     /// Bit 11: an internal limit is active.
     pub const INTERNAL_LIMIT: u16 = 1 << 11;
     /// Bit 12: by mode; in cyclic modes the drive follows its target, in PP the set-point is
-    /// acknowledged, in PV the speed is 0, in homing the home position is found.
+    /// acknowledged, in PV the speed is 0, in IP the interpolation is active, in homing the home position is found.
     pub const MODE_12: u16 = 1 << 12;
     /// Bit 13: by mode; following error in position modes, homing error in homing.
     pub const MODE_13: u16 = 1 << 13;

@@ -15,6 +15,8 @@ use super::drive_poll::DrivePoll;
 use super::drive_status::DriveStatus;
 use super::homing::HomingConfig;
 use super::host_loss::{HostLoss, StopOptions};
+use super::input_object::{AxisInputs, InputObject};
+use super::output_object::OutputValues;
 use super::pdo_layout::PdoLayout;
 use super::phase::{AxisError, AxisPhase};
 use super::power::FaultReset;
@@ -31,7 +33,9 @@ use super::takeover::{Takeover, TakeoverState};
 use super::target_period::TargetPeriod;
 use super::target_source::TargetSource;
 use super::target_tickets::TargetTickets;
+use super::touch_probe::TouchProbes;
 use super::verification::{Reachability, Verification};
+use crate::guard::feed_forward::FeedForwardGuard;
 use crate::guard::input::HoldReason;
 use crate::guard::motion_guard::MotionGuard;
 use crate::guard::terms::{Decision, GuardState, TargetKind};
@@ -52,7 +56,11 @@ pub(crate) struct Axis {
     pub(crate) config: AxisConfig,
     pub(crate) node: NodeHandle,
     pub(crate) rpdo: CanId,
+    /// CAN IDs of the RPDOs after the first.
+    pub(crate) auxiliary: Vec<CanId>,
     pub(crate) layout: PdoLayout,
+    /// The layout has further objects.
+    pub(crate) is_extended: bool,
     pub(crate) cycles_per_sync: u32,
     /// New images, beyond those of the configuration, that a scheduled target may wait in the
     /// gateway.
@@ -71,6 +79,16 @@ pub(crate) struct Axis {
     /// Mode that the drive has confirmed, or that is being written.
     pub(crate) mode: OperatingMode,
     pub(crate) drive: DriveStatus,
+    /// Values of the further objects of the TPDOs.
+    pub(crate) inputs: AxisInputs,
+    /// Values of the RPDOs after the first.
+    pub(crate) outputs: OutputValues,
+    pub(crate) feed_forward: FeedForwardGuard,
+    pub(crate) probes: TouchProbes,
+    /// The TPDO with the status of the touch probes.
+    pub(crate) probe_tpdo: Option<usize>,
+    /// The path has no known fault in this cycle. Only with RPDOs after the first.
+    pub(crate) is_path_clear: bool,
     /// Longest age of a present status.
     pub(crate) fresh_ns: u64,
     pub(crate) targets: TargetSource,
@@ -83,6 +101,8 @@ pub(crate) struct Axis {
     pub(crate) procedure: Option<Procedure>,
     pub(crate) recovery: Option<Recovery>,
     pub(crate) verification: Verification,
+    /// The PDOs that it reads, from 0 on.
+    pub(crate) verification_stage: usize,
     pub(crate) reachability: Reachability,
     /// Holds the steps of the configuration.
     pub(crate) configurator: Configurator,
@@ -111,11 +131,16 @@ impl Axis {
     ) -> Self {
         let id = config.address.node;
         let mode = config.mode;
+        let layout = config.layout();
+        let numbers = (config.pdo_number..).take(layout.rpdo_count()).skip(1);
         Self {
             index,
             node,
             rpdo: CobId::rpdo(id, config.pdo_number).can_id(),
-            layout: config.layout(),
+            auxiliary: numbers.map(|number| CobId::rpdo(id, number).can_id()).collect(),
+            is_extended: layout.is_extended(),
+            probe_tpdo: layout.tpdo_of(InputObject::ProbeStatus),
+            layout,
             cycles_per_sync,
             schedule_images: 0,
             setup: SetupState::default(),
@@ -128,6 +153,11 @@ impl Axis {
             guard: MotionGuard::new(config.guard_limits(mode, cycles_per_sync)),
             mode,
             drive: DriveStatus::default(),
+            inputs: AxisInputs::default(),
+            outputs: OutputValues::default(),
+            feed_forward: FeedForwardGuard::new(config.feed_forward),
+            probes: TouchProbes::default(),
+            is_path_clear: false,
             fresh_ns: FRESH_NS.max(sync_period_ns.saturating_mul(FRESH_PERIODS)),
             targets: TargetSource::new(ramp),
             set_point: SetPoint::default(),
@@ -138,6 +168,7 @@ impl Axis {
             procedure: None,
             recovery: None,
             verification: Verification::default(),
+            verification_stage: 0,
             reachability: Reachability::default(),
             configurator: Configurator::new(),
             stop_options: None,
@@ -299,6 +330,7 @@ impl Axis {
     pub(crate) fn convert_limits(&mut self, target_period: Duration) {
         let (config, ramp) = self.config.at_period(target_period, &mut |_| {});
         (self.config, self.targets.limits) = (config, ramp);
+        self.feed_forward = FeedForwardGuard::new(self.config.feed_forward);
         self.set_mode(self.mode);
     }
 
@@ -359,7 +391,7 @@ impl Axis {
     /// In a position mode the drive rests at its last target; in every other mode it is stopped,
     /// since it may be enabled later than its last status shows.
     fn stop_after_hold(&mut self, reason: HoldReason, now_ns: u64) {
-        self.targets.requested = None;
+        self.targets.request(None, None);
         self.targets.stop();
         let must_stop = target_kind(self.mode) != TargetKind::Position;
         self.state = self.state.after_hold(StopCause::Held(reason), must_stop, now_ns);

@@ -25,7 +25,7 @@ pub(crate) struct Outgoing {
     /// It carries the target of the guard's decision, not only a command.
     pub(crate) has_target: bool,
     /// The host's own ramp, if it makes the target.
-    ramp: Option<Ramp>,
+    pub(crate) ramp: Option<Ramp>,
 }
 
 /// Whether a cycle carries targets of running axes.
@@ -48,13 +48,26 @@ impl Axis {
         self.target_period.begin_cycle();
     }
 
-    pub(crate) fn take_tpdo(&mut self, data: &[u8]) {
-        match self.layout.decode(data) {
-            Some(feedback) => {
-                self.drive.arrived = Some(feedback);
-                self.statistics.tpdo_received();
+    /// Takes a TPDO, 0 is the first.
+    pub(crate) fn take_tpdo(&mut self, nth: usize, data: &[u8]) {
+        if nth == 0 {
+            match self.layout.decode(data) {
+                Some(feedback) => {
+                    self.drive.arrived = Some(feedback);
+                    self.statistics.tpdo_received();
+                }
+                None => self.statistics.malformed_tpdos += 1,
             }
-            None => self.statistics.malformed_tpdos += 1,
+        }
+        if !(self.is_extended && self.setup.is_complete()) {
+            return;
+        }
+        if !self.layout.decode_inputs(nth, data, &mut self.inputs) {
+            self.statistics.malformed_tpdos += u64::from(nth > 0);
+        } else if self.probe_tpdo == Some(nth)
+            && let Some(status) = self.inputs.probe_status()
+        {
+            self.probes.take(status);
         }
     }
 
@@ -83,6 +96,7 @@ impl Axis {
             drive: self.drive_view(status.as_ref()),
             actual,
         };
+        self.is_path_clear = !self.auxiliary.is_empty() && input.path.is_clear();
         let before = std::mem::replace(&mut self.reachability, Reachability::of(&input));
         if self.reachability.is_lost_since(before) {
             self.require_verification();
@@ -172,7 +186,7 @@ impl Axis {
         {
             // A command that stops or resets: the guard never delays it, and it moves nothing.
             let target = self.guard.resting_target()?;
-            let rpdo = self.layout.encode(word, target);
+            let rpdo = self.layout.encode(word, target, self.mode);
             return Some(Outgoing { rpdo, has_target: false, ramp: None });
         }
         if !(is_driven || self.state == AxisState::Resuming) {
@@ -211,7 +225,7 @@ impl Axis {
             self.set_point.start(target);
         }
         let (bits, target) = self.mode_bits(target);
-        let rpdo = self.layout.encode(word.with(bits), target);
+        let rpdo = self.layout.encode(word.with(bits), target, self.mode);
         Some(Outgoing { rpdo, has_target: true, ramp })
     }
 
@@ -266,6 +280,13 @@ impl Axis {
                 let acknowledged = self.drive.has(Statusword::MODE_12);
                 let (bits, target) = self.set_point.step(target, acknowledged);
                 (bits | halt, target)
+            }
+            OperatingMode::InterpolatedPosition if self.drive.is_enabled() => {
+                (Controlword::MODE_4, target)
+            }
+            OperatingMode::Velocity if self.drive.is_enabled() => {
+                let ramp = Controlword::MODE_4 | Controlword::MODE_5 | Controlword::MODE_6;
+                (ramp | halt, target)
             }
             OperatingMode::Homing => {
                 let stage = self.procedure.map(|procedure| procedure.stage);

@@ -8,6 +8,7 @@ use thiserror::Error;
 
 use super::interpolation_time::InvalidPeriod;
 use super::motion_limits::MotionLimit;
+use super::output_object::OutputObject;
 
 /// Fault of an axis: of its configuration, or of the axis in its table.
 #[derive(Debug, Clone, Copy, PartialEq, Error)]
@@ -19,17 +20,42 @@ pub enum AxisFault {
         /// The invalid channel.
         channel: u8,
     },
-    /// The mode is not supported.
-    #[error("mode {mode} is not supported")]
-    Mode {
-        /// The mode.
-        mode: OperatingMode,
-    },
     /// The predefined connection set has four PDOs each way.
     #[error("PDO number {number} is out of range; allowed: 1 to 4")]
     PdoNumber {
         /// The invalid number.
         number: u8,
+    },
+    /// The objects of the process data need more PDOs than the predefined connection set has.
+    #[error(
+        "{count} PDOs from number {first} on are needed; allowed: up to number 4; choose fewer \
+         objects, or a smaller number"
+    )]
+    PdoCount {
+        /// Number of the first PDO.
+        first: u8,
+        /// PDOs of one direction.
+        count: usize,
+    },
+    /// A drive does not use the object in the mode.
+    #[error("{output} has no effect in mode {mode}; remove it from the outputs")]
+    OutputMode {
+        /// The object.
+        output: OutputObject,
+        /// The mode.
+        mode: OperatingMode,
+    },
+    /// Without its status the function of a touch probe cannot be changed safely.
+    #[error(
+        "the touch probe function 0x60B8 is mapped without the status 0x60B9; add the status to the \
+         inputs"
+    )]
+    ProbeStatus,
+    /// A feed-forward without limits could make the axis jump.
+    #[error("the limits of {output} are 0; must be at least 1; set them in feed_forward")]
+    FeedForwardLimit {
+        /// The object.
+        output: OutputObject,
     },
     /// The scale is invalid.
     #[error("steps_per_turn {steps_per_turn} is invalid; must be finite and not 0")]

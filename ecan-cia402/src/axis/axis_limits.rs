@@ -113,7 +113,17 @@ impl AxisConfig {
                 report(fault);
             }
         }
+        config.limit_feed_forward(target_period);
         (config, ramp)
+    }
+
+    /// A velocity offset is at most the velocity of the step limit, if its unit is known.
+    fn limit_feed_forward(&mut self, target_period: Duration) {
+        let Some(units) = self.scale.velocity_units() else { return };
+        let turns = f64::from(self.step_limit) / self.scale.steps().abs();
+        // The cast saturates and drops the fraction; at least 1, since a limit of 0 is a fault.
+        let most = (turns / target_period.as_secs_f64() * units.abs()) as u32;
+        self.feed_forward.velocity = self.feed_forward.velocity.min(most.max(1));
     }
 
     /// Narrows bounds, which include 0, to a limit of both directions.

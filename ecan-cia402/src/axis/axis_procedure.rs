@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use ecan_canopen::{
-    Configuring, DriveState, Network, OperatingMode, Step, StepFailure, StepFault,
+    Configuring, DriveState, MappingEntry, Network, OperatingMode, Step, StepFailure, StepFault,
     TransmissionType, object,
 };
 
@@ -16,6 +16,17 @@ use super::procedure::{Procedure, Stage};
 use super::script::{Script, mode_steps, script};
 use super::stop::StopCause;
 use super::verification::{RETRY_NS, Verification};
+
+/// Steps that compare a PDO mapping with its entries.
+fn mapping_steps<I: Iterator<Item = MappingEntry>>(
+    index: u16,
+    entries: impl Fn() -> I,
+) -> impl Iterator<Item = Step> {
+    let count = Step::expect(index, 0, entries().count() as u32);
+    let entries = (1..).zip(entries());
+    let entries = entries.map(move |(nth, entry)| Step::expect(index, nth, entry.raw()));
+    [count].into_iter().chain(entries)
+}
 
 const REST_TIMEOUT: Duration = Duration::from_secs(30);
 
@@ -33,13 +44,19 @@ impl Axis {
             Verification::Complete => {}
             Verification::Due { from_ns } => {
                 if self.reachability.gateway && now_ns >= *from_ns {
+                    self.verification_stage = 0;
                     self.verification = Verification::Running(self.verification_script());
                 }
             }
             Verification::Running(script) => {
                 match script.advance(network, self.node, now_ns, |_, _, _| {}) {
                     Configuring::Running => {}
-                    Configuring::Done => self.verification = Verification::Complete,
+                    Configuring::Done => {
+                        self.verification = match self.next_verification() {
+                            Some(script) => Verification::Running(script),
+                            None => Verification::Complete,
+                        };
+                    }
                     Configuring::Failed(StepFailure {
                         fault: StepFault::Mismatch { .. }, ..
                     }) => self.configuration_differs(),
@@ -52,24 +69,41 @@ impl Axis {
         }
     }
 
-    /// Reads what a restart would have changed: the mapping of both PDOs, heartbeat and mode.
+    /// The script of the next PDOs after one that is complete.
+    pub(crate) fn next_verification(&mut self) -> Option<Script> {
+        self.verification_stage += 1;
+        let count = self.layout.rpdo_count().max(self.layout.tpdo_count());
+        (self.verification_stage < count).then(|| self.verification_script())
+    }
+
+    /// Reads what a restart would have changed: the mapping of an RPDO and a TPDO, with those of the
+    /// first stage heartbeat and mode.
     pub(crate) fn verification_script(&self) -> Script {
-        let nth = u16::from(self.config.pdo_number.saturating_sub(1));
-        let pdos = [
-            (object::RPDO_MAPPING, self.layout.rpdo_entries()),
-            (object::TPDO_MAPPING, self.layout.tpdo_entries()),
-        ];
-        let mapping = pdos.into_iter().flat_map(|(mapping, entries)| {
-            let index = mapping + nth;
-            let count = Step::expect(index, 0, entries.len() as u32);
-            let entries = (1..).zip(entries);
-            let entries = entries.map(move |(nth, entry)| Step::expect(index, nth, entry.raw()));
-            [count].into_iter().chain(entries)
+        let stage = self.verification_stage;
+        let nth = u16::from(self.config.pdo_number.saturating_sub(1)) + stage as u16;
+        let has_rpdo = stage < self.layout.rpdo_count();
+        let has_tpdo = stage < self.layout.tpdo_count();
+        let rpdo = has_rpdo.then(|| {
+            let index = object::RPDO_MAPPING + nth;
+            mapping_steps(index, || self.layout.rpdo_entries(stage))
         });
-        let communication = [object::RPDO_COMMUNICATION, object::TPDO_COMMUNICATION];
+        let tpdo = has_tpdo.then(|| {
+            let index = object::TPDO_MAPPING + nth;
+            mapping_steps(index, || self.layout.tpdo_entries(stage))
+        });
+        let mapping = rpdo.into_iter().flatten().chain(tpdo.into_iter().flatten());
+        let communication = [
+            has_rpdo.then_some(object::RPDO_COMMUNICATION),
+            has_tpdo.then_some(object::TPDO_COMMUNICATION),
+        ];
         let synchronous = TransmissionType::Synchronous(1).raw();
-        let transmission =
-            communication.map(|communication| Step::expect(communication + nth, 2, synchronous));
+        let transmission = communication
+            .into_iter()
+            .flatten()
+            .map(|communication| Step::expect(communication + nth, 2, synchronous));
+        if stage > 0 {
+            return script(mapping.chain(transmission));
+        }
         let producer = object::PRODUCER_HEARTBEAT;
         let heartbeat = self.configurator.uploaded(self.node, producer, 0);
         let heartbeat = heartbeat.map(|period_ms| Step::expect(producer, 0, period_ms));

@@ -7,6 +7,7 @@ use ecan_canopen::{Configuring, Network, PdoMappingError, StepFailure, StepFault
 use super::axis::Axis;
 use super::axis_state::AxisState;
 use super::host_loss::StopOptions;
+use super::input_object::AxisInputs;
 use super::phase::AxisError;
 use super::script::{mode_steps, script};
 use super::setup::SetupState;
@@ -89,7 +90,7 @@ impl Axis {
         self.configurator.restart(network);
         self.set_mode(self.config.mode);
         self.silences = network.sdo_silences(self.node);
-        self.drive.forget();
+        self.forget_drive();
         self.state = AxisState::Standby;
         self.setup = SetupState::Configuring;
     }
@@ -166,6 +167,12 @@ impl Axis {
         self.error = Some(AxisError::Restarted);
         self.procedure = None;
         self.stop_options = None;
+        self.forget_drive();
+    }
+
+    fn forget_drive(&mut self) {
         self.drive.forget();
+        self.inputs = AxisInputs::default();
+        self.feed_forward.end();
     }
 }

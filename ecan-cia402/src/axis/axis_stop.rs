@@ -162,8 +162,12 @@ impl Axis {
                 match script.advance(network, self.node, now_ns, |_, _, _| {}) {
                     Configuring::Running => {}
                     Configuring::Done => {
-                        self.adopt(network);
-                        self.takeover = TakeoverState::Done;
+                        if let Some(script) = self.next_verification() {
+                            self.takeover = TakeoverState::Adopting(script);
+                        } else {
+                            self.adopt(network);
+                            self.takeover = TakeoverState::Done;
+                        }
                     }
                     Configuring::Failed(_) => self.stop_enabled_drive(now_ns),
                 }
@@ -187,6 +191,7 @@ impl Axis {
             self.stop_enabled_drive(now_ns);
         } else if self.drive_is_at_rest(now_ns) && self.can_be_adopted() {
             self.mode = self.config.mode;
+            self.verification_stage = 0;
             self.takeover = TakeoverState::Adopting(self.verification_script());
         } else if self.drive_is_at_rest(now_ns) || now_ns.saturating_sub(since_ns) > ADOPT_NS {
             self.stop_enabled_drive(now_ns);
@@ -204,7 +209,9 @@ impl Axis {
                 _ => false,
             };
         // An axis at rest may hold a load by its torque, which the first target would take away.
-        let is_torque = self.layout.target == TargetObject::Torque;
+        // In IP the last set-point is not in 0x607A.
+        let is_torque =
+            matches!(self.layout.target(), TargetObject::Torque | TargetObject::InterpolationData);
         self.drive.is_enabled()
             && mode == Some(self.config.mode.raw())
             && holds_position

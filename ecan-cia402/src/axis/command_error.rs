@@ -5,6 +5,7 @@ use thiserror::Error;
 
 use super::axis_fault::AxisFault;
 use super::interpolation_time::InvalidPeriod;
+use super::output_object::OutputObject;
 use super::units::UnitError;
 
 /// Rejection of a command to an axis; nothing was changed.
@@ -58,6 +59,14 @@ pub enum CommandError {
         axis: usize,
         /// The mode.
         mode: OperatingMode,
+    },
+    /// The object is not in the process data of the axis.
+    #[error("axis {axis}: {output} is not mapped; add it to the outputs of the axis")]
+    NotMapped {
+        /// Index of the axis.
+        axis: usize,
+        /// The object.
+        output: OutputObject,
     },
     /// The orderly end has begun.
     #[error("axis {axis}: the shutdown has begun; create the axes again to use them")]

@@ -9,15 +9,21 @@ use ecan_canopen::{
 use ecan_protocol::mapping::CHANNELS;
 
 use super::axis_fault::AxisFault;
+use super::input_object::InputObject;
 use super::motion_limits::MotionLimits;
+use super::output_object::OutputObject;
 use super::pdo_layout::{PdoLayout, TargetObject};
 use super::units::Scale;
+use crate::guard::feed_forward::FeedForwardLimits;
 use crate::guard::position_range::PositionRange;
 use crate::guard::terms::{GuardLimits, TargetKind};
 
 /// Least following-error window, in step limits: the lag of an axis that moves at its limit, by the
 /// delay out and back.
 const WINDOW_STEPS: u32 = 8;
+
+/// Highest PDO number of the predefined connection set.
+pub(crate) const LAST_PDO: u8 = 4;
 
 /// Reset of a node at the start of its configuration.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -29,6 +35,18 @@ pub enum NodeReset {
     Communication,
     /// Reset Node.
     Node,
+}
+
+/// Parameters of the velocity mode (VL) in a drive; `None` does not write an object. Velocities are
+/// those of 0x6042, by default revolutions per minute.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct VlConfig {
+    /// Smallest and largest amount of the velocity, 0x6046:01 and :02.
+    pub limits: Option<(u32, u32)>,
+    /// Acceleration 0x6048: change of the velocity, and its time in seconds.
+    pub acceleration: Option<(u32, u16)>,
+    /// Deceleration 0x6049, likewise.
+    pub deceleration: Option<(u32, u16)>,
 }
 
 /// Configuration of a drive before it is enabled. Objects marked (optional) are skipped if the
@@ -71,6 +89,17 @@ pub struct DriveConfig {
     /// after a fault of the bus moves faster than the step limit for up to one target period (see
     /// [`Cia402`](crate::Cia402)), and stops with a fault if its motor does not follow.
     pub following_error: Option<(u32, u16)>,
+    /// Mask of the digital outputs 0x60FE:02: a bit that is set lets the host set this output. `None`
+    /// does not write it.
+    pub output_mask: Option<u32>,
+    /// Set-points that wait in the drive in IP, 0x60C4:02; `None` leaves it as it is. When targets end,
+    /// the drive still goes through those that wait: at most this number of step limits.
+    pub interpolation_buffer: Option<u16>,
+    /// Torque slope of PT, 0x6087, in thousandths of the rated torque per second; `None` does not
+    /// write it.
+    pub torque_slope: Option<u32>,
+    /// Limits and ramps of VL.
+    pub vl: VlConfig,
     /// Writes [`AxisConfig::bounds`] to 0x607D too, in a position mode (optional).
     pub write_position_limits: bool,
     /// Disables the other TPDOs (optional), so that they take no bus time.
@@ -97,6 +126,10 @@ impl Default for DriveConfig {
             halt: None,
             fault_reaction: None,
             following_error: None,
+            output_mask: None,
+            interpolation_buffer: None,
+            torque_slope: None,
+            vl: VlConfig::default(),
             write_position_limits: false,
             silence_other_tpdos: true,
             further: Vec::new(),
@@ -148,8 +181,19 @@ pub struct AxisConfig {
     pub auto_resume: bool,
     /// Longest time for enabling: brake and power stage.
     pub enable_timeout: Duration,
-    /// Number of the RPDO and of the TPDO, 1 to 4.
+    /// Number of the first RPDO and of the first TPDO, 1 to 4. Further ones have the next numbers, up
+    /// to 4.
     pub pdo_number: u8,
+    /// Objects that the RPDOs carry beyond controlword and target, none by default. See
+    /// [`PdoLayout`] for their places. A feed-forward object needs its limits in
+    /// [`feed_forward`](Self::feed_forward).
+    pub outputs: Vec<OutputObject>,
+    /// Objects that the TPDOs carry beyond statusword and actual position, none by default;
+    /// [`AxisStatus::inputs`](crate::AxisStatus::inputs) has their values.
+    pub inputs: Vec<InputObject>,
+    /// Limits of the feed-forward that
+    /// [`set_target_with`](crate::Cia402::set_target_with) gives.
+    pub feed_forward: FeedForwardLimits,
     /// Configuration of the drive.
     pub drive: DriveConfig,
 }
@@ -175,6 +219,9 @@ impl AxisConfig {
             auto_resume: false,
             enable_timeout: Duration::from_secs(5),
             pdo_number: 1,
+            outputs: Vec::new(),
+            inputs: Vec::new(),
+            feed_forward: FeedForwardLimits::default(),
             drive: DriveConfig::default(),
         }
     }
@@ -203,9 +250,9 @@ impl AxisConfig {
         self
     }
 
-    /// Process data of the mode; those of CSP for an unsupported mode.
+    /// Process data of the mode, with further objects. Allocates.
     pub fn layout(&self) -> PdoLayout {
-        PdoLayout::for_mode(self.mode).unwrap_or_default()
+        PdoLayout::new(TargetObject::of_mode(self.mode), &self.outputs, &self.inputs)
     }
 
     /// Limits of the motion guard in a mode, with `cycles_per_sync` cycles from SYNC to SYNC.
@@ -228,7 +275,7 @@ impl AxisConfig {
 
     /// Returns whether the drive follows its targets only with the right interpolation time 0x60C2.
     pub(crate) fn needs_interpolation_time(&self) -> bool {
-        self.mode == OperatingMode::CyclicPosition
+        matches!(self.mode, OperatingMode::CyclicPosition | OperatingMode::InterpolatedPosition)
     }
 
     /// Checks the configuration as a whole and reports every fault.
@@ -236,12 +283,10 @@ impl AxisConfig {
         if usize::from(self.address.channel) >= CHANNELS {
             report(AxisFault::Channel { channel: self.address.channel });
         }
-        if PdoLayout::for_mode(self.mode).is_none() {
-            report(AxisFault::Mode { mode: self.mode });
-        }
-        if !(1..=4).contains(&self.pdo_number) {
+        if !(1..=LAST_PDO).contains(&self.pdo_number) {
             report(AxisFault::PdoNumber { number: self.pdo_number });
         }
+        self.check_process_data(report);
         if !self.scale.is_valid() {
             report(AxisFault::Scale { steps_per_turn: self.scale.steps() });
         }
@@ -275,6 +320,35 @@ impl AxisConfig {
         }
     }
 
+    fn check_process_data(&self, report: &mut dyn FnMut(AxisFault)) {
+        let layout = self.layout();
+        for count in [layout.rpdo_count(), layout.tpdo_count()] {
+            let last = usize::from(self.pdo_number) + count - 1;
+            if count > 1 && last > usize::from(LAST_PDO) {
+                report(AxisFault::PdoCount { first: self.pdo_number, count });
+            }
+        }
+        let mode = self.mode;
+        for output in self.outputs.iter().copied() {
+            if !output.serves(mode) {
+                report(AxisFault::OutputMode { output, mode });
+            }
+            let limits = &self.feed_forward;
+            let is_limited = match output {
+                OutputObject::VelocityOffset => limits.velocity.min(limits.velocity_change) > 0,
+                OutputObject::TorqueOffset => limits.torque.min(limits.torque_change) > 0,
+                _ => true,
+            };
+            if !is_limited {
+                report(AxisFault::FeedForwardLimit { output });
+            }
+            let needs_status = output == OutputObject::ProbeFunction;
+            if needs_status && layout.tpdo_of(InputObject::ProbeStatus).is_none() {
+                report(AxisFault::ProbeStatus);
+            }
+        }
+    }
+
     fn check_steps(&self, report: &mut dyn FnMut(AxisFault)) {
         if self.step_limit == 0 {
             report(AxisFault::NoStep);
@@ -297,10 +371,11 @@ pub(crate) fn target_kind(mode: OperatingMode) -> TargetKind {
         OperatingMode::Homing => TargetKind::None,
         OperatingMode::CyclicPosition | OperatingMode::InterpolatedPosition => TargetKind::Position,
         OperatingMode::ProfilePosition => TargetKind::Profile,
-        _ => match TargetObject::of_mode(mode) {
-            Some(TargetObject::Position) | None => TargetKind::Position,
-            Some(TargetObject::Velocity | TargetObject::Torque) => TargetKind::Rate,
-        },
+        OperatingMode::Velocity
+        | OperatingMode::ProfileVelocity
+        | OperatingMode::ProfileTorque
+        | OperatingMode::CyclicVelocity
+        | OperatingMode::CyclicTorque => TargetKind::Rate,
     }
 }
 
@@ -326,8 +401,7 @@ mod tests {
         assert_eq!(faults(&config().with_target_step(-5_000)), []);
         assert_eq!(faults(&config().with_step_limit(3)), []);
         for &mode in OperatingMode::ALL {
-            let expected = usize::from(mode == OperatingMode::InterpolatedPosition);
-            assert_eq!(faults(&config().with_mode(mode)).len(), expected, "{mode}");
+            assert_eq!(faults(&config().with_mode(mode)), [], "{mode}");
         }
     }
 
@@ -335,7 +409,7 @@ mod tests {
     fn check_reports_every_fault() {
         let mut bad = config();
         bad.address.channel = 4;
-        bad.mode = OperatingMode::InterpolatedPosition;
+        bad.outputs = vec![OutputObject::TorqueOffset];
         bad.pdo_number = 0;
         bad.scale = Scale::steps_per_turn(0.0);
         bad.step_limit = 0;

@@ -6,7 +6,7 @@ use ecan_canopen::{NodeSequence, OperatingMode, Step, object};
 use ecan_protocol::config::List;
 
 /// Most steps of a script.
-const MAX_STEPS: usize = 10;
+const MAX_STEPS: usize = 12;
 
 /// Longest time that a drive may take to display a new mode.
 const MODE_TIMEOUT: Duration = Duration::from_secs(1);
@@ -27,6 +27,7 @@ pub(crate) fn script(steps: impl IntoIterator<Item = Step>) -> Script {
 pub(crate) fn mode_steps(mode: OperatingMode) -> [Step; 2] {
     let purpose = match mode {
         OperatingMode::ProfilePosition => "mode PP",
+        OperatingMode::Velocity => "mode VL",
         OperatingMode::ProfileVelocity => "mode PV",
         OperatingMode::ProfileTorque => "mode PT",
         OperatingMode::Homing => "mode HM",

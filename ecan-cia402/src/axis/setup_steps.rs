@@ -1,17 +1,18 @@
 //! The steps that bring a drive from whatever state to Operational with its PDOs mapped.
 
 use ecan_canopen::{
-    CobId, Expectation, HeartbeatConsumer, HostHeartbeat, NmtCommand, NodeAction, OperatingMode,
-    PdoDirection, PdoMapping, PdoMappingError, Step, SupportedModes, TransmissionType, object,
+    Expectation, HeartbeatConsumer, HostHeartbeat, NmtCommand, NodeAction, OperatingMode,
+    ParameterSet, PdoDirection, PdoMapping, PdoMappingError, Step, SupportedModes, object,
 };
 
-use super::config::{AxisConfig, DriveConfig, NodeReset};
+use super::config::{AxisConfig, DriveConfig, LAST_PDO, NodeReset};
+use super::drive_limits::DriveLimits;
+use super::drive_units::{DriveUnits, ScaleSource};
 use super::host_loss::StopOptions;
 use super::interpolation_time::interpolation_time;
-use super::pdo_layout::TargetObject;
+use super::output_object::OutputObject;
+use super::pdo_layout::{PdoLayout, TargetObject};
 
-/// Highest PDO number of the predefined connection set.
-const LAST_PDO: u16 = 4;
 /// Device profile of a drive in the low half of the device type.
 const PROFILE_402: Expectation = Expectation::Masked { value: 402, mask: 0xFFFF };
 /// Statusword bit 2: set in Operation Enabled, Quick Stop Active and Fault Reaction Active only.
@@ -31,12 +32,13 @@ pub(crate) struct BusConfig {
 /// 2. Device type, identity, supported modes.
 /// 3. Power off by SDO, of a drive that is not enabled: it must not be mapped while it moves, nor lose
 ///    its voltage.
-/// 4. Heartbeats both ways and what happens when the host's stays away.
-/// 5. Mapping of the RPDO and the TPDO, other TPDOs off.
-/// 6. SYNC period, interpolation time (the target period), stop options, limits, further steps of
+/// 4. Parameters of the application, for example those of a DCF.
+/// 5. Heartbeats both ways and what happens when the host's stays away.
+/// 6. Mapping of the RPDO and the TPDO, other TPDOs off.
+/// 7. SYNC period, interpolation time (the target period), stop options, limits, further steps of
 ///    the application.
-/// 7. Stop options as the drive has them now.
-/// 8. NMT: start.
+/// 8. Stop options, and limits and units where asked for, as the drive has them now.
+/// 9. NMT: start.
 ///
 /// The mode follows after that, with its confirmation.
 pub(crate) fn steps(config: &AxisConfig, bus: &BusConfig) -> Result<Vec<Step>, PdoMappingError> {
@@ -48,13 +50,23 @@ pub(crate) fn steps(config: &AxisConfig, bus: &BusConfig) -> Result<Vec<Step>, P
     push_identity(&mut steps, config);
     push_off_check(&mut steps);
     steps.push(Step::write(object::CONTROLWORD, 0, 0_u16).named("power off").if_accepted());
+    if *config.drive.parameters != ParameterSet::default() {
+        steps.push(Step::device(NodeAction::WriteParameters));
+    }
     push_heartbeats(&mut steps, config, bus);
     push_mapping(&mut steps, config)?;
     push_times(&mut steps, config, bus);
     push_stop_options(&mut steps, config);
     push_limits(&mut steps, config);
+    push_mode_parameters(&mut steps, config);
     steps.extend(config.drive.further.iter().copied());
     steps.extend(StopOptions::steps());
+    if config.reads_limits() {
+        steps.extend(DriveLimits::steps());
+    }
+    if config.scale_source != ScaleSource::Configured || config.reads_limits() {
+        steps.extend(DriveUnits::steps(config.scale_source == ScaleSource::Drive));
+    }
     steps.push(Step::device(NodeAction::Nmt(NmtCommand::Start)));
     Ok(steps)
 }
@@ -86,10 +98,7 @@ fn push_identity(steps: &mut Vec<Step>, config: &AxisConfig) {
         let step = Step::expect_that(object::DEVICE_TYPE, 0, PROFILE_402);
         steps.push(step.named("drive profile"));
     }
-    if let Some((vendor, product)) = drive.identity {
-        steps.push(Step::expect(object::IDENTITY, 1, vendor).named("vendor id"));
-        steps.push(Step::expect(object::IDENTITY, 2, product).named("product code"));
-    }
+    steps.extend(drive.identity.steps());
     let mode = Expectation::HasBits(SupportedModes::bit(config.mode).into());
     let modes = Step::expect_that(object::SUPPORTED_MODES, 0, mode);
     steps.push(modes.named("supported modes").if_present());
@@ -114,31 +123,33 @@ fn push_heartbeats(steps: &mut Vec<Step>, config: &AxisConfig, bus: &BusConfig) 
 }
 
 fn push_mapping(steps: &mut Vec<Step>, config: &AxisConfig) -> Result<(), PdoMappingError> {
-    let (node, number) = (config.address.node, config.pdo_number);
-    let layout = config.layout();
-    let pdo = |direction, cob_id, entries: &[_]| PdoMapping {
-        direction,
-        number: number.into(),
-        cob_id,
-        transmission: TransmissionType::Synchronous(1),
-        inhibit_time: None,
-        event_timer_ms: None,
-        sync_start: None,
-        entries: entries.to_vec(),
-    };
-    let rpdo =
-        pdo(PdoDirection::Receive, CobId::rpdo(node, number).can_id(), &layout.rpdo_entries());
-    let tpdo =
-        pdo(PdoDirection::Transmit, CobId::tpdo(node, number).can_id(), &layout.tpdo_entries());
-    steps.extend(rpdo.steps()?);
-    steps.extend(tpdo.steps()?);
+    let (first, layout) = (config.pdo_number, config.layout());
+    for pdo in config.pdo_mappings() {
+        steps.extend(pdo.steps()?);
+    }
+    push_outputs(steps, config, &layout);
     if config.drive.silence_other_tpdos {
-        for other in (1..=LAST_PDO).filter(|other| *other != u16::from(number)) {
-            let off = PdoMapping::disabling_steps(PdoDirection::Transmit, other)?;
+        let is_used = |number: u8| (first..).take(layout.tpdo_count()).any(|used| used == number);
+        for other in (1..=LAST_PDO).filter(|other| !is_used(*other)) {
+            let off = PdoMapping::disabling_steps(PdoDirection::Transmit, other.into())?;
             steps.extend(off.into_iter().map(Step::if_present));
         }
     }
     Ok(())
+}
+
+/// The drive may have a feed-forward of an earlier owner. The mask selects the outputs that are set.
+fn push_outputs(steps: &mut Vec<Step>, config: &AxisConfig, layout: &PdoLayout) {
+    if layout.has_output(OutputObject::VelocityOffset) {
+        steps.push(Step::write(object::VELOCITY_OFFSET, 0, 0_i32).named("no velocity offset"));
+    }
+    if layout.has_output(OutputObject::TorqueOffset) {
+        steps.push(Step::write(object::TORQUE_OFFSET, 0, 0_i16).named("no torque offset"));
+    }
+    if let Some(mask) = config.drive.output_mask {
+        let step = Step::write(object::DIGITAL_OUTPUTS, 2, mask);
+        steps.push(step.named("digital output mask"));
+    }
 }
 
 /// In every mode, since [`can_switch_to`] allows a cyclic one later.
@@ -187,7 +198,14 @@ fn push_limits(steps: &mut Vec<Step>, config: &AxisConfig) {
         let step = Step::write(object::FOLLOWING_ERROR_TIME, 0, time_ms);
         steps.push(step.named("following error time").if_present());
     }
-    let is_position = TargetObject::of_mode(config.mode) == Some(TargetObject::Position);
+    let max_torque = drive.max_torque.map(|torque| Step::write(object::MAX_TORQUE, 0, torque));
+    steps.extend(max_torque.map(|step| step.named("largest torque")));
+    let speed = drive.max_motor_speed.map(|speed| Step::write(object::MAX_MOTOR_SPEED, 0, speed));
+    steps.extend(speed.map(|step| step.named("largest motor speed")));
+    let is_position = matches!(
+        TargetObject::of_mode(config.mode),
+        TargetObject::Position | TargetObject::InterpolationData
+    );
     if let Some((min, max)) = config.bounds
         && drive.write_position_limits
         && is_position
@@ -198,9 +216,39 @@ fn push_limits(steps: &mut Vec<Step>, config: &AxisConfig) {
     }
 }
 
+/// Parameters of the modes IP, PT and VL.
+fn push_mode_parameters(steps: &mut Vec<Step>, config: &AxisConfig) {
+    let DriveConfig { interpolation_buffer, torque_slope, vl, .. } = &config.drive;
+    if config.mode == OperatingMode::InterpolatedPosition {
+        let buffer = object::INTERPOLATION_BUFFER;
+        let mode = Step::write(object::INTERPOLATION_MODE, 0, 0_i16).named("linear interpolation");
+        let size = interpolation_buffer.map(|size| Step::write(buffer, 2, u32::from(size)));
+        steps.push(mode.if_present());
+        steps.push(Step::write(buffer, 6, 0_u8).named("clear the buffer").if_present());
+        steps.extend(size.map(|step| step.named("buffer size")));
+        steps.push(Step::write(buffer, 6, 1_u8).named("enable the buffer").if_present());
+    }
+    let slope = torque_slope.map(|slope| Step::write(object::TORQUE_SLOPE, 0, slope));
+    steps.extend(slope.map(|step| step.named("torque slope")));
+    if let Some((least, most)) = vl.limits {
+        let limits = object::VL_VELOCITY_LIMITS;
+        steps.push(Step::write(limits, 1, least).named("smallest velocity"));
+        steps.push(Step::write(limits, 2, most).named("largest velocity"));
+    }
+    for (index, name, ramp) in [
+        (object::VL_ACCELERATION, "acceleration", vl.acceleration),
+        (object::VL_DECELERATION, "deceleration", vl.deceleration),
+    ] {
+        if let Some((velocity, seconds)) = ramp {
+            steps.push(Step::write(index, 1, velocity).named(name));
+            steps.push(Step::write(index, 2, seconds).named(name));
+        }
+    }
+}
+
 /// Returns true if a mode can be chosen while the PDOs of `config` are mapped.
 pub(crate) fn can_switch_to(config: &AxisConfig, mode: OperatingMode) -> bool {
-    config.layout().target.serves(mode)
+    TargetObject::of_mode(config.mode).serves(mode)
 }
 
 #[cfg(test)]

@@ -43,6 +43,8 @@ pub struct AxisStatistics {
     pub max_following_error: u64,
     /// Targets that the gateway reported as not sent.
     pub targets_lost: u64,
+    /// Feed-forwards that a limit changed.
+    pub feed_forwards_limited: u64,
     /// Emergency messages.
     pub emergencies: u32,
     /// Faults of the drive.

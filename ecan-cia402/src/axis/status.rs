@@ -7,9 +7,11 @@ use ecan_canopen::{
 };
 
 use super::axis::Axis;
+use super::input_object::AxisInputs;
 use super::phase::{AxisError, AxisPhase};
 use super::stop::StopCause;
 use super::units::Scale;
+use crate::guard::feed_forward::FeedForward;
 use crate::guard::input::HoldReason;
 use crate::guard::position_range::PositionRange;
 use crate::guard::terms::{Decision, GuardState};
@@ -89,6 +91,11 @@ pub struct AxisStatus {
     pub actual_age: u16,
     /// The last target sent to an axis that follows targets.
     pub target: Option<i32>,
+    /// Values of the further objects in the last TPDOs, see
+    /// [`AxisConfig::inputs`](crate::AxisConfig::inputs).
+    pub inputs: AxisInputs,
+    /// The feed-forward that was sent last.
+    pub feed_forward: FeedForward,
     /// Decision about the target of the cycle.
     pub decision: Decision,
     /// Reason of a hold.
@@ -171,6 +178,8 @@ impl Axis {
             actual: self.guard.actual(),
             actual_age: self.guard.actual_age(),
             target: self.target(),
+            inputs: self.inputs,
+            feed_forward: self.feed_forward.last(),
             decision: self.decision,
             hold_reason: self.hold_reason(),
             stop_cause: self.state.stop().map(|stop| stop.cause),

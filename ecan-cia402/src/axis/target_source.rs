@@ -2,6 +2,7 @@
 
 use super::path_share::PathShare;
 use super::ramp::{FRACTION_BITS, Profile, Ramp, RampLimits};
+use crate::guard::feed_forward::FeedForward;
 use crate::guard::terms::{GuardLimits, TargetKind};
 
 /// Target periods in a row without a target after which a drive is certainly at rest, so that a motion
@@ -61,6 +62,8 @@ impl StepHistory {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct TargetSource {
     pub(crate) requested: Option<i32>,
+    /// Feed-forward of the requested target, until that is sent.
+    pub(crate) feed_forward: Option<FeedForward>,
     /// True if the axis is brought to rest, or rests, instead of following the application.
     pub(crate) is_halted: bool,
     pub(crate) limits: RampLimits,
@@ -77,6 +80,7 @@ impl TargetSource {
     pub(crate) fn new(limits: RampLimits) -> Self {
         Self {
             requested: None,
+            feed_forward: None,
             is_halted: false,
             limits,
             ramp: None,
@@ -86,8 +90,13 @@ impl TargetSource {
         }
     }
 
+    pub(crate) fn request(&mut self, target: Option<i32>, feed_forward: Option<FeedForward>) {
+        self.requested = target;
+        self.feed_forward = feed_forward;
+    }
+
     pub(crate) fn clear(&mut self) {
-        self.requested = None;
+        self.request(None, None);
         self.is_halted = false;
         self.stop();
     }
@@ -100,7 +109,7 @@ impl TargetSource {
 
     pub(crate) fn halt(&mut self) {
         self.is_halted = true;
-        self.requested = None;
+        self.request(None, None);
     }
 
     pub(crate) fn join_path(&mut self) {

@@ -88,6 +88,26 @@ pub struct PathStatus {
     pub covered: u64,
 }
 
+impl PathStatus {
+    /// Returns whether the path has no known fault, so that a frame of this cycle reaches the bus with
+    /// the next image.
+    /// Real-time safe.
+    pub fn is_clear(&self) -> bool {
+        let is_running = matches!(
+            self.channel,
+            ChannelView::NotSeen | ChannelView::Running { pressure: false, .. }
+        );
+        self.is_ready
+            && self.is_complete
+            && is_running
+            && !(self.is_unconfirmed
+                || self.discarded
+                || self.queue_rejected
+                || self.image_full
+                || self.has_backlog)
+    }
+}
+
 /// Status of the drive in one cycle.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct DriveView {

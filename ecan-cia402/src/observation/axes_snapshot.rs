@@ -1,14 +1,14 @@
 //! The axes of a snapshot.
 //!
 //! The section has the time, the words that do not change of all axes, then those of each cycle of all
-//! axes, then those of rejected targets.
+//! axes, then those of rejected targets, then those of further objects of process data.
 
 use ecan_canopen::Network;
 use ecan_host::{Adapter, Section, Snapshot, WordGroups};
 
 use super::axis_words::{
-    AXIS_WORDS, AxisWords, CYCLE_WORDS, FIXED_WORDS, REJECTION_WORDS, encode_any, encode_running,
-    fixed_words, status_of,
+    AXIS_WORDS, AxisWords, CYCLE_WORDS, EXTENSION_WORDS, FIXED_WORDS, REJECTION_WORDS, encode_any,
+    encode_extension, encode_running, fixed_words, status_of,
 };
 use crate::axis::axis::Axis;
 use crate::axis::config::AxisConfig;
@@ -30,6 +30,7 @@ pub(crate) struct AxesWriter<'a> {
     now_ns: u64,
     cycle: WordGroups<'a, CYCLE_WORDS>,
     rejections: WordGroups<'a, REJECTION_WORDS>,
+    extensions: WordGroups<'a, EXTENSION_WORDS>,
 }
 
 impl<'a> AxesWriter<'a> {
@@ -45,7 +46,8 @@ impl<'a> AxesWriter<'a> {
         rest.write([now_ns]);
         rest.skip(axis_count * FIXED_WORDS);
         let cycle = rest.groups(axis_count)?;
-        Some(Self { now_ns, cycle, rejections: rest.groups(axis_count)? })
+        let rejections = rest.groups(axis_count)?;
+        Some(Self { now_ns, cycle, rejections, extensions: rest.groups(axis_count)? })
     }
 
     /// Updates the phases and writes the axes.
@@ -54,6 +56,11 @@ impl<'a> AxesWriter<'a> {
         for (axis, to) in axes.iter_mut().zip(self.cycle.iter()) {
             // Both in one pass, since the checks are the same.
             let target = axis.update_phase(now_ns);
+            if axis.is_extended
+                && let Some(to) = self.extensions.get(axis.index)
+            {
+                to.write(encode_extension(axis));
+            }
             if let Some(words) = target.and_then(|target| encode_running(axis, target, network)) {
                 to.write(words);
                 continue;
@@ -75,6 +82,7 @@ pub struct AxesSnapshot<'a> {
     fixed: &'a [[u64; FIXED_WORDS]],
     cycle: &'a [[u64; CYCLE_WORDS]],
     rejections: &'a [[u64; REJECTION_WORDS]],
+    extensions: &'a [[u64; EXTENSION_WORDS]],
 }
 
 impl<'a> AxesSnapshot<'a> {
@@ -84,12 +92,14 @@ impl<'a> AxesSnapshot<'a> {
         let (now_ns, words) = snapshot.section(Section::Axes)?.split_first()?;
         let count = words.len() / AXIS_WORDS;
         let (fixed, rest) = words.split_at_checked(count * FIXED_WORDS)?;
-        let (cycle, rejections) = rest.split_at_checked(count * CYCLE_WORDS)?;
+        let (cycle, rest) = rest.split_at_checked(count * CYCLE_WORDS)?;
+        let (rejections, extensions) = rest.split_at_checked(count * REJECTION_WORDS)?;
         Some(Self {
             now_ns: *now_ns,
             fixed: fixed.as_chunks().0,
             cycle: cycle.as_chunks().0,
             rejections: rejections.as_chunks().0,
+            extensions: extensions.as_chunks().0,
         })
     }
 
@@ -104,6 +114,7 @@ impl<'a> AxesSnapshot<'a> {
             fixed: self.fixed.get(axis)?,
             cycle: self.cycle.get(axis)?,
             rejection: self.rejections.get(axis)?,
+            extension: self.extensions.get(axis)?,
             now_ns: self.now_ns,
         })
     }

@@ -7,8 +7,10 @@ use ecan_canopen::{Network, NodeAddress, NodeId, NodeStatus, OperatingMode, Stat
 use super::codes;
 use crate::axis::axis::Axis;
 use crate::axis::config::AxisConfig;
+use crate::axis::input_object::AxisInputs;
 use crate::axis::status::{AxisErrorKind, AxisStatus};
 use crate::axis::units::Scale;
+use crate::guard::feed_forward::FeedForward;
 use crate::guard::position_range::PositionRange;
 use crate::guard::terms::{Decision, TargetRejection};
 
@@ -18,7 +20,9 @@ pub(super) const FIXED_WORDS: usize = 4;
 pub(super) const CYCLE_WORDS: usize = 6;
 /// Words of a rejected target; else their content is old.
 pub(super) const REJECTION_WORDS: usize = 2;
-pub(super) const AXIS_WORDS: usize = FIXED_WORDS + CYCLE_WORDS + REJECTION_WORDS;
+/// Words of the further objects of process data, of axes that have some.
+pub(super) const EXTENSION_WORDS: usize = 7;
+pub(super) const AXIS_WORDS: usize = FIXED_WORDS + CYCLE_WORDS + REJECTION_WORDS + EXTENSION_WORDS;
 
 /// Words of one axis, by their kind.
 #[derive(Debug, Clone, Copy)]
@@ -26,6 +30,7 @@ pub(super) struct AxisWords<'a> {
     pub(super) fixed: &'a [u64; FIXED_WORDS],
     pub(super) cycle: &'a [u64; CYCLE_WORDS],
     pub(super) rejection: &'a [u64; REJECTION_WORDS],
+    pub(super) extension: &'a [u64; EXTENSION_WORDS],
     /// Time of the cycle.
     pub(super) now_ns: u64,
 }
@@ -144,6 +149,34 @@ fn error_word(node: &NodeStatus, error: u8, hold: u16) -> u64 {
     u64::from(node.error_code) | u64::from(error) << 16 | u64::from(hold) << 32
 }
 
+/// The words of the further objects of process data.
+#[inline(never)]
+pub(super) fn encode_extension(axis: &Axis) -> [u64; EXTENSION_WORDS] {
+    let (values, present) = axis.inputs.parts();
+    let FeedForward { velocity, torque } = axis.feed_forward.last();
+    let torque = u64::from(torque.cast_unsigned());
+    let mut words = [0; EXTENSION_WORDS];
+    let (first, rest) = words.split_at_mut(1);
+    first.fill(u64::from(present) | torque << 16 | u64::from(velocity.cast_unsigned()) << 32);
+    for (word, values) in rest.iter_mut().zip(values.as_chunks().0) {
+        let [low, high] = *values;
+        *word = pair(low, high);
+    }
+    words
+}
+
+fn extension_of(words: &[u64; EXTENSION_WORDS]) -> (AxisInputs, FeedForward) {
+    let [first, rest @ ..] = *words;
+    let mut values = [0; 2 * (EXTENSION_WORDS - 1)];
+    for (values, word) in values.as_chunks_mut().0.iter_mut().zip(rest) {
+        let (low, high) = unpair(word);
+        *values = [low, high];
+    }
+    let inputs = AxisInputs::of_parts(values, first as u16);
+    let torque = ((first >> 16) as u16).cast_signed();
+    (inputs, FeedForward { velocity: unpair(first).1, torque })
+}
+
 /// The words of an axis that is running with this target, in the usual case; most parts of them are
 /// constant.
 #[inline(always)]
@@ -232,6 +265,7 @@ pub(super) fn status_of(words: AxisWords<'_>) -> Option<AxisStatus> {
     let [positions, decided, state, since_ns, phase, errors] = *words.cycle;
     let (actual, target) = unpair(positions);
     let (origin, range_kind) = unpair(origin);
+    let (inputs, feed_forward) = extension_of(words.extension);
     let (min, max) = unpair(range);
     let has = |bit| state & bit != 0;
     let value = unpair(decided).0;
@@ -249,6 +283,8 @@ pub(super) fn status_of(words: AxisWords<'_>) -> Option<AxisStatus> {
         actual: has(HAS_ACTUAL).then_some(actual),
         actual_age: (decided >> 48) as u16,
         target: has(HAS_TARGET).then_some(target),
+        inputs,
+        feed_forward,
         decision: match (state >> KIND_SHIFT) as u8 & 7 {
             1 => Decision::Track(value),
             2 => Decision::First(value),

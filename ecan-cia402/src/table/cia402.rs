@@ -164,7 +164,8 @@ impl Cia402 {
             let node = NodeConfig { heartbeat_timeout: Duration::ZERO, ..config.node };
             let handle = network.add_node(address, node)?;
             // infallible: the network takes no more nodes than that
-            lookup.insert(address, axis.pdo_number, u16::try_from(index).unwrap_or(u16::MAX));
+            let number = u16::try_from(index).unwrap_or(u16::MAX);
+            lookup.insert(address, axis.pdo_number, axis.layout().tpdo_count(), number);
             // Until the state of the drive is known, nothing keeps it running.
             network.set_paused(slave, channel, true);
             let periods = (cycles_per_sync, sync_period_ns);
@@ -337,14 +338,17 @@ impl Cia402 {
             self.axes.iter().map(|a| (a.config.address.slave, a.config.address.channel)).collect();
         channels.sort_unstable();
         channels.dedup();
-        let axes = self.axes.iter().map(|a| (a.config.address, a.config.pdo_number, a.layout));
+        let axes = self.axes.iter().map(|a| (a.config.address, a.config.pdo_number, &a.layout));
         let offset_ns = self.target_options.schedule.map(|schedule| schedule.offset_ns);
         let streams = process_data(axes, &self.sync, self.target_cycles, offset_ns);
         let cycle_ns = self.cycle_ns;
         let load = |address: (usize, u8)| {
             let gateway = port.config().gateways.get(address.0)?;
             let channel = gateway.channels.get(usize::from(address.1))?.as_ref()?;
-            Some(BusLoad::of(address, &streams, &channel.can, cycle_ns))
+            let is_here =
+                |axis: &&Axis| (axis.config.address.slave, axis.config.address.channel) == address;
+            let axes = self.axes.iter().filter(is_here).count() as u32;
+            Some(BusLoad::of(address, axes, &streams, &channel.can, cycle_ns))
         };
         channels.into_iter().filter_map(load).collect()
     }

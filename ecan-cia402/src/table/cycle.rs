@@ -2,7 +2,7 @@
 
 use ecan_canopen::NodeAddress;
 use ecan_host::QuickStop;
-use ecan_mcan_port::{Cycle, Received, ReceivedFrame};
+use ecan_mcan_port::{Cycle, Received, ReceivedFrame, SendError, SendOptions};
 use ecan_protocol::can::{FrameKind, FrameRef};
 use ecan_protocol::mapping::CHANNELS;
 
@@ -69,11 +69,11 @@ impl Cia402 {
         network.receive(cycle, *now_ns, |item| {
             match &item {
                 Received::Frame(frame) => {
-                    if let Some(axis) = axis_of(axes, lookup, frame) {
+                    if let Some((axis, nth)) = axis_of(axes, lookup, frame) {
                         if let Some(gateway) = gateways.get_mut(frame.slave) {
                             gateway.take_tpdo(frame.channel);
                         }
-                        axis.take_tpdo(frame.frame.data());
+                        axis.take_tpdo(nth, frame.frame.data());
                         return;
                     }
                 }
@@ -219,6 +219,15 @@ impl Cia402 {
                 }
             }
             axis.count_gap();
+            let is_own_motion = outgoing.is_some_and(|outgoing| outgoing.ramp.is_some());
+            if !axis.auxiliary.is_empty()
+                && axis.prepare_auxiliary(turn, is_own_motion)
+                && gateway.is_some_and(GatewayWatch::is_open)
+                && !full.contains((slave, channel))
+                && send_auxiliary(cycle, axis, self.target_options).is_err()
+            {
+                full.insert((slave, channel));
+            }
             summary.count(axis.decision);
         }
         self.end_path_turn(path_turn);
@@ -284,6 +293,21 @@ impl Cia402 {
     }
 }
 
+/// Sends the RPDOs of an axis after the first, until the Port rejects one.
+fn send_auxiliary(
+    cycle: &mut Cycle<'_>,
+    axis: &Axis,
+    options: SendOptions,
+) -> Result<(), SendError> {
+    let NodeAddress { slave, channel, .. } = axis.config.address;
+    for (id, rpdo) in axis.auxiliary_frames() {
+        let frame = FrameRef::classic(id, rpdo.as_slice())?;
+        let to = cycle.channel(slave, channel)?;
+        cycle.send_with(to, frame, options)?;
+    }
+    Ok(())
+}
+
 /// Returns whether this cycle carries targets of running axes of a gateway; `begins` states whether a target
 /// period begins in it.
 fn target_turn(
@@ -316,11 +340,12 @@ fn axis_of<'a>(
     axes: &'a mut [Axis],
     lookup: &AxisLookup,
     frame: &ReceivedFrame,
-) -> Option<&'a mut Axis> {
+) -> Option<(&'a mut Axis, usize)> {
     if frame.frame.kind() != FrameKind::Data {
         return None;
     }
-    axes.get_mut(lookup.tpdo(frame.slave, frame.channel, frame.frame.id())?)
+    let (axis, nth) = lookup.tpdo(frame.slave, frame.channel, frame.frame.id())?;
+    Some((axes.get_mut(axis)?, nth))
 }
 
 /// Set of channels; a bit each for the first 32 slaves, and all of the others together.

@@ -1,6 +1,6 @@
 //! The process data of the axes as CAN frames, and how much of a bus they take.
 
-use ecan_mcan_port::{ChannelLoad, FrameRate, FrameRoute, FrameStream};
+use ecan_mcan_port::{ChannelLoad, FrameRate, FrameStream};
 use ecan_protocol::can::{CanFrame, CanId};
 use ecan_protocol::config::{DATA_PATH_BUDGET_MAX, McanChannelConfig};
 
@@ -74,6 +74,7 @@ impl BusLoad {
     /// The load of a channel by the streams of its axes.
     pub(super) fn of(
         (slave, channel): (usize, u8),
+        axes: u32,
         streams: &[FrameStream],
         can: &McanChannelConfig,
         cycle_ns: u32,
@@ -83,7 +84,7 @@ impl BusLoad {
         Self {
             slave,
             channel,
-            axes: here().filter(|s| s.way == FrameRoute::FromBus).count() as u32,
+            axes,
             frames_out: load.peak_sent,
             frames_in: load.peak_received,
             least: load.least,
@@ -96,13 +97,15 @@ impl BusLoad {
 /// [`PortPlan`](ecan_mcan_port::PortPlan): target and TPDO of each axis, SYNC of each channel that
 /// has one. SDO, heartbeats and NMT come on top. Needs no Port; allocates.
 pub fn axis_traffic(axes: &[AxisConfig], config: &Cia402Config) -> Vec<FrameStream> {
-    let axes = axes.iter().map(|axis| (axis.address, axis.pdo_number, axis.layout()));
+    let layouts: Vec<PdoLayout> = axes.iter().map(AxisConfig::layout).collect();
+    let axes = axes.iter().zip(&layouts);
+    let axes = axes.map(|(axis, layout)| (axis.address, axis.pdo_number, layout));
     process_data(axes, &config.sync, config.target_cycles(), None)
 }
 
 /// The same for axes with these layouts, and targets that go out at an offset after Sync0.
-pub(super) fn process_data(
-    axes: impl Iterator<Item = (NodeAddress, u8, PdoLayout)>,
+pub(super) fn process_data<'a>(
+    axes: impl Iterator<Item = (NodeAddress, u8, &'a PdoLayout)>,
     sync: &SyncConfig,
     target_cycles: u32,
     target_offset_ns: Option<u32>,
@@ -112,14 +115,18 @@ pub(super) fn process_data(
     let mut streams = Vec::new();
     let mut channels = Vec::new();
     for (NodeAddress { slave, channel, node }, pdo_number, layout) in axes {
-        let rpdo = CobId::rpdo(node, pdo_number).can_id();
-        let tpdo = CobId::tpdo(node, pdo_number).can_id();
-        if let Some(frame) = frame(rpdo, bytes(&layout.rpdo_entries())) {
-            let target = FrameStream::to_bus(slave, channel, frame, per_target);
-            streams.push(FrameStream { schedule_offset_ns: target_offset_ns, ..target });
+        for (nth, number) in (0..layout.rpdo_count()).zip(pdo_number..) {
+            let id = CobId::rpdo(node, number).can_id();
+            if let Some(frame) = frame(id, bytes(layout.rpdo_entries(nth))) {
+                let target = FrameStream::to_bus(slave, channel, frame, per_target);
+                streams.push(FrameStream { schedule_offset_ns: target_offset_ns, ..target });
+            }
         }
-        if let Some(frame) = frame(tpdo, bytes(&layout.tpdo_entries())) {
-            streams.push(FrameStream::from_bus(slave, channel, frame, per_sync));
+        for (nth, number) in (0..layout.tpdo_count()).zip(pdo_number..) {
+            let id = CobId::tpdo(node, number).can_id();
+            if let Some(frame) = frame(id, bytes(layout.tpdo_entries(nth))) {
+                streams.push(FrameStream::from_bus(slave, channel, frame, per_sync));
+            }
         }
         channels.push((slave, channel));
     }
@@ -136,8 +143,8 @@ pub(super) fn process_data(
     streams
 }
 
-fn bytes(entries: &[MappingEntry]) -> usize {
-    entries.iter().map(|entry| usize::from(entry.bits)).sum::<usize>() / 8
+fn bytes(entries: impl Iterator<Item = MappingEntry>) -> usize {
+    entries.map(|entry| usize::from(entry.bits)).sum::<usize>() / 8
 }
 
 /// A frame of `length` zeros; none beyond eight, which no layout has.
@@ -161,7 +168,8 @@ mod tests {
 
     fn load(count: u8, cycle_us: u32) -> BusLoad {
         let streams = axis_traffic(&axes(count), &Cia402Config::default());
-        BusLoad::of(PLACE, &streams, &McanChannelConfig::classic(1_000_000), cycle_us * 1_000)
+        let can = McanChannelConfig::classic(1_000_000);
+        BusLoad::of(PLACE, count.into(), &streams, &can, cycle_us * 1_000)
     }
 
     /// Per axis 95 to 115 bits each way, SYNC 47 to 55: 807 to 975 of 1000.
@@ -184,7 +192,7 @@ mod tests {
         let config = Cia402Config { sync, motion_div: 4, ..Cia402Config::default() };
         let streams = axis_traffic(&torque.collect::<Vec<_>>(), &config);
         let can = McanChannelConfig::classic(1_000_000);
-        let load = BusLoad::of(PLACE, &streams, &can, 1_000_000);
+        let load = BusLoad::of(PLACE, 1, &streams, &can, 1_000_000);
         let most = (95.0 / 4.0 + 115.0 / 2.0 + 65.0 / 2.0) / 1000.0;
         assert!((load.most - most).abs() < 1e-9, "{load}");
         assert_eq!((load.axes, load.frames_out, load.frames_in), (1, 2, 1));

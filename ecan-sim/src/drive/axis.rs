@@ -1,14 +1,15 @@
 //! One axis of the drive: power stage, motion and motor, in user coordinates.
 
-use ecan_canopen::{Controlword, DriveState, NodeLossReaction, OperatingMode, Statusword};
+use ecan_canopen::{DriveState, NodeLossReaction, OperatingMode, Statusword};
 
 use super::config::DriveConfig;
 use super::history::TargetHistory;
 use super::homing::Switches;
 use super::motion::{HomingResult, Motion};
-use super::motor::{Actuation, Motor};
+use super::motor::{Actuation, Motor, Offsets};
 use super::parameters::Parameters;
 use super::power::{Action, PowerStage, StopMode};
+use super::touch_probe::TouchProbes;
 use super::trace::{DriveTrace, MotionSample, TraceCause, TraceEvent};
 use crate::earliest::earliest;
 
@@ -23,6 +24,8 @@ pub(super) struct Targets {
     pub(super) position_offset: i32,
     pub(super) velocity_offset: i32,
     pub(super) torque_offset: i16,
+    pub(super) interpolation: i32,
+    pub(super) vl_velocity: i16,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -54,6 +57,7 @@ pub(super) struct Axis {
     following_error_since: Option<u64>,
     pub(super) at_limit: bool,
     blocked_until: Option<u64>,
+    pub(super) probes: TouchProbes,
     pub(super) history: TargetHistory,
     pub(super) trace: DriveTrace,
     pub(super) report: Option<Report>,
@@ -78,6 +82,7 @@ impl Axis {
             following_error_since: None,
             at_limit: false,
             blocked_until: None,
+            probes: TouchProbes::default(),
             history: TargetHistory::new(config.history),
             trace: DriveTrace::new(config.trace),
             report: None,
@@ -107,6 +112,11 @@ impl Axis {
         }
     }
 
+    /// A velocity in revolutions per minute.
+    pub(super) fn rpm(&self, velocity: f64) -> i64 {
+        (velocity * 60.0 / self.motor.increments_per_revolution()).round() as i64
+    }
+
     pub(super) fn switches(&self) -> Switches {
         Switches::at(self.motor.position, &self.config.motor)
     }
@@ -133,6 +143,7 @@ impl Axis {
         self.trace.add(self.now, TraceEvent::Mode(None));
         self.next_mode = None;
         self.targets = Targets::default();
+        self.probes = TouchProbes::default();
         self.following_error_since = None;
         self.at_limit = false;
         self.report = None;
@@ -219,7 +230,9 @@ impl Axis {
         let seconds = if ns == self.period { self.period_seconds } else { seconds(ns) };
         let is_tick = end == self.next_tick;
         self.set_now(end);
+        let before = self.motor.position;
         self.step_motion(ns, seconds, parameters);
+        self.probes.step(before, &self.motor, self.origin, &self.config.motor);
         if is_tick && self.trace.is_on() {
             let Motor { position, velocity, torque, .. } = self.motor;
             let sample = MotionSample { position, velocity, torque };
@@ -229,10 +242,12 @@ impl Axis {
 
     fn step_motion(&mut self, ns: u64, seconds: f64, parameters: &Parameters) {
         if !self.power.is_energised() {
+            self.motor.offsets = Offsets::default();
             self.motor.advance(seconds, Actuation::Free);
             self.motion.follow_motor(&self.motor);
             return;
         }
+        self.motor.offsets = self.offsets();
         let (actuation, found) = self.motion.step(seconds, &self.motor, parameters);
         self.motor.advance(seconds, actuation);
         if let Some(reference) = found {
@@ -246,6 +261,22 @@ impl Axis {
             self.execute(action, TraceCause::Drive, parameters);
         }
         self.update_following_error(parameters);
+    }
+
+    /// The offsets take effect while the drive follows cyclic targets, not while it stops.
+    fn offsets(&self) -> Offsets {
+        let velocity = f64::from(self.targets.velocity_offset);
+        let torque = f64::from(self.targets.torque_offset);
+        if !self.motion.follows_cyclic_targets() {
+            return Offsets::default();
+        }
+        match self.mode {
+            Some(OperatingMode::CyclicPosition | OperatingMode::CyclicVelocity) => {
+                Offsets { velocity, torque }
+            }
+            Some(OperatingMode::CyclicTorque) => Offsets { velocity: 0.0, torque },
+            _ => Offsets::default(),
+        }
     }
 
     fn update_following_error(&mut self, parameters: &Parameters) {
@@ -322,6 +353,8 @@ impl Axis {
         let old = self.config.quirks.follows_old_target;
         match self.mode {
             Some(OperatingMode::ProfileVelocity) => self.follow_velocity(),
+            Some(OperatingMode::ProfileTorque) => self.follow_torque(),
+            Some(OperatingMode::Velocity) => self.follow_vl_velocity(),
             Some(OperatingMode::CyclicPosition) if old => self.follow_position(parameters),
             _ => {}
         }
@@ -353,8 +386,8 @@ impl Axis {
         let state = self.power.state;
         let mut word = Statusword::of_state(state).0;
         if state == DriveState::OperationEnabled {
-            let halted = self.power.controlword.has(Controlword::HALT);
-            word |= self.motion.status_bits(self.mode, halted, &self.motor, parameters);
+            let command = self.power.controlword;
+            word |= self.motion.status_bits(self.mode, command, &self.motor, parameters);
             if self.exceeds_window(parameters) {
                 word |= Statusword::MODE_13;
             }

@@ -2,7 +2,7 @@
 
 use ecan_canopen::{Controlword, DriveState, OperatingMode, object};
 
-use super::axis::Axis;
+use super::axis::{Axis, Targets};
 use super::history::{TargetKind, TargetRecord};
 use super::motion::MotionDemand;
 use super::parameters::Parameters;
@@ -16,6 +16,9 @@ pub(super) struct ReceivedCommands {
     pub(super) position: bool,
     pub(super) velocity: bool,
     pub(super) torque: bool,
+    pub(super) interpolation: bool,
+    pub(super) vl_velocity: bool,
+    pub(super) offsets: bool,
     pub(super) by_sdo: bool,
 }
 
@@ -42,9 +45,26 @@ impl Axis {
                 self.targets.torque = number as i16;
                 received.torque = true;
             }
+            object::INTERPOLATION_DATA => {
+                self.targets.interpolation = number as i32;
+                received.interpolation = true;
+            }
+            object::VL_TARGET_VELOCITY => {
+                self.targets.vl_velocity = number as i16;
+                received.vl_velocity = true;
+            }
             object::POSITION_OFFSET => self.targets.position_offset = number as i32,
-            object::VELOCITY_OFFSET => self.targets.velocity_offset = number as i32,
-            object::TORQUE_OFFSET => self.targets.torque_offset = number as i16,
+            object::VELOCITY_OFFSET => {
+                self.targets.velocity_offset = number as i32;
+                received.offsets = true;
+            }
+            object::TORQUE_OFFSET => {
+                self.targets.torque_offset = number as i16;
+                received.offsets = true;
+            }
+            object::PROBE_FUNCTION => self.probes.set_function(number as u16),
+            // Outputs have no effect on the motor.
+            object::DIGITAL_OUTPUTS => {}
             _ => return false,
         }
         true
@@ -66,6 +86,23 @@ impl Axis {
                 self.follow_position(parameters);
             }
         }
+        if received.interpolation {
+            let followed = self.follows(OperatingMode::InterpolatedPosition)
+                && self.power.controlword.has(Controlword::MODE_4)
+                && parameters.interpolation_buffer.is_some();
+            self.record(TargetKind::Position, self.targets.interpolation, followed, parameters);
+            if followed {
+                self.interpolate(parameters);
+            }
+        }
+        if received.vl_velocity {
+            let followed = self.follows(OperatingMode::Velocity);
+            let target = self.targets.vl_velocity.into();
+            self.record(TargetKind::Velocity, target, followed, parameters);
+            if followed {
+                self.follow_vl_velocity();
+            }
+        }
         if received.velocity {
             let followed = self.follows(OperatingMode::CyclicVelocity)
                 || self.follows(OperatingMode::ProfileVelocity);
@@ -75,13 +112,16 @@ impl Axis {
             }
         }
         if received.torque {
-            let followed = self.follows(OperatingMode::CyclicTorque);
-            let torque = self.targets.torque;
-            self.record(TargetKind::Torque, i32::from(torque), followed, parameters);
+            let followed = self.follows(OperatingMode::CyclicTorque)
+                || self.follows(OperatingMode::ProfileTorque);
+            self.record(TargetKind::Torque, self.targets.torque.into(), followed, parameters);
             if followed {
-                let sum = torque.saturating_add(self.targets.torque_offset);
-                self.motion.follow(MotionDemand::Torque(f64::from(sum)));
+                self.follow_torque();
             }
+        }
+        if received.offsets {
+            let Targets { velocity_offset, torque_offset, .. } = self.targets;
+            self.history.note_offsets(velocity_offset, torque_offset.into());
         }
     }
 
@@ -126,10 +166,33 @@ impl Axis {
         self.motion.follow_position(position, parameters.interpolation as f64 / 1e9);
     }
 
+    fn interpolate(&mut self, parameters: &Parameters) {
+        let position = self.mechanical(self.targets.interpolation, parameters);
+        let buffer = parameters.interpolation_buffer.unwrap_or(0);
+        self.motion.interpolate(position, parameters.interpolation as f64 / 1e9, buffer);
+    }
+
+    pub(super) fn follow_torque(&mut self) {
+        let torque = f64::from(self.targets.torque);
+        self.motion.follow(match self.mode {
+            Some(OperatingMode::ProfileTorque) => MotionDemand::ProfileTorque(torque),
+            _ => MotionDemand::Torque(torque),
+        });
+    }
+
+    /// Bits 4, 5 and 6 of the controlword together let the ramp follow the target; without them it
+    /// goes to 0.
+    pub(super) fn follow_vl_velocity(&mut self) {
+        let bits = Controlword::MODE_4 | Controlword::MODE_5 | Controlword::MODE_6;
+        let is_enabled = self.power.controlword.has(bits);
+        let target = if is_enabled { f64::from(self.targets.vl_velocity) } else { 0.0 };
+        self.motion.follow(MotionDemand::VlVelocity(target));
+    }
+
     pub(super) fn follow_velocity(&mut self) {
         let velocity = f64::from(self.targets.velocity);
         self.motion.follow(if self.mode == Some(OperatingMode::CyclicVelocity) {
-            MotionDemand::Velocity(velocity + f64::from(self.targets.velocity_offset))
+            MotionDemand::Velocity(velocity)
         } else {
             MotionDemand::ProfileVelocity(velocity)
         });
@@ -187,6 +250,10 @@ impl Axis {
             Some(OperatingMode::Homing) if rises(Controlword::MODE_4) && !halt => {
                 self.motion.start_homing(parameters.homing_method, &self.motor);
             }
+            Some(OperatingMode::InterpolatedPosition) if falls(Controlword::MODE_4) => {
+                self.motion.end_interpolation();
+            }
+            Some(OperatingMode::Velocity) if !halt => self.follow_vl_velocity(),
             Some(OperatingMode::Homing) if falls(Controlword::MODE_4) => self.motion.abort_homing(),
             _ => {}
         }
@@ -194,8 +261,11 @@ impl Axis {
             self.stop(halt_stop_mode(parameters.halt), parameters);
         } else if falls(Controlword::HALT) {
             self.motion.resume();
-            if self.mode == Some(OperatingMode::ProfileVelocity) {
-                self.follow_velocity();
+            match self.mode {
+                Some(OperatingMode::ProfileVelocity) => self.follow_velocity(),
+                Some(OperatingMode::ProfileTorque) => self.follow_torque(),
+                Some(OperatingMode::Velocity) => self.follow_vl_velocity(),
+                _ => {}
             }
         }
     }

@@ -75,6 +75,8 @@ pub struct MotorConfig {
     pub limit_switches: (i32, i32),
     /// Mechanical position at and above which the home switch is active.
     pub home_switch: i32,
+    /// Mechanical positions at and above which the inputs of the touch probes are active.
+    pub probes: [i32; 2],
 }
 
 impl Default for MotorConfig {
@@ -93,6 +95,7 @@ impl Default for MotorConfig {
             absolute_encoder: true,
             limit_switches: (-500_000, 500_000),
             home_switch: 100_000,
+            probes: [50_000, 150_000],
         }
     }
 }

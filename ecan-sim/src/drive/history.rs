@@ -79,6 +79,12 @@ pub struct TargetSums {
     pub largest_step: u32,
     /// Number of followed targets outside the following error window.
     pub outside_window: u64,
+    /// Maximum amounts of velocity offset (0x60B1) and torque offset (0x60B2).
+    pub largest_offsets: (u32, u32),
+    /// Maximum changes of these offsets, except to 0.
+    pub largest_offset_changes: (u32, u32),
+    /// Number of first targets while an offset was not 0.
+    pub firsts_with_offsets: u64,
 }
 
 /// The last targets, and sums over all.
@@ -90,6 +96,8 @@ pub struct TargetHistory {
     /// Last target by quantity.
     last: [Option<i32>; 3],
     awaits_first: bool,
+    /// Velocity offset and torque offset.
+    offsets: (i32, i32),
 }
 
 impl TargetHistory {
@@ -100,6 +108,7 @@ impl TargetHistory {
             sums: TargetSums::default(),
             last: [None; 3],
             awaits_first: false,
+            offsets: (0, 0),
         }
     }
 
@@ -107,6 +116,18 @@ impl TargetHistory {
     pub(super) fn restart(&mut self) {
         self.awaits_first = true;
         self.last = [None; 3];
+    }
+
+    /// Takes the offsets of a frame.
+    pub(super) fn note_offsets(&mut self, velocity: i32, torque: i32) {
+        let (last_velocity, last_torque) = std::mem::replace(&mut self.offsets, (velocity, torque));
+        let change = |last: i32, next: i32| if next == 0 { 0 } else { next.abs_diff(last) };
+        let sums = &mut self.sums;
+        let (largest, changes) = (&mut sums.largest_offsets, &mut sums.largest_offset_changes);
+        largest.0 = largest.0.max(velocity.unsigned_abs());
+        largest.1 = largest.1.max(torque.unsigned_abs());
+        changes.0 = changes.0.max(change(last_velocity, velocity));
+        changes.1 = changes.1.max(change(last_torque, torque));
     }
 
     /// Adds a target and returns it; sets `first` and `previous`.
@@ -136,6 +157,7 @@ impl TargetHistory {
         sums.followed += 1;
         if record.first {
             sums.firsts += 1;
+            sums.firsts_with_offsets += u64::from(self.offsets != (0, 0));
         }
         if record.kind != TargetKind::Position {
             return;

@@ -1,6 +1,8 @@
 //! Modes of operation: from targets to the actuation of the motor. Positions are mechanical.
 
-use ecan_canopen::{OperatingMode, Statusword};
+use std::collections::VecDeque;
+
+use ecan_canopen::{Controlword, OperatingMode, Statusword};
 
 use super::config::MotorConfig;
 use super::homing::{Finding, Homing};
@@ -8,12 +10,18 @@ use super::motor::{Actuation, Motor};
 use super::parameters::Parameters;
 use super::ramp::{Bounds, Ramp};
 
+/// Most set-points of the interpolated position mode that wait (0x60C4:01).
+pub(super) const INTERPOLATION_BUFFER: usize = 8;
+
 pub(super) const fn is_supported(mode: OperatingMode) -> bool {
     matches!(
         mode,
         OperatingMode::ProfilePosition
+            | OperatingMode::Velocity
             | OperatingMode::ProfileVelocity
+            | OperatingMode::ProfileTorque
             | OperatingMode::Homing
+            | OperatingMode::InterpolatedPosition
             | OperatingMode::CyclicPosition
             | OperatingMode::CyclicVelocity
             | OperatingMode::CyclicTorque
@@ -43,6 +51,10 @@ pub(super) enum MotionDemand {
     Profile,
     /// Ramp to this velocity with the profile acceleration.
     ProfileVelocity(f64),
+    /// Ramp to this torque with the torque slope.
+    ProfileTorque(f64),
+    /// Ramp to this velocity, revolutions per minute, with the ramps of the velocity mode.
+    VlVelocity(f64),
     Home(Homing),
 }
 
@@ -71,6 +83,10 @@ pub(super) struct Motion {
     pub(super) homing: HomingResult,
     /// Time for which the motor has been within the position window, ns.
     in_window: u64,
+    /// Set-points of the interpolated position mode that wait.
+    waiting: VecDeque<f64>,
+    /// Torque demand of the profile torque mode.
+    torque: f64,
 }
 
 impl Motion {
@@ -82,6 +98,8 @@ impl Motion {
             set_points: SetPoints::default(),
             homing: HomingResult::None,
             in_window: 0,
+            waiting: VecDeque::with_capacity(INTERPOLATION_BUFFER),
+            torque: 0.0,
         }
     }
 
@@ -91,6 +109,8 @@ impl Motion {
         self.demand = MotionDemand::Hold;
         self.set_points = SetPoints::default();
         self.in_window = 0;
+        self.waiting.clear();
+        self.torque = 0.0;
     }
 
     /// Sets the demand to the motor position while the power stage is off.
@@ -105,6 +125,8 @@ impl Motion {
             self.ramp = Ramp { position: motor.position, velocity: motor.velocity };
         }
         self.demand = MotionDemand::Stop { deceleration };
+        self.waiting.clear();
+        self.torque = 0.0;
     }
 
     pub(super) fn has_stopped(&self, motor: &Motor) -> bool {
@@ -126,10 +148,21 @@ impl Motion {
         matches!(self.demand, MotionDemand::Stop { .. })
     }
 
+    pub(super) const fn follows_cyclic_targets(&self) -> bool {
+        matches!(
+            self.demand,
+            MotionDemand::Interpolate { .. } | MotionDemand::Velocity(_) | MotionDemand::Torque(_)
+        )
+    }
+
     const fn is_position_controlled(&self) -> bool {
         !matches!(
             self.demand,
-            MotionDemand::Velocity(_) | MotionDemand::Torque(_) | MotionDemand::ProfileVelocity(_)
+            MotionDemand::Velocity(_)
+                | MotionDemand::Torque(_)
+                | MotionDemand::ProfileVelocity(_)
+                | MotionDemand::ProfileTorque(_)
+                | MotionDemand::VlVelocity(_)
         )
     }
 
@@ -139,6 +172,7 @@ impl Motion {
                 mode,
                 Some(
                     OperatingMode::CyclicPosition
+                        | OperatingMode::InterpolatedPosition
                         | OperatingMode::ProfilePosition
                         | OperatingMode::Homing
                 )
@@ -157,6 +191,26 @@ impl Motion {
         let from = self.ramp.position;
         let velocity = (to - from) / duration;
         self.follow(MotionDemand::Interpolate { from, to, elapsed: 0.0, duration, velocity });
+    }
+
+    /// Takes a set-point of the interpolated position mode. It waits in the buffer while the one before
+    /// is not reached; if the buffer is full it is dropped.
+    pub(super) fn interpolate(&mut self, to: f64, duration: f64, buffer: usize) {
+        let is_under_way = match self.demand {
+            MotionDemand::Interpolate { elapsed, duration, .. } => elapsed < duration,
+            _ => false,
+        };
+        if !is_under_way && self.waiting.is_empty() {
+            self.follow_position(to, duration);
+        } else if self.waiting.len() < buffer.min(INTERPOLATION_BUFFER) {
+            self.waiting.push_back(to);
+        }
+    }
+
+    /// Ends the interpolated motion: bit 4 of the controlword fell.
+    pub(super) fn end_interpolation(&mut self) {
+        self.waiting.clear();
+        self.follow(MotionDemand::Hold);
     }
 
     /// Handles a rising edge of controlword bit 4 in profile position: a new set-point, if the
@@ -223,6 +277,11 @@ impl Motion {
                 let elapsed = elapsed + seconds;
                 if elapsed >= duration {
                     self.ramp = Ramp::at(to);
+                    if let Some(next) = self.waiting.pop_front() {
+                        self.continue_interpolation(to, next, elapsed - duration, duration);
+                        let Ramp { position, velocity } = self.ramp;
+                        return (Actuation::Position { position, velocity }, None);
+                    }
                     // Velocity of the finished segment, kept until the next target is late.
                     self.ramp.velocity = if elapsed < 1.5 * duration { velocity } else { 0.0 };
                 } else {
@@ -245,6 +304,18 @@ impl Motion {
                 self.ramp.position = motor.position;
                 return (Actuation::Velocity(self.ramp.velocity), None);
             }
+            MotionDemand::ProfileTorque(torque) => {
+                let change = parameters.torque_slope * seconds;
+                self.torque += (torque - self.torque).clamp(-change, change);
+                self.ramp = Ramp { position: motor.position, velocity: motor.velocity };
+                return (Actuation::Torque(self.torque), None);
+            }
+            MotionDemand::VlVelocity(target) => {
+                let velocity = parameters.vl.velocity(target);
+                self.ramp.towards_velocity(seconds, velocity, &parameters.vl.bounds);
+                self.ramp.position = motor.position;
+                return (Actuation::Velocity(self.ramp.velocity), None);
+            }
             MotionDemand::Profile => self.go_to_set_point(seconds, parameters),
             MotionDemand::Home(homing) => {
                 found = self.search_home(seconds, homing, motor, parameters)
@@ -252,6 +323,13 @@ impl Motion {
         }
         let Ramp { position, velocity } = self.ramp;
         (Actuation::Position { position, velocity }, found)
+    }
+
+    /// Begins the segment to the next set-point, `elapsed` seconds ago.
+    fn continue_interpolation(&mut self, from: f64, to: f64, elapsed: f64, duration: f64) {
+        let velocity = (to - from) / duration;
+        self.demand = MotionDemand::Interpolate { from, to, elapsed, duration, velocity };
+        self.ramp = Ramp { position: from + velocity * elapsed, velocity };
     }
 
     fn brake(&mut self, seconds: f64, deceleration: f64) {
@@ -316,10 +394,13 @@ impl Motion {
     pub(super) fn status_bits(
         &self,
         mode: Option<OperatingMode>,
-        halted: bool,
+        word: Controlword,
         motor: &Motor,
         parameters: &Parameters,
     ) -> u16 {
+        let halted = word.has(Controlword::HALT);
+        let is_interpolating =
+            word.has(Controlword::MODE_4) && parameters.interpolation_buffer.is_some();
         let bit = |set: bool, bit: u16| if set { bit } else { 0 };
         let still = motor.has_settled() && self.ramp.velocity == 0.0;
         let (reached, bit_12, bit_13) = match mode {
@@ -337,6 +418,27 @@ impl Motion {
                 };
                 let slow = motor.velocity.abs() <= parameters.velocity_window;
                 (if halted { still } else { near }, slow, false)
+            }
+            Some(OperatingMode::ProfileTorque) => {
+                let near = match self.demand {
+                    MotionDemand::ProfileTorque(target) => self.torque == target,
+                    _ => true,
+                };
+                (if halted { still } else { near }, false, false)
+            }
+            Some(OperatingMode::Velocity) => {
+                let near = match self.demand {
+                    MotionDemand::VlVelocity(target) => {
+                        let target = parameters.vl.velocity(target);
+                        (motor.velocity - target).abs() <= parameters.velocity_window
+                    }
+                    _ => true,
+                };
+                (if halted { still } else { near }, false, false)
+            }
+            Some(OperatingMode::InterpolatedPosition) => {
+                let is_active = is_interpolating && !halted && !self.is_stopping();
+                (self.waiting.is_empty() && still, is_active, false)
             }
             Some(OperatingMode::Homing) => {
                 let attained = self.homing == HomingResult::Attained;

@@ -32,6 +32,17 @@ pub(super) struct Motor {
     per_mille: f64,
     /// Acceleration at the maximum torque.
     available: f64,
+    /// Feed-forward: added to the demands of the velocity and of the torque controller.
+    pub(super) offsets: Offsets,
+}
+
+/// Offsets of the cyclic modes (0x60B1, 0x60B2).
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) struct Offsets {
+    /// Increments per second.
+    pub(super) velocity: f64,
+    /// Thousandths of the rated torque.
+    pub(super) torque: f64,
 }
 
 impl Motor {
@@ -47,7 +58,12 @@ impl Motor {
             torque_limit,
             per_mille,
             available: torque_limit * per_mille,
+            offsets: Offsets::default(),
         }
+    }
+
+    pub(super) const fn increments_per_revolution(&self) -> f64 {
+        self.config.increments_per_revolution as f64
     }
 
     pub(super) const fn max_velocity(&self) -> f64 {
@@ -80,9 +96,11 @@ impl Motor {
             }
             Actuation::Velocity(velocity) => {
                 let limit = self.max_velocity();
+                let velocity = velocity + self.offsets.velocity;
                 self.effort(velocity.clamp(-limit, limit), seconds)
             }
             Actuation::Torque(torque) => {
+                let torque = torque + self.offsets.torque;
                 torque.clamp(-self.torque_limit, self.torque_limit) * self.per_mille
             }
         };
@@ -104,7 +122,7 @@ impl Motor {
         let correction = (gain * error).clamp(-bound, bound);
         let fed_forward = velocity * f64::from(self.config.feed_forward) / 1_000.0;
         let limit = self.max_velocity();
-        (fed_forward + correction).clamp(-limit, limit)
+        (fed_forward + self.offsets.velocity + correction).clamp(-limit, limit)
     }
 
     /// Acceleration that reaches a velocity within one step and overcomes friction.
@@ -115,7 +133,8 @@ impl Motor {
         let moving = if velocity == 0.0 { self.velocity } else { velocity };
         let friction = f64::from(self.config.friction);
         let drag = if moving == 0.0 { 0.0 } else { friction.copysign(moving) };
-        ((velocity - self.velocity) / seconds + drag).clamp(-self.available, self.available)
+        let wanted = (velocity - self.velocity) / seconds + drag;
+        (wanted + self.offsets.torque * self.per_mille).clamp(-self.available, self.available)
     }
 
     /// Velocity after a step with this acceleration; friction only brakes.

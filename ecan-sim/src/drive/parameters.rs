@@ -34,6 +34,54 @@ pub(super) struct Parameters {
     pub(super) homing_slow: f64,
     pub(super) homing_acceleration: f64,
     pub(super) interpolation: u64,
+    /// Set-points that wait in the buffer (0x60C4:02); `None` while its access is disabled
+    /// (0x60C4:06).
+    pub(super) interpolation_buffer: Option<usize>,
+    /// Thousandths of the rated torque per second.
+    pub(super) torque_slope: f64,
+    pub(super) vl: VelocityMode,
+}
+
+/// Parameters of the velocity mode.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct VelocityMode {
+    /// Increments per second of one revolution per minute.
+    unit: f64,
+    /// Smallest and largest amount, revolutions per minute.
+    limits: (f64, f64),
+    pub(super) bounds: Bounds,
+}
+
+impl VelocityMode {
+    fn read(dictionary: &Dictionary, motor: &Motor) -> Self {
+        let number = |index, subindex| dictionary.number(index, subindex).unwrap_or(0) as f64;
+        let unit = motor.increments_per_revolution() / 60.0;
+        let rate = |index| match (number(index, 1), number(index, 2)) {
+            (speed, time) if speed > 0.0 && time > 0.0 => {
+                (speed / time * unit).min(motor.max_acceleration())
+            }
+            _ => motor.max_acceleration(),
+        };
+        let limits = (number(object::VL_VELOCITY_LIMITS, 1), number(object::VL_VELOCITY_LIMITS, 2));
+        Self {
+            unit,
+            limits,
+            bounds: Bounds {
+                velocity: motor.max_velocity(),
+                acceleration: rate(object::VL_ACCELERATION),
+                deceleration: rate(object::VL_DECELERATION),
+            },
+        }
+    }
+
+    /// Velocity of a target in revolutions per minute, in increments per second.
+    pub(super) fn velocity(&self, target: f64) -> f64 {
+        if target == 0.0 {
+            return 0.0;
+        }
+        let (least, most) = self.limits;
+        target.abs().max(least).min(most).copysign(target) * self.unit
+    }
 }
 
 impl Parameters {
@@ -84,6 +132,10 @@ impl Parameters {
             homing_fast: homing_speed(1),
             homing_slow: homing_speed(2),
             homing_acceleration: rate(object::HOMING_ACCELERATION, strongest),
+            interpolation_buffer: (number(object::INTERPOLATION_BUFFER, 6) == Some(1))
+                .then(|| number(object::INTERPOLATION_BUFFER, 2).unwrap_or(0).max(0) as usize),
+            torque_slope: or(object::TORQUE_SLOPE, i64::from(u32::MAX)) as f64,
+            vl: VelocityMode::read(dictionary, motor),
             interpolation: interpolation_ns(
                 number(object::INTERPOLATION_TIME, 1).unwrap_or(0),
                 number(object::INTERPOLATION_TIME, 2).unwrap_or(-3),

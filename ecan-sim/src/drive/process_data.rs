@@ -185,4 +185,11 @@ const UPDATED: [(u16, ObjectValue); UPDATED_OBJECTS] = [
     (object::TORQUE_ACTUAL, |device| device.axis.motor.torque.round() as i64),
     (object::FOLLOWING_ERROR, |device| device.axis.following_error().into()),
     (object::DIGITAL_INPUTS, |device| device.axis.switches().bits().into()),
+    (object::VL_VELOCITY_DEMAND, |device| device.axis.rpm(device.axis.motion.ramp.velocity)),
+    (object::VL_VELOCITY_ACTUAL, |device| device.axis.rpm(device.axis.motor.velocity)),
+    (object::PROBE_STATUS, |device| device.axis.probes.status().into()),
+    (object::PROBE_1_POSITIVE, |device| device.axis.probes.position(0, true).into()),
+    (object::PROBE_1_NEGATIVE, |device| device.axis.probes.position(0, false).into()),
+    (object::PROBE_2_POSITIVE, |device| device.axis.probes.position(1, true).into()),
+    (object::PROBE_2_NEGATIVE, |device| device.axis.probes.position(1, false).into()),
 ];

@@ -111,7 +111,7 @@ fn aborts_have_matching_codes() {
         ([0x2B, 0x5D, 0x60, 0, 5, 0, 0, 0], 0x0609_0031),
         ([0x2B, 0x5D, 0x60, 0, 0, 0, 0, 0], 0x0609_0032),
         // unsupported mode of operation
-        ([0x2F, 0x60, 0x60, 0, 7, 0, 0, 0], 0x0609_0030),
+        ([0x2F, 0x60, 0x60, 0, 5, 0, 0, 0], 0x0609_0030),
         // saving without the signature
         ([0x23, 0x10, 0x10, 1, 1, 2, 3, 4], 0x0800_0020),
     ];

@@ -202,6 +202,7 @@ impl igh_cia402_axis_t {
             write_position_limits: self.write_position_limits != 0,
             silence_other_tpdos: self.silence_other_tpdos != 0,
             further: further.into_iter().filter_map(igh_cia402_object_t::step).collect(),
+            ..DriveConfig::default()
         };
         let (slave, channel) = (self.slave.into(), self.channel);
         let mut settings = AxisConfig {
@@ -398,7 +399,7 @@ mod tests {
             to_rust(&axis)
         };
         assert_eq!(faulty(|axis| axis.node_id = 128), config);
-        assert_eq!(faulty(|axis| axis.mode = 2), config);
+        assert_eq!(faulty(|axis| axis.mode = 5), config);
         assert_eq!(faulty(|axis| axis.range = 3), config);
         assert_eq!(faulty(|axis| axis.reset = 3), config);
         assert_eq!(faulty(|axis| axis.host_loss = 0x8000), config);
@@ -411,7 +412,7 @@ mod tests {
     #[test]
     fn every_faulty_axis_is_named() {
         let mut table = [axis(0), axis(0), axis(0)];
-        table[0].mode = 2;
+        table[0].mode = 5;
         (table[2].range, table[2].halt) = (3, 0x8000);
         let rejected = |table: &[igh_cia402_axis_t]| {
             let rejected = call("f", |call| {
@@ -426,7 +427,7 @@ mod tests {
             (rejected, text.to_str().unwrap().to_owned())
         };
         let expected = "f: the axis table has faults\n  \
-                        - axis 0: invalid value 2 for `mode`\n  \
+                        - axis 0: invalid value 5 for `mode`\n  \
                         - axis 1: the step limit is 0; must be at least 1\n  \
                         - axis 2: invalid value 3 for `range`\n  \
                         - axis 2: invalid value 32768 for `halt`\n  \

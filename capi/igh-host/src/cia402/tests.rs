@@ -432,7 +432,7 @@ fn commands_check_their_arguments_and_their_time() {
         assert_eq!(igh_cia402_send_nmt(motors, AXES, 1), code(ECAN_ERR_AXIS));
         ok(igh_cia402_send_nmt(motors, 0, 1));
         assert_eq!(igh_cia402_enable(motors, 0), code(ECAN_ERR_AXIS_STATE));
-        assert_eq!(igh_cia402_change_mode(motors, 0, 2), code(ECAN_ERR_ARGUMENT));
+        assert_eq!(igh_cia402_change_mode(motors, 0, 5), code(ECAN_ERR_ARGUMENT));
         assert_eq!(igh_cia402_home(motors, 0, null()), code(ECAN_ERR_NULL));
         let at = igh_cia402_set_scheduled_tx(motors, 1, 100_000, 200_000);
         assert_eq!(at, code(ECAN_ERR_SCHEDULE), "without Sync0");

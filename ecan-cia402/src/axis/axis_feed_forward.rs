@@ -1,0 +1,51 @@
+//! RPDOs of an axis after the first: feed-forward and outputs.
+
+use ecan_protocol::can::CanId;
+
+use super::axis::Axis;
+use super::axis_cycle::TargetTurn;
+use super::pdo_layout::RpdoBytes;
+use crate::guard::feed_forward::FeedForward;
+use crate::guard::terms::Decision;
+
+impl Axis {
+    /// After the first RPDO of a cycle: takes the feed-forward of its target, and returns whether the
+    /// other RPDOs are to be sent. `is_own_motion` states whether the host made the target.
+    ///
+    /// They go out with each target, and in the same cycles while the axis gets none, so that an
+    /// output that was lost arrives. A feed-forward ends with the targets, at once.
+    pub(crate) fn prepare_auxiliary(&mut self, turn: TargetTurn, is_own_motion: bool) -> bool {
+        let before = self.feed_forward.last();
+        match self.decision {
+            Decision::Target(_) => {
+                let requested = self.targets.feed_forward.take().filter(|_| !is_own_motion);
+                let is_limited = self.feed_forward.follow(requested);
+                self.statistics.feed_forwards_limited += u64::from(is_limited);
+            }
+            Decision::Reject(_) => {
+                self.targets.feed_forward = None;
+                self.feed_forward.follow(None);
+            }
+            Decision::Wait(_) => return false,
+            Decision::Track(_) | Decision::First(_) | Decision::Closed => {
+                self.targets.feed_forward = None;
+                self.feed_forward.end();
+            }
+        }
+        self.outputs.velocity_offset = self.feed_forward.last().velocity;
+        self.outputs.torque_offset = self.feed_forward.last().torque;
+        self.outputs.probe_function = self.probes.function();
+        let has_ended =
+            before != FeedForward::NONE && self.feed_forward.last() == FeedForward::NONE;
+        (turn == TargetTurn::Due || has_ended)
+            && self.setup.is_complete()
+            && self.is_path_clear
+            && self.is_verified()
+            && self.reachability.operational
+    }
+
+    /// The RPDOs after the first.
+    pub(crate) fn auxiliary_frames(&self) -> impl Iterator<Item = (CanId, RpdoBytes)> {
+        self.auxiliary.iter().copied().zip(self.layout.encode_auxiliary(&self.outputs))
+    }
+}

@@ -1,0 +1,194 @@
+//! Feed-forward of velocity and torque with the targets: effect at the motor, limits, end.
+#![allow(missing_docs)]
+
+mod axes;
+
+use axes::{Fixture, axis, scenario};
+use ecan_canopen::{DriveState, OperatingMode, object};
+use ecan_cia402::{
+    AxisConfig, AxisPhase, Cia402, Cia402Config, FeedForward, FeedForwardLimits, OutputObject,
+    Scale,
+};
+use ecan_sim::{Fault, LossDirection};
+
+/// Increments per target of the test motion: 100,000 increments/s at a target period of 2 ms.
+const STEP: i32 = 200;
+const VELOCITY: i32 = 100_000;
+
+fn forward(velocity: i32, torque: i16) -> FeedForward {
+    FeedForward { velocity, torque }
+}
+
+fn config() -> AxisConfig {
+    let mut axis = axis(0, 0, 1).with_step_limit(STEP as u32);
+    axis.outputs = vec![OutputObject::VelocityOffset, OutputObject::TorqueOffset];
+    axis.feed_forward = FeedForwardLimits {
+        velocity: VELOCITY as u32,
+        velocity_change: 5_000,
+        torque: 100,
+        torque_change: 10,
+    };
+    axis
+}
+
+/// A drive without its own feed-forward of the velocity.
+fn fixture(config: AxisConfig) -> Fixture {
+    let scenario = scenario(1, |drive| drive.motor.feed_forward = 0);
+    Fixture::with(scenario, vec![config]).started()
+}
+
+/// Moves the axis by `step` per cycle, with a feed-forward.
+fn travel(fixture: &mut Fixture, cycles: usize, step: i32, forward: Option<FeedForward>) {
+    for _ in 0..cycles {
+        fixture.cycle_with(|cia402, cycle| {
+            if let Some(target) = cia402.target(0) {
+                let target = target + step;
+                match forward {
+                    Some(forward) => cia402.set_target_with(0, target, forward).unwrap(),
+                    None => cia402.set_target(0, target).unwrap(),
+                }
+            }
+            cia402.send_targets_all(cycle);
+        });
+    }
+}
+
+fn offsets(fixture: &Fixture) -> (i64, i64) {
+    fixture.drive(0, |drive| {
+        let value = |index| drive.object(index, 0).unwrap();
+        (value(object::VELOCITY_OFFSET), value(object::TORQUE_OFFSET))
+    })
+}
+
+/// Ramps the velocity up, so that the motor can follow, and returns the following error at the end.
+fn following_error(fixture: &mut Fixture, gives: bool) -> i32 {
+    for step in (0..=STEP).step_by(5) {
+        travel(fixture, 1, step, gives.then(|| forward(step * 500, 0)));
+    }
+    travel(fixture, 200, STEP, gives.then(|| forward(VELOCITY, 0)));
+    fixture.drive(0, |drive| drive.following_error())
+}
+
+#[test]
+fn velocity_feed_forward_removes_the_following_error() {
+    let without = following_error(&mut fixture(config()), false);
+    // 100,000 increments/s over a gain of 200/s.
+    assert!((450..550).contains(&without), "{without}");
+    let mut fixture = fixture(config());
+    let with = following_error(&mut fixture, true);
+    assert!(with.abs() < 20, "{with}");
+    assert_eq!(offsets(&fixture), (VELOCITY.into(), 0));
+    assert_eq!(fixture.cia402.feed_forward(0), forward(VELOCITY, 0));
+    assert_eq!(fixture.cia402.axis_status(0).unwrap().feed_forward, forward(VELOCITY, 0));
+    assert_eq!(fixture.cia402.statistics(0).feed_forwards_limited, 0);
+    fixture.check();
+}
+
+#[test]
+fn feed_forward_is_limited_and_ramped() {
+    let mut fixture = fixture(config());
+    travel(&mut fixture, 100, 0, Some(forward(i32::MAX, i16::MIN)));
+    assert_eq!(offsets(&fixture), (VELOCITY.into(), -100));
+    assert!(fixture.cia402.statistics(0).feed_forwards_limited > 90);
+    // Targets without a feed-forward.
+    travel(&mut fixture, 1, 0, None);
+    assert_eq!(fixture.cia402.feed_forward(0), forward(VELOCITY - 5_000, -90));
+    travel(&mut fixture, 40, 0, None);
+    assert_eq!(offsets(&fixture), (0, 0));
+    fixture.check();
+}
+
+#[test]
+fn repeated_target_has_no_feed_forward() {
+    let mut fixture = fixture(config());
+    travel(&mut fixture, 50, 0, Some(forward(50_000, 50)));
+    assert_eq!(offsets(&fixture), (50_000, 50));
+    // The application stalls.
+    fixture.idle(40);
+    assert_eq!(offsets(&fixture), (0, 0));
+    assert!(fixture.cia402.is_running(0));
+}
+
+#[test]
+fn rejected_target_and_halt_end_the_feed_forward() {
+    let mut fixture = fixture(config());
+    travel(&mut fixture, 50, 10, Some(forward(5_000, 50)));
+    travel(&mut fixture, 40, STEP + 1, Some(forward(50_000, 50)));
+    assert_eq!(offsets(&fixture), (0, 0), "the targets are rejected");
+    travel(&mut fixture, 50, 10, Some(forward(5_000, 50)));
+    assert_eq!(offsets(&fixture), (5_000, 50));
+    fixture.cia402.halt(0).unwrap();
+    travel(&mut fixture, 40, 10, Some(forward(5_000, 50)));
+    assert_eq!(offsets(&fixture), (0, 0), "the host moves the axis");
+    assert!(fixture.cia402.is_at_rest(0));
+    fixture.check();
+}
+
+#[test]
+fn hold_ends_the_feed_forward_when_the_path_returns() {
+    let mut fixture = fixture(config());
+    travel(&mut fixture, 100, 10, Some(forward(50_000, 50)));
+    assert_eq!(offsets(&fixture), (50_000, 50));
+    fixture.inject(Fault::LostFrame { direction: LossDirection::Outward, cycles: 6 });
+    travel(&mut fixture, 30, 10, Some(forward(50_000, 50)));
+    assert!(matches!(fixture.cia402.phase(0), Some(AxisPhase::Holding(_))));
+    assert_eq!(fixture.drive(0, |drive| drive.state()), DriveState::OperationEnabled);
+    assert_eq!(offsets(&fixture), (0, 0), "without a command, while the drive is enabled");
+    let resting = fixture.drive(0, |drive| drive.targets().sums().followed);
+    travel(&mut fixture, 30, 10, Some(forward(50_000, 50)));
+    assert_eq!(fixture.drive(0, |drive| drive.targets().sums().followed), resting, "no target");
+    fixture.cia402.enable(0).unwrap();
+    fixture.until(2_000, Cia402::all_running);
+    fixture.check();
+}
+
+#[test]
+fn stop_ends_the_feed_forward_at_once() {
+    let mut fixture = fixture(config());
+    travel(&mut fixture, 100, 10, Some(forward(50_000, 50)));
+    fixture.cia402.quick_stop(0).unwrap();
+    assert_eq!(fixture.cia402.feed_forward(0), forward(50_000, 50), "until it is sent");
+    travel(&mut fixture, 4, 10, Some(forward(50_000, 50)));
+    assert_eq!(offsets(&fixture), (0, 0));
+    assert_eq!(fixture.cia402.feed_forward(0), FeedForward::NONE);
+}
+
+#[test]
+fn velocity_limit_of_the_axis_limits_the_feed_forward() {
+    let mut config = config();
+    config.scale = Scale::steps_per_turn(65_536.0).with_velocity_units(65_536.0);
+    config.limits.velocity = Some(30_000.0 / 65_536.0 * std::f64::consts::TAU);
+    let mut fixture = fixture(config);
+    travel(&mut fixture, 100, 0, Some(forward(VELOCITY, 0)));
+    // 60 increments in 2 ms, rounded down.
+    let (velocity, _) = offsets(&fixture);
+    assert!((29_000..=30_000).contains(&velocity), "{velocity}");
+}
+
+#[test]
+fn configuration_clears_offsets_of_an_earlier_owner() {
+    let mut fixture = fixture(config());
+    travel(&mut fixture, 100, 10, Some(forward(50_000, 50)));
+    let table = Cia402::new(&fixture.port, vec![config()], Cia402Config::default());
+    fixture.cia402 = table.unwrap();
+    assert_eq!(offsets(&fixture), (50_000, 50));
+    fixture.start();
+    assert_eq!(offsets(&fixture), (0, 0));
+    assert_eq!(fixture.drive(0, |drive| drive.targets().sums().firsts), 2);
+    assert_eq!(fixture.drive(0, |drive| drive.targets().sums().firsts_with_offsets), 0);
+}
+
+#[test]
+fn torque_feed_forward_accelerates_a_velocity_axis() {
+    let mut config = config().with_mode(OperatingMode::CyclicVelocity);
+    config.outputs = vec![OutputObject::TorqueOffset];
+    let mut fixture = fixture(config);
+    travel(&mut fixture, 100, 0, Some(forward(77, 100)));
+    assert_eq!(offsets(&fixture), (0, 100), "the velocity offset is not mapped");
+    // 100 thousandths are 6,670,000 increments/s^2; the controller, which compensates friction,
+    // corrects after its period of 1 ms.
+    let velocity = fixture.drive(0, |drive| drive.velocity());
+    assert!((6_000.0..7_000.0).contains(&velocity), "{velocity}");
+    travel(&mut fixture, 40, 0, None);
+    assert!(fixture.drive(0, |drive| drive.velocity()).abs() < 10.0);
+}
