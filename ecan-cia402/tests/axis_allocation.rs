@@ -11,7 +11,11 @@ mod axes;
 
 use axes::{Fixture, axes};
 use counting::allocations;
-use ecan_cia402::{AxesSnapshot, AxisConfig, HomingConfig, PathStop};
+use ecan_canopen::{Probe, ProbeSource, ProbeTrigger};
+use ecan_cia402::{
+    AxesSnapshot, AxisConfig, FeedForward, FeedForwardLimits, HomingConfig, InputObject,
+    OutputObject, PathStop,
+};
 use ecan_host::AdapterConfig;
 use ecan_sim::{Fault, LossDirection};
 
@@ -30,6 +34,28 @@ fn cycles(fixture: &mut Fixture, count: usize) -> u64 {
         .sum()
 }
 
+const FORWARD: FeedForward = FeedForward { velocity: 5_000, torque: 7 };
+
+/// Cycles in which the application moves the first axis with a feed-forward, and arms its touch probe.
+fn fed_forward_cycles(fixture: &mut Fixture, count: usize) -> u64 {
+    (0..count)
+        .map(|_| {
+            fixture.port.wait_next_cycle();
+            let before = allocations();
+            let mut cycle = fixture.port.begin_cycle();
+            let cia402 = &mut fixture.cia402;
+            cia402.process_rx(&mut cycle);
+            let target = cia402.target(0).unwrap() + 10;
+            cia402.set_target_with(0, target, FORWARD).unwrap();
+            let trigger = ProbeTrigger::first_positive(ProbeSource::IndexPulse);
+            cia402.arm_probe(0, Probe::One, trigger).unwrap();
+            cia402.send_targets_all(&mut cycle);
+            drop(cycle);
+            allocations() - before
+        })
+        .sum()
+}
+
 #[test]
 fn forty_axes_allocate_nothing() {
     let jerk_limited = |axis: AxisConfig| {
@@ -37,7 +63,14 @@ fn forty_axes_allocate_nothing() {
         axis.limits.jerk = Some(1e6);
         axis
     };
-    let table = axes(40).into_iter().map(jerk_limited).collect();
+    let mut table: Vec<AxisConfig> = axes(40).into_iter().map(jerk_limited).collect();
+    let extended = &mut table[0];
+    extended.outputs =
+        vec![OutputObject::VelocityOffset, OutputObject::TorqueOffset, OutputObject::ProbeFunction];
+    extended.inputs =
+        vec![InputObject::Velocity, InputObject::ProbeStatus, InputObject::Probe1Positive];
+    extended.feed_forward =
+        FeedForwardLimits { velocity: 10_000, velocity_change: 100, torque: 10, torque_change: 1 };
     let adapter = AdapterConfig::new(3).with_multiplier(6).with_cycle(Duration::from_millis(2));
     let mut fixture = Fixture::open(ecan_sim::drives(3, 4), adapter, table).started();
     // Every cycle publishes a snapshot.
@@ -46,6 +79,8 @@ fn forty_axes_allocate_nothing() {
     // The simulated world grows its queues to their working size first.
     cycles(&mut fixture, 500);
     assert_eq!(cycles(&mut fixture, 500), 0, "in motion");
+    assert_eq!(fed_forward_cycles(&mut fixture, 500), 0, "with feed-forward");
+    assert_eq!(fixture.cia402.feed_forward(0), FORWARD);
     fixture.inject(Fault::LostFrame { direction: LossDirection::Outward, cycles: 6 });
     fixture.inject(Fault::NodeSilent { node: "drive 1.2/3".to_owned(), for_ms: 500 });
     assert_eq!(cycles(&mut fixture, 500), 0, "with faults");

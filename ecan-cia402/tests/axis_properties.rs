@@ -5,8 +5,10 @@
 mod axes;
 
 use axes::{Fixture, axes};
-use ecan_canopen::DriveState;
-use ecan_cia402::AxisPhase;
+use ecan_canopen::{DriveState, OperatingMode};
+use ecan_cia402::{
+    AxisConfig, AxisPhase, FeedForward, FeedForwardLimits, InputObject, OutputObject,
+};
 use ecan_sim::{DriveFault, Fault, GatewayFault, LossDirection};
 use proptest::prelude::*;
 
@@ -124,19 +126,90 @@ fn operate(fixture: &mut Fixture) {
 }
 
 /// Targets at the limit: a step is the limit.
-fn fixture() -> Fixture {
-    let table = axes(AXES)
-        .into_iter()
-        .map(|mut axis| {
-            axis.step_limit = STEP as u32;
-            axis.target_step = STEP;
-            axis.following_window = 3_000;
-            axis.ramp = 50;
-            axis.drive.following_error = Some((3_000, 20));
-            axis
-        })
-        .collect();
-    Fixture::single(table).started()
+fn table() -> Vec<AxisConfig> {
+    let at_the_limit = |mut axis: AxisConfig| {
+        axis.step_limit = STEP as u32;
+        axis.target_step = STEP;
+        axis.following_window = 3_000;
+        axis.ramp = 50;
+        axis.drive.following_error = Some((3_000, 20));
+        axis
+    };
+    axes(AXES).into_iter().map(at_the_limit).collect()
+}
+
+/// The same with a feed-forward of the first axis, the second one in IP, and further inputs.
+fn extended_table() -> Vec<AxisConfig> {
+    let mut table = table();
+    table[0].outputs = vec![OutputObject::VelocityOffset, OutputObject::TorqueOffset];
+    table[0].feed_forward = LIMITS;
+    table[1].mode = OperatingMode::InterpolatedPosition;
+    table[1].drive.interpolation_buffer = Some(2);
+    table[2].inputs = vec![InputObject::Velocity, InputObject::FollowingError];
+    table
+}
+
+const LIMITS: FeedForwardLimits =
+    FeedForwardLimits { velocity: 75_000, velocity_change: 9_000, torque: 40, torque_change: 7 };
+
+/// A cycle in which the application moves every axis by its step, with any feed-forward.
+fn travel(fixture: &mut Fixture, forwards: &[FeedForward], nth: usize) {
+    fixture.cycle_with(|cia402, cycle| {
+        for n in 0..AXES {
+            let forward = forwards[(nth + n) % forwards.len()];
+            let step = cia402.config(n).map_or(0, |axis| axis.target_step);
+            if let Some(target) = cia402.target(n) {
+                let _ = cia402.set_target_with(n, target.saturating_add(step), forward);
+            }
+        }
+        cia402.send_targets_all(cycle);
+    });
+}
+
+fn forward() -> impl Strategy<Value = FeedForward> {
+    let velocity = prop_oneof![3 => -90_000..90_000_i32, 1 => any::<i32>()];
+    (velocity, any::<i16>()).prop_map(|(velocity, torque)| FeedForward { velocity, torque })
+}
+
+/// Lets the events happen, then brings all axes back, and checks what the drives received.
+fn run(
+    mut fixture: Fixture,
+    events: &[(Event, usize)],
+    mut step: impl FnMut(&mut Fixture, usize),
+) -> Result<Fixture, TestCaseError> {
+    for (event, cycles) in events {
+        strike(&mut fixture, event);
+        for cycle in 0..*cycles {
+            step(&mut fixture, cycle);
+            if cycle % 40 == 39 {
+                operate(&mut fixture);
+            }
+        }
+    }
+    // And back to work, however bad it was. What has struck may show late.
+    let mut sound = 0;
+    for cycle in 0..20_000 {
+        sound = if fixture.cia402.all_running() { sound + 1 } else { 0 };
+        if sound > 400 {
+            break;
+        }
+        step(&mut fixture, cycle);
+        if cycle % 40 == 39 {
+            operate(&mut fixture);
+        }
+    }
+    prop_assert!(
+        sound > 400,
+        "gateway {}, {:#?}",
+        fixture.session(),
+        fixture.cia402.progress_all().map(|axis| axis.to_string()).collect::<Vec<_>>()
+    );
+    for n in 0..AXES {
+        let state = fixture.drive(n, |drive| drive.state());
+        prop_assert_eq!(state, DriveState::OperationEnabled);
+    }
+    fixture.check();
+    Ok(fixture)
 }
 
 proptest! {
@@ -149,38 +222,26 @@ proptest! {
 
     #[test]
     fn no_axis_ever_jumps(events in prop::collection::vec((event(), 1..120_usize), 1..14)) {
-        let mut fixture = fixture();
-        for (event, cycles) in &events {
-            strike(&mut fixture, event);
-            for cycle in 0..*cycles {
-                fixture.step();
-                if cycle % 40 == 39 {
-                    operate(&mut fixture);
-                }
-            }
-        }
-        // And back to work, however bad it was. What has struck may show late.
-        let mut sound = 0;
-        for cycle in 0..20_000 {
-            sound = if fixture.cia402.all_running() { sound + 1 } else { 0 };
-            if sound > 400 {
-                break;
-            }
-            fixture.step();
-            if cycle % 40 == 39 {
-                operate(&mut fixture);
-            }
-        }
-        prop_assert!(
-            sound > 400,
-            "gateway {}, {:#?}",
-            fixture.session(),
-            fixture.cia402.progress_all().map(|axis| axis.to_string()).collect::<Vec<_>>()
-        );
+        run(Fixture::single(table()).started(), &events, |fixture, _| fixture.step())?;
+    }
+
+    #[test]
+    fn no_axis_jumps_with_feed_forward_or_interpolation(
+        events in prop::collection::vec((event(), 1..120_usize), 1..14),
+        forwards in prop::collection::vec(forward(), 1..50),
+    ) {
+        let fixture = Fixture::single(extended_table()).started();
+        let fixture = run(fixture, &events, |fixture, nth| travel(fixture, &forwards, nth))?;
         for n in 0..AXES {
-            let state = fixture.drive(n, |drive| drive.state());
-            prop_assert_eq!(state, DriveState::OperationEnabled);
+            let sums = fixture.drive(n, |drive| *drive.targets().sums());
+            let (velocity, torque) = sums.largest_offsets;
+            let (velocity_change, torque_change) = sums.largest_offset_changes;
+            let limits = fixture.cia402.config(n).map(|axis| axis.feed_forward).unwrap();
+            prop_assert!(velocity <= limits.velocity && torque <= limits.torque.into(), "{:?}", sums);
+            // A frame that is lost on the path makes two changes one.
+            prop_assert!(velocity_change <= 2 * limits.velocity_change, "{:?}", sums);
+            prop_assert!(torque_change <= 2 * u32::from(limits.torque_change), "{:?}", sums);
+            prop_assert_eq!(sums.firsts_with_offsets, 0);
         }
-        fixture.check();
     }
 }

@@ -143,6 +143,23 @@ fn hold_ends_the_feed_forward_when_the_path_returns() {
 }
 
 #[test]
+fn first_target_waits_for_the_end_of_the_feed_forward() {
+    let mut fixture = fixture(config());
+    travel(&mut fixture, 100, 0, Some(forward(VELOCITY, 0)));
+    let target = fixture.cia402.target(0).unwrap();
+    // 100,000 increments/s over a gain of 200/s.
+    let displaced = fixture.drive(0, |drive| drive.position()) - target;
+    assert!((450..550).contains(&displaced), "{displaced}");
+    fixture.inject(Fault::LinkLoss { gateway: 0, for_ms: 23 });
+    fixture.until(50, |cia402| !cia402.is_running(0));
+    fixture.cia402.enable(0).unwrap();
+    fixture.until(20_000, Cia402::all_running);
+    let first = fixture.cia402.target(0).unwrap();
+    assert!(first.abs_diff(target) <= 60, "{first} after {target}");
+    fixture.check();
+}
+
+#[test]
 fn stop_ends_the_feed_forward_at_once() {
     let mut fixture = fixture(config());
     travel(&mut fixture, 100, 10, Some(forward(50_000, 50)));

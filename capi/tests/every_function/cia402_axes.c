@@ -230,7 +230,6 @@ static void tables(igh_mcan_port_t *port)
     } while (0)
     FAULTY(node_id, 0);
     FAULTY(node_id, 128);
-    FAULTY(mode, 2);
     FAULTY(mode, 5);
     FAULTY(pdo_number, 0);
     FAULTY(pdo_number, 5);

@@ -84,6 +84,10 @@ pub(crate) struct Axis {
     /// Values of the RPDOs after the first.
     pub(crate) outputs: OutputValues,
     pub(crate) feed_forward: FeedForwardGuard,
+    /// The drive may have a feed-forward that was sent.
+    pub(crate) offsets_in_force: bool,
+    /// Cycles with a clear path since a frame without feed-forward was sent, that one included.
+    pub(crate) cleared_cycles: u8,
     pub(crate) probes: TouchProbes,
     /// The TPDO with the status of the touch probes.
     pub(crate) probe_tpdo: Option<usize>,
@@ -156,6 +160,8 @@ impl Axis {
             inputs: AxisInputs::default(),
             outputs: OutputValues::default(),
             feed_forward: FeedForwardGuard::new(config.feed_forward),
+            offsets_in_force: false,
+            cleared_cycles: 0,
             probes: TouchProbes::default(),
             is_path_clear: false,
             fresh_ns: FRESH_NS.max(sync_period_ns.saturating_mul(FRESH_PERIODS)),

@@ -192,7 +192,7 @@ impl Axis {
         if !(is_driven || self.state == AxisState::Resuming) {
             return None;
         }
-        if is_driven && self.coasts(now_ns) {
+        if is_driven && self.coasts(now_ns) || self.awaits_end_of_feed_forward() {
             return None;
         }
         if let Some(reason) = self.delay(turn) {

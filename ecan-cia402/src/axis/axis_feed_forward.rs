@@ -1,5 +1,6 @@
 //! RPDOs of an axis after the first: feed-forward and outputs.
 
+use ecan_canopen::OperatingMode;
 use ecan_protocol::can::CanId;
 
 use super::axis::Axis;
@@ -8,6 +9,9 @@ use super::pdo_layout::RpdoBytes;
 use crate::guard::feed_forward::FeedForward;
 use crate::guard::terms::Decision;
 
+/// Cycles with a clear path after a frame without feed-forward until the drive certainly has it.
+const CLEARED_CYCLES: u8 = 4;
+
 impl Axis {
     /// After the first RPDO of a cycle: takes the feed-forward of its target, and returns whether the
     /// other RPDOs are to be sent. `is_own_motion` states whether the host made the target.
@@ -15,10 +19,16 @@ impl Axis {
     /// They go out with each target, and in the same cycles while the axis gets none, so that an
     /// output that was lost arrives. A feed-forward ends with the targets, at once.
     pub(crate) fn prepare_auxiliary(&mut self, turn: TargetTurn, is_own_motion: bool) -> bool {
+        self.step_offsets();
         let before = self.feed_forward.last();
         match self.decision {
             Decision::Target(_) => {
-                let requested = self.targets.feed_forward.take().filter(|_| !is_own_motion);
+                let has_effect = matches!(
+                    self.mode,
+                    OperatingMode::CyclicPosition | OperatingMode::CyclicVelocity
+                );
+                let requested = self.targets.feed_forward.take();
+                let requested = requested.filter(|_| has_effect && !is_own_motion);
                 let is_limited = self.feed_forward.follow(requested);
                 self.statistics.feed_forwards_limited += u64::from(is_limited);
             }
@@ -42,6 +52,36 @@ impl Axis {
             && self.is_path_clear
             && self.is_verified()
             && self.reachability.operational
+    }
+
+    /// A motor with a feed-forward is not where its position controller leads it: the position of the
+    /// first target is read after the end of the feed-forward.
+    fn step_offsets(&mut self) {
+        if !self.is_path_clear {
+            self.cleared_cycles = 0;
+        } else if self.cleared_cycles > 0 {
+            self.cleared_cycles += 1;
+            if self.cleared_cycles > CLEARED_CYCLES {
+                self.offsets_in_force = false;
+                self.cleared_cycles = 0;
+                self.guard.restart_activation();
+            }
+        }
+    }
+
+    /// The RPDOs after the first were sent; the last ones were not unless `is_complete`.
+    pub(crate) fn auxiliary_sent(&mut self, is_complete: bool) {
+        if self.feed_forward.last() != FeedForward::NONE {
+            self.offsets_in_force = true;
+            self.cleared_cycles = 0;
+        } else if self.offsets_in_force && is_complete && self.cleared_cycles == 0 {
+            self.cleared_cycles = 1;
+        }
+    }
+
+    /// Returns whether the drive has a feed-forward although the axis gets no targets.
+    pub(crate) fn awaits_end_of_feed_forward(&self) -> bool {
+        self.offsets_in_force && !self.is_running()
     }
 
     /// The RPDOs after the first.

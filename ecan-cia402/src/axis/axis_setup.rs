@@ -123,6 +123,8 @@ impl Axis {
         self.set_mode(self.config.mode);
         self.verification = Verification::Complete;
         self.state = AxisState::Standby;
+        // Of an earlier owner.
+        self.offsets_in_force = !self.auxiliary.is_empty();
         self.complete_setup(network, self.config.drive.heartbeat_ms.into());
     }
 
@@ -174,5 +176,7 @@ impl Axis {
         self.drive.forget();
         self.inputs = AxisInputs::default();
         self.feed_forward.end();
+        self.offsets_in_force = false;
+        self.cleared_cycles = 0;
     }
 }

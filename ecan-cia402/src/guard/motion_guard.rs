@@ -192,6 +192,16 @@ impl MotionGuard {
         }
     }
 
+    /// Begins a running activation again: a position that was read before does not count.
+    pub(crate) fn restart_activation(&mut self) {
+        if matches!(
+            self.state,
+            GuardState::Draining | GuardState::Reading | GuardState::Armed { .. }
+        ) {
+            self.begin_activation();
+        }
+    }
+
     fn begin_activation(&mut self) {
         self.state = GuardState::Draining;
         self.drain = Drain::default();

@@ -224,9 +224,12 @@ impl Cia402 {
                 && axis.prepare_auxiliary(turn, is_own_motion)
                 && gateway.is_some_and(GatewayWatch::is_open)
                 && !full.contains((slave, channel))
-                && send_auxiliary(cycle, axis, self.target_options).is_err()
             {
-                full.insert((slave, channel));
+                let sent = send_auxiliary(cycle, axis, self.target_options);
+                axis.auxiliary_sent(sent.is_ok());
+                if sent.is_err() {
+                    full.insert((slave, channel));
+                }
             }
             summary.count(axis.decision);
         }

@@ -4,8 +4,9 @@
 
 use std::collections::VecDeque;
 
-use ecan_canopen::{Command, DriveState, OperatingMode, QuickStopOption};
-use ecan_sim::{TargetKind, TraceCause, TraceEvent, TraceRecord};
+use ecan_canopen::{Command, Controlword, DriveState, OperatingMode, QuickStopOption};
+use ecan_cia402::FeedForwardLimits;
+use ecan_sim::{TargetKind, TargetSums, TraceCause, TraceEvent, TraceRecord};
 
 use crate::log::DriveLog;
 use crate::plan::{AxisPlan, MS, Plan};
@@ -22,6 +23,8 @@ pub use stop::StopKind;
 /// Velocity below which an axis counts as at rest, increments per second: three times that at which
 /// the simulated drive ends a stop (0.01 revolutions per second).
 const REST: f64 = 2_000.0;
+/// Increments per revolution of the simulated motor.
+const INCREMENTS: i32 = 65_536;
 /// A motor that was blocked returns to its demand as fast as it can, as long as that is inside the
 /// drive's window for the following error.
 const AFTER_BLOCK_NS: u64 = 400 * MS;
@@ -78,6 +81,8 @@ pub struct AxisMonitor {
     step_limit: f64,
     bounds: Option<(i32, i32)>,
     standstill: u32,
+    /// Deviation of the velocity by the feed-forward, increments per second.
+    feed_forward: f64,
     target_ns: f64,
     friction: f64,
     may_coast: bool,
@@ -94,6 +99,8 @@ pub struct AxisMonitor {
     pub position: f64,
     pub velocity: f64,
     torque: f64,
+    /// The last controlword halts the axis.
+    is_halted: bool,
     sampled_ns: u64,
     enabled_ns: u64,
     braking: Option<Braking>,
@@ -145,7 +152,14 @@ impl AxisMonitor {
             ),
             read: 0,
             step_limit: f64::from(config.step_limit),
-            bounds: config.bounds,
+            bounds: match config.mode {
+                // Targets are revolutions per minute.
+                OperatingMode::Velocity => {
+                    config.bounds.map(|(low, high)| (low * INCREMENTS / 60, high * INCREMENTS / 60))
+                }
+                _ => config.bounds,
+            },
+            feed_forward: motion::feed_forward_deviation(config, plan.target_ns() as f64),
             standstill: config.standstill,
             target_ns: plan.target_ns() as f64,
             friction: f64::from(drive.motor.friction),
@@ -164,6 +178,7 @@ impl AxisMonitor {
             position: f64::from(drive.motor.start_position),
             velocity: 0.0,
             torque: 0.0,
+            is_halted: false,
             sampled_ns: 0,
             enabled_ns: 0,
             braking: None,
@@ -203,6 +218,19 @@ impl AxisMonitor {
 
     pub fn is_moving(&self) -> bool {
         self.velocity.abs() > REST
+    }
+
+    /// At the end: what the drive received.
+    pub fn check_feed_forward(&mut self, at: u64, sums: &TargetSums, limits: &FeedForwardLimits) {
+        let (velocity, torque) = sums.largest_offsets;
+        if velocity > limits.velocity || torque > limits.torque.into() {
+            let text = format!("{velocity} and {torque}; the limits are {limits:?}");
+            self.report(at, Kind::FeedForward, text);
+        }
+        if sums.firsts_with_offsets > 0 {
+            let text = format!("at {} first targets", sums.firsts_with_offsets);
+            self.report(at, Kind::FeedForward, text);
+        }
     }
 
     // Calls of the application
@@ -262,7 +290,10 @@ impl AxisMonitor {
     pub fn note_class(&mut self, now: u64, class: Class) {
         let ended = self.was_running && class.is_stopped();
         self.was_running = class.is_running();
-        let moves_on = !matches!(self.mode, Some(OperatingMode::CyclicPosition));
+        let moves_on = !matches!(
+            self.mode,
+            Some(OperatingMode::CyclicPosition | OperatingMode::InterpolatedPosition)
+        );
         if ended && self.follows && moves_on && self.stop.is_none() {
             self.stopping(now, StopKind::Hold, class);
         }
@@ -337,6 +368,7 @@ impl AxisMonitor {
                 self.check_motion(at);
             }
             TraceEvent::Controlword { word, source } => {
+                self.is_halted = word.has(Controlword::HALT);
                 log.line(at, || format!("controlword {:04X} by {source:?}", word.0));
                 if self.disobedience_ns > 0 && word.command(word) == Command::QuickStop {
                     self.stop_frames_until = at + self.disobedience_ns;

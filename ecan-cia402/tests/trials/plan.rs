@@ -6,7 +6,9 @@ use std::time::Duration;
 use ecan_canopen::{
     HostHeartbeat, NodeAddress, NodeId, OperatingMode, QuickStopOption, SyncConfig,
 };
-use ecan_cia402::{AxisConfig, Cia402Config, HomingConfig, Takeover};
+use ecan_cia402::{
+    AxisConfig, Cia402Config, FeedForwardLimits, HomingConfig, OutputObject, Takeover,
+};
 use ecan_sim::variant::Choice;
 use ecan_sim::{
     DriveConfig, DriveFault, Fault, GatewayFault, LibraryCall, LossDirection, Topology,
@@ -21,6 +23,10 @@ pub const MS: u64 = 1_000_000;
 /// controller period, so it follows a reversal at this speed within one.
 const FASTEST_CSP: i64 = 100_000;
 const FASTEST_CSV: i64 = 250_000;
+/// The same in revolutions per minute of the simulated motor.
+const FASTEST_VL: i64 = FASTEST_CSV * 60 / 65_536;
+/// Most RPDOs of a channel: with SYNC, more than six frames per cycle cannot be paced.
+const MOST_RPDOS: usize = 5;
 /// The least friction: a motor without current comes to rest while the trial lasts.
 const FRICTION: [u32; 3] = [3_000_000, 5_000_000, 15_000_000];
 /// Acceleration per thousandth of the rated torque, by the default motor.
@@ -184,10 +190,20 @@ impl Plan {
                 .iter()
                 .filter(|a| (a.config.address.slave, a.config.address.channel) == (slave, channel))
                 .count();
-            if used < per_channel {
+            let is_here = |a: &&AxisPlan| {
+                (a.config.address.slave, a.config.address.channel) == (slave, channel)
+            };
+            let rpdos: usize =
+                axes.iter().filter(is_here).map(|a| a.config.layout().rpdo_count()).sum();
+            if used < per_channel && rpdos < MOST_RPDOS {
                 let node = NodeId::new(used as u8 + 1).expect("below 127");
                 let address = NodeAddress { slave, channel, node };
-                axes.push(AxisPlan::draw(r, axes.len(), address, target_ms));
+                let mut axis = AxisPlan::draw(r, axes.len(), address, target_ms);
+                let most = if cycle_ms == 1 { 3 } else { MOST_RPDOS };
+                if rpdos + axis.config.layout().rpdo_count() > most {
+                    axis.config.outputs.clear();
+                }
+                axes.push(axis);
             }
         }
         let duration_ns = r.range(1_000, 3_500) as u64 * MS;
@@ -240,12 +256,20 @@ impl Plan {
         let limit = u64::from(config.step_limit.max(1));
         let bound = config.bounds.map_or(0, |(_, high)| u64::from(high.unsigned_abs()));
         let targets = match config.mode {
-            OperatingMode::CyclicPosition => 2 * limit / u64::from(config.ramp.max(1)),
+            OperatingMode::CyclicPosition | OperatingMode::InterpolatedPosition => {
+                2 * limit / u64::from(config.ramp.max(1)) + 8
+            }
             OperatingMode::CyclicVelocity | OperatingMode::CyclicTorque => bound / limit,
             _ => 0,
         };
         // In CST the velocity is what torque and friction left: at most that of the motor.
         let drive_ns = match config.mode {
+            // 0x6084 of the simulated drive is a twentieth of its highest acceleration; in VL 0x6049 is
+            // 100 revolutions per minute in 17 ms, but the halt uses 0x6084.
+            OperatingMode::ProfileTorque => {
+                let deceleration = u64::from(drive.motor.max_acceleration / 20);
+                u64::from(drive.motor.max_velocity) * 1_000 * MS / deceleration
+            }
             OperatingMode::CyclicTorque => {
                 u64::from(drive.motor.max_velocity) * 1_000 * MS / u64::from(drive.motor.friction)
             }
@@ -274,6 +298,9 @@ impl AxisPlan {
             (2, OperatingMode::CyclicTorque),
             (2, OperatingMode::ProfilePosition),
             (3, OperatingMode::ProfileVelocity),
+            (3, OperatingMode::InterpolatedPosition),
+            (1, OperatingMode::ProfileTorque),
+            (1, OperatingMode::Velocity),
         ]);
         let friction = r.pick(&FRICTION);
         let start = 10_000 * (index as i32 + 1) + r.range(-3_000, 3_000) as i32;
@@ -285,7 +312,11 @@ impl AxisPlan {
                 config.bounds = Some((-bound, bound));
                 config.step_limit = (bound / r.range(4, 40) as i32).max(1) as u32;
             }
-            OperatingMode::CyclicTorque => {
+            OperatingMode::Velocity => {
+                let bound = r.range(FASTEST_VL / 10, FASTEST_VL) as i32;
+                config.bounds = Some((-bound, bound));
+            }
+            OperatingMode::CyclicTorque | OperatingMode::ProfileTorque => {
                 let bound = (friction / PER_MILLE) as i32 + r.range(4, 15) as i32;
                 config.bounds = Some((-bound, bound));
                 config.step_limit = r.range(1, 40) as u32;
@@ -302,7 +333,7 @@ impl AxisPlan {
         }
         config.standstill = config.standstill.min(config.step_limit);
         config.target_step = match mode {
-            OperatingMode::CyclicPosition => {
+            OperatingMode::CyclicPosition | OperatingMode::InterpolatedPosition => {
                 let limit = i64::from(config.step_limit);
                 r.pick(&[limit, -limit, limit / 2]) as i32
             }
@@ -321,6 +352,15 @@ impl AxisPlan {
         ]);
         if mode == OperatingMode::CyclicPosition && r.chance(50) {
             config.drive.following_error = Some((config.following_window, 20));
+        }
+        if mode == OperatingMode::InterpolatedPosition {
+            config.drive.interpolation_buffer = r.pick(&[None, Some(1), Some(2), Some(4)]);
+        }
+        if mode == OperatingMode::ProfileTorque {
+            config.drive.torque_slope = Some(r.range(100, 2_000) as u32);
+        }
+        if r.chance(40) {
+            draw_feed_forward(r, &mut config, target_ms);
         }
         config.drive.host_heartbeat_ms = r.pick(&[250, 250, 120]);
         let mut drive = DriveConfig::new(address.node);
@@ -355,6 +395,28 @@ impl AxisPlan {
         let NodeAddress { slave, channel, node } = self.config.address;
         format!("drive {slave}.{channel}/{node}")
     }
+}
+
+/// Velocity offsets up to the velocity limit of the axis, torque offsets below its friction.
+fn draw_feed_forward(r: &mut Random, config: &mut AxisConfig, target_ms: u64) {
+    let objects = match config.mode {
+        OperatingMode::CyclicPosition => r.pick(&[
+            &[OutputObject::VelocityOffset, OutputObject::TorqueOffset][..],
+            &[OutputObject::VelocityOffset],
+            &[OutputObject::TorqueOffset],
+        ]),
+        OperatingMode::CyclicVelocity => &[OutputObject::TorqueOffset],
+        _ => return,
+    };
+    config.outputs = objects.to_vec();
+    let velocity = config.step_limit.saturating_mul(1_000) / target_ms as u32;
+    let torque = r.range(5, 20) as u16;
+    config.feed_forward = FeedForwardLimits {
+        velocity,
+        velocity_change: (velocity / r.range(4, 40) as u32).max(1),
+        torque,
+        torque_change: r.range(1, torque.into()) as u16,
+    };
 }
 
 impl Action {
@@ -516,8 +578,8 @@ impl fmt::Display for Plan {
             let (config, drive) = (&axis.config, &axis.drive);
             writeln!(
                 f,
-                "axis {n}: {} {}, limit {}, bounds {:?}, window {}, ramp {}, {:?}, 0x605A {:?}, \
-                 resume {}, enable {} ms, friction {}, quirks: old target {}, ignores quick stop {}, \
+                "axis {n}: {} {}, limit {}, bounds {:?}, window {}, ramp {}, {:?}, outputs {:?}, \
+                 {:?}, buffer {:?}, 0x605A {:?}, resume {}, enable {} ms, friction {}, quirks: old target {}, ignores quick stop {}, \
                  missing {:04X?}",
                 axis.node_name(),
                 config.mode,
@@ -526,6 +588,9 @@ impl fmt::Display for Plan {
                 config.following_window,
                 config.ramp,
                 axis.style,
+                config.outputs,
+                config.feed_forward,
+                config.drive.interpolation_buffer,
                 config.drive.quick_stop,
                 config.auto_resume,
                 drive.enable_ms,

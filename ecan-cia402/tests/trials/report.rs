@@ -39,6 +39,8 @@ pub enum Kind {
     TargetsTogether,
     /// First target away from the actual position, or from 0.
     FirstTarget,
+    /// Feed-forward beyond its limits, or at the first target of an enabled drive.
+    FeedForward,
     /// Target beyond the bounds.
     Bounds,
     /// The SDK reports the axis as stopped while the drive follows targets.
@@ -95,6 +97,8 @@ pub struct Outcome {
     pub recovery_ns: Option<u64>,
     pub shares: Shares,
     pub fastest: f64,
+    /// Axes that got a feed-forward.
+    pub feed_forwards: u64,
     pub simulated_ns: u64,
 }
 
@@ -106,6 +110,7 @@ pub struct Summary {
     stops: Vec<(u64, StopSample)>,
     recoveries: Vec<(u64, u64, Shares)>,
     fastest: (f64, u64),
+    feed_forwards: u64,
     simulated_ns: u64,
 }
 
@@ -113,6 +118,7 @@ impl Summary {
     pub fn add(&mut self, outcome: Outcome) {
         self.trials += 1;
         self.simulated_ns += outcome.simulated_ns;
+        self.feed_forwards += outcome.feed_forwards;
         if !outcome.findings.is_empty() {
             self.failed.push(outcome.seed);
         }
@@ -160,6 +166,7 @@ impl Summary {
             "fastest CSP motion: {:.3} of the limit (seed {})",
             self.fastest.0, self.fastest.1
         )?;
+        writeln!(out, "axes with feed-forward: {}", self.feed_forwards)?;
         self.write_stops(out)?;
         self.write_recoveries(out)
     }

@@ -79,6 +79,7 @@ impl Trial {
         trial.note(&header);
         let begin = trial.now;
         trial.all_phases();
+        trial.check_feed_forward();
         for monitor in &mut trial.monitors {
             trial.outcome.findings.append(&mut monitor.findings);
             trial.outcome.stops.append(&mut monitor.samples);
@@ -305,8 +306,10 @@ impl Trial {
         }
         for (n, before) in positions.into_iter().enumerate() {
             let axis = &self.plan.axes[n];
-            let is_free = self.monitors[n].mode == Some(OperatingMode::CyclicPosition)
-                && axis.config.bounds.is_none()
+            let is_free = matches!(
+                self.monitors[n].mode,
+                Some(OperatingMode::CyclicPosition | OperatingMode::InterpolatedPosition)
+            ) && axis.config.bounds.is_none()
                 && self.classes[n] == Class::Running;
             let moved = (self.monitors[n].position - before).abs();
             // 150 ms are nine target periods or more; two of them are the delay to the drive.
@@ -318,6 +321,15 @@ impl Trial {
                 );
                 self.find(Kind::NotFollowing, n, text);
             }
+        }
+    }
+
+    fn check_feed_forward(&mut self) {
+        for n in 0..self.monitors.len() {
+            let sums = self.on_drive(n, |drive| *drive.targets().sums());
+            let limits = self.plan.axes[n].config.feed_forward;
+            self.monitors[n].check_feed_forward(self.now, &sums, &limits);
+            self.outcome.feed_forwards += u64::from(sums.largest_offsets != (0, 0));
         }
     }
 

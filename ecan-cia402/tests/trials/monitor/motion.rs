@@ -1,6 +1,7 @@
 //! Limits of position, velocity and torque at the motor, and of what takes effect.
 
 use ecan_canopen::OperatingMode;
+use ecan_cia402::{AxisConfig, OutputObject};
 use ecan_sim::{TargetKind, TargetRecord};
 
 use super::{AxisMonitor, Braking, REST};
@@ -43,6 +44,30 @@ const PROFILE_VELOCITY: f64 = 655_360.0;
 /// After a stop the position controller of the simulated drive brings the motor to rest.
 const SETTLE_NS: u64 = 80 * MS;
 
+/// Acceleration of the simulated motor per thousandth of its rated torque, in its controller period of
+/// 1 ms, increments per second.
+const PER_MILLE_PERIOD: f64 = 200_000_000.0 / 3_000.0 / 1_000.0;
+
+/// Most that a feed-forward can add to the velocity of the simulated motor, increments per second.
+///
+/// The position controller takes back a constant offset within some periods; each change of the
+/// offset in a target period adds what is not taken back yet. A feed-forward that ends at once does
+/// so with the targets. An offset of torque acts for one controller period.
+pub(super) fn feed_forward_deviation(config: &AxisConfig, target_ns: f64) -> f64 {
+    let limits = &config.feed_forward;
+    let has = |output| config.outputs.contains(&output);
+    let mut deviation = 0.0;
+    if has(OutputObject::VelocityOffset) {
+        let kept = (-POSITION_GAIN * target_ns / 1e9).exp();
+        let change = f64::from(limits.velocity_change);
+        deviation += (change / (1.0 - kept)).min(2.0 * f64::from(limits.velocity));
+    }
+    if has(OutputObject::TorqueOffset) {
+        deviation += 2.0 * f64::from(limits.torque) * PER_MILLE_PERIOD;
+    }
+    deviation
+}
+
 impl AxisMonitor {
     /// Targets that wait on a disturbed path may take effect together: up to `extra` more than one in
     /// a period.
@@ -76,12 +101,13 @@ impl AxisMonitor {
         let Some(&(from, first, first_velocity)) = self.window.front() else { return };
         let seconds = (at - from) as f64 / 1e9;
         match self.mode {
-            Some(OperatingMode::CyclicPosition) => {
+            Some(OperatingMode::CyclicPosition | OperatingMode::InterpolatedPosition) => {
                 let limit = self.step_limit / (self.target_ns / 1e9);
                 let jitter = 1.0 + SYNC_JITTER_NS / self.target_ns;
                 let late = if at < self.late_until { late_overshoot(self.target_ns) } else { 0.0 };
                 let together = 1.0 + self.released(at);
-                let most = limit * (OVERSHOOT * jitter * together + late) + ROUNDING;
+                let most =
+                    limit * (OVERSHOOT * jitter * together + late) + ROUNDING + self.feed_forward;
                 if at >= self.released_until && self.scheduled == 0.0 {
                     self.fastest = self.fastest.max((self.velocity.abs() - ROUNDING) / limit);
                 }
@@ -95,8 +121,10 @@ impl AxisMonitor {
                 }
                 // Targets that take effect in the window, one more at its edge, and the lag.
                 let offset = 2.0 * f64::from(self.standstill);
-                let most =
-                    limit * (seconds + LAG_S * together) + self.step_limit * together + offset;
+                let most = limit * (seconds + LAG_S * together)
+                    + self.step_limit * together
+                    + offset
+                    + self.feed_forward * LAG_S * 2.0;
                 let travel = (self.position - first).abs();
                 if travel > most {
                     let text = format!("{travel:.0} in {seconds:.3} s; the limit is {most:.0}");
@@ -105,7 +133,7 @@ impl AxisMonitor {
             }
             Some(OperatingMode::CyclicVelocity) => {
                 let targets = (seconds / (self.target_ns / 1e9)).ceil() + 1.0 + self.released(at);
-                let most = self.step_limit * targets + ROUNDING;
+                let most = self.step_limit * targets + ROUNDING + self.feed_forward;
                 let gain = self.velocity.abs() - first_velocity.abs();
                 if gain > most {
                     let text = format!("by {gain:.0}/s in {seconds:.3} s; the limit is {most:.0}");
@@ -113,19 +141,20 @@ impl AxisMonitor {
                 }
                 self.check_speed(at);
             }
-            Some(OperatingMode::ProfileVelocity) => self.check_speed(at),
+            Some(OperatingMode::ProfileVelocity | OperatingMode::Velocity) => self.check_speed(at),
             Some(OperatingMode::ProfilePosition)
                 if self.velocity.abs() > PROFILE_VELOCITY * OVERSHOOT =>
             {
                 let text = format!("{:.0}/s; 0x6081 is {PROFILE_VELOCITY:.0}", self.velocity);
                 self.report(at, Kind::Velocity, text);
             }
-            Some(OperatingMode::CyclicTorque) => {
+            Some(OperatingMode::CyclicTorque | OperatingMode::ProfileTorque) => {
                 let most = self.bounds.map_or(f64::MAX, |(low, high)| {
                     f64::from(low.unsigned_abs().max(high.unsigned_abs()))
                 });
-                // The first sample still shows the brake of the enabled drive.
-                if self.torque.abs() > most + 1.0 && !self.targets.is_empty() {
+                // The first sample still shows the brake of the enabled drive. A halted drive brakes in PT.
+                let brakes = self.mode == Some(OperatingMode::ProfileTorque) && self.is_halted;
+                if self.torque.abs() > most + 1.0 && !self.targets.is_empty() && !brakes {
                     let text = format!("{:.0}; the limit is {most:.0}", self.torque);
                     self.report(at, Kind::Torque, text);
                 }
@@ -136,7 +165,9 @@ impl AxisMonitor {
 
     pub(super) fn check_speed(&mut self, at: u64) {
         if let Some((low, high)) = self.bounds {
-            let most = f64::from(low.unsigned_abs().max(high.unsigned_abs())) * 1.02 + ROUNDING;
+            let most = f64::from(low.unsigned_abs().max(high.unsigned_abs())) * 1.02
+                + ROUNDING
+                + self.feed_forward;
             if self.velocity.abs() > most {
                 let text = format!("{:.0}/s; the limit is {most:.0}", self.velocity);
                 self.report(at, Kind::Velocity, text);
@@ -179,7 +210,12 @@ impl AxisMonitor {
         }
         let is_profile = matches!(
             self.mode,
-            Some(OperatingMode::ProfilePosition | OperatingMode::ProfileVelocity)
+            Some(
+                OperatingMode::ProfilePosition
+                    | OperatingMode::ProfileVelocity
+                    | OperatingMode::ProfileTorque
+                    | OperatingMode::Velocity
+            )
         );
         if let Some((low, high)) = self.bounds {
             let outside = |value: i32| {
@@ -187,7 +223,10 @@ impl AxisMonitor {
                     + (i64::from(value).max(i64::from(high)) - i64::from(high))
             };
             let before = self.targets.back().map_or(record.actual, |(_, target)| *target);
-            let is_first = record.kind == TargetKind::Position && self.targets.is_empty();
+            // An axis that held while its drive stayed enabled starts again at its actual position.
+            let is_late = |(then, _): &(u64, i32)| (at - then) as f64 > 3.0 * self.target_ns;
+            let is_first =
+                record.kind == TargetKind::Position && self.targets.back().is_none_or(is_late);
             let slack = if is_first { i64::from(self.standstill) * 2 } else { 0 };
             if outside(record.target) > outside(before) + slack {
                 let text = format!("target {} after {before}, {low}..{high}", record.target);

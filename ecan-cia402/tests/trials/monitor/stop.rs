@@ -82,6 +82,8 @@ impl AxisMonitor {
                 OperatingMode::CyclicVelocity
                     | OperatingMode::CyclicTorque
                     | OperatingMode::ProfileVelocity
+                    | OperatingMode::ProfileTorque
+                    | OperatingMode::Velocity
             )
         );
         self.was_running = false;

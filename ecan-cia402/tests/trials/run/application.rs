@@ -1,5 +1,6 @@
 //! The application and its operator.
 
+use ecan_cia402::FeedForward;
 use ecan_mcan_port::PendingStep;
 
 use super::Trial;
@@ -156,7 +157,20 @@ impl Trial {
                 _ if axis.config.bounds.is_some() => target.clamp(low.min(last), high.max(last)),
                 _ => target,
             };
-            let _ = cia402.set_target(n, target);
+            let limits = axis.config.feed_forward;
+            if axis.config.outputs.is_empty() || r.below(20) == 0 {
+                let _ = cia402.set_target(n, target);
+                continue;
+            }
+            // In the direction of the motion, or anything, also beyond the limits.
+            let velocity = limits.velocity.min(i32::MAX as u32) as i32;
+            let forward = match r.below(4) {
+                0 => r.pick(&[i32::MIN, -velocity, 0, velocity, i32::MAX]),
+                _ => velocity * (target > last) as i32 - velocity * (target < last) as i32,
+            };
+            let torque = limits.torque as i16;
+            let torque = r.pick(&[i16::MIN, -torque, 0, torque, i16::MAX]);
+            let _ = cia402.set_target_with(n, target, FeedForward { velocity: forward, torque });
         }
     }
 }
