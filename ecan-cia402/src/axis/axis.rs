@@ -13,11 +13,10 @@ use super::command_error::CommandError;
 use super::config::{AxisConfig, target_kind};
 use super::drive_poll::DrivePoll;
 use super::drive_status::DriveStatus;
+use super::further_data::FurtherData;
 use super::homing::HomingConfig;
 use super::host_loss::{HostLoss, StopOptions};
-use super::input_object::{AxisInputs, InputObject};
-use super::output_object::OutputValues;
-use super::pdo_layout::PdoLayout;
+use super::pdo_layout::CommandLayout;
 use super::phase::{AxisError, AxisPhase};
 use super::power::FaultReset;
 use super::procedure::{Procedure, Stage};
@@ -33,7 +32,6 @@ use super::takeover::{Takeover, TakeoverState};
 use super::target_period::TargetPeriod;
 use super::target_source::TargetSource;
 use super::target_tickets::TargetTickets;
-use super::touch_probe::TouchProbes;
 use super::verification::{Reachability, Verification};
 use crate::guard::feed_forward::FeedForwardGuard;
 use crate::guard::input::HoldReason;
@@ -56,11 +54,11 @@ pub(crate) struct Axis {
     pub(crate) config: AxisConfig,
     pub(crate) node: NodeHandle,
     pub(crate) rpdo: CanId,
-    /// CAN IDs of the RPDOs after the first.
-    pub(crate) auxiliary: Vec<CanId>,
-    pub(crate) layout: PdoLayout,
-    /// The layout has further objects.
+    pub(crate) command_layout: CommandLayout,
+    /// The TPDOs carry further objects, or there are RPDOs after the first.
     pub(crate) is_extended: bool,
+    pub(crate) has_auxiliary: bool,
+    pub(crate) further: Box<FurtherData>,
     pub(crate) cycles_per_sync: u32,
     /// New images, beyond those of the configuration, that a scheduled target may wait in the
     /// gateway.
@@ -79,20 +77,6 @@ pub(crate) struct Axis {
     /// Mode that the drive has confirmed, or that is being written.
     pub(crate) mode: OperatingMode,
     pub(crate) drive: DriveStatus,
-    /// Values of the further objects of the TPDOs.
-    pub(crate) inputs: AxisInputs,
-    /// Values of the RPDOs after the first.
-    pub(crate) outputs: OutputValues,
-    pub(crate) feed_forward: FeedForwardGuard,
-    /// The drive may have a feed-forward that was sent.
-    pub(crate) offsets_in_force: bool,
-    /// Cycles with a clear path since a frame without feed-forward was sent, that one included.
-    pub(crate) cleared_cycles: u8,
-    pub(crate) probes: TouchProbes,
-    /// The TPDO with the status of the touch probes.
-    pub(crate) probe_tpdo: Option<usize>,
-    /// The path has no known fault in this cycle. Only with RPDOs after the first.
-    pub(crate) is_path_clear: bool,
     /// Longest age of a present status.
     pub(crate) fresh_ns: u64,
     pub(crate) targets: TargetSource,
@@ -135,16 +119,15 @@ impl Axis {
     ) -> Self {
         let id = config.address.node;
         let mode = config.mode;
-        let layout = config.layout();
-        let numbers = (config.pdo_number..).take(layout.rpdo_count()).skip(1);
+        let further = Box::new(FurtherData::new(&config));
         Self {
             index,
             node,
             rpdo: CobId::rpdo(id, config.pdo_number).can_id(),
-            auxiliary: numbers.map(|number| CobId::rpdo(id, number).can_id()).collect(),
-            is_extended: layout.is_extended(),
-            probe_tpdo: layout.tpdo_of(InputObject::ProbeStatus),
-            layout,
+            command_layout: further.layout.command(),
+            is_extended: further.layout.is_extended(),
+            has_auxiliary: !further.auxiliary.is_empty(),
+            further,
             cycles_per_sync,
             schedule_images: 0,
             setup: SetupState::default(),
@@ -157,13 +140,6 @@ impl Axis {
             guard: MotionGuard::new(config.guard_limits(mode, cycles_per_sync)),
             mode,
             drive: DriveStatus::default(),
-            inputs: AxisInputs::default(),
-            outputs: OutputValues::default(),
-            feed_forward: FeedForwardGuard::new(config.feed_forward),
-            offsets_in_force: false,
-            cleared_cycles: 0,
-            probes: TouchProbes::default(),
-            is_path_clear: false,
             fresh_ns: FRESH_NS.max(sync_period_ns.saturating_mul(FRESH_PERIODS)),
             targets: TargetSource::new(ramp),
             set_point: SetPoint::default(),
@@ -336,7 +312,7 @@ impl Axis {
     pub(crate) fn convert_limits(&mut self, target_period: Duration) {
         let (config, ramp) = self.config.at_period(target_period, &mut |_| {});
         (self.config, self.targets.limits) = (config, ramp);
-        self.feed_forward = FeedForwardGuard::new(self.config.feed_forward);
+        self.further.feed_forward = FeedForwardGuard::new(self.config.feed_forward);
         self.set_mode(self.mode);
     }
 

@@ -9,7 +9,7 @@ use ecan_mcan_port::{Backpressure, SendError, SendTicket, TransmitReport};
 use super::axis::Axis;
 use super::axis_state::AxisState;
 use super::config::target_kind;
-use super::pdo_layout::RpdoBytes;
+use super::pdo_layout::{CommandLayout, RpdoBytes};
 use super::power::PowerGoal;
 use super::procedure::Stage;
 use super::ramp::Ramp;
@@ -51,7 +51,7 @@ impl Axis {
     /// Takes a TPDO, 0 is the first.
     pub(crate) fn take_tpdo(&mut self, nth: usize, data: &[u8]) {
         if nth == 0 {
-            match self.layout.decode(data) {
+            match CommandLayout::decode(data) {
                 Some(feedback) => {
                     self.drive.arrived = Some(feedback);
                     self.statistics.tpdo_received();
@@ -62,12 +62,13 @@ impl Axis {
         if !(self.is_extended && self.setup.is_complete()) {
             return;
         }
-        if !self.layout.decode_inputs(nth, data, &mut self.inputs) {
+        let further = &mut *self.further;
+        if !further.layout.decode_inputs(nth, data, &mut further.inputs) {
             self.statistics.malformed_tpdos += u64::from(nth > 0);
-        } else if self.probe_tpdo == Some(nth)
-            && let Some(status) = self.inputs.probe_status()
+        } else if further.probe_tpdo == Some(nth)
+            && let Some(status) = further.inputs.probe_status()
         {
-            self.probes.take(status);
+            further.probes.take(status);
         }
     }
 
@@ -96,7 +97,9 @@ impl Axis {
             drive: self.drive_view(status.as_ref()),
             actual,
         };
-        self.is_path_clear = !self.auxiliary.is_empty() && input.path.is_clear();
+        if self.has_auxiliary {
+            self.further.is_path_clear = input.path.is_clear();
+        }
         let before = std::mem::replace(&mut self.reachability, Reachability::of(&input));
         if self.reachability.is_lost_since(before) {
             self.require_verification();
@@ -186,13 +189,15 @@ impl Axis {
         {
             // A command that stops or resets: the guard never delays it, and it moves nothing.
             let target = self.guard.resting_target()?;
-            let rpdo = self.layout.encode(word, target, self.mode);
+            let rpdo = self.command_layout.encode(word, target, self.mode);
             return Some(Outgoing { rpdo, has_target: false, ramp: None });
         }
         if !(is_driven || self.state == AxisState::Resuming) {
             return None;
         }
-        if is_driven && self.coasts(now_ns) || self.awaits_end_of_feed_forward() {
+        if is_driven && self.coasts(now_ns)
+            || self.has_auxiliary && self.awaits_end_of_feed_forward()
+        {
             return None;
         }
         if let Some(reason) = self.delay(turn) {
@@ -225,7 +230,7 @@ impl Axis {
             self.set_point.start(target);
         }
         let (bits, target) = self.mode_bits(target);
-        let rpdo = self.layout.encode(word.with(bits), target, self.mode);
+        let rpdo = self.command_layout.encode(word.with(bits), target, self.mode);
         Some(Outgoing { rpdo, has_target: true, ramp })
     }
 

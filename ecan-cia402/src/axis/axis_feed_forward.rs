@@ -20,7 +20,7 @@ impl Axis {
     /// output that was lost arrives. A feed-forward ends with the targets, at once.
     pub(crate) fn prepare_auxiliary(&mut self, turn: TargetTurn, is_own_motion: bool) -> bool {
         self.step_offsets();
-        let before = self.feed_forward.last();
+        let before = self.further.feed_forward.last();
         match self.decision {
             Decision::Target(_) => {
                 let has_effect = matches!(
@@ -29,27 +29,27 @@ impl Axis {
                 );
                 let requested = self.targets.feed_forward.take();
                 let requested = requested.filter(|_| has_effect && !is_own_motion);
-                let is_limited = self.feed_forward.follow(requested);
+                let is_limited = self.further.feed_forward.follow(requested);
                 self.statistics.feed_forwards_limited += u64::from(is_limited);
             }
             Decision::Reject(_) => {
                 self.targets.feed_forward = None;
-                self.feed_forward.follow(None);
+                self.further.feed_forward.follow(None);
             }
             Decision::Wait(_) => return false,
             Decision::Track(_) | Decision::First(_) | Decision::Closed => {
                 self.targets.feed_forward = None;
-                self.feed_forward.end();
+                self.further.feed_forward.end();
             }
         }
-        self.outputs.velocity_offset = self.feed_forward.last().velocity;
-        self.outputs.torque_offset = self.feed_forward.last().torque;
-        self.outputs.probe_function = self.probes.function();
+        self.further.outputs.velocity_offset = self.further.feed_forward.last().velocity;
+        self.further.outputs.torque_offset = self.further.feed_forward.last().torque;
+        self.further.outputs.probe_function = self.further.probes.function();
         let has_ended =
-            before != FeedForward::NONE && self.feed_forward.last() == FeedForward::NONE;
+            before != FeedForward::NONE && self.further.feed_forward.last() == FeedForward::NONE;
         (turn == TargetTurn::Due || has_ended)
             && self.setup.is_complete()
-            && self.is_path_clear
+            && self.further.is_path_clear
             && self.is_verified()
             && self.reachability.operational
     }
@@ -57,13 +57,13 @@ impl Axis {
     /// A motor with a feed-forward is not where its position controller leads it: the position of the
     /// first target is read after the end of the feed-forward.
     fn step_offsets(&mut self) {
-        if !self.is_path_clear {
-            self.cleared_cycles = 0;
-        } else if self.cleared_cycles > 0 {
-            self.cleared_cycles += 1;
-            if self.cleared_cycles > CLEARED_CYCLES {
-                self.offsets_in_force = false;
-                self.cleared_cycles = 0;
+        if !self.further.is_path_clear {
+            self.further.cleared_cycles = 0;
+        } else if self.further.cleared_cycles > 0 {
+            self.further.cleared_cycles += 1;
+            if self.further.cleared_cycles > CLEARED_CYCLES {
+                self.further.offsets_in_force = false;
+                self.further.cleared_cycles = 0;
                 self.guard.restart_activation();
             }
         }
@@ -71,21 +71,25 @@ impl Axis {
 
     /// The RPDOs after the first were sent; the last ones were not unless `is_complete`.
     pub(crate) fn auxiliary_sent(&mut self, is_complete: bool) {
-        if self.feed_forward.last() != FeedForward::NONE {
-            self.offsets_in_force = true;
-            self.cleared_cycles = 0;
-        } else if self.offsets_in_force && is_complete && self.cleared_cycles == 0 {
-            self.cleared_cycles = 1;
+        if self.further.feed_forward.last() != FeedForward::NONE {
+            self.further.offsets_in_force = true;
+            self.further.cleared_cycles = 0;
+        } else if self.further.offsets_in_force && is_complete && self.further.cleared_cycles == 0 {
+            self.further.cleared_cycles = 1;
         }
     }
 
     /// Returns whether the drive has a feed-forward although the axis gets no targets.
     pub(crate) fn awaits_end_of_feed_forward(&self) -> bool {
-        self.offsets_in_force && !self.is_running()
+        self.further.offsets_in_force && !self.is_running()
     }
 
     /// The RPDOs after the first.
     pub(crate) fn auxiliary_frames(&self) -> impl Iterator<Item = (CanId, RpdoBytes)> {
-        self.auxiliary.iter().copied().zip(self.layout.encode_auxiliary(&self.outputs))
+        self.further
+            .auxiliary
+            .iter()
+            .copied()
+            .zip(self.further.layout.encode_auxiliary(&self.further.outputs))
     }
 }

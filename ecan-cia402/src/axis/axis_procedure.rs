@@ -72,7 +72,7 @@ impl Axis {
     /// The script of the next PDOs after one that is complete.
     pub(crate) fn next_verification(&mut self) -> Option<Script> {
         self.verification_stage += 1;
-        let count = self.layout.rpdo_count().max(self.layout.tpdo_count());
+        let count = self.further.layout.rpdo_count().max(self.further.layout.tpdo_count());
         (self.verification_stage < count).then(|| self.verification_script())
     }
 
@@ -81,15 +81,15 @@ impl Axis {
     pub(crate) fn verification_script(&self) -> Script {
         let stage = self.verification_stage;
         let nth = u16::from(self.config.pdo_number.saturating_sub(1)) + stage as u16;
-        let has_rpdo = stage < self.layout.rpdo_count();
-        let has_tpdo = stage < self.layout.tpdo_count();
+        let has_rpdo = stage < self.further.layout.rpdo_count();
+        let has_tpdo = stage < self.further.layout.tpdo_count();
         let rpdo = has_rpdo.then(|| {
             let index = object::RPDO_MAPPING + nth;
-            mapping_steps(index, || self.layout.rpdo_entries(stage))
+            mapping_steps(index, || self.further.layout.rpdo_entries(stage))
         });
         let tpdo = has_tpdo.then(|| {
             let index = object::TPDO_MAPPING + nth;
-            mapping_steps(index, || self.layout.tpdo_entries(stage))
+            mapping_steps(index, || self.further.layout.tpdo_entries(stage))
         });
         let mapping = rpdo.into_iter().flatten().chain(tpdo.into_iter().flatten());
         let communication = [

@@ -124,7 +124,7 @@ impl Axis {
         self.verification = Verification::Complete;
         self.state = AxisState::Standby;
         // Of an earlier owner.
-        self.offsets_in_force = !self.auxiliary.is_empty();
+        self.further.offsets_in_force = self.has_auxiliary;
         self.complete_setup(network, self.config.drive.heartbeat_ms.into());
     }
 
@@ -174,9 +174,9 @@ impl Axis {
 
     fn forget_drive(&mut self) {
         self.drive.forget();
-        self.inputs = AxisInputs::default();
-        self.feed_forward.end();
-        self.offsets_in_force = false;
-        self.cleared_cycles = 0;
+        self.further.inputs = AxisInputs::default();
+        self.further.feed_forward.end();
+        self.further.offsets_in_force = false;
+        self.further.cleared_cycles = 0;
     }
 }

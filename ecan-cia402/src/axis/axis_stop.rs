@@ -210,8 +210,10 @@ impl Axis {
             };
         // An axis at rest may hold a load by its torque, which the first target would take away.
         // In IP the last set-point is not in 0x607A.
-        let is_torque =
-            matches!(self.layout.target(), TargetObject::Torque | TargetObject::InterpolationData);
+        let is_torque = matches!(
+            self.command_layout.target(),
+            TargetObject::Torque | TargetObject::InterpolationData
+        );
         self.drive.is_enabled()
             && mode == Some(self.config.mode.raw())
             && holds_position

@@ -18,6 +18,7 @@ pub(crate) mod command_error;
 pub(crate) mod config;
 mod drive_poll;
 mod drive_status;
+pub(crate) mod further_data;
 pub(crate) mod homing;
 pub(crate) mod host_loss;
 pub(crate) mod input_object;

@@ -80,12 +80,60 @@ impl TargetObject {
 /// be zeroed, and an output be set, without one.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct PdoLayout {
-    target: TargetObject,
-    has_mode: bool,
+    command: CommandLayout,
     /// RPDOs after the first.
     auxiliary: Vec<Vec<OutputObject>>,
     /// Objects of the TPDOs; in the first one after statusword and actual position.
     inputs: Vec<Vec<InputObject>>,
+}
+
+/// The first RPDO: controlword, target, and the mode by choice.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub(crate) struct CommandLayout {
+    target: TargetObject,
+    has_mode: bool,
+}
+
+impl CommandLayout {
+    pub(crate) fn target(self) -> TargetObject {
+        self.target
+    }
+
+    /// The RPDO. A target beyond an `i16` is cut to its limits if its object has 16 bits.
+    pub(crate) fn encode(
+        self,
+        controlword: Controlword,
+        target: i32,
+        mode: OperatingMode,
+    ) -> RpdoBytes {
+        let [low, high] = controlword.0.to_le_bytes();
+        let target = if self.target.is_short() {
+            target.clamp(i16::MIN.into(), i16::MAX.into())
+        } else {
+            target
+        };
+        let [first, second, third, fourth] = target.to_le_bytes();
+        if self.has_mode || self.target.is_short() {
+            let mode = mode.raw().cast_unsigned();
+            let (bytes, length) = if self.target.is_short() {
+                ([low, high, first, second, mode, 0, 0, 0], 4)
+            } else {
+                ([low, high, first, second, third, fourth, mode, 0], 6)
+            };
+            return RpdoBytes { bytes, length: length + usize::from(self.has_mode) };
+        }
+        RpdoBytes { bytes: [low, high, first, second, third, fourth, 0, 0], length: 6 }
+    }
+
+    /// Reads the first TPDO; `None` if it is shorter than mapped.
+    pub(crate) fn decode(data: &[u8]) -> Option<Feedback> {
+        let (status, rest) = data.split_first_chunk::<2>()?;
+        let (position, _) = rest.split_first_chunk::<4>()?;
+        Some(Feedback {
+            statusword: Statusword(u16::from_le_bytes(*status)),
+            position: i32::from_le_bytes(*position),
+        })
+    }
 }
 
 /// An RPDO, ready to be sent.
@@ -132,12 +180,16 @@ impl PdoLayout {
             }
         }
         let has_mode = outputs.contains(&OutputObject::Mode);
-        Self { target, has_mode, auxiliary, inputs: tpdos }
+        Self { command: CommandLayout { target, has_mode }, auxiliary, inputs: tpdos }
     }
 
     /// The object after the controlword.
     pub fn target(&self) -> TargetObject {
-        self.target
+        self.command.target
+    }
+
+    pub(crate) fn command(&self) -> CommandLayout {
+        self.command
     }
 
     /// Number of RPDOs.
@@ -153,7 +205,7 @@ impl PdoLayout {
     /// Returns whether the RPDOs carry an object.
     pub fn has_output(&self, output: OutputObject) -> bool {
         match output {
-            OutputObject::Mode => self.has_mode,
+            OutputObject::Mode => self.command.has_mode,
             _ => self.auxiliary.iter().flatten().any(|it| *it == output),
         }
     }
@@ -171,8 +223,8 @@ impl PdoLayout {
     /// Entries of the mapping of an RPDO, 0 is the first. Real-time safe.
     pub fn rpdo_entries(&self, nth: usize) -> impl Iterator<Item = MappingEntry> {
         let controlword = MappingEntry::new(object::CONTROLWORD, 0, 16);
-        let first = [Some(controlword), Some(self.target.entry())];
-        let mode = self.has_mode.then(|| OutputObject::Mode.entry());
+        let first = [Some(controlword), Some(self.command.target.entry())];
+        let mode = self.command.has_mode.then(|| OutputObject::Mode.entry());
         let first = first.into_iter().chain([mode]).flatten().filter(move |_| nth == 0);
         let others = nth.checked_sub(1).and_then(|nth| self.auxiliary.get(nth));
         first.chain(others.into_iter().flatten().map(|output| output.entry()))
@@ -192,22 +244,7 @@ impl PdoLayout {
     /// The first RPDO. A target beyond an `i16` is cut to its limits if its object has 16 bits.
     /// Real-time safe.
     pub fn encode(&self, controlword: Controlword, target: i32, mode: OperatingMode) -> RpdoBytes {
-        let mut bytes = [0; MAX_BYTES];
-        let (head, tail) = bytes.split_at_mut(2);
-        head.copy_from_slice(&controlword.0.to_le_bytes());
-        let mut length = if self.target.is_short() {
-            let short = target.clamp(i16::MIN.into(), i16::MAX.into()) as i16;
-            2 + fill(tail, &short.to_le_bytes())
-        } else {
-            2 + fill(tail, &target.to_le_bytes())
-        };
-        if self.has_mode
-            && let Some(byte) = bytes.get_mut(length)
-        {
-            *byte = mode.raw().cast_unsigned();
-            length += 1;
-        }
-        RpdoBytes { bytes, length }
+        self.command.encode(controlword, target, mode)
     }
 
     /// The RPDOs after the first. Real-time safe.
@@ -226,12 +263,7 @@ impl PdoLayout {
 
     /// Reads the first TPDO; `None` if it is shorter than mapped. Real-time safe.
     pub fn decode(&self, data: &[u8]) -> Option<Feedback> {
-        let (status, rest) = data.split_first_chunk::<2>()?;
-        let (position, _) = rest.split_first_chunk::<4>()?;
-        Some(Feedback {
-            statusword: Statusword(u16::from_le_bytes(*status)),
-            position: i32::from_le_bytes(*position),
-        })
+        CommandLayout::decode(data)
     }
 
     /// Reads the further objects of a TPDO, 0 is the first. Returns false if it is shorter than
@@ -312,7 +344,9 @@ mod tests {
                 let bits: usize = layout.rpdo_entries(0).map(|e| usize::from(e.bits)).sum();
                 let rpdo = layout.encode(Controlword(0), 0, mode);
                 assert_eq!(rpdo.as_slice().len() * 8, bits);
-                assert!(layout.target.serves(mode) && layout.target.serves(OperatingMode::Homing));
+                assert!(
+                    layout.target().serves(mode) && layout.target().serves(OperatingMode::Homing)
+                );
             }
         }
         let layout = PdoLayout::default();

@@ -77,7 +77,7 @@ impl FeedForwardGuard {
     }
 }
 
-/// The value next to `last` on the way to `wanted`, by at most `change`, within `most`.
+/// The value after `last` in the direction of `wanted`: at most `change` further, within `most`.
 fn limited(last: i32, wanted: i32, most: u32, change: u32) -> i32 {
     let most = i64::from(most.min(i32::MAX as u32));
     let wanted = i64::from(wanted).clamp(-most, most);

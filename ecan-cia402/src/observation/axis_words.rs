@@ -152,8 +152,8 @@ fn error_word(node: &NodeStatus, error: u8, hold: u16) -> u64 {
 /// The words of the further objects of process data.
 #[inline(never)]
 pub(super) fn encode_extension(axis: &Axis) -> [u64; EXTENSION_WORDS] {
-    let (values, present) = axis.inputs.parts();
-    let FeedForward { velocity, torque } = axis.feed_forward.last();
+    let (values, present) = axis.further.inputs.parts();
+    let FeedForward { velocity, torque } = axis.further.feed_forward.last();
     let torque = u64::from(torque.cast_unsigned());
     let mut words = [0; EXTENSION_WORDS];
     let (first, rest) = words.split_at_mut(1);

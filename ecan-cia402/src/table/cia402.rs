@@ -338,7 +338,8 @@ impl Cia402 {
             self.axes.iter().map(|a| (a.config.address.slave, a.config.address.channel)).collect();
         channels.sort_unstable();
         channels.dedup();
-        let axes = self.axes.iter().map(|a| (a.config.address, a.config.pdo_number, &a.layout));
+        let axes =
+            self.axes.iter().map(|a| (a.config.address, a.config.pdo_number, &a.further.layout));
         let offset_ns = self.target_options.schedule.map(|schedule| schedule.offset_ns);
         let streams = process_data(axes, &self.sync, self.target_cycles, offset_ns);
         let cycle_ns = self.cycle_ns;

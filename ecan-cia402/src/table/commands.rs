@@ -333,12 +333,12 @@ impl Cia402 {
 
     /// The feed-forward that was sent last.
     pub fn feed_forward(&self, axis: usize) -> FeedForward {
-        self.axis(axis).map(|axis| axis.feed_forward.last()).unwrap_or_default()
+        self.axis(axis).map(|axis| axis.further.feed_forward.last()).unwrap_or_default()
     }
 
     /// Values of the further objects in the last TPDOs of a drive, see [`AxisConfig::inputs`].
     pub fn inputs(&self, axis: usize) -> Option<&AxisInputs> {
-        self.axis(axis).map(|axis| &axis.inputs)
+        self.axis(axis).map(|axis| &axis.further.inputs)
     }
 
     /// Sets the digital outputs 0x60FE:01 of a drive, in every state of the axis. They are sent in
@@ -350,7 +350,7 @@ impl Cia402 {
     /// # Errors
     /// [`CommandError::NoSuchAxis`]; [`CommandError::NotMapped`] if the object is not mapped.
     pub fn set_digital_outputs(&mut self, axis: usize, outputs: u32) -> Result<(), CommandError> {
-        self.mapped(axis, OutputObject::DigitalOutputs)?.outputs.digital_outputs = outputs;
+        self.mapped(axis, OutputObject::DigitalOutputs)?.further.outputs.digital_outputs = outputs;
         Ok(())
     }
 
@@ -367,7 +367,7 @@ impl Cia402 {
         probe: Probe,
         trigger: ProbeTrigger,
     ) -> Result<(), CommandError> {
-        self.mapped(axis, OutputObject::ProbeFunction)?.probes.arm(probe, trigger);
+        self.mapped(axis, OutputObject::ProbeFunction)?.further.probes.arm(probe, trigger);
         Ok(())
     }
 
@@ -376,18 +376,18 @@ impl Cia402 {
     /// # Errors
     /// [`CommandError::NoSuchAxis`]; [`CommandError::NotMapped`] if the object is not mapped.
     pub fn disarm_probe(&mut self, axis: usize, probe: Probe) -> Result<(), CommandError> {
-        self.mapped(axis, OutputObject::ProbeFunction)?.probes.disarm(probe);
+        self.mapped(axis, OutputObject::ProbeFunction)?.further.probes.disarm(probe);
         Ok(())
     }
 
     /// State of a touch probe, with the positions that it has sampled since it was armed.
     pub fn probe(&self, axis: usize, probe: Probe) -> Option<ProbeState> {
-        self.axis(axis).map(|axis| axis.probes.state(probe, &axis.inputs))
+        self.axis(axis).map(|axis| axis.further.probes.state(probe, &axis.further.inputs))
     }
 
     fn mapped(&mut self, index: usize, output: OutputObject) -> Result<&mut Axis, CommandError> {
         let axis = self.axis_mut(index)?;
-        if axis.layout.has_output(output) {
+        if axis.further.layout.has_output(output) {
             Ok(axis)
         } else {
             Err(CommandError::NotMapped { axis: index, output })

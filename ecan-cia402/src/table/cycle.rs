@@ -3,13 +3,14 @@
 use ecan_canopen::NodeAddress;
 use ecan_host::QuickStop;
 use ecan_mcan_port::{Cycle, Received, ReceivedFrame, SendError, SendOptions};
-use ecan_protocol::can::{FrameKind, FrameRef};
+use ecan_protocol::can::{CanId, FrameKind, FrameRef};
 use ecan_protocol::mapping::CHANNELS;
 
 use super::cia402::Cia402;
 use super::lookup::AxisLookup;
 use crate::axis::axis::Axis;
 use crate::axis::axis_cycle::TargetTurn;
+use crate::axis::pdo_layout::RpdoBytes;
 use crate::axis::stop::StopCause;
 use crate::guard::gateway_watch::GatewayWatch;
 use crate::guard::terms::{Decision, WaitReason};
@@ -219,15 +220,12 @@ impl Cia402 {
                 }
             }
             axis.count_gap();
-            let is_own_motion = outgoing.is_some_and(|outgoing| outgoing.ramp.is_some());
-            if !axis.auxiliary.is_empty()
-                && axis.prepare_auxiliary(turn, is_own_motion)
-                && gateway.is_some_and(GatewayWatch::is_open)
-                && !full.contains((slave, channel))
-            {
-                let sent = send_auxiliary(cycle, axis, self.target_options);
-                axis.auxiliary_sent(sent.is_ok());
-                if sent.is_err() {
+            if axis.has_auxiliary {
+                let can_send =
+                    gateway.is_some_and(GatewayWatch::is_open) && !full.contains((slave, channel));
+                let is_own_motion = outgoing.as_ref().is_some_and(|it| it.ramp.is_some());
+                let options = self.target_options;
+                if !send_auxiliary(cycle, axis, (turn, is_own_motion, can_send), options) {
                     full.insert((slave, channel));
                 }
             }
@@ -296,19 +294,27 @@ impl Cia402 {
     }
 }
 
-/// Sends the RPDOs of an axis after the first, until the Port rejects one.
+/// Sends the RPDOs of an axis after the first, if they are due and can be sent, until the Port rejects
+/// one; then it returns false.
+#[inline(never)]
 fn send_auxiliary(
     cycle: &mut Cycle<'_>,
-    axis: &Axis,
+    axis: &mut Axis,
+    (turn, is_own_motion, can_send): (TargetTurn, bool, bool),
     options: SendOptions,
-) -> Result<(), SendError> {
+) -> bool {
+    if !(axis.prepare_auxiliary(turn, is_own_motion) && can_send) {
+        return true;
+    }
     let NodeAddress { slave, channel, .. } = axis.config.address;
-    for (id, rpdo) in axis.auxiliary_frames() {
+    let mut send = |(id, rpdo): (CanId, RpdoBytes)| -> Result<(), SendError> {
         let frame = FrameRef::classic(id, rpdo.as_slice())?;
         let to = cycle.channel(slave, channel)?;
-        cycle.send_with(to, frame, options)?;
-    }
-    Ok(())
+        cycle.send_with(to, frame, options).map(|_| ())
+    };
+    let is_complete = axis.auxiliary_frames().all(|frame| send(frame).is_ok());
+    axis.auxiliary_sent(is_complete);
+    is_complete
 }
 
 /// Returns whether this cycle carries targets of running axes of a gateway; `begins` states whether a target

@@ -1,0 +1,53 @@
+//! Process data of an axis beyond controlword, target, statusword and actual position.
+
+use ecan_canopen::CobId;
+use ecan_protocol::can::CanId;
+
+use super::config::AxisConfig;
+use super::input_object::{AxisInputs, InputObject};
+use super::output_object::OutputValues;
+use super::pdo_layout::PdoLayout;
+use super::touch_probe::TouchProbes;
+use crate::guard::feed_forward::FeedForwardGuard;
+
+/// Further process data of an axis, apart from what every axis needs in every cycle.
+#[derive(Debug)]
+pub(crate) struct FurtherData {
+    pub(crate) layout: PdoLayout,
+    /// CAN IDs of the RPDOs after the first.
+    pub(crate) auxiliary: Vec<CanId>,
+    /// Values of the further objects of the TPDOs.
+    pub(crate) inputs: AxisInputs,
+    /// Values of the RPDOs after the first.
+    pub(crate) outputs: OutputValues,
+    pub(crate) feed_forward: FeedForwardGuard,
+    /// The drive may have a feed-forward that was sent.
+    pub(crate) offsets_in_force: bool,
+    /// Cycles with a clear path since a frame without feed-forward was sent, that one included.
+    pub(crate) cleared_cycles: u8,
+    /// The path has no known fault in this cycle. Only with RPDOs after the first.
+    pub(crate) is_path_clear: bool,
+    pub(crate) probes: TouchProbes,
+    /// The TPDO with the status of the touch probes.
+    pub(crate) probe_tpdo: Option<usize>,
+}
+
+impl FurtherData {
+    pub(crate) fn new(config: &AxisConfig) -> Self {
+        let layout = config.layout();
+        let numbers = (config.pdo_number..).take(layout.rpdo_count()).skip(1);
+        let id = |number| CobId::rpdo(config.address.node, number).can_id();
+        Self {
+            auxiliary: numbers.map(id).collect(),
+            probe_tpdo: layout.tpdo_of(InputObject::ProbeStatus),
+            layout,
+            inputs: AxisInputs::default(),
+            outputs: OutputValues::default(),
+            feed_forward: FeedForwardGuard::new(config.feed_forward),
+            offsets_in_force: false,
+            cleared_cycles: 0,
+            is_path_clear: false,
+            probes: TouchProbes::default(),
+        }
+    }
+}
