@@ -13,6 +13,7 @@ use super::command_error::CommandError;
 use super::config::{AxisConfig, target_kind};
 use super::drive_poll::DrivePoll;
 use super::drive_status::DriveStatus;
+use super::drive_units::ScaleSource;
 use super::further_data::FurtherData;
 use super::homing::HomingConfig;
 use super::host_loss::{HostLoss, StopOptions};
@@ -125,7 +126,7 @@ impl Axis {
             node,
             rpdo: CobId::rpdo(id, config.pdo_number).can_id(),
             command_layout: further.layout.command(),
-            is_extended: further.layout.is_extended(),
+            is_extended: further.layout.is_extended() || config.scale_source == ScaleSource::Drive,
             has_auxiliary: !further.auxiliary.is_empty(),
             further,
             cycles_per_sync,
@@ -320,6 +321,10 @@ impl Axis {
     pub(crate) fn set_mode(&mut self, mode: OperatingMode) {
         self.mode = mode;
         let mut limits = self.config.guard_limits(mode, self.cycles_per_sync);
+        if let Some((drive, units)) = self.further.limits.zip(self.further.units) {
+            let period_ns = self.target_period.ns();
+            drive.narrow(&mut limits, (mode, &self.config), &units, period_ns);
+        }
         limits.drain_images = limits.drain_images.saturating_add(self.schedule_images);
         self.guard.set_limits(limits);
     }

@@ -63,6 +63,12 @@ pub enum AxisFault {
         /// Steps per turn.
         steps_per_turn: f64,
     },
+    /// Limits in units of the machine are converted before the units of the drive are read.
+    #[error(
+        "limits in rad/s, rad/s^2 and rad/s^3 need a configured scale; set scale_source to Checked, \
+         or step_limit and ramp in increments"
+    )]
+    ScaleSource,
     /// With a step limit of 0 the axis could never move.
     #[error("the step limit is 0; must be at least 1")]
     NoStep,

@@ -6,6 +6,8 @@ use ecan_canopen::{Configuring, Network, PdoMappingError, StepFailure, StepFault
 
 use super::axis::Axis;
 use super::axis_state::AxisState;
+use super::drive_limits::DriveLimits;
+use super::drive_units::{DriveUnits, ScaleFinding, ScaleSource};
 use super::host_loss::StopOptions;
 use super::input_object::AxisInputs;
 use super::phase::AxisError;
@@ -111,6 +113,7 @@ impl Axis {
         let period_ms = self.configurator.uploaded(self.node, producer, 0).unwrap_or_default();
         self.complete_setup(network, period_ms);
         self.read_back_stop_options(network);
+        self.read_back_limits();
         if network.sdo_silences(self.node) != self.silences {
             // The drive may have restarted in between, and lost the first steps.
             self.require_verification();
@@ -134,6 +137,31 @@ impl Axis {
         network.set_heartbeat_timeout(self.node, timeout);
         self.boot_ups = network.status(self.node).map_or(0, |status| status.boot_ups);
         self.statistics.restart_tpdo_count();
+    }
+
+    /// Takes the limits and units of the drive, if they were read.
+    fn read_back_limits(&mut self) {
+        let value = |index, subindex| self.configurator.uploaded(self.node, index, subindex);
+        let reads_limits = self.config.reads_limits();
+        let source = self.config.scale_source;
+        if source == ScaleSource::Configured && !reads_limits {
+            return;
+        }
+        let units = DriveUnits::from_values(value);
+        self.further.limits = reads_limits.then(|| DriveLimits::from_values(value));
+        self.further.units = Some(units);
+        if source == ScaleSource::Drive
+            && let Some(scale) = units.scale(self.config.scale.parts().1)
+        {
+            self.config.scale = scale;
+        }
+        if source != ScaleSource::Configured
+            && let Some(finding) = ScaleFinding::of(self.config.scale, &units)
+        {
+            tracing::warn!(axis = self.index, "axis {}: {finding}", self.index);
+            self.further.scale_finding = Some(finding);
+        }
+        self.set_mode(self.mode);
     }
 
     fn read_back_stop_options(&mut self, network: &Network) {
@@ -175,6 +203,9 @@ impl Axis {
     fn forget_drive(&mut self) {
         self.drive.forget();
         self.further.inputs = AxisInputs::default();
+        self.further.limits = None;
+        self.further.units = None;
+        self.further.scale_finding = None;
         self.further.feed_forward.end();
         self.further.offsets_in_force = false;
         self.further.cleared_cycles = 0;

@@ -9,6 +9,7 @@ use ecan_canopen::{
 use ecan_protocol::mapping::CHANNELS;
 
 use super::axis_fault::AxisFault;
+use super::drive_units::ScaleSource;
 use super::input_object::InputObject;
 use super::motion_limits::MotionLimits;
 use super::output_object::OutputObject;
@@ -102,6 +103,15 @@ pub struct DriveConfig {
     pub vl: VlConfig,
     /// Writes [`AxisConfig::bounds`] to 0x607D too, in a position mode (optional).
     pub write_position_limits: bool,
+    /// Largest torque 0x6072, in thousandths of the rated torque; `None` does not write it.
+    pub max_torque: Option<u16>,
+    /// Largest speed of the motor 0x6080, in revolutions per minute; `None` does not write it.
+    pub max_motor_speed: Option<u32>,
+    /// Reads 0x6072, 0x607D and 0x6080, and narrows the limits of the axis to those of the drive:
+    /// bounds in position and torque modes, in CSP and IP the step limit, in CSV and PV the bounds, by
+    /// the motor speed and the [units](crate::DriveUnits) of the drive. Also done if one of the two above is
+    /// set. The limits of the axis are never widened.
+    pub use_limits: bool,
     /// Disables the other TPDOs (optional), so that they take no bus time.
     pub silence_other_tpdos: bool,
     /// Further steps, done after the mapping and before the mode, while Pre-operational.
@@ -131,6 +141,9 @@ impl Default for DriveConfig {
             torque_slope: None,
             vl: VlConfig::default(),
             write_position_limits: false,
+            max_torque: None,
+            max_motor_speed: None,
+            use_limits: false,
             silence_other_tpdos: true,
             further: Vec::new(),
         }
@@ -146,6 +159,8 @@ pub struct AxisConfig {
     pub mode: OperatingMode,
     /// Steps of the position counter per turn, for angles.
     pub scale: Scale,
+    /// Origin of the scale: this configuration, compared with the drive if wanted, or the drive.
+    pub scale_source: ScaleSource,
     /// Range of the position counter.
     pub range: PositionRange,
     /// Smallest and largest target, in steps or in units of velocity or torque.
@@ -205,6 +220,7 @@ impl AxisConfig {
             address,
             mode: OperatingMode::CyclicPosition,
             scale: Scale::default(),
+            scale_source: ScaleSource::default(),
             range: PositionRange::Linear,
             bounds: None,
             step_limit: 1_000,
@@ -273,6 +289,12 @@ impl AxisConfig {
         }
     }
 
+    /// Returns whether the limits of the drive are read.
+    pub(crate) fn reads_limits(&self) -> bool {
+        let drive = &self.drive;
+        drive.use_limits || drive.max_torque.is_some() || drive.max_motor_speed.is_some()
+    }
+
     /// Returns whether the drive follows its targets only with the right interpolation time 0x60C2.
     pub(crate) fn needs_interpolation_time(&self) -> bool {
         matches!(self.mode, OperatingMode::CyclicPosition | OperatingMode::InterpolatedPosition)
@@ -294,6 +316,9 @@ impl AxisConfig {
             && !units.is_normal()
         {
             report(AxisFault::VelocityUnits { units });
+        }
+        if self.scale_source == ScaleSource::Drive && self.limits.iter().next().is_some() {
+            report(AxisFault::ScaleSource);
         }
         self.check_limits(report);
         // With a velocity limit these follow from it.

@@ -4,6 +4,8 @@ use ecan_canopen::CobId;
 use ecan_protocol::can::CanId;
 
 use super::config::AxisConfig;
+use super::drive_limits::DriveLimits;
+use super::drive_units::{DriveUnits, ScaleFinding};
 use super::input_object::{AxisInputs, InputObject};
 use super::output_object::OutputValues;
 use super::pdo_layout::PdoLayout;
@@ -28,6 +30,10 @@ pub(crate) struct FurtherData {
     /// The path has no known fault in this cycle. Only with RPDOs after the first.
     pub(crate) is_path_clear: bool,
     pub(crate) probes: TouchProbes,
+    /// Limits and units of the drive, as they were read.
+    pub(crate) limits: Option<DriveLimits>,
+    pub(crate) units: Option<DriveUnits>,
+    pub(crate) scale_finding: Option<ScaleFinding>,
     /// The TPDO with the status of the touch probes.
     pub(crate) probe_tpdo: Option<usize>,
 }
@@ -48,6 +54,9 @@ impl FurtherData {
             cleared_cycles: 0,
             is_path_clear: false,
             probes: TouchProbes::default(),
+            limits: None,
+            units: None,
+            scale_finding: None,
         }
     }
 }

@@ -21,6 +21,10 @@ impl TargetPeriod {
         Self { cycles, ns, awaits_sync: false, elapsed: u32::MAX, effective_ns: 0 }
     }
 
+    pub(crate) fn ns(&self) -> u64 {
+        self.ns
+    }
+
     pub(crate) fn begin_cycle(&mut self) {
         self.elapsed = self.elapsed.saturating_add(1);
     }

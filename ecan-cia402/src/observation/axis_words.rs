@@ -21,7 +21,11 @@ pub(super) const CYCLE_WORDS: usize = 6;
 /// Words of a rejected target; else their content is old.
 pub(super) const REJECTION_WORDS: usize = 2;
 /// Words of the further objects of process data, of axes that have some.
-pub(super) const EXTENSION_WORDS: usize = 7;
+pub(super) const EXTENSION_WORDS: usize = 8;
+/// Words of the values of inputs among them.
+const INPUT_WORDS: usize = 6;
+/// The scale is that of the extension: a bit above those of the inputs.
+const HAS_SCALE: u64 = 1 << 15;
 pub(super) const AXIS_WORDS: usize = FIXED_WORDS + CYCLE_WORDS + REJECTION_WORDS + EXTENSION_WORDS;
 
 /// Words of one axis, by their kind.
@@ -156,8 +160,10 @@ pub(super) fn encode_extension(axis: &Axis) -> [u64; EXTENSION_WORDS] {
     let FeedForward { velocity, torque } = axis.further.feed_forward.last();
     let torque = u64::from(torque.cast_unsigned());
     let mut words = [0; EXTENSION_WORDS];
-    let (first, rest) = words.split_at_mut(1);
-    first.fill(u64::from(present) | torque << 16 | u64::from(velocity.cast_unsigned()) << 32);
+    let [first, scale, rest @ ..] = &mut words;
+    *first =
+        u64::from(present) | HAS_SCALE | torque << 16 | u64::from(velocity.cast_unsigned()) << 32;
+    *scale = axis.config.scale.parts().0.to_bits();
     for (word, values) in rest.iter_mut().zip(values.as_chunks().0) {
         let [low, high] = *values;
         *word = pair(low, high);
@@ -166,13 +172,13 @@ pub(super) fn encode_extension(axis: &Axis) -> [u64; EXTENSION_WORDS] {
 }
 
 fn extension_of(words: &[u64; EXTENSION_WORDS]) -> (AxisInputs, FeedForward) {
-    let [first, rest @ ..] = *words;
-    let mut values = [0; 2 * (EXTENSION_WORDS - 1)];
+    let [first, _, rest @ ..] = *words;
+    let mut values = [0; 2 * INPUT_WORDS];
     for (values, word) in values.as_chunks_mut().0.iter_mut().zip(rest) {
         let (low, high) = unpair(word);
         *values = [low, high];
     }
-    let inputs = AxisInputs::of_parts(values, first as u16);
+    let inputs = AxisInputs::of_parts(values, (first & !HAS_SCALE) as u16);
     let torque = ((first >> 16) as u16).cast_signed();
     (inputs, FeedForward { velocity: unpair(first).1, torque })
 }
@@ -266,6 +272,8 @@ pub(super) fn status_of(words: AxisWords<'_>) -> Option<AxisStatus> {
     let (actual, target) = unpair(positions);
     let (origin, range_kind) = unpair(origin);
     let (inputs, feed_forward) = extension_of(words.extension);
+    let [extension, scale, ..] = *words.extension;
+    let steps_per_turn = if extension & HAS_SCALE != 0 { scale } else { steps_per_turn };
     let (min, max) = unpair(range);
     let has = |bit| state & bit != 0;
     let value = unpair(decided).0;

@@ -7,6 +7,8 @@ use super::shutdown::Shutdown;
 use crate::axis::axis::Axis;
 use crate::axis::command_error::CommandError;
 use crate::axis::config::AxisConfig;
+use crate::axis::drive_limits::DriveLimits;
+use crate::axis::drive_units::{DriveUnits, ScaleFinding};
 use crate::axis::homing::HomingConfig;
 use crate::axis::host_loss::{HostLoss, StopOptions};
 use crate::axis::input_object::AxisInputs;
@@ -494,6 +496,24 @@ impl Cia402 {
     /// after the drive restarted.
     pub fn stop_options(&self, axis: usize) -> Option<StopOptions> {
         self.axis(axis).and_then(|axis| axis.stop_options)
+    }
+
+    /// Limits of a drive, read at the end of its configuration if
+    /// [`DriveConfig::use_limits`](crate::DriveConfig::use_limits) asks for it. The limits in force are
+    /// those of its [`guard`](Self::guard).
+    pub fn drive_limits(&self, axis: usize) -> Option<DriveLimits> {
+        self.axis(axis).and_then(|axis| axis.further.limits)
+    }
+
+    /// Units of a drive, read at the end of its configuration if [`AxisConfig::scale_source`] asks for it.
+    pub fn drive_units(&self, axis: usize) -> Option<DriveUnits> {
+        self.axis(axis).and_then(|axis| axis.further.units)
+    }
+
+    /// Difference between the scale of an axis and the units of its drive, see
+    /// [`AxisConfig::scale_source`]; also logged as a warning at the end of the configuration.
+    pub fn scale_finding(&self, axis: usize) -> Option<ScaleFinding> {
+        self.axis(axis).and_then(|axis| axis.further.scale_finding)
     }
 
     /// Reaction of a drive to the loss of the host (its end, `kill`, or the link), in the present

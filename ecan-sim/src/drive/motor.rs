@@ -28,6 +28,7 @@ pub(super) struct Motor {
     pub(super) is_blocked: bool,
     /// Maximum torque, thousandths of the rated torque (0x6072).
     torque_limit: f64,
+    velocity_limit: f64,
     /// Acceleration per thousandth of the rated torque.
     per_mille: f64,
     /// Acceleration at the maximum torque.
@@ -56,6 +57,7 @@ impl Motor {
             torque: 0.0,
             is_blocked: false,
             torque_limit,
+            velocity_limit: f64::from(config.max_velocity),
             per_mille,
             available: torque_limit * per_mille,
             offsets: Offsets::default(),
@@ -66,8 +68,14 @@ impl Motor {
         self.config.increments_per_revolution as f64
     }
 
+    /// Maximum velocity of the motor and by 0x6080, increments per second.
     pub(super) const fn max_velocity(&self) -> f64 {
-        self.config.max_velocity as f64
+        self.velocity_limit
+    }
+
+    pub(super) fn limit_speed(&mut self, rpm: u32) {
+        let limit = f64::from(rpm) * self.increments_per_revolution() / 60.0;
+        self.velocity_limit = limit.min(f64::from(self.config.max_velocity));
     }
 
     pub(super) const fn max_acceleration(&self) -> f64 {

@@ -23,6 +23,8 @@ pub(super) struct Parameters {
     pub(super) position_window_time: u64,
     pub(super) velocity_window: f64,
     pub(super) max_torque: u16,
+    /// Revolutions per minute.
+    pub(super) max_motor_speed: u32,
     pub(super) home_offset: i32,
     /// Software position limits; `None` if disabled.
     pub(super) limits: Option<(i32, i32)>,
@@ -116,6 +118,7 @@ impl Parameters {
             position_window_time: or(object::POSITION_WINDOW_TIME, 0) as u64 * 1_000_000,
             velocity_window: or(object::VELOCITY_WINDOW, 1_000) as f64,
             max_torque: or(object::MAX_TORQUE, i64::from(u16::MAX)) as u16,
+            max_motor_speed: or(object::MAX_MOTOR_SPEED, i64::from(u32::MAX)) as u32,
             home_offset: or(object::HOME_OFFSET, 0) as i32,
             limits: match (low, high) {
                 (Some(low), Some(high)) if low < high => Some((low as i32, high as i32)),
