@@ -9,6 +9,7 @@ mod error;
 mod load;
 mod lookup;
 mod path_stop;
+mod process_data;
 mod sdo;
 mod shutdown;
 mod stop_together;
