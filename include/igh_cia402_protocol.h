@@ -17,6 +17,7 @@
  *          _PHASE_DISABLING to _PHASE_STOPPING and _PHASE_STOPPED. Fields: refused* to rejected*,
  *          targets_refused to targets_rejected, trouble to axis_error, auto_take_up to auto_resume,
  *          take_ups to activations.
+ *          Added: IGH_CIA402_MODE_VL; the modes IP, PT and VL are driven.
  *          Added: IGH_CIA402_WAIT_NOT_DUE, _WAIT_NOT_RECEIVED, _WAIT_BACKLOG, _WAIT_TOGETHER,
  *          igh_cia402_get_host_loss(), igh_cia402_get_host_loss_text(), igh_cia402_stop_all(),
  *          igh_cia402_stop_all_timeout(), igh_cia402_all_stopped(), igh_cia402_recover(),

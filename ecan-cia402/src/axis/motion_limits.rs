@@ -6,14 +6,14 @@ use std::fmt;
 /// [`AxisConfig::scale`](crate::AxisConfig::scale). A limit that is set replaces a value in increments, see the table;
 /// `None` keeps that value.
 ///
-/// | limit | CSP | CSV | PV |
+/// | limit | CSP, IP | CSV | PV |
 /// | --- | --- | --- | --- |
 /// | `velocity` | replaces `step_limit` | narrows `bounds` | narrows `bounds` |
 /// | `acceleration` | replaces `ramp` | replaces `step_limit` | fault |
 /// | `jerk` | of `ramp` | of the halt | fault |
 ///
 /// In CSV and PV the targets are velocities in units of the drive: a limit needs
-/// [`Scale::with_velocity_units`](crate::Scale::with_velocity_units). In PP, CST and PT every limit is a fault: the drive generates the
+/// [`Scale::with_velocity_units`](crate::Scale::with_velocity_units). In PP, CST, PT and VL every limit is a fault: the drive generates the
 /// motion by its own objects, or the unit is unknown. The limits are those of
 /// [`AxisConfig::mode`](crate::AxisConfig::mode); after a change of the mode to PP or PV the velocities and accelerations of
 /// the motion are the drive's own.
