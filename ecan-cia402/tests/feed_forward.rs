@@ -4,7 +4,7 @@
 mod axes;
 
 use axes::{Fixture, axis, scenario};
-use ecan_canopen::{DriveState, OperatingMode, object};
+use ecan_canopen::{DriveState, OperatingMode, QuickStopOption, object};
 use ecan_cia402::{
     AxisConfig, AxisPhase, Cia402, Cia402Config, FeedForward, FeedForwardLimits, OutputObject,
     Scale,
@@ -168,6 +168,32 @@ fn stop_ends_the_feed_forward_at_once() {
     travel(&mut fixture, 4, 10, Some(forward(50_000, 50)));
     assert_eq!(offsets(&fixture), (0, 0));
     assert_eq!(fixture.cia402.feed_forward(0), FeedForward::NONE);
+}
+
+#[test]
+fn voltage_stays_while_the_motor_returns_to_its_target() {
+    let mut config = config();
+    config.drive.quick_stop = Some(QuickStopOption::QuickStopAndStay);
+    let mut fixture = fixture(config);
+    travel(&mut fixture, 100, 0, Some(forward(VELOCITY, 0)));
+    let target = fixture.cia402.target(0).unwrap();
+    assert!(fixture.drive(0, |drive| drive.velocity()).abs() < 10.0, "at rest beside its target");
+    // Process data do not reach the drive: it is stopped by SDO when the link returns.
+    fixture.inject(Fault::LinkLoss { gateway: 0, for_ms: 60 });
+    fixture.cia402.stop_all();
+    let mut is_braking = false;
+    for _ in 0..20_000 {
+        fixture.idle(1);
+        let (state, velocity) = fixture.drive(0, |drive| (drive.state(), drive.velocity()));
+        is_braking |= state == DriveState::QuickStopActive;
+        if state == DriveState::SwitchOnDisabled {
+            assert!(is_braking && velocity.abs() < 1_000.0, "{velocity}");
+            let position = fixture.drive(0, |drive| drive.position());
+            assert!(position.abs_diff(target) < 30, "{position} {target}");
+            return;
+        }
+    }
+    panic!("not off: {:?}", fixture.cia402.progress(0));
 }
 
 #[test]

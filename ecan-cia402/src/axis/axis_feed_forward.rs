@@ -69,6 +69,19 @@ impl Axis {
         }
     }
 
+    /// A drive that stops drops its feed-forward: the motor, which may have been at rest beside its target,
+    /// moves to it. So only positions after that show the end of the stop.
+    pub(crate) fn restart_rest_after_offsets(&mut self) {
+        if !self.has_auxiliary {
+            return;
+        }
+        let is_enabled = self.drive.is_enabled();
+        let has_left = std::mem::replace(&mut self.further.was_enabled, is_enabled) && !is_enabled;
+        if has_left && self.further.offsets_in_force {
+            self.drive.rest.restart();
+        }
+    }
+
     /// The RPDOs after the first were sent; the last ones were not unless `is_complete`.
     pub(crate) fn auxiliary_sent(&mut self, is_complete: bool) {
         if self.further.feed_forward.last() != FeedForward::NONE {

@@ -13,7 +13,9 @@ impl Axis {
     /// One step of everything that continues over cycles. Call once per cycle, after
     /// [`observe`](Self::observe).
     pub(crate) fn step(&mut self, network: &mut Network, now_ns: u64) {
+        self.restart_rest_after_offsets();
         self.step_poll(network, now_ns);
+        self.restart_rest_after_offsets();
         self.step_stop(now_ns);
         self.step_setup(network, now_ns);
         self.step_state(network, now_ns);

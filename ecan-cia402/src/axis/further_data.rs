@@ -25,6 +25,8 @@ pub(crate) struct FurtherData {
     pub(crate) feed_forward: FeedForwardGuard,
     /// The drive may have a feed-forward that was sent.
     pub(crate) offsets_in_force: bool,
+    /// The drive was in Operation Enabled by its last status.
+    pub(crate) was_enabled: bool,
     /// Cycles with a clear path since a frame without feed-forward was sent, that one included.
     pub(crate) cleared_cycles: u8,
     /// The path has no known fault in this cycle. Only with RPDOs after the first.
@@ -51,6 +53,7 @@ impl FurtherData {
             outputs: OutputValues::default(),
             feed_forward: FeedForwardGuard::new(config.feed_forward),
             offsets_in_force: false,
+            was_enabled: false,
             cleared_cycles: 0,
             is_path_clear: false,
             probes: TouchProbes::default(),
