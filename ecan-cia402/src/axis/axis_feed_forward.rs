@@ -69,8 +69,8 @@ impl Axis {
         }
     }
 
-    /// A drive that stops drops its feed-forward: the motor, which may have been at rest beside its target,
-    /// moves to it. So only positions after that show the end of the stop.
+    /// A drive that stops drops its feed-forward: the motor, which may have been at rest without being at its target,
+    /// moves there. So only positions after that show the end of the stop.
     pub(crate) fn restart_rest_after_offsets(&mut self) {
         if !self.has_auxiliary {
             return;
