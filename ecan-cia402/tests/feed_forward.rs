@@ -173,7 +173,7 @@ fn stop_ends_the_feed_forward_at_once() {
     assert_eq!(fixture.cia402.feed_forward(0), FeedForward::NONE);
 }
 
-/// Stops an axis that is at rest, but not at its target, after so many lost frames.
+/// Stops an axis that is at rest, but not at its target, after a number of lost frames.
 fn stop_at_rest(lost_cycles: u32) {
     let mut config = config();
     config.drive.quick_stop = Some(QuickStopOption::QuickStopAndStay);

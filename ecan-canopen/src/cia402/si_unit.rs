@@ -30,8 +30,8 @@ impl SiUnit {
         self.byte(24).cast_signed()
     }
 
-    /// Units per angle of the numerator, the power of ten included; `None` for a unit that is no
-    /// angle, and for increments with a power of ten.
+    /// Units per angle of the numerator, the power of ten included; `None` for a unit of another kind,
+    /// and for increments with a power of ten.
     pub fn angle(self) -> Option<AngleUnit> {
         let units = match self.byte(16) {
             INCREMENT if self.exponent() == 0 => return Some(AngleUnit::Increment),
