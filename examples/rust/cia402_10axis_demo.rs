@@ -15,12 +15,13 @@ use ecan_example_support::motion_demo::run_motion;
 use ecan_example_support::report_exit;
 use ecan_protocol::mapping::CHANNELS;
 
+const NAME: &str = "cia402_10axis_demo";
 /// Number of axes.
 const AXES: usize = 10;
 
 /// Enable ten CiA 402 axes on the channels of all gateways and move them
 #[derive(Debug, Parser)]
-#[command(name = "cia402_10axis_demo", version)]
+#[command(name = NAME, version)]
 struct Arguments {
     #[command(flatten)]
     motion: MotionArguments,
@@ -48,5 +49,5 @@ fn axis_table(slaves: u16) -> Vec<AxisConfig> {
 
 fn main() -> ExitCode {
     let Arguments { motion, slaves, cycles } = Arguments::parse();
-    report_exit("cia402_10axis_demo", run_motion(&motion, slaves, axis_table(slaves), cycles))
+    report_exit(NAME, run_motion(NAME, &motion, slaves, axis_table(slaves), cycles))
 }

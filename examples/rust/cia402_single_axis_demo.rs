@@ -16,9 +16,11 @@ use ecan_example_support::motion_arguments::MotionArguments;
 use ecan_example_support::motion_demo::run_motion;
 use ecan_example_support::report_exit;
 
+const NAME: &str = "cia402_single_axis_demo";
+
 /// Enable one CiA 402 axis and move it by a step per cycle
 #[derive(Debug, Parser)]
-#[command(name = "cia402_single_axis_demo", version)]
+#[command(name = NAME, version)]
 struct Arguments {
     #[command(flatten)]
     motion: MotionArguments,
@@ -36,7 +38,7 @@ struct Arguments {
 }
 
 fn main() -> ExitCode {
-    report_exit("cia402_single_axis_demo", run(&Arguments::parse()))
+    report_exit(NAME, run(&Arguments::parse()))
 }
 
 /// Runs the demo. Returns whether the axis followed its targets until the end.
@@ -44,5 +46,5 @@ fn run(arguments: &Arguments) -> Result<bool, Box<dyn Error>> {
     let Arguments { motion, cycles, channel, node } = arguments;
     let node = NodeId::new(*node).ok_or("invalid node-ID")?;
     let address = NodeAddress { slave: 0, channel: *channel, node };
-    run_motion(motion, 1, [AxisConfig::new(address)], *cycles)
+    run_motion(NAME, motion, 1, [AxisConfig::new(address)], *cycles)
 }

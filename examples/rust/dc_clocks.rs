@@ -13,9 +13,12 @@ use clap::{Parser, ValueEnum};
 use ecan_example_support::backend::MasterArguments;
 use ecan_example_support::clock_plot::ClockPlot;
 use ecan_example_support::sync0::{print_sync0, sync0};
-use ecan_example_support::{Interrupt, RealTimeArguments, real_time, report_exit, wait_ready};
+use ecan_example_support::{
+    Interrupt, RealTimeArguments, RunInfo, real_time, report_exit, wait_ready,
+};
 use ecan_host::{ClockSource, ClockStatus, DcSync};
 use ecan_mcan_port::{ChannelConfig, GatewayConfig, Port, PortConfig};
+use ecan_plot::Heading;
 
 /// Interval of the printed lines, ns.
 const LINE_NS: u64 = 1_000_000_000;
@@ -72,8 +75,8 @@ fn main() -> ExitCode {
     report_exit("dc_clocks", run(&Arguments::parse()))
 }
 
-/// Gateways with Sync0 at the cycle.
-fn open_port(arguments: &Arguments) -> Result<Port, Box<dyn Error>> {
+/// Gateways with Sync0 at the cycle, and whether they are simulated.
+fn open_port(arguments: &Arguments) -> Result<(Port, bool), Box<dyn Error>> {
     let Arguments { slaves, pdo_n, cycle_us, .. } = *arguments;
     let mut adapter = arguments.master.adapter(slaves, pdo_n, cycle_us);
     adapter.allow_large_pdos = arguments.large_pdos;
@@ -90,13 +93,13 @@ fn open_port(arguments: &Arguments) -> Result<Port, Box<dyn Error>> {
     print_sync0(&adapter, &config);
     let backend = arguments.master.open("echo", &adapter)?;
     arguments.thread.apply(|line| println!("{line}"))?;
-    Ok(Port::open(&backend.ecrt, (adapter, config))?)
+    Ok((Port::open(&backend.ecrt, (adapter, config))?, backend.simulation.is_some()))
 }
 
 /// Runs the clocks. Returns whether they settled.
 fn run(arguments: &Arguments) -> Result<bool, Box<dyn Error>> {
     let interrupt = Interrupt::install()?;
-    let mut port = open_port(arguments)?;
+    let (mut port, is_simulated) = open_port(arguments)?;
     if !wait_ready(&mut port, &interrupt)? {
         return Ok(true);
     }
@@ -126,7 +129,16 @@ fn run(arguments: &Arguments) -> Result<bool, Box<dyn Error>> {
         real_time::print_statistics(port.adapter(), statistics);
     }
     if let Some(path) = &arguments.plot {
-        plot.write(path)?;
+        let source = match arguments.source {
+            Source::Host => "the slaves follow the host",
+            Source::Reference => "the cycle of the host follows the reference clock",
+        };
+        let (slaves, cycle_us) = (arguments.slaves, arguments.cycle_us);
+        let heading = Heading::new("Phase error of the distributed clocks")
+            .with_subtitle(format!("{slaves} gateway(s), cycle {cycle_us} us, {source}"))
+            .simulated(is_simulated)
+            .with_run(RunInfo::of_this_run("dc_clocks", env!("CARGO_PKG_VERSION")));
+        plot.write(path, heading)?;
     }
     Ok(results.settled_since.is_some())
 }

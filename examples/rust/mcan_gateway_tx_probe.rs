@@ -17,9 +17,12 @@ use ecan_example_support::probe_output::{ProbeFiles, parse_picture};
 use ecan_example_support::probe_sweep::print_sweep;
 use ecan_example_support::sync0::{print_sync0, sync0};
 use ecan_example_support::tx_probe::{Mode, ModeResult, Modes, Target};
-use ecan_example_support::{Interrupt, RealTimeArguments, print_plan, report_exit, wait_ready};
+use ecan_example_support::{
+    Interrupt, RealTimeArguments, RunInfo, print_plan, report_exit, wait_ready,
+};
 use ecan_host::AdapterConfig;
 use ecan_mcan_port::{FrameStream, GatewayConfig, Port, PortConfig, RECOMMENDED_OFFSET_NS};
+use ecan_plot::Heading;
 use ecan_protocol::can::FrameError;
 use ecan_protocol::image::OptionFlags;
 use ecan_protocol::mapping::CHANNELS;
@@ -159,9 +162,14 @@ fn run(arguments: &Arguments) -> Result<bool, Box<dyn Error>> {
     println!("{} gateway(s) ready", port.slave_count());
     arguments.thread.set_timing(port.adapter_mut());
     let target = arguments.target();
+    let run_info = RunInfo::of_this_run("mcan_gateway_tx_probe", env!("CARGO_PKG_VERSION"));
     if arguments.sweep {
         let setting = arguments.setting();
-        let plot = arguments.report.as_deref();
+        let heading = Heading::new("Usable Sync0 shifts")
+            .with_subtitle(setting.clone())
+            .simulated(backend.simulation.is_some())
+            .with_run(run_info);
+        let plot = arguments.report.as_deref().map(|path| (path, heading));
         return print_sweep(&mut port, target, arguments.frames, &setting, plot, &interrupt);
     }
     if let Some(simulation) = &backend.simulation {
@@ -169,7 +177,8 @@ fn run(arguments: &Arguments) -> Result<bool, Box<dyn Error>> {
         simulation.with_world(|world| world.record_bus_of(target.slave, channel));
     }
     let results = measure(arguments, &mut port, target, &interrupt)?;
-    files.report(&port, backend.simulation.as_ref(), arguments.setting(), target, results)?;
+    let (simulation, setting) = (backend.simulation.as_ref(), arguments.setting());
+    files.report(&port, simulation, setting, run_info, target, results)?;
     Ok(true)
 }
 

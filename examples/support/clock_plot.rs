@@ -1,16 +1,14 @@
 //! The phase error of distributed clocks over time, as an SVG picture.
 
-use std::error::Error;
+use std::ops::Range;
 use std::path::Path;
 
 use ecan_host::ClockStatus;
-
-use crate::svg::{self, Diagram};
+use ecan_plot::{Heading, Mark, PlotError, Series, TimeFigure, TimePanel, Tone};
 
 /// Maximum number of samples in a picture.
 const SAMPLES: u64 = 4_000;
-const WIDTH: f64 = 960.0;
-const PANEL: f64 = 220.0;
+const PANEL: u32 = 270;
 /// Range of the lower panel in both directions, us.
 const CLOSE_US: f64 = 1.5;
 
@@ -63,30 +61,33 @@ impl ClockPlot {
     ///
     /// # Errors
     /// The file cannot be written.
-    pub fn write(&self, path: &Path) -> Result<(), Box<dyn Error>> {
-        let errors = || self.samples.iter().map(|(_, us)| *us);
-        let (low, high) = (errors().fold(-1.0, f64::min), errors().fold(1.0, f64::max));
-        let margin = (high - low) * 0.05;
-        let picture = svg::picture(WIDTH, 2.0 * PANEL, |svg| {
-            self.draw(svg, 0.0, "phase error", (low - margin, high + margin));
-            self.draw(svg, PANEL, "phase error, enlarged", (-CLOSE_US, CLOSE_US));
-        });
-        svg::write(path, &picture)
+    pub fn write(&self, path: &Path, heading: Heading) -> Result<(), PlotError> {
+        let whole = self.panel("phase error", None);
+        let enlarged = self.panel("phase error, enlarged", Some(-CLOSE_US..CLOSE_US));
+        let figure = TimeFigure {
+            heading,
+            x_label: "time since the first cycle [s]".to_owned(),
+            panels: vec![(whole, PANEL), (enlarged, PANEL)],
+        };
+        figure.write(path)
     }
 
-    fn draw(&self, svg: &mut String, top: f64, title: &str, y: (f64, f64)) {
-        let end = self.samples.last().map_or(1.0, |last| last.0).max(1e-9);
-        let rows = (top + PANEL - 34.0, top + 36.0);
-        let diagram = Diagram { columns: (70.0, WIDTH - 20.0), rows, x: (0.0, end), y };
-        diagram.frame(svg, title, ("| reading missed", "#b03030"));
-        for us in svg::ticks(y.0, y.1, 5) {
-            diagram.label_row(svg, us, &format!("{us} us"));
+    fn panel(&self, title: &str, y: Option<Range<f64>>) -> TimePanel {
+        let phase_error = Series {
+            name: "phase error".to_owned(),
+            tone: Tone::Difference,
+            points: self.samples.iter().map(|(seconds, us)| (*seconds, Some(*us))).collect(),
+        };
+        let missed = |seconds: &f64| Mark { seconds: *seconds, text: String::new() };
+        TimePanel {
+            title: title.to_owned(),
+            y_label: "phase error [us]".to_owned(),
+            y,
+            least_width: 2.0,
+            series: vec![phase_error],
+            marks: self.missed.iter().map(missed).collect(),
+            mark_name: "reading missed".to_owned(),
+            ..TimePanel::default()
         }
-        diagram.label_columns(svg, 8, |seconds| format!("{seconds} s"));
-        for seconds in &self.missed {
-            let (x, bottom) = diagram.at((*seconds, y.0));
-            svg::line(svg, [(x, bottom), (x, bottom - 8.0)], "stroke=\"#b03030\"");
-        }
-        diagram.curve(svg, self.samples.iter().copied(), "#0b62a4");
     }
 }

@@ -4,19 +4,16 @@
 mod bus_periods;
 mod echo_check;
 mod exit;
-mod histogram;
 mod motion_record;
 mod motion_table;
 mod phase_table;
 mod plan;
-mod plot;
 mod probe_report;
 mod progress;
 mod ready;
 mod run_options;
 mod session_watch;
 mod summary;
-mod svg;
 mod timeouts;
 
 pub mod backend;
@@ -38,6 +35,7 @@ pub mod tx_probe;
 
 pub use ecan_command_line::interrupt::Interrupt;
 pub use ecan_command_line::real_time::RealTimeArguments;
+pub use ecan_command_line::run_info::RunInfo;
 pub use ecan_command_line::{interrupt, log_file, real_time};
 pub use exit::report_exit;
 pub use plan::print_plan;

@@ -125,6 +125,16 @@ impl MotionArguments {
         Ok((adapter, config))
     }
 
+    /// Settings of the motion, for a picture.
+    pub fn setting(&self, slaves: u16) -> String {
+        let sync0 = if self.dc_sync0 { ", Sync0" } else { "" };
+        format!(
+            "{slaves} gateway(s), cycle {} us{sync0}, CAN at {} bit/s, {} inc per target, a target \
+             every {} cycle(s)",
+            self.cycle_us, self.bitrate, self.step, self.motion_div
+        )
+    }
+
     /// Rejects a Sync0 shift that the plan finds among the arrivals of the outputs, unless the options
     /// accept it: a gateway that leaves OP stops its axes.
     ///

@@ -6,21 +6,23 @@ use std::time::Duration;
 use ecan_cia402::{AxisConfig, Cia402, axis_traffic};
 use ecan_host::Faults;
 use ecan_mcan_port::{Port, PortPlan};
+use ecan_plot::Heading;
 
 use crate::motion_arguments::MotionArguments;
 use crate::motion_record::MotionRecord;
-use crate::{Interrupt, print_plan, run_options, wait_ready};
+use crate::{Interrupt, RunInfo, print_plan, run_options, wait_ready};
 
 /// Timeout of configuration and enabling, each, ms.
 const STARTUP: Duration = Duration::from_secs(30);
 /// Timeout of stopping and disabling, ms.
 const SHUTDOWN: Duration = Duration::from_secs(20);
 
-/// Runs axes on these gateways. Returns whether every axis followed its targets until the end.
+/// Runs axes on these gateways; the name of the program goes into the picture. Returns whether every axis followed its targets until the end.
 ///
 /// # Errors
 /// Every error of the bus or of an axis, after the drives were stopped and disabled.
 pub fn run_motion(
+    program: &str,
     motion: &MotionArguments,
     slaves: u16,
     axes: impl IntoIterator<Item = AxisConfig>,
@@ -58,7 +60,11 @@ pub fn run_motion(
     println!("stopping the axes");
     let shutdown = cia402.shutdown_timeout(&mut port, SHUTDOWN, |axis| record.print_progress(axis));
     print!("{table}");
-    record.finish(&port, &cia402, motion.plot.as_deref())?;
+    let heading = Heading::new("Positions and following errors")
+        .with_subtitle(motion.setting(slaves))
+        .simulated(backend.simulation.is_some())
+        .with_run(RunInfo::of_this_run(program, env!("CARGO_PKG_VERSION")));
+    record.finish(&port, &cia402, motion.plot.as_deref(), heading)?;
     moved?;
     shutdown?;
     Ok(was_running)

@@ -8,16 +8,16 @@ use std::sync::Arc;
 use ecan_cia402::{AxisProgress, Cia402, LoadWarning};
 use ecan_host::Clock;
 use ecan_mcan_port::Port;
+use ecan_plot::{AxisRecorder, Heading};
 use indicatif::ProgressBar;
 
 use crate::motion_table;
-use crate::plot::Plot;
 use crate::progress;
 use crate::real_time;
 
 pub struct MotionRecord {
     printer: ProgressPrinter,
-    plot: Plot,
+    recorder: AxisRecorder,
     progress: ProgressBar,
     clock: Arc<dyn Clock>,
     start_ns: u64,
@@ -30,7 +30,7 @@ impl MotionRecord {
         let clock = port.adapter().ecrt().clock().clone();
         Self {
             printer: ProgressPrinter::default(),
-            plot: Plot::new(cia402.axis_count(), cycles),
+            recorder: AxisRecorder::new(cia402.axis_count(), cycles),
             progress: progress::bar(cycles),
             start_ns: clock.now_ns(),
             clock,
@@ -54,10 +54,10 @@ impl MotionRecord {
         self.start_ns = now_ns;
     }
 
-    /// Adds a cycle to the plot; prints the axes' progress if an axis rejected its target.
+    /// Records a cycle for the plot; prints the axes' progress if an axis rejected its target.
     pub fn end_cycle(&mut self, cycle: u64, cia402: &Cia402, has_rejected: bool) {
         let seconds = (self.clock.now_ns() - self.start_ns) as f64 / 1e9;
-        self.plot.sample(seconds, cycle, cia402);
+        self.recorder.record(seconds, cycle, cia402);
         if has_rejected {
             let printer = &mut self.printer;
             self.progress.suspend(|| cia402.progress_all().for_each(|axis| printer.print(&axis)));
@@ -65,16 +65,21 @@ impl MotionRecord {
         self.progress.set_position(cycle);
     }
 
+    /// Prints the statistics of the cycle and writes the picture to the file, if one is given.
     pub fn finish(
         &self,
         port: &Port,
         cia402: &Cia402,
         plot: Option<&Path>,
+        heading: Heading,
     ) -> Result<(), Box<dyn Error>> {
         if let Some(statistics) = port.adapter().cycle_statistics() {
             real_time::print_statistics(port.adapter(), statistics);
         }
-        plot.map_or(Ok(()), |path| self.plot.write(path, cia402))
+        match plot {
+            None => Ok(()),
+            Some(path) => Ok(self.recorder.figure(heading, cia402).write(path)?),
+        }
     }
 
     pub fn table(&self, cia402: &Cia402) -> String {

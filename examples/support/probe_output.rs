@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use ecan_mcan_port::Port;
 use ecan_sim::{BusFrame, Simulation};
 
+use crate::RunInfo;
 use crate::bus_periods::BusRecord;
 use crate::log_file;
 use crate::probe_report::{Report, Row};
@@ -50,6 +51,7 @@ impl ProbeFiles<'_> {
         port: &Port,
         simulation: Option<&Simulation>,
         setting: String,
+        run: RunInfo,
         target: Target,
         results: Vec<ModeResult>,
     ) -> Result<(), Box<dyn Error>> {
@@ -69,11 +71,12 @@ impl ProbeFiles<'_> {
         let report = Report {
             cycle: port.adapter().config().cycle,
             setting,
+            run,
             banner: simulation.map(Simulation::banner),
             bus_source,
             rows: results.into_iter().map(row).collect(),
         };
-        println!("\n{}", report.setting);
+        println!("\n{}\n{}", report.run, report.setting);
         print!("{}", report.table());
         for note in report.notes().iter().skip(1) {
             println!("{note}");

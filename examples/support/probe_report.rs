@@ -5,15 +5,11 @@ use std::fmt::Write;
 use std::path::Path;
 
 use ecan_host::Distribution;
+use ecan_plot::{Heading, HistogramFigure, HistogramRow, PlotError};
 
+use crate::RunInfo;
 use crate::bus_periods::BusPeriods;
-use crate::histogram::{Panel, Range};
-use crate::svg;
 use crate::tx_probe::ModeResult;
-
-const PANEL_WIDTH: f64 = 500.0;
-const PANEL_HEIGHT: f64 = 210.0;
-const COLOURS: [&str; 2] = ["#d9542b", "#0b62a4"];
 
 /// One row of the table: a measurement, and its frames on the bus if recorded.
 #[derive(Debug)]
@@ -26,6 +22,7 @@ pub struct Row {
 pub struct Report {
     pub cycle: std::time::Duration,
     pub setting: String,
+    pub run: RunInfo,
     pub banner: Option<String>,
     /// Source of the times on the bus, or the reason for their absence.
     pub bus_source: String,
@@ -121,30 +118,41 @@ impl Report {
                 let _ = writeln!(csv, "{mode},{number},{sent_ns},{},{}", text(at), text(period));
             }
         }
-        svg::write(path, &csv)
+        write(path, &csv)
     }
 
     /// Writes the picture, as a page with the table (`.html`) or alone (`.svg`).
     pub fn write_picture(&self, path: &Path) -> Result<(), Box<dyn Error>> {
-        if path.extension().is_some_and(|extension| extension == "svg") {
-            return svg::write(path, &self.svg());
-        }
-        svg::write(path, &self.html())
+        let is_svg = path.extension().is_some_and(|extension| extension == "svg");
+        let text = match is_svg {
+            true => self.figure(self.heading().with_run(self.run.clone())).to_svg()?,
+            false => self.html()?,
+        };
+        write(path, &text)
     }
 
-    fn html(&self) -> String {
+    fn html(&self) -> Result<String, PlotError> {
+        let svg = self.figure(self.heading()).to_svg()?;
         let row = |cells: &[String; 7], tag: &str| -> String {
-            let cell = |cell: &String| format!("<{tag}>{}</{tag}>", svg::escaped(cell));
+            let cell = |cell: &String| format!("<{tag}>{}</{tag}>", escaped(cell));
             format!("<tr>{}</tr>\n", cells.iter().map(cell).collect::<String>())
         };
         let head = row(&HEAD.map(str::to_owned), "th");
         let body: String = self.rows.iter().map(|it| row(&self.cells(it), "td")).collect();
         let notes: String =
-            self.notes().iter().map(|note| format!("<p>{}</p>\n", svg::escaped(note))).collect();
+            self.notes().iter().map(|note| format!("<p>{}</p>\n", escaped(note))).collect();
+        let circumstances: String = self
+            .run
+            .rows()
+            .iter()
+            .map(|(name, value)| {
+                format!("<tr><th>{name}</th><td class=\"fact\">{}</td></tr>\n", escaped(value))
+            })
+            .collect();
         let banner = self.banner.as_deref().map_or_else(String::new, |banner| {
-            format!("<p><strong>{}</strong></p>\n", svg::escaped(banner))
+            format!("<p><strong>{}</strong></p>\n", escaped(banner))
         });
-        format!(
+        Ok(format!(
             "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
              <title>Direct and scheduled transmission</title>\n<style>\n\
              body {{ font-family: sans-serif; margin: 2em; color: #222; max-width: 66em; }}\n\
@@ -152,13 +160,12 @@ impl Report {
              th, td {{ border: 1px solid #ccc; padding: 0.35em 0.8em; text-align: right; \
              white-space: nowrap; }}\n\
              th {{ background: #f3f3f3; white-space: normal; }}\n\
-             th:first-child, td:first-child {{ text-align: left; }}\n\
+             th:first-child, td:first-child, td.fact {{ text-align: left; white-space: normal; }}\n\
              svg {{ max-width: 100%; height: auto; }}\n</style>\n</head>\n<body>\n\
              <h1>Direct and scheduled transmission</h1>\n{banner}<p>{}</p>\n<table>\n{head}{body}</table>\n\
-             {notes}{}</body>\n</html>\n",
-            svg::escaped(&self.setting),
-            self.svg()
-        )
+             {notes}{svg}<h2>Circumstances</h2>\n<table>\n{circumstances}</table>\n</body>\n</html>\n",
+            escaped(&self.setting)
+        ))
     }
 
     pub fn notes(&self) -> Vec<String> {
@@ -195,66 +202,48 @@ impl Report {
         notes
     }
 
-    /// Draws a row of panels for each measurement on the bus, then for each of the master: on the left
-    /// with common axes, on the right with individual axes.
-    fn svg(&self) -> String {
+    /// Histograms of each measurement on the bus, then of each of the master.
+    fn figure(&self, heading: Heading) -> HistogramFigure {
         let bus = |row: &Row| row.bus.as_ref().map_or_else(Vec::new, |bus| bus.periods_ns.clone());
         let master = |row: &Row| row.result.master_periods_ns.clone();
         let kinds: [(&str, Vec<Vec<u64>>); 2] = [
             ("period on the bus", self.rows.iter().map(bus).collect()),
             ("master period", self.rows.iter().map(master).collect()),
         ];
-        let lines: usize = kinds.iter().map(|(_, all)| filled(all)).sum();
-        svg::picture(2.0 * PANEL_WIDTH, PANEL_HEIGHT * lines as f64 + 16.0, |svg| {
-            let mut top = 0.0;
-            for (name, all) in &kinds {
-                self.draw_kind(svg, top, name, all);
-                top += PANEL_HEIGHT * filled(all) as f64;
+        let mut rows = Vec::new();
+        for (kind, measurements) in kinds {
+            for (measurement, (row, times_ns)) in self.rows.iter().zip(measurements).enumerate() {
+                let it = Distribution::of(&times_ns);
+                let (min, max, p99) = (us(it.min_ns), us(it.max_ns), us(it.p99_ns));
+                rows.push(HistogramRow {
+                    title: row.result.mode.to_string(),
+                    figures: format!("min/max {min:.1}/{max:.1} us, p99 {p99:.1} us"),
+                    kind: kind.to_owned(),
+                    measurement,
+                    times_ns,
+                });
             }
-        })
+        }
+        let nominal_us = self.cycle.as_secs_f64() * 1e6;
+        HistogramFigure { heading, nominal_us, x_label: "period [us]".to_owned(), rows }
     }
 
-    fn draw_kind(&self, picture: &mut String, mut top: f64, name: &str, all: &[Vec<u64>]) {
-        let mark_us = self.cycle.as_secs_f64() * 1e6;
-        let Some(common) = Range::around(all.iter().flatten(), mark_us) else { return };
-        let panel = |times_ns, range, colour| Panel {
-            title: "",
-            subtitle: "",
-            axis: "period in us (number of cycles upwards, logarithmic)",
-            times_ns,
-            range,
-            mark_us,
-            at_least: 0,
-            colour,
-        };
-        let largest = all.iter().map(|times| panel(times, common, "").largest_bar()).max();
-        for (nth, (row, times)) in self.rows.iter().zip(all).enumerate() {
-            let Some(own) = Range::around(times.iter(), mark_us) else { continue };
-            let colour = COLOURS[nth % COLOURS.len()];
-            let title = format!("{}: {name}", row.result.mode);
-            let it = Distribution::of(times);
-            let (min, max, p99) = (us(it.min_ns), us(it.max_ns), us(it.p99_ns));
-            let figures = format!("min/max {min:.1}/{max:.1} us, p99 {p99:.1} us");
-            let left = Panel {
-                title: &title,
-                subtitle: "common axes",
-                at_least: largest.unwrap_or(0),
-                ..panel(times, common, colour)
-            };
-            let right =
-                Panel { title: "individual axes", subtitle: &figures, ..panel(times, own, colour) };
-            left.draw(picture, (0.0, top), (PANEL_WIDTH, PANEL_HEIGHT));
-            right.draw(picture, (PANEL_WIDTH, top), (PANEL_WIDTH, PANEL_HEIGHT));
-            top += PANEL_HEIGHT;
-        }
+    fn heading(&self) -> Heading {
+        Heading::new("Direct and scheduled transmission")
+            .with_subtitle(self.setting.clone())
+            .simulated(self.banner.is_some())
     }
 }
 
-/// Number of measurements with at least one time.
-fn filled(all: &[Vec<u64>]) -> usize {
-    all.iter().filter(|times| !times.is_empty()).count()
+/// Escapes the characters that HTML reserves.
+fn escaped(text: &str) -> String {
+    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }
 
 fn dash() -> String {
     "-".to_owned()
+}
+
+fn write(path: &Path, text: &str) -> Result<(), Box<dyn Error>> {
+    std::fs::write(path, text).map_err(|e| format!("cannot write {}: {e}", path.display()).into())
 }

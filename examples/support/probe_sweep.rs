@@ -5,13 +5,13 @@ use std::path::Path;
 
 use ecan_host::Plan;
 use ecan_mcan_port::Port;
+use ecan_plot::{Heading, ShiftFigure};
 use ecan_protocol::mapping::CHUNK_BYTES;
 
 use crate::interrupt::Interrupt;
 use crate::phase_sweep::{PhaseSweep, sweep_phase};
 use crate::progress;
-use crate::shift_windows::{HEADING, ShiftWindows, picture};
-use crate::svg;
+use crate::shift_windows::{HEADING, ShiftWindows};
 use crate::tx_probe::Target;
 
 /// Tries shifts and offsets with this number of frames each, prints the table and the usable shifts, and
@@ -24,7 +24,7 @@ pub fn print_sweep(
     target: Target,
     frames: u64,
     setting: &str,
-    plot: Option<&Path>,
+    plot: Option<(&Path, Heading)>,
     interrupt: &Interrupt,
 ) -> Result<bool, Box<dyn Error>> {
     let config = *port.adapter().config();
@@ -61,8 +61,8 @@ pub fn print_sweep(
         arrivals.and_then(|arrivals| arrivals.usable_shifts_ns()),
     );
     println!("\n{HEADING}\n{windows}");
-    if let Some(path) = plot {
-        svg::write(path, &picture(std::slice::from_ref(&windows)))?;
+    if let Some((path, heading)) = plot {
+        ShiftFigure { heading, rows: vec![windows.row()] }.write(path)?;
     }
     if let Some(best) = table.recommended() {
         println!(

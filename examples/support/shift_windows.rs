@@ -1,10 +1,10 @@
 //! Usable Sync0 shifts of sweeps, in the form of the table of manual 15.6.1.
 
 use std::fmt;
-use std::fmt::Write;
+
+use ecan_plot::ShiftRow;
 
 use crate::phase_table::PhaseTable;
-use crate::svg;
 
 /// Usable shifts of one configuration.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -101,68 +101,16 @@ fn cycle(period_ns: u32) -> String {
     format!("{} ms", f64::from(period_ns) / 1e6)
 }
 
-const WIDTH: f64 = 760.0;
-const ROW: f64 = 56.0;
-const LEFT: f64 = 150.0;
-const RIGHT: f64 = WIDTH - 30.0;
-const TOP: f64 = 40.0;
-const USABLE: &str = "#3a923a";
-const UNUSABLE: &str = "#c03d3e";
-
-/// A picture with a row for each configuration: a mark per tested shift, the recommended one, and the
-/// range of the plan.
-pub fn picture(rows: &[ShiftWindows]) -> String {
-    svg::picture(WIDTH, TOP + ROW * rows.len() as f64 + 10.0, |svg| {
-        let style = "font-weight=\"bold\"";
-        svg::text(svg, (10.0, 20.0), "start", style, "Usable Sync0 shifts");
-        let note = "green: usable, red: not usable, circle: recommended, line: usable by the plan";
-        svg::text(svg, (RIGHT, 20.0), "end", "fill=\"#555\"", note);
-        for (number, row) in rows.iter().enumerate() {
-            draw(svg, TOP + ROW * number as f64, row);
+impl ShiftWindows {
+    /// Row of a picture.
+    pub fn row(&self) -> ShiftRow {
+        ShiftRow {
+            title: format!("{}, {}B", cycle(self.period_ns), self.pdo_bytes),
+            period_ns: self.period_ns,
+            shifts: self.shifts.clone(),
+            recommended_ns: self.recommended_ns,
+            planned_ns: self.planned_ns,
         }
-    })
-}
-
-fn draw(svg: &mut String, top: f64, row: &ShiftWindows) {
-    let period = f64::from(row.period_ns.max(1));
-    let x = |ns: f64| LEFT + (RIGHT - LEFT) * ns / period;
-    let title = format!("{}, {}B", cycle(row.period_ns), row.pdo_bytes);
-    svg::text(svg, (10.0, top + 14.0), "start", "", &title);
-    svg::line(svg, [(LEFT, top + 22.0), (RIGHT, top + 22.0)], "stroke=\"#999\"");
-    let step = period / row.shifts.len().max(1) as f64;
-    let width = ((RIGHT - LEFT) * step / period * 0.7).clamp(2.0, 24.0);
-    for &(shift, is_usable) in &row.shifts {
-        let colour = if is_usable { USABLE } else { UNUSABLE };
-        let left = x(f64::from(shift)) - width / 2.0;
-        let _ = writeln!(
-            svg,
-            "<rect x=\"{left:.1}\" y=\"{:.1}\" width=\"{width:.1}\" height=\"16\" fill=\"{colour}\"/>",
-            top + 2.0
-        );
-    }
-    if let Some(ns) = row.recommended_ns {
-        let _ = writeln!(
-            svg,
-            "<circle cx=\"{:.1}\" cy=\"{:.1}\" r=\"4\" fill=\"white\" stroke=\"black\"/>",
-            x(f64::from(ns)),
-            top + 10.0
-        );
-    }
-    if let Some((first, last)) = row.planned_ns {
-        let style = "stroke=\"#0b62a4\" stroke-width=\"3\"";
-        let y = top + 22.0;
-        let mut part = |from: f64, to: f64| svg::line(svg, [(x(from), y), (x(to), y)], style);
-        let (first, last) = (f64::from(first), f64::from(last));
-        if first <= last {
-            part(first, last);
-        } else {
-            part(first, period);
-            part(0.0, last);
-        }
-    }
-    for us in svg::ticks(0.0, period / 1e3, 10) {
-        let at = (x(us * 1e3), top + 38.0);
-        svg::text(svg, at, "middle", "font-size=\"10\" fill=\"#555\"", &format!("{us:.0} us"));
     }
 }
 
@@ -199,12 +147,5 @@ mod tests {
         let row = windows(&[3, 4, 5, 6, 7, 8, 9, 0]).to_string();
         let columns: Vec<&str> = row.split("  ").map(str::trim).filter(|c| !c.is_empty()).collect();
         assert_eq!(columns, ["DC Sync0", "1 ms", "384B", "300 to 0 us", "700 us"]);
-    }
-
-    #[test]
-    fn picture_has_a_mark_for_each_shift() {
-        let svg = picture(&[windows(&[3, 4]), windows(&[])]);
-        let count = |part: &str| svg.matches(part).count();
-        assert_eq!((count(USABLE), count(UNUSABLE), count("<circle")), (2, 18, 2));
     }
 }

@@ -94,7 +94,18 @@ fn files_contain_every_frame_and_a_complete_picture() {
         assert_eq!(frame[4].is_empty(), number % 1_000 == 0, "{frame:?}");
     }
     let page = std::fs::read_to_string(&html).unwrap();
-    for part in ["SIMULATED", "1000/1000", "<svg", "direct: period on the bus", "</html>"] {
+    let command_line = format!("{NAME} --ecrt sim");
+    for part in [
+        "SIMULATED",
+        "1000/1000",
+        "<svg",
+        "direct: period on the bus",
+        "<th>date</th><td class=\"fact\">20",
+        "<th>kernel</th><td class=\"fact\">Linux ",
+        &format!("<th>program</th><td class=\"fact\">{NAME} {}", env!("CARGO_PKG_VERSION")),
+        &command_line,
+        "</html>",
+    ] {
         assert!(page.contains(part), "{part}");
     }
     for outside in ["<script", "<link", "src=", "href="] {
@@ -108,7 +119,8 @@ fn files_contain_every_frame_and_a_complete_picture() {
     assert_eq!(row(&from_log, "direct"), row(&simulated, "direct"));
     assert_eq!(row(&from_log, "scheduled"), row(&simulated, "scheduled"));
     assert!(from_log.contains(&format!("times on the bus from {log}")), "{from_log}");
-    assert!(std::fs::read_to_string(&svg).unwrap().starts_with("<svg"));
+    let svg = std::fs::read_to_string(&svg).unwrap();
+    assert!(svg.starts_with("<svg") && svg.contains(&command_line), "{svg}");
 }
 
 /// A candump log of the probe's frames with these numbers, a millisecond apart, in microseconds.

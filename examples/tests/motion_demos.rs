@@ -48,8 +48,36 @@ fn one_axis_follows_its_steps_and_is_plotted() {
     assert!((190_000..200_000).contains(&travelled), "{line}");
     assert!(numbers[0] - numbers[1] < 1_000, "the axis follows: {line}");
     let svg = std::fs::read_to_string(plot).unwrap();
-    assert_eq!(svg.matches("<polyline").count(), 2, "target and actual");
-    assert!(svg.contains("axis 0: node 1") && svg.trim_end().ends_with("</svg>"));
+    for part in [
+        "axis 0: node 1 (slave 0, channel 0), CSP",
+        "position [inc]",
+        "following error: largest 401 inc",
+        "SIMULATED",
+        "cia402_single_axis_demo --ecrt sim --step 100 --cycles 2000 --plot ",
+    ] {
+        assert!(svg.contains(part), "{part}");
+    }
+    assert!(svg.trim_end().ends_with("</svg>"));
+}
+
+#[test]
+fn fault_of_a_drive_is_marked_in_the_plot() {
+    let directory = tempfile::tempdir().unwrap();
+    let (scenario, plot) = (directory.path().join("fault.toml"), directory.path().join("a.svg"));
+    let toml = "[[gateway]]\n[[node]]\nkind = \"drive\"\nbus = \"0.0\"\nnode_id = 1\nname = \"x\"\n\
+                [[fault]]\nafter_ready_ms = 2500\nkind = \"drive_error\"\nnode = \"x\"\ncode = 0x2310\n";
+    std::fs::write(&scenario, toml).unwrap();
+    let ecrt = format!("sim:{}", scenario.display());
+    let arguments = ["--ecrt", &ecrt, "--step", "100", "--cycles", "70", "--plot"];
+    let output = run(SINGLE, &[&arguments[..], &[plot.to_str().unwrap()]].concat());
+    assert_eq!(output.status.code(), Some(1), "{}", text(&output.stderr));
+    let svg = std::fs::read_to_string(plot).unwrap();
+    assert!(svg.contains("the drive is in fault, error code 0x2310"), "{svg}");
+    assert_eq!(
+        svg.matches("fill=\"#F6C35B\"").count(),
+        2,
+        "a period without targets, in both panels"
+    );
 }
 
 #[test]

@@ -6,3 +6,4 @@ pub mod log_file;
 pub mod logging;
 pub mod new_file;
 pub mod real_time;
+pub mod run_info;

@@ -6,12 +6,14 @@ mod text;
 mod tests;
 
 use std::collections::BTreeSet;
+use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use clap::Args;
 use ecan_command_line::interrupt::Interrupt;
 use ecan_command_line::real_time::RealTimeArguments;
+use ecan_command_line::run_info::RunInfo;
 use ecan_host::CycleTiming;
 use ecan_probe::{DeviceProfile, Experiment, Finding, Probe, ProbeOptions, Stage, Verdict};
 use ecan_protocol::device::AlState;
@@ -65,6 +67,9 @@ pub struct ProbeArguments {
 #[derive(Debug, Serialize)]
 struct Report {
     program: String,
+    date: String,
+    kernel: String,
+    command_line: String,
     position: usize,
     is_simulated: bool,
     was_stopped: bool,
@@ -137,8 +142,12 @@ fn probe_and_restore(
         Some(saved) if probe.has_changed() => restore(bus, saved),
         _ => Ok("not changed".to_owned()),
     };
+    let run = RunInfo::of_this_run("ecan", env!("CARGO_PKG_VERSION"));
     Ok(Report {
-        program: format!("ecan {}", env!("CARGO_PKG_VERSION")),
+        program: run.program().to_owned(),
+        date: run.date().to_owned(),
+        kernel: run.kernel().to_owned(),
+        command_line: run.command_line().to_owned(),
         position: slave,
         is_simulated: bus.is_simulated(),
         was_stopped: interrupt.is_set(),
@@ -211,6 +220,11 @@ fn write_bundle(report: &Report, bus: &Bus, directory: &Path, context: &Context)
     let json = serde_json::to_vec_pretty(report).map_err(std::io::Error::from)?;
     write("probe.json", json)?;
     let mut text = Vec::new();
+    let Report { date, program, kernel, command_line, .. } = report;
+    writeln!(
+        text,
+        "date: {date}\nprogram: {program}\nkernel: {kernel}\ncommand line: {command_line}\n"
+    )?;
     print(report, &Output::new(false, crate::global::Color::Never), &mut text)?;
     write("probe.txt", text)?;
     diag::record(bus, report.position, &directory.join("diagnosis.json"), context)?;
