@@ -10,6 +10,7 @@ pub mod generate;
 pub mod info;
 pub mod man;
 pub mod monitor;
+pub mod node;
 pub mod pins;
 pub mod plan;
 pub mod probe;
@@ -74,6 +75,9 @@ pub enum Command {
     /// Show gateways, CAN IDs, axes and cycle in full-screen mode
     #[command(after_help = monitor::EXAMPLES)]
     Monitor(monitor::MonitorArguments),
+    /// Access CANopen nodes: scan, objects, NMT, PDOs, errors
+    #[command(after_help = node::EXAMPLES)]
+    Node(node::NodeArguments),
     /// Connect other programs to channels: slcan, socketcand or SocketCAN
     #[command(after_help = bridge::EXAMPLES)]
     Bridge(bridge::BridgeArguments),

@@ -19,7 +19,7 @@ use crate::frames::link::{Arrival, BusFrame, Event, FrameLink, Ticket};
 
 const PENDING_FRAMES: usize = 4096;
 
-#[derive(Debug, Args)]
+#[derive(Clone, Debug, Args)]
 pub struct CaptureOptions {
     /// Write received and sent frames for Wireshark (pcapng); - is stdout
     #[arg(long, value_name = "FILE")]

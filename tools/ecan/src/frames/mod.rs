@@ -22,7 +22,7 @@ mod transmit_tracker;
 
 pub use channels::{ChannelArgument, Channels, can_config, names_channel, parse_channel};
 pub use format::{Screen, TimedFrame};
-pub use link::{Event, FrameLink, Outcome, SessionState, Ticket};
+pub use link::{BusFrame, Event, FrameLink, Outcome, SessionState, Ticket};
 pub use options::{FrameOptions, GatewayOptions, SetupOptions, WATCHDOG};
 pub use prepared::Prepared;
 pub use printer::{Destination, Printer};

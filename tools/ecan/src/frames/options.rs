@@ -12,12 +12,21 @@ use ecan_protocol::config::SamplePointWindow;
 
 use crate::frames::capture::CaptureOptions;
 
-#[derive(Debug, Args)]
+#[derive(Clone, Debug, Args)]
 pub struct FrameOptions {
     #[command(flatten)]
     pub capture: CaptureOptions,
     #[command(flatten)]
     pub gateway: GatewayOptions,
+}
+
+impl FrameOptions {
+    /// The same options with another nominal bit rate, for classic CAN.
+    pub fn at_bit_rate(&self, bitrate: u32) -> Self {
+        let mut options = self.clone();
+        options.gateway.setup.bitrate = Some(bitrate);
+        options
+    }
 }
 
 const OF_THE_FILE: [&str; 7] = [
@@ -31,7 +40,7 @@ const OF_THE_FILE: [&str; 7] = [
 ];
 
 /// Options for the gateway, its channels and the cycle thread.
-#[derive(Debug, Args)]
+#[derive(Clone, Debug, Args)]
 pub struct GatewayOptions {
     #[command(
         flatten,

@@ -129,7 +129,6 @@ impl Service {
     }
 
     /// Number of gateways.
-    #[expect(dead_code, reason = "for `bridge` with all channels")]
     pub fn gateways(&self) -> usize {
         self.gateways.len()
     }

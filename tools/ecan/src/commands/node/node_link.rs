@@ -1,0 +1,337 @@
+//! Frames of CANopen nodes through the gateways of a command.
+
+use std::collections::{HashMap, HashSet};
+use std::time::Duration;
+
+use ecan_canopen::{
+    CobId, NmtRequest, NmtState, NodeAddress, NodeId, SdoClient, SdoConfig, SdoDirection,
+    SdoFailure, SdoFault, Service as CanopenService, parse_heartbeat,
+};
+use ecan_diagnosis::registers::TransmitQueueStatus;
+use ecan_protocol::can::{CanFrame, CanId, Dlc};
+use ecan_protocol::mapping::CHANNELS;
+
+use crate::context::{Failure, Result};
+use crate::frames::{BusFrame, Event, Service, Ticket};
+
+use super::node_target::{JsonTarget, NodeTarget};
+
+/// Most SDO frames per cycle and channel, as much as a gateway sends per cycle in its default policy.
+const FRAMES_PER_CYCLE: usize = 2;
+/// Time without space for a frame after which a channel is stalled.
+const STALL_NS: u64 = 1_000_000_000;
+/// Longest time for which a gateway may be not ready.
+const LOST_NS: u64 = 2_000_000_000;
+
+/// Gateway (index in the command) and channel.
+pub type Place = (usize, u8);
+
+/// SDO transfer with a node of a gateway (index in the command).
+#[derive(Debug)]
+pub struct SdoRequest {
+    pub gateway: usize,
+    pub target: NodeTarget,
+    pub client: SdoClient,
+}
+
+/// A received frame.
+#[derive(Clone, Copy, Debug)]
+pub struct Observed {
+    /// Time of the cycle clock.
+    pub time_ns: u64,
+    pub frame: BusFrame,
+}
+
+impl Observed {
+    /// The service of the predefined connection set that the frame belongs to.
+    pub fn service(&self) -> Option<CanopenService> {
+        CobId::classify(self.frame.frame.as_ref().id())
+    }
+
+    /// The state that a heartbeat, a boot-up message or a guarding response reports.
+    pub fn state(&self) -> Option<(NodeId, NmtState)> {
+        let Some(CanopenService::Heartbeat(node)) = self.service() else { return None };
+        parse_heartbeat(self.frame.frame.data()).map(|state| (node, state))
+    }
+
+    /// Returns whether the frame was received from a channel of a gateway.
+    pub fn is_from(&self, gateway: usize, channel: u8) -> bool {
+        self.frame.gateway == gateway && self.frame.channel == channel && !self.frame.is_sent
+    }
+}
+
+/// Running gateways, for CANopen.
+#[derive(Debug)]
+pub struct NodeLink {
+    pub service: Service,
+    /// Channel of each frame that has no result yet.
+    pending: HashMap<Ticket, Place>,
+    /// Channels of which the gateway has accepted frames.
+    sent_to: HashSet<Place>,
+    /// Channels with a node: it has sent or acknowledged a frame.
+    alive: HashSet<Place>,
+    /// Channels that accept no frame, since this time.
+    stalled: HashMap<Place, u64>,
+    lost_since_ns: Option<u64>,
+}
+
+impl NodeLink {
+    pub fn new(service: Service) -> Self {
+        Self {
+            service,
+            pending: HashMap::new(),
+            sent_to: HashSet::new(),
+            alive: HashSet::new(),
+            stalled: HashMap::new(),
+            lost_since_ns: None,
+        }
+    }
+
+    /// Returns whether a node of a channel has sent a frame, or acknowledged those of this command.
+    pub fn is_alive(&self, place: Place) -> bool {
+        self.alive.contains(&place)
+    }
+
+    /// As [`is_alive`](Self::is_alive), after reading the transmit FIFO of the channel: a transmit
+    /// result reports the transfer to the CAN controller, not the acknowledgement.
+    pub fn check_alive(&mut self, place: Place) -> bool {
+        let (gateway, channel) = place;
+        if self.is_alive(place) || !self.sent_to.contains(&place) {
+            return self.is_alive(place);
+        }
+        let status = self.service.channel_status(gateway, channel);
+        if status.warn() || status.bus_off() || status.tx_pending() > 0 {
+            return false;
+        }
+        let size = self.service.can(gateway, channel).map_or(0, |it| it.ram.tx_fifo_size);
+        // What cannot be read counts as empty.
+        let queue = self.service.upload(gateway, 0x9000 + u16::from(channel), 6);
+        let free = queue.map_or(size, |raw| TransmitQueueStatus::from_raw(raw).free);
+        if free >= size {
+            self.alive.insert(place);
+        }
+        self.is_alive(place)
+    }
+
+    /// Returns whether a channel has accepted no frame for a second.
+    pub fn is_stalled(&self, place: Place) -> bool {
+        let now_ns = self.service.now_ns();
+        self.stalled.get(&place).is_some_and(|at| now_ns.saturating_sub(*at) > STALL_NS)
+    }
+
+    /// Runs a cycle: passes the received frames to the transfers and to `observe`, and sends the
+    /// frames of the transfers. Returns its time.
+    ///
+    /// # Errors
+    /// The user stopped the command, or a gateway was lost.
+    pub fn cycle(
+        &mut self,
+        requests: &mut [SdoRequest],
+        mut observe: impl FnMut(&Observed),
+    ) -> Result<u64> {
+        let cycle = self.service.begin();
+        let now_ns = cycle.now_ns;
+        for arrival in &cycle.arrivals {
+            match arrival.event {
+                Event::Result { ticket: Some(ticket), outcome } => {
+                    if let (Some(place), true) =
+                        (self.pending.remove(&ticket), outcome.is_success())
+                    {
+                        self.sent_to.insert(place);
+                    }
+                }
+                Event::Result { ticket: None, .. } => {}
+                Event::Frame(frame) => {
+                    let observed = Observed { time_ns: arrival.time_ns, frame };
+                    if !frame.is_sent {
+                        self.alive.insert((frame.gateway, frame.channel));
+                    }
+                    deliver(&observed, requests, now_ns);
+                    observe(&observed);
+                }
+            }
+        }
+        let mut sent = [0; CHANNELS];
+        for request in requests {
+            request.client.tick(now_ns);
+            let count = sent.get_mut(usize::from(request.target.channel));
+            let Some(count) = count.filter(|count| **count < FRAMES_PER_CYCLE) else { continue };
+            if let Some(data) = request.client.frame()
+                && self.send(request.gateway, request.target.channel, &sdo_frame(request, &data))?
+            {
+                request.client.sent(now_ns);
+                *count += 1;
+            }
+        }
+        self.service.end(cycle)?;
+        self.check(now_ns)?;
+        Ok(now_ns)
+    }
+
+    fn check(&mut self, now_ns: u64) -> Result {
+        if self.service.is_interrupted() {
+            return Err(Failure::Incomplete("stopped by the user".to_owned()));
+        }
+        let lost = (0..self.service.gateways()).find(|it| !self.service.is_ready(*it));
+        let since_ns = match lost {
+            None => return self.lost_since_ns.take().map_or(Ok(()), |_| Ok(())),
+            Some(_) => *self.lost_since_ns.get_or_insert(now_ns),
+        };
+        match lost.filter(|_| now_ns.saturating_sub(since_ns) > LOST_NS) {
+            Some(gateway) => Err(self.service.not_ready(gateway, "the nodes cannot be reached")),
+            None => Ok(()),
+        }
+    }
+
+    /// Sends a frame in this cycle; false if there is no space.
+    fn send(&mut self, gateway: usize, channel: u8, frame: &CanFrame) -> Result<bool> {
+        let place = (gateway, channel);
+        let Some(ticket) = self.service.send(gateway, channel, frame)? else {
+            let now_ns = self.service.now_ns();
+            self.stalled.entry(place).or_insert(now_ns);
+            return Ok(false);
+        };
+        self.stalled.remove(&place);
+        self.pending.insert(ticket, place);
+        Ok(true)
+    }
+
+    /// Sends a frame, in a later cycle if there is no space, within a second.
+    ///
+    /// # Errors
+    /// As [`cycle`](Self::cycle); no space.
+    fn send_now(
+        &mut self,
+        channel: u8,
+        frame: &CanFrame,
+        mut observe: impl FnMut(&Observed),
+    ) -> Result {
+        let end_ns = self.service.now_ns() + 1_000_000_000;
+        loop {
+            let cycle = self.service.begin();
+            let sent = self.send(0, channel, frame);
+            for arrival in &cycle.arrivals {
+                if let Event::Frame(frame) = arrival.event {
+                    observe(&Observed { time_ns: arrival.time_ns, frame });
+                }
+            }
+            let now_ns = cycle.now_ns;
+            self.service.end(cycle)?;
+            if sent? {
+                return Ok(());
+            }
+            self.check(now_ns)?;
+            if now_ns > end_ns {
+                let message =
+                    format!("the gateway accepts no frame for can{channel}; see `ecan diag`");
+                return Err(Failure::Rejected(message));
+            }
+        }
+    }
+
+    /// Sends an NMT command on a channel of the only gateway.
+    ///
+    /// # Errors
+    /// As [`cycle`](Self::cycle).
+    pub fn send_nmt(
+        &mut self,
+        channel: u8,
+        request: NmtRequest,
+        observe: impl FnMut(&Observed),
+    ) -> Result {
+        let frame = classic(CobId::NMT.can_id(), &request.to_bytes());
+        self.send_now(channel, &frame, observe)
+    }
+
+    /// Asks a node for its state by node guarding (CiA 301, 7.2.8.3.2.1): a remote frame.
+    ///
+    /// # Errors
+    /// As [`cycle`](Self::cycle).
+    pub fn send_guarding(&mut self, target: NodeTarget, observe: impl FnMut(&Observed)) -> Result {
+        let id = CobId::heartbeat(target.node).can_id();
+        let frame = Dlc::new(1).and_then(|dlc| CanFrame::remote(id, dlc).ok());
+        frame.map_or(Ok(()), |frame| self.send_now(target.channel, &frame, observe))
+    }
+
+    /// Address of a node of a gateway in messages and JSON.
+    pub fn json(&self, gateway: usize, target: NodeTarget) -> JsonTarget {
+        let NodeTarget { channel, node } = target;
+        JsonTarget { slave: self.service.position(gateway), channel, node: node.get() }
+    }
+
+    /// Error of a channel that accepts no frame.
+    pub fn stalled(&self, (gateway, channel): Place) -> Failure {
+        let position = self.service.position(gateway);
+        Failure::Rejected(format!(
+            "slave {position} accepts no more frames for can{channel}: no node acknowledges them; \
+             check bit rate, wiring and termination"
+        ))
+    }
+
+    /// Error of a transfer, with what to do.
+    pub fn failure(
+        &mut self,
+        request: &SdoRequest,
+        (direction, index, subindex): (SdoDirection, u16, u8),
+        fault: SdoFault,
+    ) -> Failure {
+        let NodeTarget { channel, node } = request.target;
+        let slave = self.service.position(request.gateway);
+        let address = NodeAddress { slave, channel, node };
+        let failure = SdoFailure { address, direction, index, subindex, fault };
+        let remedy = match fault {
+            SdoFault::TimedOut { .. } if !self.check_alive((request.gateway, channel)) => {
+                "; no node acknowledges frames of this channel: check bit rate, wiring and \
+                 termination"
+            }
+            SdoFault::TimedOut { .. } => {
+                "; check the node-ID, and that the node is not in the state stopped; `ecan node \
+                 scan` lists the nodes"
+            }
+            _ => "",
+        };
+        Failure::Rejected(format!("{failure}{remedy}"))
+    }
+}
+
+impl SdoRequest {
+    pub fn new(gateway: usize, target: NodeTarget, timeout: Duration, retries: u8) -> Self {
+        let config =
+            SdoConfig { timeout, retries, buffer_bytes: 64 * 1024, ..SdoConfig::default() };
+        Self { gateway, target, client: SdoClient::new(config) }
+    }
+}
+
+/// Passes a frame to the transfers.
+fn deliver(observed: &Observed, requests: &mut [SdoRequest], now_ns: u64) {
+    let (node, is_boot_up) = match observed.service() {
+        Some(CanopenService::SdoServer(node)) => (node, false),
+        Some(CanopenService::Heartbeat(node)) => {
+            (node, observed.state() == Some((node, NmtState::Initialising)))
+        }
+        _ => return,
+    };
+    let is_it = |request: &&mut SdoRequest| {
+        let SdoRequest { gateway, target, .. } = request;
+        observed.is_from(*gateway, target.channel) && target.node == node
+    };
+    let Some(request) = requests.iter_mut().find(is_it) else { return };
+    if is_boot_up {
+        request.client.drop_transfer(SdoFault::NodeRestarted);
+    } else if let Ok(data) = observed.frame.frame.data().try_into()
+        && matches!(observed.service(), Some(CanopenService::SdoServer(_)))
+    {
+        request.client.receive(data, now_ns);
+    }
+}
+
+fn sdo_frame(request: &SdoRequest, data: &[u8]) -> CanFrame {
+    classic(CobId::sdo_client(request.target.node).can_id(), data)
+}
+
+fn classic(id: CanId, data: &[u8]) -> CanFrame {
+    CanFrame::classic(id, data).unwrap_or_else(|_| {
+        // infallible: at most 8 bytes
+        unreachable!()
+    })
+}

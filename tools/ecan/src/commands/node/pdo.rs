@@ -1,0 +1,233 @@
+//! `ecan node pdo`: communication, mapping and live values of the PDOs.
+
+use std::collections::HashMap;
+use std::time::Duration;
+
+use clap::Args;
+use ecan_canopen::DataType;
+use serde::Serialize;
+
+use crate::context::{Context, Failure, Result};
+use crate::frames::FrameOptions;
+
+use super::node_client::{NodeClient, start};
+use super::node_link::Observed;
+use super::node_target::TargetArguments;
+use super::object_names::{DeviceFileArguments, ObjectNames, number};
+use super::object_value::ObjectValue;
+use super::pdo_table::{self, MappedObject, NodePdo};
+
+#[derive(Debug, Args)]
+pub struct PdoArguments {
+    #[command(flatten)]
+    target: TargetArguments,
+    #[command(flatten)]
+    eds: DeviceFileArguments,
+    /// Print the values of each PDO on the bus whenever they change
+    #[arg(long)]
+    watch: bool,
+    /// With --watch: exit after this number of lines, at least 1
+    #[arg(short = 'n', long, value_name = "COUNT", requires = "watch",
+          value_parser = clap::value_parser!(u64).range(1..))]
+    count: Option<u64>,
+    /// With --watch: exit if no PDO is received for this time, in ms
+    #[arg(short = 'T', long, value_name = "MS", requires = "watch")]
+    timeout: Option<u64>,
+    #[command(flatten)]
+    options: FrameOptions,
+}
+
+#[derive(Debug, Serialize)]
+struct LiveValue {
+    index: u16,
+    subindex: u8,
+    name: String,
+    value: serde_json::Value,
+    text: String,
+    meaning: Option<String>,
+}
+
+#[derive(Debug, Serialize)]
+struct LivePdo<'a> {
+    /// Seconds since the start of the command.
+    seconds: f64,
+    pdo: &'a str,
+    values: Vec<LiveValue>,
+}
+
+const SDO_TIMEOUT: Duration = Duration::from_millis(500);
+
+pub fn run(arguments: &PdoArguments, context: &Context) -> Result {
+    let target = arguments.target.target().map_err(Failure::Usage)?;
+    let context = &context.on_stderr(arguments.options.capture.is_on_output());
+    let names = ObjectNames::of(&arguments.eds)?;
+    let has_end = !arguments.watch || arguments.count.is_some() || arguments.timeout.is_some();
+    let link = start(&arguments.options, target.channel, has_end, context)?;
+    let mut client = NodeClient::new(link, target, SDO_TIMEOUT);
+    let pdos = pdo_table::read(&mut client, &names)?;
+    if !arguments.watch {
+        client.link.service.finish()?;
+        return context.output.data(&pdos, |out| match pdos.is_empty() {
+            true => writeln!(out, "{target} has no PDO"),
+            false => pdo_table::print(&pdos, out),
+        });
+    }
+    let watched = watch(arguments, &mut client, &pdos, &names, context);
+    client.link.service.finish().and(watched)
+}
+
+/// Prints changed PDOs until the user stops, or the options end it.
+fn watch(
+    arguments: &PdoArguments,
+    client: &mut NodeClient,
+    pdos: &[NodePdo],
+    names: &ObjectNames,
+    context: &Context,
+) -> Result {
+    let start_ns = client.link.service.now_ns();
+    let timeout_ns = arguments.timeout.map(|ms| ms.saturating_mul(1_000_000));
+    let (mut last_ns, mut printed) = (start_ns, 0);
+    let mut known: HashMap<usize, Vec<u8>> = HashMap::new();
+    loop {
+        let mut received: Vec<Observed> = Vec::new();
+        let channel = client.target().channel;
+        let cycle = client.link.cycle(&mut [], |it| {
+            // Also the RPDOs that another program sends.
+            if (it.frame.gateway, it.frame.channel) == (0, channel) {
+                received.push(*it);
+            }
+        });
+        let now_ns = match cycle {
+            Ok(now_ns) => now_ns,
+            // The user ends it.
+            Err(Failure::Incomplete(_)) if arguments.count.is_none() => return Ok(()),
+            Err(failure) => return Err(failure),
+        };
+        for it in received {
+            let frame = it.frame.frame;
+            let is_it = |pdo: &NodePdo| pdo.is_sent_with(frame.as_ref().id());
+            let Some(nth) = pdos.iter().position(is_it) else { continue };
+            let (Some(pdo), false) = (pdos.get(nth), frame.as_ref().is_remote()) else { continue };
+            last_ns = it.time_ns;
+            if known.get(&nth).is_some_and(|data| data == frame.data()) {
+                continue;
+            }
+            known.insert(nth, frame.data().to_vec());
+            let seconds = it.time_ns.saturating_sub(start_ns) as f64 / 1e9;
+            print_live(pdo, frame.data(), seconds, names, context)?;
+            printed += 1;
+            if Some(printed) == arguments.count {
+                return Ok(());
+            }
+        }
+        if timeout_ns.is_some_and(|limit| now_ns.saturating_sub(last_ns) >= limit) {
+            let target = client.target();
+            return match arguments.count.unwrap_or(1) > printed {
+                true => Err(Failure::Incomplete(format!(
+                    "no further PDO of {target} received; a node sends PDOs in the state \
+                     operational: `ecan node info` shows it"
+                ))),
+                false => Ok(()),
+            };
+        }
+    }
+}
+
+fn print_live(
+    pdo: &NodePdo,
+    data: &[u8],
+    seconds: f64,
+    names: &ObjectNames,
+    context: &Context,
+) -> Result {
+    let name = pdo.name();
+    let live = LivePdo { seconds, pdo: &name, values: values(&pdo.mapping, data, names) };
+    let mut stream = context.output.stream();
+    if context.global.json {
+        let json = serde_json::to_string(&live).map_err(std::io::Error::from)?;
+        writeln!(stream, "{json}")?;
+    } else {
+        let value = |it: &LiveValue| {
+            let name = match it.name.is_empty() {
+                true => number((it.index, it.subindex)),
+                false => it.name.clone(),
+            };
+            let meaning = it.meaning.as_ref().map_or_else(String::new, |it| format!(": {it}"));
+            format!("{name} = {}{meaning}", it.text)
+        };
+        let values: Vec<_> = live.values.iter().map(value).collect();
+        let values = if values.is_empty() { "no values".to_owned() } else { values.join(", ") };
+        writeln!(stream, "{seconds:9.3}  {name}  {values}")?;
+    }
+    stream.flush()?;
+    Ok(())
+}
+
+/// Values of the mapped objects, as far as the frame has their bits.
+fn values(mapping: &[MappedObject], data: &[u8], names: &ObjectNames) -> Vec<LiveValue> {
+    let mut at = 0;
+    let mut values = Vec::new();
+    for it in mapping {
+        let Some(bytes) = bits(data, at, usize::from(it.bits)) else { break };
+        at += usize::from(it.bits);
+        let key = (it.index, it.subindex);
+        // Dummy entries have no value: their index is that of a data type.
+        if it.index <= 0x1F {
+            continue;
+        }
+        let data_type: Option<DataType> = names.entry(key).map(|entry| entry.data_type);
+        let value = ObjectValue::new(bytes, data_type);
+        values.push(LiveValue {
+            index: it.index,
+            subindex: it.subindex,
+            name: it.name.clone(),
+            value: value.json(),
+            text: value.text(),
+            meaning: value.meaning(key),
+        });
+    }
+    values
+}
+
+/// The bytes of a value of `count` bits from bit `at`; `None` if the frame is shorter.
+fn bits(data: &[u8], at: usize, count: usize) -> Option<Vec<u8>> {
+    if at + count > data.len() * 8 {
+        return None;
+    }
+    let bit =
+        |number: usize| data.get(number / 8).is_some_and(|byte| byte >> (number % 8) & 1 == 1);
+    let mut bytes = vec![0; count.div_ceil(8)];
+    for (nth, byte) in bytes.iter_mut().enumerate() {
+        for place in 0..8.min(count - nth * 8) {
+            *byte |= u8::from(bit(at + nth * 8 + place)) << place;
+        }
+    }
+    Some(bytes)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn values_are_decoded_by_the_mapping() {
+        let names = ObjectNames::standard();
+        let mapped =
+            |index, bits| MappedObject { index, subindex: 0, bits, name: names.name((index, 0)) };
+        let mapping = [mapped(0x6041, 16), mapped(0x0005, 8), mapped(0x6064, 32)];
+        let data = [0x37, 0x06, 0xEE, 0x9C, 0xFF, 0xFF, 0xFF];
+        let values = values(&mapping, &data, &names);
+        let texts: Vec<_> =
+            values.iter().map(|it| (it.text.as_str(), it.meaning.as_deref())).collect();
+        assert_eq!(texts, [("1591 (0x637)", Some("operation enabled")), ("-100", None)]);
+        let short = super::values(&mapping, &data[..4], &names);
+        assert_eq!(short.len(), 1, "the position is not complete");
+    }
+
+    #[test]
+    fn bits_across_bytes_are_extracted() {
+        assert_eq!(bits(&[0b1010_0000, 0b0000_0011], 5, 5), Some(vec![0b0001_1101]));
+        assert_eq!(bits(&[0xFF, 0x01], 0, 9), Some(vec![0xFF, 0x01]));
+        assert_eq!(bits(&[0xFF], 4, 5), None);
+    }
+}

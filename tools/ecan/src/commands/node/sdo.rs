@@ -1,0 +1,336 @@
+//! `ecan node sdo`: objects of a node.
+
+use std::io::{self, Write};
+use std::time::Duration;
+
+use clap::builder::{PossibleValuesParser, TypedValueParser};
+use clap::{Args, Subcommand};
+use ecan_canopen::{DataType, SdoFault};
+use serde::Serialize;
+
+use crate::confirmation::confirm;
+use crate::context::{Context, Failure, Output, Result};
+use crate::frames::FrameOptions;
+use crate::table;
+
+use super::motion_objects::moves_a_motor;
+use super::node_client::{NodeClient, start};
+use super::node_target::{JsonTarget, NodeTarget, TargetArguments};
+use super::object_names::{DeviceFileArguments, NamedEntry, ObjectKey, ObjectNames, number};
+use super::object_value::ObjectValue;
+
+#[derive(Debug, Args)]
+#[command(after_help = "\
+An object is INDEX[:SUBINDEX], or OBJECT[:ENTRY] with (parts of) its names: those of the device file
+(--eds), else of CiA 301 and CiA 402-2.
+  ecan node sdo read --node 5 0x1018:1
+  ecan node sdo read --node 5 'position actual value'
+  ecan node sdo write --node 5 'producer heartbeat time' 500
+  ecan node sdo list --node 5 identity
+  ecan node sdo list --node 5 --eds drive.eds")]
+pub struct SdoArguments {
+    #[command(subcommand)]
+    action: Action,
+}
+
+#[derive(Debug, Args)]
+struct Common {
+    #[command(flatten)]
+    target: TargetArguments,
+    #[command(flatten)]
+    eds: DeviceFileArguments,
+    /// Type of the value [default: by the device file or the standards; unsigned by its length]
+    #[arg(long = "type", value_name = "TYPE", value_parser = type_parser())]
+    ty: Option<DataType>,
+    /// Time for an answer of the node, in ms
+    #[arg(long, value_name = "MS", default_value_t = 500,
+          value_parser = clap::value_parser!(u64).range(1..=600_000))]
+    timeout: u64,
+    #[command(flatten)]
+    options: FrameOptions,
+}
+
+#[derive(Debug, Subcommand)]
+enum Action {
+    /// Read an object
+    Read {
+        /// Object
+        object: String,
+        #[command(flatten)]
+        common: Common,
+    },
+    /// Write an object, and read it again if possible
+    Write {
+        /// Object
+        object: String,
+        /// Value; a number may be hexadecimal (0x), bytes are pairs of hexadecimal digits
+        #[arg(allow_hyphen_values = true)]
+        value: String,
+        /// Write objects that can move a motor without asking
+        #[arg(long)]
+        yes: bool,
+        #[command(flatten)]
+        common: Common,
+    },
+    /// List the objects of the node with their values
+    List {
+        /// Object, or part of its name [default: all]
+        object: Option<String>,
+        /// List names only, without reading values
+        #[arg(long)]
+        names: bool,
+        #[command(flatten)]
+        common: Common,
+    },
+}
+
+const TYPES: [(&str, DataType); 14] = [
+    ("bool", DataType::Boolean),
+    ("u8", DataType::Unsigned8),
+    ("u16", DataType::Unsigned16),
+    ("u32", DataType::Unsigned32),
+    ("u64", DataType::Unsigned64),
+    ("i8", DataType::Integer8),
+    ("i16", DataType::Integer16),
+    ("i32", DataType::Integer32),
+    ("i64", DataType::Integer64),
+    ("f32", DataType::Real32),
+    ("f64", DataType::Real64),
+    ("string", DataType::VisibleString),
+    ("unicode", DataType::UnicodeString),
+    ("bytes", DataType::Domain),
+];
+
+fn type_parser() -> impl TypedValueParser<Value = DataType> {
+    PossibleValuesParser::new(TYPES.map(|(name, _)| name))
+        .map(|name| TYPES.iter().find(|it| it.0 == name).map_or(DataType::Domain, |it| it.1))
+}
+
+/// Name of a type as in `--type`, else that of CiA 301.
+fn type_name(data_type: DataType) -> String {
+    let named = TYPES.iter().find(|it| it.1 == data_type);
+    named.map_or_else(|| data_type.to_string(), |it| it.0.to_owned())
+}
+
+#[derive(Debug, Serialize)]
+struct Read {
+    #[serde(flatten)]
+    node: JsonTarget,
+    index: u16,
+    subindex: u8,
+    name: Option<String>,
+    #[serde(rename = "type")]
+    ty: Option<String>,
+    access: Option<&'static str>,
+    bytes: Option<Vec<u8>>,
+    value: Option<serde_json::Value>,
+    text: Option<String>,
+    meaning: Option<String>,
+    error: Option<String>,
+}
+
+pub fn run(arguments: &SdoArguments, context: &Context) -> Result {
+    let common = match &arguments.action {
+        Action::Read { common, .. }
+        | Action::Write { common, .. }
+        | Action::List { common, .. } => common,
+    };
+    let target = common.target.target().map_err(Failure::Usage)?;
+    let context = &context.on_stderr(common.options.capture.is_on_output());
+    let names = ObjectNames::of(&common.eds)?;
+    let sdo = Sdo { common, target, names, context };
+    match &arguments.action {
+        Action::Read { object, .. } => sdo.read(object),
+        Action::Write { object, value, yes, .. } => sdo.write(object, value, *yes),
+        Action::List { object, names, .. } => sdo.list(object.as_deref(), *names),
+    }
+}
+
+struct Sdo<'a> {
+    common: &'a Common,
+    target: NodeTarget,
+    names: ObjectNames,
+    context: &'a Context<'a>,
+}
+
+impl Sdo<'_> {
+    fn start(&self) -> Result<NodeClient> {
+        let link = start(&self.common.options, self.target.channel, true, self.context)?;
+        Ok(NodeClient::new(link, self.target, Duration::from_millis(self.common.timeout)))
+    }
+
+    /// Type of an object: by `--type`, else by its name.
+    fn type_of(&self, key: ObjectKey) -> Option<DataType> {
+        self.common.ty.or_else(|| self.names.entry(key).map(|it| it.data_type))
+    }
+
+    fn data(&self, node: JsonTarget, key: ObjectKey, answer: Result<Vec<u8>, String>) -> Read {
+        let entry = self.names.entry(key);
+        let value = answer.as_ref().ok().map(|it| ObjectValue::new(it.clone(), self.type_of(key)));
+        Read {
+            node,
+            index: key.0,
+            subindex: key.1,
+            name: entry.map(NamedEntry::name),
+            ty: self.type_of(key).map(type_name),
+            access: entry.and_then(|it| it.access).map(|it| it.word()),
+            text: value.as_ref().map(ObjectValue::text),
+            meaning: value.as_ref().and_then(|it| it.meaning(key)),
+            value: value.as_ref().map(ObjectValue::json),
+            bytes: value.map(|it| it.bytes),
+            error: answer.err(),
+        }
+    }
+
+    fn read(&self, object: &str) -> Result {
+        let (index, subindex) = self.names.find(object).map_err(Failure::Usage)?;
+        let mut client = self.start()?;
+        let data = client.upload(index, subindex);
+        client.link.service.finish()?;
+        let read = self.data(client.json(), (index, subindex), Ok(data?));
+        self.context.output.data(&read, |out| print_value(&read, out))
+    }
+
+    fn write(&self, object: &str, text: &str, is_granted: bool) -> Result {
+        let key = self.names.find(object).map_err(Failure::Usage)?;
+        let (index, subindex) = key;
+        let name = self.names.name(key);
+        let Some(data_type) = self.type_of(key) else {
+            let object = number(key);
+            return Err(Failure::Usage(format!(
+                "the type of {object} is not known; set it with --type, or use a device file (--eds)"
+            )));
+        };
+        let entry = self.names.entry(key);
+        if let Some(access) = entry.and_then(|it| it.access).filter(|it| !it.is_writable()) {
+            let object = number(key);
+            return Err(Failure::Usage(format!(
+                "{object} {name} cannot be written: its access is {access} by the device file"
+            )));
+        }
+        let data = data_type.parse(text).and_then(|value| data_type.encode(&value));
+        let data = data.map_err(|error| Failure::Usage(error.to_string()))?;
+        let target = self.target;
+        confirm(
+            is_granted || !moves_a_motor(index),
+            &format!("writing {} {name}", number(key)),
+            format_args!("Write {text} to {name} of {target}: a motor can move. Continue?"),
+            "the object was not written",
+        )?;
+        let mut client = self.start()?;
+        let written = client.download(index, subindex, &data);
+        let answer = match written {
+            Ok(()) => client.try_upload(index, subindex)?,
+            Err(failure) => {
+                client.link.service.finish()?;
+                return Err(failure);
+            }
+        };
+        client.link.service.finish()?;
+        let is_other = answer.as_ref().is_ok_and(|it| *it != data);
+        // An object that can only be written is not an error.
+        let read = self.data(client.json(), key, Ok(answer.unwrap_or(data)));
+        self.context.output.data(&read, |out| print_value(&read, out))?;
+        match is_other && !is_command(key) {
+            true => Err(Failure::Rejected(format!(
+                "{} of {target} has another value after the write; the node limits or ignores it",
+                number(key)
+            ))),
+            false => Ok(()),
+        }
+    }
+
+    fn list(&self, object: Option<&str>, is_names_only: bool) -> Result {
+        let is_selected = self.selection(object)?;
+        let entries: Vec<_> =
+            self.names.entries().iter().filter(|it| is_selected.contains(&it.index)).collect();
+        let mut client = match is_names_only {
+            true => None,
+            false => Some(self.start()?),
+        };
+        let mut rows = Vec::new();
+        for entry in entries {
+            let key = (entry.index, entry.subindex);
+            let is_readable = entry.access.is_none_or(|access| access.is_readable());
+            let Some(client) = client.as_mut() else {
+                let node = JsonTarget {
+                    slave: 0,
+                    channel: self.target.channel,
+                    node: self.target.node.get(),
+                };
+                rows.push(Read { error: None, ..self.data(node, key, Err(String::new())) });
+                continue;
+            };
+            if !is_readable {
+                rows.push(self.data(client.json(), key, Err("not readable".to_owned())));
+                continue;
+            }
+            match client.try_upload(entry.index, entry.subindex)? {
+                Ok(data) => rows.push(self.data(client.json(), key, Ok(data))),
+                // Without a device file the node is asked for objects that it need not have.
+                Err(SdoFault::Aborted(_)) if entry.access.is_none() => {}
+                Err(fault @ SdoFault::Aborted(_)) => {
+                    rows.push(self.data(client.json(), key, Err(fault.to_string())));
+                }
+                Err(_) => {
+                    // Returns the failure with its remedy.
+                    client.upload(entry.index, entry.subindex)?;
+                }
+            }
+        }
+        if let Some(client) = &mut client {
+            client.link.service.finish()?;
+        }
+        self.context.output.data(&rows, |out| print_list(&rows, &self.context.output, out))
+    }
+
+    /// Indices of the object, or of those whose names contain the text.
+    fn selection(&self, object: Option<&str>) -> Result<Vec<u16>> {
+        let Some(text) = object else {
+            return Ok(self.names.entries().iter().map(|it| it.index).collect());
+        };
+        if let Some(index) =
+            crate::value::parse_unsigned(text).and_then(|it| u16::try_from(it).ok())
+        {
+            return Ok(vec![index]);
+        }
+        match self.names.objects_of(text) {
+            found if found.is_empty() => Err(Failure::Usage(format!("unknown object \"{text}\""))),
+            found => Ok(found),
+        }
+    }
+}
+
+/// Objects whose value is not that of the last write: store, restore, history, controlword.
+fn is_command((index, _): ObjectKey) -> bool {
+    use ecan_canopen::object::{ERROR_HISTORY, RESTORE_PARAMETERS, STORE_PARAMETERS};
+    matches!(index, STORE_PARAMETERS | RESTORE_PARAMETERS | ERROR_HISTORY)
+        || (0x1F00..0x2000).contains(&index)
+}
+
+fn print_value(read: &Read, out: &mut dyn Write) -> io::Result<()> {
+    let name = read.name.as_ref().map_or_else(String::new, |name| format!(" {name}"));
+    let meaning = read.meaning.as_ref().map_or_else(String::new, |it| format!(": {it}"));
+    let text = read.text.as_deref().unwrap_or_default();
+    writeln!(out, "{}{name} = {text}{meaning}", number((read.index, read.subindex)))
+}
+
+fn print_list(rows: &[Read], output: &Output, out: &mut dyn Write) -> io::Result<()> {
+    table::print_with_titles(out, ["OBJECT", "TYPE", "ACCESS", "NAME", "VALUE"], rows, |it| {
+        let value = match (&it.text, &it.error) {
+            (Some(text), _) => {
+                let meaning = it.meaning.as_ref().map_or_else(String::new, |it| format!(": {it}"));
+                format!("{text}{meaning}")
+            }
+            (None, Some(error)) => output.toned(crate::context::Tone::Faint, error),
+            (None, None) => String::new(),
+        };
+        [
+            number((it.index, it.subindex)),
+            it.ty.clone().unwrap_or_default(),
+            it.access.unwrap_or("-").to_owned(),
+            it.name.clone().unwrap_or_default(),
+            value,
+        ]
+    })
+}
