@@ -26,6 +26,11 @@ fn commands_of_one(files: &Scenario) -> Vec<Vec<String>> {
         "gen",
         &format!("replay {log}"),
         "bridge --slcan 127.0.0.1:0",
+        "node info --node 1",
+        "node sdo read --node 1 0x1000",
+        "node nmt stop --node 1",
+        "node pdo --node 1",
+        "node emcy --node 1",
     ];
     commands.map(words).to_vec()
 }
@@ -39,6 +44,7 @@ fn commands_of_all(files: &Scenario) -> Vec<Vec<String>> {
         &format!("config diff {config}"),
         "monitor --once",
         "selftest",
+        "node scan",
     ];
     commands.map(words).to_vec()
 }

@@ -112,10 +112,10 @@ impl Search<'_> {
     fn listen(&mut self, rate: u32, channels: Channels, time: Duration) -> Result {
         let mut link = self.enter(rate, channels, None)?;
         let end_ns = link.service.now_ns() + time.as_nanos() as u64;
-        let mut heard = BTreeSet::new();
+        let mut active = BTreeSet::new();
         let listened = loop {
             let cycle = link.cycle(&mut [], |it| {
-                heard.insert((it.frame.gateway, it.frame.channel));
+                active.insert((it.frame.gateway, it.frame.channel));
             });
             match cycle {
                 Ok(now_ns) if now_ns < end_ns => {}
@@ -123,7 +123,7 @@ impl Search<'_> {
             }
         };
         listened.and(link.service.finish())?;
-        for (gateway, channel) in heard {
+        for (gateway, channel) in active {
             self.take((link.service.position(gateway), channel), rate);
         }
         Ok(())

@@ -163,7 +163,7 @@ fn print_live(
     Ok(())
 }
 
-/// Values of the mapped objects, as far as the frame has their bits.
+/// Values of the mapped objects whose bits the frame has.
 fn values(mapping: &[MappedObject], data: &[u8], names: &ObjectNames) -> Vec<LiveValue> {
     let mut at = 0;
     let mut values = Vec::new();

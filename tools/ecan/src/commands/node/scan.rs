@@ -22,7 +22,7 @@ A node is found if it answers an SDO request for 0x1000, or sends a heartbeat or
 All channels of all gateways are scanned in parallel, unless --slave or --channel selects.
 
 --bitrates listens without acknowledging at each bit rate, so that a running bus is not disturbed. On
-a channel where no frame arrives it then sends one request at each bit rate. A gateway takes up to
+a channel where no frame arrives it then sends one request at each bit rate. A gateway needs up to
 ten seconds for each bit rate. Not through a service, which has configured the bit rates.
 
 Exit status 1 if no node is found.";
@@ -77,7 +77,7 @@ pub struct ScanArguments {
 
 /// Transfers at the same time on a channel.
 const WINDOW: usize = 8;
-/// Time after which a channel without an acknowledgement is given up.
+/// Time after which a channel without an acknowledgement ends its scan.
 const SILENT_NS: u64 = 300_000_000;
 /// Objects of a node that answered.
 const INQUIRY: [(u16, u8); 6] = [

@@ -237,6 +237,11 @@ impl Running {
         self.child.id()
     }
 
+    /// Returns whether it has exited.
+    pub fn has_ended(&mut self) -> bool {
+        self.child.try_wait().unwrap().is_some()
+    }
+
     /// Kills it and waits for its end.
     pub fn kill(&mut self) {
         self.child.kill().unwrap();
