@@ -15,8 +15,8 @@ fn sdo_fails(status: i32, arguments: &[&str]) -> String {
 #[test]
 fn objects_are_read_by_number_and_name() {
     for (object, expected) in [
-        ("0x6064", "0x6064:00 position actual value = 1007 (0x3EF)\n"),
-        ("position actual value", "0x6064:00 position actual value = 1007 (0x3EF)\n"),
+        ("0x6064", "0x6064:00 position actual value = 1007\n"),
+        ("position actual value", "0x6064:00 position actual value = 1007\n"),
         ("0x1018:4", "0x1018:04 identity: serial number = 1008 (0x3F0)\n"),
         ("identity:product", "0x1018:02 identity: product code = 402 (0x192)\n"),
         ("0x1008", "0x1008:00 device name = \"ECAN simulated servo drive\"\n"),
@@ -24,13 +24,7 @@ fn objects_are_read_by_number_and_name() {
         ("0x1000", "0x1000:00 device type = 131474 (0x20192): servo drive (CiA 402)\n"),
         ("0x2001", "0x2001:00 = 73 69 6D 75 6C 61 74 65 64\n"),
     ] {
-        assert_eq!(
-            sdo(&["read", "--node", "1", object]).replace("1007 (0x3EF)", "1007 (0x3EF)"),
-            {
-                // A signed value has no hexadecimal form.
-                expected.replace("value = 1007 (0x3EF)", "value = 1007")
-            }
-        );
+        assert_eq!(sdo(&["read", "--node", "1", object]), expected);
     }
     assert_eq!(
         sdo(&["read", "--node", "1", "--type", "string", "0x2001"]),

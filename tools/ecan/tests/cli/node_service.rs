@@ -66,6 +66,18 @@ fn live_pdo_shows_the_change_of_another_command() {
 }
 
 #[test]
+fn watch_ends_with_the_user() {
+    let served = serve_drives();
+    let mut watching = served.run(&["node", "emcy", "--node", "1", "--watch"]);
+    assert_eq!(watching.line(), "node 1 on can0, error register: no error");
+    assert_eq!(watching.line(), "error history: empty");
+    watching.terminate();
+    let (status, errors) = watching.wait();
+    assert_eq!(status, Some(0), "{errors}");
+    served.end();
+}
+
+#[test]
 fn search_for_bit_rates_needs_the_gateways_alone() {
     let served = serve_drives();
     let message = served.node_fails(2, &["scan", "--bitrates"]);

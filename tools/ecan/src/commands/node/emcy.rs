@@ -72,11 +72,11 @@ pub fn run(arguments: &EmcyArguments, context: &Context) -> Result {
     let context = &context.on_stderr(arguments.options.capture.is_on_output());
     let has_end = !arguments.watch || arguments.count.is_some() || arguments.timeout.is_some();
     let link = start(&arguments.options, target.channel, has_end, context)?;
-    let mut client = NodeClient::new(link, target, SDO_TIMEOUT);
-    let history = read(&mut client, arguments.clear)?;
-    context.output.data(&history, |out| print(&history, &context.output, out))?;
-    let watched = if arguments.watch { watch(arguments, &mut client, context) } else { Ok(()) };
-    client.link.service.finish().and(watched)
+    NodeClient::new(link, target, SDO_TIMEOUT).run(|client| {
+        let history = read(client, arguments.clear)?;
+        context.output.data(&history, |out| print(&history, &context.output, out))?;
+        if arguments.watch { watch(arguments, client, context) } else { Ok(()) }
+    })
 }
 
 fn read(client: &mut NodeClient, is_clearing: bool) -> Result<History> {

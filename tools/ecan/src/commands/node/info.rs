@@ -87,10 +87,8 @@ pub fn run(arguments: &InfoArguments, context: &Context) -> Result {
     let context = &context.on_stderr(arguments.options.capture.is_on_output());
     let names = ObjectNames::of(&arguments.eds)?;
     let link = start(&arguments.options, target.channel, true, context)?;
-    let mut client = NodeClient::new(link, target, SDO_TIMEOUT);
-    let info = read(&mut client, &names);
-    client.link.service.finish()?;
-    let info = info?;
+    let client = NodeClient::new(link, target, SDO_TIMEOUT);
+    let info = client.run(|client| read(client, &names))?;
     context.output.data(&info, |out| print(&info, &context.output, out))?;
     match info.device_file.as_ref().is_some_and(|it| !it.differences.is_empty()) {
         true => Err(Failure::ProblemsFound),

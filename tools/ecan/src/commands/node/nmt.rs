@@ -13,7 +13,7 @@ use crate::frames::{FrameOptions, parse_channel};
 
 use super::node_client::{NodeClient, start};
 use super::node_link::{NodeLink, Observed};
-use super::node_target::{NodeArgument, NodeTarget, node_target};
+use super::node_target::NodeArgument;
 use super::scan_report::state_name;
 
 pub const NOTES: &str = "\
@@ -138,10 +138,12 @@ const SDO_TIMEOUT: Duration = Duration::from_millis(300);
 const GUARDING: Duration = Duration::from_millis(100);
 
 pub fn run(arguments: &NmtArguments, context: &Context) -> Result {
-    let (channel, node) = node_target(arguments.node, arguments.channel).map_err(Failure::Usage)?;
+    let target = arguments.node.map(|node| node.target(arguments.channel)).transpose();
+    let target = target.map_err(Failure::Usage)?;
+    let channel = target.map_or(arguments.channel.unwrap_or(0), |it| it.channel);
     let context = &context.on_stderr(arguments.options.capture.is_on_output());
-    let what = match node {
-        Some(node) => format!("node {node} on can{channel}"),
+    let what = match target {
+        Some(target) => target.to_string(),
         None => format!("all nodes on can{channel}"),
     };
     let command = arguments.command.command();
@@ -157,11 +159,16 @@ pub fn run(arguments: &NmtArguments, context: &Context) -> Result {
     )?;
     let link = start(&arguments.options, channel, true, context)?;
     let timeout = Duration::from_millis(arguments.timeout);
-    let (outcome, mut link) = match node {
-        Some(node) => command_one(arguments.command, link, NodeTarget { channel, node }, timeout)?,
-        None => command_all(arguments.command, link, channel, timeout)?,
+    let outcome = match target {
+        Some(target) => NodeClient::new(link, target, SDO_TIMEOUT)
+            .run(|client| command_one(arguments.command, client, timeout))?,
+        None => {
+            let mut link = link;
+            let outcome = command_all(arguments.command, &mut link, channel, timeout);
+            let finished = link.service.finish();
+            outcome.and_then(|outcome| finished.map(|()| outcome))?
+        }
     };
-    link.service.finish()?;
     context.output.data(&outcome, |out| print(&outcome, out))?;
     check(&outcome, arguments.command, &what)
 }
@@ -203,18 +210,13 @@ fn outcome(link: &NodeLink, channel: u8, command: Command, nodes: Vec<Confirmed>
 }
 
 /// Commands one node and waits for its state.
-fn command_one(
-    command: Command,
-    link: NodeLink,
-    target: NodeTarget,
-    timeout: Duration,
-) -> Result<(Outcome, NodeLink)> {
-    let mut client = NodeClient::new(link, target, SDO_TIMEOUT);
+fn command_one(command: Command, client: &mut NodeClient, timeout: Duration) -> Result<Outcome> {
+    let target = client.target();
     // A node in the state stopped answers none of these.
     let period = client.try_upload(object::PRODUCER_HEARTBEAT, 0)?.ok();
     let answers = period.is_some();
     let period_ms = period.map_or(0, |data| super::node_client::unsigned(&data));
-    let may_guard = answers && period_ms == 0 && !has_life_guarding(&mut client)?;
+    let may_guard = answers && period_ms == 0 && !has_life_guarding(client)?;
     client.forget_state();
     let request = NmtRequest { command: command.command(), node: Some(target.node) };
     let mut watch = StateWatch { node: target.node, ..StateWatch::default() };
@@ -254,7 +256,7 @@ fn command_one(
     // A state of another kind than expected is reported by a heartbeat.
     let proof = confirmed.or(watch.last.map(|_| Proof::Heartbeat));
     let node = Confirmed { node: target.node.get(), state: state.map(state_name), proof };
-    Ok((outcome(&client.link, target.channel, command, vec![node]), client.link))
+    Ok(outcome(&client.link, target.channel, command, vec![node]))
 }
 
 /// Returns whether a request by node guarding would start the life guarding of the node.
@@ -325,10 +327,10 @@ impl StateWatch {
 /// Commands all nodes of a channel, and collects the states that they report until the end.
 fn command_all(
     command: Command,
-    mut link: NodeLink,
+    link: &mut NodeLink,
     channel: u8,
     timeout: Duration,
-) -> Result<(Outcome, NodeLink)> {
+) -> Result<Outcome> {
     let mut states: BTreeMap<u8, (NmtState, Proof)> = BTreeMap::new();
     link.send_nmt(channel, NmtRequest { command: command.command(), node: None }, |_| ())?;
     let end_ns = link.service.now_ns().saturating_add(timeout.as_nanos() as u64);
@@ -352,5 +354,5 @@ fn command_all(
         proof: Some(proof),
     };
     let nodes = states.into_iter().map(confirmed).collect();
-    Ok((outcome(&link, channel, command, nodes), link))
+    Ok(outcome(link, channel, command, nodes))
 }

@@ -54,6 +54,13 @@ impl NodeClient {
         Self { link, request: SdoRequest::new(0, target, timeout, RETRIES), state: None }
     }
 
+    /// Does the work of a command, then ends the capture of the frames, also after an error.
+    pub fn run<T>(mut self, work: impl FnOnce(&mut Self) -> Result<T>) -> Result<T> {
+        let result = work(&mut self);
+        let finished = self.link.service.finish();
+        result.and_then(|value| finished.map(|()| value))
+    }
+
     pub fn target(&self) -> NodeTarget {
         self.request.target
     }

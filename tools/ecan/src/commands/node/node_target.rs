@@ -45,25 +45,22 @@ pub struct TargetArguments {
 impl TargetArguments {
     /// The node; `--channel` and the channel of `--node` exclude each other unless they are equal.
     pub fn target(&self) -> Result<NodeTarget, String> {
-        node_target(Some(self.node), self.channel).map(|(channel, node)| NodeTarget {
-            channel,
-            // infallible: a node was given
-            node: node.unwrap_or(NodeId::MIN),
-        })
+        self.node.target(self.channel)
     }
 }
 
-/// Returns the channel and the node of the options.
-pub fn node_target(
-    node: Option<NodeArgument>,
-    channel: Option<u8>,
-) -> Result<(u8, Option<NodeId>), String> {
-    let of_node = node.and_then(|it| it.channel);
-    match (of_node, channel) {
-        (Some(one), Some(other)) if one != other => {
-            Err(format!("--node {one}.ID and --channel {other} name different channels"))
+impl NodeArgument {
+    /// The node on the channel of the argument, else on this one, else on channel 0.
+    pub fn target(self, channel: Option<u8>) -> Result<NodeTarget, String> {
+        match (self.channel, channel) {
+            (Some(one), Some(other)) if one != other => Err(format!(
+                "--node {one}.{} and --channel {other} name different channels",
+                self.node
+            )),
+            (of_node, channel) => {
+                Ok(NodeTarget { channel: of_node.or(channel).unwrap_or(0), node: self.node })
+            }
         }
-        _ => Ok((of_node.or(channel).unwrap_or(0), node.map(|it| it.node))),
     }
 }
 
@@ -95,15 +92,16 @@ mod tests {
     #[test]
     fn node_may_name_its_channel() {
         let parse = |text: &str| text.parse::<NodeArgument>();
-        let node = |text: &str| node_target(Some(parse(text).unwrap()), None);
-        assert_eq!(node("5"), Ok((0, NodeId::new(5))));
-        assert_eq!(node("2.0x7F"), Ok((2, NodeId::new(127))));
-        assert_eq!(node("can1.3"), Ok((1, NodeId::new(3))));
+        let node = |text: &str| parse(text).unwrap().target(None).unwrap();
+        let target = |channel, node| NodeTarget { channel, node: NodeId::new(node).unwrap() };
+        assert_eq!(node("5"), target(0, 5));
+        assert_eq!(node("2.0x7F"), target(2, 127));
+        assert_eq!(node("can1.3"), target(1, 3));
         for wrong in ["0", "128", "4.1", "1.", "", "1.2.3", "-1"] {
             assert!(parse(wrong).is_err(), "{wrong}");
         }
-        let both = |channel| node_target(Some(parse("2.5").unwrap()), Some(channel));
-        assert_eq!(both(2), Ok((2, NodeId::new(5))));
+        let both = |channel| parse("2.5").unwrap().target(Some(channel));
+        assert_eq!(both(2), Ok(target(2, 5)));
         assert!(both(1).unwrap_err().contains("different channels"));
     }
 }

@@ -63,17 +63,16 @@ pub fn run(arguments: &PdoArguments, context: &Context) -> Result {
     let names = ObjectNames::of(&arguments.eds)?;
     let has_end = !arguments.watch || arguments.count.is_some() || arguments.timeout.is_some();
     let link = start(&arguments.options, target.channel, has_end, context)?;
-    let mut client = NodeClient::new(link, target, SDO_TIMEOUT);
-    let pdos = pdo_table::read(&mut client, &names)?;
-    if !arguments.watch {
-        client.link.service.finish()?;
-        return context.output.data(&pdos, |out| match pdos.is_empty() {
+    NodeClient::new(link, target, SDO_TIMEOUT).run(|client| {
+        let pdos = pdo_table::read(client, &names)?;
+        if arguments.watch {
+            return watch(arguments, client, &pdos, &names, context);
+        }
+        context.output.data(&pdos, |out| match pdos.is_empty() {
             true => writeln!(out, "{target} has no PDO"),
             false => pdo_table::print(&pdos, out),
-        });
-    }
-    let watched = watch(arguments, &mut client, &pdos, &names, context);
-    client.link.service.finish().and(watched)
+        })
+    })
 }
 
 /// Prints changed PDOs until the user stops, or the options end it.

@@ -184,10 +184,10 @@ impl Sdo<'_> {
 
     fn read(&self, object: &str) -> Result {
         let (index, subindex) = self.names.find(object).map_err(Failure::Usage)?;
-        let mut client = self.start()?;
-        let data = client.upload(index, subindex);
-        client.link.service.finish()?;
-        let read = self.data(client.json(), (index, subindex), Ok(data?));
+        let read = self.start()?.run(|client| {
+            let data = client.upload(index, subindex)?;
+            Ok(self.data(client.json(), (index, subindex), Ok(data)))
+        })?;
         self.context.output.data(&read, |out| print_value(&read, out))
     }
 
@@ -217,19 +217,13 @@ impl Sdo<'_> {
             format_args!("Write {text} to {name} of {target}: a motor can move. Continue?"),
             "the object was not written",
         )?;
-        let mut client = self.start()?;
-        let written = client.download(index, subindex, &data);
-        let answer = match written {
-            Ok(()) => client.try_upload(index, subindex)?,
-            Err(failure) => {
-                client.link.service.finish()?;
-                return Err(failure);
-            }
-        };
-        client.link.service.finish()?;
+        let (node, answer) = self.start()?.run(|client| {
+            client.download(index, subindex, &data)?;
+            Ok((client.json(), client.try_upload(index, subindex)?))
+        })?;
         let is_other = answer.as_ref().is_ok_and(|it| *it != data);
         // An object that can only be written is not an error.
-        let read = self.data(client.json(), key, Ok(answer.unwrap_or(data)));
+        let read = self.data(node, key, Ok(answer.unwrap_or(data)));
         self.context.output.data(&read, |out| print_value(&read, out))?;
         match is_other && !is_command(key) {
             true => Err(Failure::Rejected(format!(
@@ -244,24 +238,26 @@ impl Sdo<'_> {
         let is_selected = self.selection(object)?;
         let entries: Vec<_> =
             self.names.entries().iter().filter(|it| is_selected.contains(&it.index)).collect();
-        let mut client = match is_names_only {
-            true => None,
-            false => Some(self.start()?),
+        let rows: Vec<_> = if is_names_only {
+            let (channel, node) = (self.target.channel, self.target.node.get());
+            let address = JsonTarget { slave: 0, channel, node };
+            let row = |it: &&NamedEntry| Read {
+                error: None,
+                ..self.data(address, (it.index, it.subindex), Err(String::new()))
+            };
+            entries.iter().map(row).collect()
+        } else {
+            self.start()?.run(|client| self.read_all(client, &entries))?
         };
+        self.context.output.data(&rows, |out| print_list(&rows, &self.context.output, out))
+    }
+
+    /// Reads the entries that the node has.
+    fn read_all(&self, client: &mut NodeClient, entries: &[&NamedEntry]) -> Result<Vec<Read>> {
         let mut rows = Vec::new();
         for entry in entries {
             let key = (entry.index, entry.subindex);
-            let is_readable = entry.access.is_none_or(|access| access.is_readable());
-            let Some(client) = client.as_mut() else {
-                let node = JsonTarget {
-                    slave: 0,
-                    channel: self.target.channel,
-                    node: self.target.node.get(),
-                };
-                rows.push(Read { error: None, ..self.data(node, key, Err(String::new())) });
-                continue;
-            };
-            if !is_readable {
+            if entry.access.is_some_and(|access| !access.is_readable()) {
                 rows.push(self.data(client.json(), key, Err("not readable".to_owned())));
                 continue;
             }
@@ -278,10 +274,7 @@ impl Sdo<'_> {
                 }
             }
         }
-        if let Some(client) = &mut client {
-            client.link.service.finish()?;
-        }
-        self.context.output.data(&rows, |out| print_list(&rows, &self.context.output, out))
+        Ok(rows)
     }
 
     /// Indices of the object, or of those whose names contain the text.
