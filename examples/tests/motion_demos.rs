@@ -63,12 +63,9 @@ fn one_axis_follows_its_steps_and_is_plotted() {
 #[test]
 fn fault_of_a_drive_is_marked_in_the_plot() {
     let directory = tempfile::tempdir().unwrap();
-    let (scenario, plot) = (directory.path().join("fault.toml"), directory.path().join("a.svg"));
-    let toml = "[[gateway]]\n[[node]]\nkind = \"drive\"\nbus = \"0.0\"\nnode_id = 1\nname = \"x\"\n\
-                [[fault]]\nafter_ready_ms = 2500\nkind = \"drive_error\"\nnode = \"x\"\ncode = 0x2310\n";
-    std::fs::write(&scenario, toml).unwrap();
-    let ecrt = format!("sim:{}", scenario.display());
-    let arguments = ["--ecrt", &ecrt, "--step", "100", "--cycles", "70", "--plot"];
+    let plot = directory.path().join("axis.svg");
+    let scenario = concat!("sim:", env!("CARGO_MANIFEST_DIR"), "/scenarios/drive_fault.toml");
+    let arguments = ["--ecrt", scenario, "--step", "100", "--cycles", "400", "--plot"];
     let output = run(SINGLE, &[&arguments[..], &[plot.to_str().unwrap()]].concat());
     assert_eq!(output.status.code(), Some(1), "{}", text(&output.stderr));
     let svg = std::fs::read_to_string(plot).unwrap();
