@@ -23,6 +23,7 @@ mod monitor_service;
 mod monitor_terminal;
 mod node;
 mod node_objects;
+mod node_python;
 mod node_service;
 mod objects;
 mod other_slaves;
