@@ -63,7 +63,7 @@ enum Action {
     Write {
         /// Object
         object: String,
-        /// Value; a number may be hexadecimal (0x), bytes are pairs of hexadecimal digits
+        /// Value; numbers also hexadecimal (0x) or octal (leading 0), bytes as hexadecimal pairs
         #[arg(allow_hyphen_values = true)]
         value: String,
         /// Write objects that can move a motor without asking
@@ -294,11 +294,13 @@ impl Sdo<'_> {
     }
 }
 
-/// Objects whose value is not that of the last write: store, restore, history, controlword.
+/// Objects whose value may differ from the last write: store, restore, history, programs, and those that
+/// can move a motor.
 fn is_command((index, _): ObjectKey) -> bool {
     use ecan_canopen::object::{ERROR_HISTORY, RESTORE_PARAMETERS, STORE_PARAMETERS};
     matches!(index, STORE_PARAMETERS | RESTORE_PARAMETERS | ERROR_HISTORY)
         || (0x1F00..0x2000).contains(&index)
+        || moves_a_motor(index)
 }
 
 fn print_value(read: &Read, out: &mut dyn Write) -> io::Result<()> {
