@@ -32,9 +32,10 @@ fn start_peer(python: &str, port: u16) -> Peer {
 }
 
 struct Bus {
+    /// Ends before its bus.
+    _peer: Peer,
     served: Served,
     _scenario: Scenario,
-    _peer: Peer,
 }
 
 impl Bus {
