@@ -57,8 +57,7 @@ impl Device {
         let Some(node) = self.lss.node.filter(|node| *node != self.config.node) else { return };
         self.config.node = node;
         self.services = CanIdSet::services_of(node);
-        // infallible: the same text was read before
-        let Ok(mut objects) = self.source.objects(&self.config) else { return };
+        let (mut objects, _) = self.source.objects(&self.config);
         for object in objects.iter_mut() {
             let Ok(slot) = self.objects.find(object.key()) else { continue };
             if let Some(before) = self.objects.object(slot) {

@@ -1,32 +1,45 @@
-//! Source of the objects of a drive.
+//! Source of the objects of a node.
 
 use std::sync::Arc;
 
+use ecan_canopen::{DeviceFile, object};
+
 use super::config::DriveConfig;
 use super::default_objects::{default_objects, fill_in};
-use super::dictionary::Dictionary;
-use super::eds;
-use super::eds_error::EdsError;
+use super::dictionary::{Dictionary, Object, Value};
+use super::file_objects::file_objects;
 
-/// Source of the objects of a drive, whose defaults depend on the node-ID.
+/// Source of the objects of a node, whose defaults depend on the node-ID.
 #[derive(Clone, Debug)]
 pub(super) enum ObjectSource {
     BuiltIn,
-    Eds(Arc<str>),
+    File(Arc<DeviceFile>),
 }
 
 impl ObjectSource {
-    pub(super) fn objects(&self, config: &DriveConfig) -> Result<Dictionary, EdsError> {
+    /// The objects, and whether they are those of a drive.
+    pub(super) fn objects(&self, config: &DriveConfig) -> (Dictionary, bool) {
         let motor = &config.motor;
         let mut list = match self {
             Self::BuiltIn => default_objects(config.node, config.serial, motor),
-            Self::Eds(text) => {
-                let mut objects = eds::parse(text, config.node.get())?;
-                fill_in(&mut objects, motor);
-                objects
-            }
+            Self::File(file) => file_objects(file, config.node, config.serial),
         };
+        let is_drive = is_drive(&list);
+        if is_drive {
+            fill_in(&mut list, motor);
+        }
         list.retain(|object| !config.quirks.missing.contains(&object.index));
-        Ok(Dictionary::new(list))
+        (Dictionary::new(list), is_drive)
     }
+}
+
+/// Returns whether the objects are those of a drive: by the device type, or by controlword and
+/// statusword.
+fn is_drive(objects: &[Object]) -> bool {
+    let has = |index| objects.iter().any(|object| object.index == index);
+    let profile = objects.iter().find(|object| object.key() == (object::DEVICE_TYPE, 0));
+    let is_402 = profile.is_some_and(|object| {
+        matches!(object.default, Value::Number(device_type) if device_type & 0xFFFF == 402)
+    });
+    is_402 || (has(object::CONTROLWORD) && has(object::STATUSWORD))
 }
