@@ -38,6 +38,9 @@ pub const PRODUCER_HEARTBEAT: u16 = 0x1017;
 pub const IDENTITY: u16 = 0x1018;
 /// Counter overflow of SYNC, U8.
 pub const SYNC_COUNTER_OVERFLOW: u16 = 0x1019;
+/// Date and time of the configuration, array of U32: 1 days since 1984-01-01, 2 milliseconds after
+/// midnight.
+pub const CONFIGURATION_DATE: u16 = 0x1020;
 /// Error behaviour, array of U8.
 pub const ERROR_BEHAVIOUR: u16 = 0x1029;
 /// Communication of the first RPDO; the others follow.
@@ -48,6 +51,8 @@ pub const RPDO_MAPPING: u16 = 0x1600;
 pub const TPDO_COMMUNICATION: u16 = 0x1800;
 /// Mapping of the first TPDO; the others follow.
 pub const TPDO_MAPPING: u16 = 0x1A00;
+/// Software identification of the programs of a node (CiA 302-3), array of U32.
+pub const PROGRAM_IDENTIFICATION: u16 = 0x1F56;
 /// First object scanner list of MPDOs in source address mode, array of U32.
 pub const SCANNER_LIST: u16 = 0x1FA0;
 /// First object dispatcher list of MPDOs in source address mode, array of U64.

@@ -4,13 +4,15 @@
 #[path = "../../ecan-sim/tests/counting/mod.rs"]
 mod counting;
 
+use std::sync::Arc;
 use std::time::Duration;
 
 use counting::allocations;
 use ecan_canopen::{
-    Configurator, FastscanFilter, GuardingConfig, HostHeartbeat, LssCommand, Network,
-    NetworkConfig, NmtCommand, NodeAction, NodeAddress, NodeConfig, NodeId, SdoConfig, Step,
-    SyncConfig, TimeConfig, TimeReference,
+    BootConfig, BootPhase, Configurator, FastscanFilter, GuardingConfig, HostHeartbeat,
+    IdentityCheck, LssCommand, Network, NetworkConfig, NmtCommand, NodeAction, NodeAddress,
+    NodeConfig, NodeId, Parameter, ParameterSet, SdoConfig, Step, SyncConfig, TimeConfig,
+    TimeReference, object, run_cycle_until,
 };
 use ecan_host::AdapterConfig;
 use ecan_mcan_port::{ChannelConfig, GatewayConfig, Port, PortConfig};
@@ -86,5 +88,51 @@ fn forty_nodes_in_transfers_allocate_nothing() {
     assert!(statistics.lss_sent > 10, "{statistics:?}");
     assert!(others > 10_000, "echoes: {others}");
     assert!(failures > 0, "no answers, so the configurations fail in the end");
+    assert_eq!(inside, 0);
+}
+
+/// One node has a wrong serial number, one is absent, one rejects a value.
+#[test]
+fn boot_up_allocates_nothing() {
+    let options = SimOptions { clock: Some(ClockKind::Stepped), ..SimOptions::default() };
+    let backend = ecan_sim::open_scenario(ecan_sim::drives(1, 4), &options).unwrap();
+    let gateway = GatewayConfig::on_all_channels(ChannelConfig::classic(1_000_000));
+    let adapter = AdapterConfig::new(1).with_cycle(Duration::from_millis(2));
+    let mut port = Port::open(&backend.ecrt, (adapter, PortConfig::uniform(1, gateway))).unwrap();
+    port.wait_ready().unwrap();
+    let mut network = Network::new(NetworkConfig::default());
+    let value =
+        |index| Parameter { name: "a value".into(), ..Parameter::new((index, 0), [1, 2, 0, 0]) };
+    let good = vec![value(object::PROFILE_VELOCITY), value(object::PROFILE_ACCELERATION)];
+    let bad = vec![value(object::DEVICE_NAME)];
+    for node in 1..=5 {
+        let node = NodeId::new(node).unwrap();
+        let address = NodeAddress { slave: 0, channel: 0, node };
+        let handle = network.add_node(address, NodeConfig::default()).unwrap();
+        let downloads = if node.get() == 2 { bad.clone() } else { good.clone() };
+        let serial_number = (node.get() == 3).then_some(0);
+        let config = BootConfig {
+            identity: IdentityCheck { serial_number, ..IdentityCheck::default() },
+            parameters: Arc::new(ParameterSet { parameters: downloads, ..ParameterSet::default() }),
+            ..BootConfig::default()
+        };
+        network.boot(handle, config);
+    }
+    let mut inside = 0;
+    run_cycle_until(&mut port, Duration::from_secs(60), |cycle, now| {
+        let before = allocations();
+        network.serve(cycle, now, |network| {
+            let ended = network
+                .boot_progress(now)
+                .filter(|it| matches!(it.phase, BootPhase::Booted | BootPhase::Failed))
+                .count();
+            inside += allocations() - before;
+            (ended == 5).then_some(())
+        })
+    })
+    .unwrap();
+    let phases: Vec<_> = network.boot_progress(0).map(|it| it.phase).collect();
+    let (booted, failed) = (BootPhase::Booted, BootPhase::Failed);
+    assert_eq!(phases, [booted, failed, failed, booted, failed]);
     assert_eq!(inside, 0);
 }

@@ -14,6 +14,8 @@ mod lss;
 mod network;
 mod network_cycle;
 mod network_lss;
+mod network_parameters;
+mod network_startup;
 mod network_sync;
 mod nmt_tracker;
 mod node;
@@ -44,16 +46,29 @@ pub use statistics::ServiceStatistics;
 pub use time_producer::{TimeConfig, TimeReference};
 
 // Configuration of nodes
+mod boot;
 mod configurator;
+#[cfg(feature = "device-files")]
+mod description;
 mod error_history;
 mod mpdo_config;
 mod node_action;
 mod node_sequence;
 mod parameter_storage;
 mod pdo_mapping;
+mod sdo_turn;
 mod step_failure;
 
+pub use boot::{
+    BootConfig, BootError, BootPhase, BootProgress, BootReset, BootState, ConfigurationDate,
+    IdentityCheck, Parameter, ParameterError, ParameterSet, RevisionCheck, Subject,
+};
 pub use configurator::{Configurator, Progress};
+#[cfg(feature = "device-files")]
+pub use description::{
+    ChannelDescription, DescriptionError, NetworkDescription, NetworkFault, NetworkFaultKind,
+    NodeDescription, PdoName,
+};
 pub use error_history::ErrorHistory;
 pub use mpdo_config::{MpdoConfig, MpdoConfigError, MpdoMode};
 pub use node_action::{NodeAction, Step};

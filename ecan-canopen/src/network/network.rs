@@ -6,6 +6,7 @@ use crate::{NmtCommand, NmtRequest, NmtState, NodeId};
 use ecan_protocol::mapping::CHANNELS;
 
 use super::address::{NodeAddress, NodeHandle};
+use super::boot::NetworkBoot;
 use super::channel::Channel;
 use super::config::{HostHeartbeat, NetworkConfig, NodeConfig, SyncConfig};
 use super::emcy_log::EmcyLog;
@@ -49,6 +50,7 @@ pub struct Network {
     pub(super) sync: Option<SyncConfig>,
     pub(super) time: Option<TimeConfig>,
     pub(super) statistics: ServiceStatistics,
+    pub(super) boot: NetworkBoot,
 }
 
 impl Network {
@@ -61,6 +63,7 @@ impl Network {
             sync: None,
             time: None,
             statistics: ServiceStatistics::default(),
+            boot: NetworkBoot::default(),
         }
     }
 

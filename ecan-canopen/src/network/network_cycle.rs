@@ -15,7 +15,7 @@ impl Network {
     /// Takes the received frames of the cycle: boot-up messages, heartbeats, guarding responses, emergency messages
     /// and SDO answers of its nodes, and the responses to LSS commands. Passes everything else to `other`, in order: the nodes' TPDOs with slave,
     /// channel and CAN ID, frames of unknown nodes, and transmit reports. Then checks timeouts and the
-    /// sessions of the gateways.
+    /// sessions of the gateways, and executes the boot-up of its nodes.
     ///
     /// Call once per cycle, before anything is sent. Real-time safe if `other` is.
     /// [`Port::cycle_report`](ecan_mcan_port::Port::cycle_report) shows whether the cycle was complete.
@@ -28,6 +28,7 @@ impl Network {
             }
         }
         self.tick(now_ns);
+        self.step_boot(now_ns);
     }
 
     /// Sends NMT commands, the host's heartbeat, TIME, guarding requests, LSS and SDO frames that are due, in this

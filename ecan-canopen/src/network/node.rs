@@ -3,6 +3,7 @@
 use crate::NmtState;
 
 use super::address::NodeAddress;
+use super::boot::ParameterDownload;
 use super::config::NodeConfig;
 use super::emcy_log::EmcyLog;
 use super::guarding::{GuardErrors, NodeGuard};
@@ -19,6 +20,8 @@ pub(super) struct Node {
     pub(super) guard: Option<NodeGuard>,
     pub(super) emcy: EmcyLog,
     pub(super) sdo: SdoClient,
+    /// Parameters for [`NodeAction::WriteParameters`](super::node_action::NodeAction).
+    pub(super) parameters: Option<ParameterDownload>,
 }
 
 impl Node {
@@ -30,6 +33,7 @@ impl Node {
             guard: config.guarding.map(NodeGuard::new),
             emcy: EmcyLog::default(),
             sdo: SdoClient::new(config.sdo),
+            parameters: None,
         }
     }
 

@@ -5,6 +5,7 @@ use std::time::Duration;
 
 use ecan_protocol::sequence;
 
+use super::guarding::GuardingConfig;
 use crate::{NmtCommand, NmtState};
 
 /// One step of the configuration of a node: object access, or a [`NodeAction`].
@@ -29,6 +30,17 @@ pub enum NodeAction {
         /// Longest waiting time.
         timeout: Duration,
     },
+    /// Watches the node's heartbeat with this timeout from now on, and waits for the first one.
+    AwaitHeartbeat {
+        /// Longest time between two heartbeats, and longest waiting time.
+        timeout: Duration,
+    },
+    /// Guards the node from now on, and waits for its first response, at most its life time. The
+    /// node must have 0x100C and 0x100D, see [`GuardingConfig::steps`].
+    AwaitGuarding(GuardingConfig),
+    /// Writes the parameters of [`Network::set_parameters`](crate::Network::set_parameters), reads
+    /// them back and writes their date; nothing without parameters.
+    WriteParameters,
 }
 
 impl fmt::Display for NodeAction {
@@ -36,6 +48,9 @@ impl fmt::Display for NodeAction {
         match self {
             Self::Nmt(command) => write!(f, "NMT {command}"),
             Self::AwaitBootUp { .. } => f.write_str("wait for the boot-up message"),
+            Self::WriteParameters => f.write_str("write the parameters"),
+            Self::AwaitGuarding(_) => f.write_str("wait for a guarding response"),
+            Self::AwaitHeartbeat { .. } => f.write_str("wait for the heartbeat"),
             Self::AwaitState { state, .. } => write!(f, "wait for NMT state {state}"),
         }
     }

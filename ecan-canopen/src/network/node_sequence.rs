@@ -4,14 +4,15 @@ use std::ops::Deref;
 use std::time::Duration;
 
 use ecan_protocol::object::AbortCode;
-use ecan_protocol::sequence::{ObjectAccess, SdoValue, Sequence, SequenceState, Transfer};
+use ecan_protocol::sequence::{Action, ObjectAccess, SdoValue, Sequence, SequenceState, Transfer};
 
 use super::address::NodeHandle;
 use super::error::NmtError;
+use super::heartbeat::Heartbeat;
 use super::network::Network;
 use super::node_action::{NodeAction, Step};
-use super::sdo::Sdo;
 use super::sdo_error::{SdoFault, SdoStartError};
+use super::sdo_turn::{SdoTurn, TurnState};
 use super::step_failure::{NodeAccessError, StepFailure};
 
 /// State of a configuration.
@@ -39,16 +40,15 @@ pub struct NodeSequence<S> {
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 struct ClientState {
-    /// Number of the sequence's last transfer.
-    generation: u64,
+    turn: SdoTurn,
     /// Boot-up messages at the last NMT command, or at the start.
     boot_ups: Option<u32>,
 }
 
 impl<S> NodeSequence<S> {
     /// Creates a sequence at its first step.
-    pub const fn new(steps: S) -> Self {
-        let client = ClientState { generation: 0, boot_ups: None };
+    pub fn new(steps: S) -> Self {
+        let client = ClientState::default();
         Self { sequence: Sequence::new(steps), client, failure: None }
     }
 
@@ -74,16 +74,20 @@ impl<S> NodeSequence<S> {
         self.client = ClientState::default();
         self.failure = None;
     }
-
-    /// Cancels the running transfer. Real-time safe.
-    pub fn cancel(&self, network: &mut Network, handle: NodeHandle) {
-        if self.sequence.is_transferring() {
-            network.cancel_sdo(handle);
-        }
-    }
 }
 
 impl<S: Deref<Target = [Step]>> NodeSequence<S> {
+    /// Cancels the running transfer. Real-time safe.
+    pub fn cancel(&self, network: &mut Network, handle: NodeHandle) {
+        let is_writing = matches!(
+            self.sequence.current().map(|step| step.action),
+            Some(Action::Device(NodeAction::WriteParameters))
+        );
+        if self.sequence.is_transferring() || is_writing {
+            network.cancel_sdo(handle);
+        }
+    }
+
     /// Executes steps until one must wait, all are complete, or one fails; after a failure it does
     /// nothing. `on_read` receives index, subindex and value of each read. Call once per cycle,
     /// between [`Network::receive`] and [`Network::send`]. Real-time safe.
@@ -125,14 +129,13 @@ struct NodeAccess<'a> {
 }
 
 impl NodeAccess<'_> {
-    fn started(&mut self, started: Result<(), SdoStartError>) -> Result<bool, NodeAccessError> {
-        match started {
-            Ok(()) => {
-                self.client.generation = self.network.sdo_generation(self.handle);
-                Ok(true)
-            }
-            Err(SdoStartError::Busy) => Ok(false),
-            Err(error) => Err(error.into()),
+    fn await_life(&self, timeout: Duration, elapsed: Duration) -> Result<bool, NodeAccessError> {
+        if self.network.heartbeat(self.handle) == Heartbeat::Active {
+            Ok(true)
+        } else if elapsed > timeout {
+            Err(NodeAccessError::NoHeartbeat { waited: elapsed })
+        } else {
+            Ok(false)
         }
     }
 }
@@ -142,27 +145,22 @@ impl ObjectAccess for NodeAccess<'_> {
     type Error = NodeAccessError;
 
     fn start_write(&mut self, index: u16, subindex: u8, data: &[u8]) -> Result<bool, Self::Error> {
-        let started = self.network.start_download(self.handle, index, subindex, data);
-        self.started(started)
+        let key = (index, subindex);
+        Ok(self.client.turn.download(self.network, self.handle, key, data)?)
     }
 
     fn start_read(&mut self, index: u16, subindex: u8) -> Result<bool, Self::Error> {
-        let started = self.network.start_upload(self.handle, index, subindex);
-        self.started(started)
+        Ok(self.client.turn.upload(self.network, self.handle, (index, subindex))?)
     }
 
     fn poll(&mut self) -> Result<Transfer, Self::Error> {
-        if self.network.sdo_generation(self.handle) != self.client.generation {
-            return Ok(Transfer::Lost);
-        }
-        match self.network.sdo_state(self.handle) {
-            Sdo::Busy => Ok(Transfer::Busy),
-            Sdo::Done { .. } => {
-                let value = SdoValue::from_bytes(self.network.sdo_data(self.handle));
-                Ok(Transfer::Done(value.raw()))
+        match self.client.turn.poll(self.network, self.handle) {
+            TurnState::Busy => Ok(Transfer::Busy),
+            TurnState::Lost => Ok(Transfer::Lost),
+            TurnState::Done => {
+                Ok(Transfer::Done(SdoValue::from_bytes(self.network.sdo_data(self.handle)).raw()))
             }
-            Sdo::Failed(fault) => Err(fault.into()),
-            Sdo::Idle => Err(SdoFault::Cancelled.into()),
+            TurnState::Failed(fault) => Err(fault.into()),
         }
     }
 
@@ -187,6 +185,22 @@ impl ObjectAccess for NodeAccess<'_> {
                 } else {
                     Ok(false)
                 }
+            }
+            NodeAction::WriteParameters => {
+                self.network.write_parameters(self.handle, elapsed.is_zero())
+            }
+            NodeAction::AwaitHeartbeat { timeout } => {
+                if elapsed.is_zero() {
+                    self.network.set_heartbeat_timeout(self.handle, timeout);
+                }
+                self.await_life(timeout, elapsed)
+            }
+            NodeAction::AwaitGuarding(guarding) => {
+                if elapsed.is_zero() {
+                    // A guard time out of range was rejected before: then nothing is guarded.
+                    let _ = self.network.set_guarding(self.handle, Some(guarding));
+                }
+                self.await_life(guarding.life_time(), elapsed)
             }
             NodeAction::AwaitState { state, timeout } => {
                 let reported = status.nmt_state;

@@ -3,7 +3,7 @@
 use std::fmt;
 use std::time::Duration;
 
-use ecan_protocol::sequence::StepError;
+use ecan_protocol::sequence::{SdoValue, StepError};
 use thiserror::Error;
 
 use super::address::NodeAddress;
@@ -27,6 +27,34 @@ pub enum NodeAccessError {
     /// The boot-up message did not arrive in time.
     #[error("no boot-up message after {} ms", waited.as_millis())]
     NoBootUp {
+        /// Waiting time.
+        waited: Duration,
+    },
+    /// A parameter could not be written or read back.
+    #[error("parameter 0x{index:04X}:{subindex:02X}: {fault}")]
+    Parameter {
+        /// Object index.
+        index: u16,
+        /// Object subindex.
+        subindex: u8,
+        /// Cause.
+        fault: SdoFault,
+    },
+    /// The node has another value of a parameter than the one that was written.
+    #[error("parameter 0x{index:04X}:{subindex:02X} = {expected} was written, {found} read back")]
+    ParameterMismatch {
+        /// Object index.
+        index: u16,
+        /// Object subindex.
+        subindex: u8,
+        /// Value that was read back; the first bytes of a long one.
+        found: SdoValue,
+        /// Value that was written; the first bytes of a long one.
+        expected: SdoValue,
+    },
+    /// Neither heartbeat nor guarding response arrived in time.
+    #[error("no heartbeat or guarding response after {} ms", waited.as_millis())]
+    NoHeartbeat {
         /// Waiting time.
         waited: Duration,
     },
@@ -71,7 +99,10 @@ impl StepFailure {
     /// Returns whether the same step may succeed later without a change by the application.
     pub const fn is_temporary(&self) -> bool {
         match self.fault {
-            StepError::Access(NodeAccessError::Sdo(fault)) => fault.is_temporary(),
+            StepError::Access(
+                NodeAccessError::Sdo(fault) | NodeAccessError::Parameter { fault, .. },
+            ) => fault.is_temporary(),
+            StepError::Access(NodeAccessError::ParameterMismatch { .. }) => false,
             StepError::Access(NodeAccessError::Start(error)) => error.is_temporary(),
             StepError::Mismatch { .. } => false,
             _ => true,
