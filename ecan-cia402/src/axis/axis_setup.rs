@@ -1,5 +1,6 @@
 //! Setup of one axis: configuration, adoption, loss of the configuration.
 
+use std::sync::Arc;
 use std::time::Duration;
 
 use ecan_canopen::{Configuring, Network, PdoMappingError, StepFailure, StepFault, object};
@@ -26,6 +27,7 @@ impl Axis {
         bus: &BusConfig,
     ) -> Result<(), PdoMappingError> {
         let steps = setup_steps::steps(&self.config, bus)?;
+        network.set_parameters(self.node, Arc::clone(&self.config.drive.parameters));
         self.configurator.clear(network);
         self.configurator.add(network, self.node, steps);
         Ok(())

@@ -1,10 +1,11 @@
 //! Configuration of an axis: plain data.
 
+use std::sync::Arc;
 use std::time::Duration;
 
 use ecan_canopen::{
-    FaultReaction, HaltOption, NodeAddress, NodeLossReaction, OperatingMode, QuickStopOption, Step,
-    StopOption,
+    CobId, FaultReaction, HaltOption, IdentityCheck, NodeAddress, NodeLossReaction, OperatingMode,
+    ParameterSet, PdoDirection, PdoMapping, QuickStopOption, Step, StopOption, TransmissionType,
 };
 use ecan_protocol::mapping::CHANNELS;
 
@@ -58,8 +59,8 @@ pub struct DriveConfig {
     pub reset: NodeReset,
     /// Longest time for the boot-up message after a reset.
     pub boot_timeout: Duration,
-    /// Vendor id and product code that 0x1018 must have.
-    pub identity: Option<(u32, u32)>,
+    /// Identity that it must have.
+    pub identity: IdentityCheck,
     /// True if the low half of 0x1000 must be 402.
     pub expect_profile_402: bool,
     /// Producer heartbeat time 0x1017 in milliseconds (optional); 0 disables it. The host
@@ -114,6 +115,9 @@ pub struct DriveConfig {
     pub use_limits: bool,
     /// Disables the other TPDOs (optional), so that they take no bus time.
     pub silence_other_tpdos: bool,
+    /// Values that are written, and read back, before the mapping, for example those of a DCF. What
+    /// the axis configures itself, it writes afterwards.
+    pub parameters: Arc<ParameterSet>,
     /// Further steps, done after the mapping and before the mode, while Pre-operational.
     pub further: Vec<Step>,
 }
@@ -125,7 +129,7 @@ impl Default for DriveConfig {
         Self {
             reset: NodeReset::None,
             boot_timeout: Duration::from_secs(5),
-            identity: None,
+            identity: IdentityCheck::default(),
             expect_profile_402: true,
             heartbeat_ms: 100,
             host_heartbeat_ms: 250,
@@ -145,6 +149,7 @@ impl Default for DriveConfig {
             max_motor_speed: None,
             use_limits: false,
             silence_other_tpdos: true,
+            parameters: Arc::default(),
             further: Vec::new(),
         }
     }
@@ -269,6 +274,30 @@ impl AxisConfig {
     /// Process data of the mode, with further objects. Allocates.
     pub fn layout(&self) -> PdoLayout {
         PdoLayout::new(TargetObject::of_mode(self.mode), &self.outputs, &self.inputs)
+    }
+
+    /// The PDOs of the axis as they are mapped. Allocates.
+    pub fn pdo_mappings(&self) -> Vec<PdoMapping> {
+        let (node, layout) = (self.address.node, self.layout());
+        let pdo = |direction, number: u8, cob_id: CobId, entries| PdoMapping {
+            direction,
+            number: number.into(),
+            cob_id: cob_id.can_id(),
+            transmission: TransmissionType::Synchronous(1),
+            inhibit_time: None,
+            event_timer_ms: None,
+            sync_start: None,
+            entries,
+        };
+        let received = (0..layout.rpdo_count()).zip(self.pdo_number..).map(|(nth, number)| {
+            let entries = layout.rpdo_entries(nth).collect();
+            pdo(PdoDirection::Receive, number, CobId::rpdo(node, number), entries)
+        });
+        let sent = (0..layout.tpdo_count()).zip(self.pdo_number..).map(|(nth, number)| {
+            let entries = layout.tpdo_entries(nth).collect();
+            pdo(PdoDirection::Transmit, number, CobId::tpdo(node, number), entries)
+        });
+        received.chain(sent).collect()
     }
 
     /// Limits of the motion guard in a mode, with `cycles_per_sync` cycles from SYNC to SYNC.

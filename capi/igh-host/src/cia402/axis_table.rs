@@ -5,7 +5,7 @@ use std::fmt;
 use ecan_c_boundary::result::ecan_result_t;
 use ecan_c_boundary::{Call, RESERVED_IS_SET};
 use ecan_canopen::{
-    FaultReaction, HaltOption, NodeAddress, NodeId, NodeLossReaction, OperatingMode,
+    FaultReaction, HaltOption, IdentityCheck, NodeAddress, NodeId, NodeLossReaction, OperatingMode,
     QuickStopOption, SdoValue, Step, StopOption,
 };
 use ecan_cia402::{
@@ -130,10 +130,10 @@ impl igh_cia402_axis_t {
             boot_timeout_ms: milliseconds(drive.boot_timeout),
             reset: drive.reset as u8,
             expect_profile_402: drive.expect_profile_402.into(),
-            check_identity: identity.is_some().into(),
+            check_identity: identity.vendor_id.is_some().into(),
             silence_other_tpdos: drive.silence_other_tpdos.into(),
-            vendor_id: identity.map_or(0, |(vendor, _)| vendor),
-            product_code: identity.map_or(0, |(_, product)| product),
+            vendor_id: identity.vendor_id.unwrap_or(0),
+            product_code: identity.product_code.unwrap_or(0),
             heartbeat_ms: drive.heartbeat_ms,
             host_heartbeat_ms: drive.host_heartbeat_ms,
             host_loss: code(drive.host_loss.map(NodeLossReaction::raw)),
@@ -185,7 +185,14 @@ impl igh_cia402_axis_t {
         let drive = DriveConfig {
             reset: reset.unwrap_or_default(),
             boot_timeout: duration(self.boot_timeout_ms),
-            identity: (self.check_identity != 0).then_some((self.vendor_id, self.product_code)),
+            identity: match self.check_identity {
+                0 => IdentityCheck::default(),
+                _ => IdentityCheck {
+                    vendor_id: Some(self.vendor_id),
+                    product_code: Some(self.product_code),
+                    ..IdentityCheck::default()
+                },
+            },
             expect_profile_402: self.expect_profile_402 != 0,
             heartbeat_ms: self.heartbeat_ms,
             host_heartbeat_ms: self.host_heartbeat_ms,
@@ -363,7 +370,11 @@ mod tests {
         };
         let drive = DriveConfig {
             reset: ecan_cia402::NodeReset::Communication,
-            identity: Some((0x99, 0x402)),
+            identity: IdentityCheck {
+                vendor_id: Some(0x99),
+                product_code: Some(0x402),
+                ..IdentityCheck::default()
+            },
             host_loss: None,
             quick_stop: Some(QuickStopOption::Other(-2)),
             shutdown: Some(StopOption::SlowDown),
