@@ -71,14 +71,24 @@ const FAULT_REACTION: [(&str, Option<FaultReaction>); 6] = [
 
 /// Reads an axis; `None` if it has no valid address.
 pub(crate) fn read(mut table: Table<'_, '_>) -> Option<AxisConfig> {
-    let slave =
-        required(&mut table, "gateway", "the index of its gateway in the file", (0, 0xFFFF));
-    let channel = required(&mut table, "channel", "0 to 3", (0, CHANNELS as u32 - 1));
-    let node = required(&mut table, "node", "the node-ID of the drive, 1 to 127", (1, 127));
-    let address = slave.zip(channel).zip(node).and_then(|((slave, channel), node)| {
-        let (slave, channel) = (usize::try_from(slave).ok()?, u8::try_from(channel).ok()?);
-        Some(NodeAddress { slave, channel, node: NodeId::new(u8::try_from(node).ok()?)? })
-    });
+    let address = read_address(&mut table);
+    read_at(table, address)
+}
+
+fn read_address(table: &mut Table<'_, '_>) -> Option<NodeAddress> {
+    let slave = table.required("gateway", "the index of its gateway in the file", (0, 0xFFFF));
+    let channel = table.required("channel", "0 to 3", (0, CHANNELS as u32 - 1));
+    let node = table.required("node", "the node-ID of the drive, 1 to 127", (1, 127));
+    let ((slave, channel), node) = slave.zip(channel).zip(node)?;
+    let (slave, channel) = (usize::try_from(slave).ok()?, u8::try_from(channel).ok()?);
+    Some(NodeAddress { slave, channel, node: NodeId::new(u8::try_from(node).ok()?)? })
+}
+
+/// Reads the axis of a node.
+pub(crate) fn read_at(
+    mut table: Table<'_, '_>,
+    address: Option<NodeAddress>,
+) -> Option<AxisConfig> {
     // All keys are read, so that each wrong one is reported.
     let mut axis =
         AxisConfig::new(address.unwrap_or(NodeAddress { slave: 0, channel: 0, node: NodeId::MAX }));
@@ -100,18 +110,6 @@ pub(crate) fn read(mut table: Table<'_, '_>) -> Option<AxisConfig> {
     store(&mut axis.enable_timeout, timeout_ms.map(Duration::from_millis));
     read_stop_options(&mut table, &mut axis.drive);
     address.map(|_| axis)
-}
-
-fn required(
-    table: &mut Table<'_, '_>,
-    key: &'static str,
-    what: &str,
-    range: (u32, u32),
-) -> Option<u32> {
-    if !table.has(key) {
-        table.fault(key, format!("`{key}` is missing: {what}"));
-    }
-    table.unsigned(key, range)
 }
 
 fn read_scale(table: &mut Table<'_, '_>, axis: &mut AxisConfig) {

@@ -8,8 +8,9 @@ use ecan_mcan_port::{MAX_FILTERS, PortConfig};
 
 use crate::document::{Table, store};
 use crate::included_profile::IncludedProfile;
+use crate::node::FileNode;
 use crate::service::ServiceSettings;
-use crate::{axis, gateway, service};
+use crate::{axis, gateway, node, service};
 use ecan_mcan_port::Config;
 
 /// Largest index of a master or slave.
@@ -22,6 +23,8 @@ pub(crate) struct Bus {
     pub(crate) axes: Vec<Option<AxisConfig>>,
     pub(crate) profiles: Vec<IncludedProfile>,
     pub(crate) service: ServiceSettings,
+    /// Nodes whose device files are read and whose names are resolved.
+    pub(crate) nodes: Vec<FileNode>,
 }
 
 pub(crate) fn read(mut table: Table<'_, '_>) -> Bus {
@@ -70,9 +73,10 @@ pub(crate) fn read(mut table: Table<'_, '_>) -> Bus {
         let planned = || DcSync::planned_with(dc.cycle, &adapter, times).shift;
         DcSync { shift: shift.unwrap_or_else(planned), ..dc }
     });
-    let axes = table.tables("axis").into_iter().map(axis::read).collect();
+    let mut axes: Vec<_> = table.tables("axis").into_iter().map(axis::read).collect();
+    let nodes = node::read_all(&mut table, &mut axes);
     let service = table.table("service").map(service::read).unwrap_or_default();
-    Bus { config: (adapter, port).into(), axes, profiles, service }
+    Bus { config: (adapter, port).into(), axes, profiles, service, nodes }
 }
 
 /// The settings, and the shift if it is there.

@@ -9,7 +9,9 @@ use std::path::PathBuf;
 use toml::Spanned;
 use toml::de::{DeInteger, DeTable, DeValue};
 
-use crate::fault::{FileFault, FileFaults};
+use crate::fault::FileFaults;
+use crate::located::Located;
+use crate::text_lines::TextLines;
 
 /// Files that a text may include, by their names in it.
 #[derive(Clone, Debug, Default)]
@@ -23,10 +25,8 @@ pub(crate) enum Includes {
 
 /// Faults and locations of a text.
 pub(crate) struct Document<'i> {
-    text: &'i str,
+    text: TextLines<'i>,
     includes: Includes,
-    /// Start of each line, in bytes.
-    lines: Vec<usize>,
     faults: RefCell<Vec<(usize, String)>>,
     /// Start of the value of each key, by its full path.
     locations: RefCell<BTreeMap<String, usize>>,
@@ -70,11 +70,8 @@ impl<'i> Document<'i> {
     fn parse(text: &'i str) -> (Self, Spanned<DeTable<'i>>) {
         let (root, errors) = DeTable::parse_recoverable(text);
         let mut document = Self {
-            text,
+            text: TextLines::new(text),
             includes: Includes::None,
-            lines: std::iter::once(0)
-                .chain(text.match_indices('\n').map(|(at, _)| at + 1))
-                .collect(),
             faults: RefCell::default(),
             locations: RefCell::default(),
             faulty: RefCell::default(),
@@ -82,7 +79,7 @@ impl<'i> Document<'i> {
         };
         for error in errors {
             let at = error.span().map_or(0, |span| span.start);
-            let (line, _) = document.line_and_column(at);
+            let (line, _) = document.text.line_and_column(at);
             document.syntax_lines.insert(line);
             document.push(at, error.message().trim());
         }
@@ -94,7 +91,8 @@ impl<'i> Document<'i> {
         self.syntax_lines.is_empty()
     }
 
-    fn push(&self, at: usize, reason: impl Into<String>) {
+    /// Reports a fault at a location.
+    pub(crate) fn push(&self, at: usize, reason: impl Into<String>) {
         self.faults.borrow_mut().push((at, reason.into()));
     }
 
@@ -105,7 +103,7 @@ impl<'i> Document<'i> {
     /// Reports a fault of the value at a path. A consequence of a fault of the syntax in the same line
     /// is not reported.
     fn fault(&self, path: &str, at: usize, reason: impl Into<String>) {
-        let (line, _) = self.line_and_column(at);
+        let (line, _) = self.text.line_and_column(at);
         self.faulty.borrow_mut().push(path.to_owned());
         if !self.syntax_lines.contains(&line) {
             self.push(at, reason);
@@ -134,28 +132,12 @@ impl<'i> Document<'i> {
         self.locations.borrow().get(outer).copied().or_else(|| self.around(outer))
     }
 
-    fn line_and_column(&self, at: usize) -> (usize, usize) {
-        let at = at.min(self.text.len());
-        let line = self.lines.partition_point(|start| *start <= at);
-        let start = line.checked_sub(1).and_then(|line| self.lines.get(line)).copied();
-        let before = self.text.get(start.unwrap_or(0)..at).unwrap_or_default();
-        (line, before.chars().count() + 1)
-    }
-
     /// Returns all faults in the order of the lines.
     ///
     /// # Errors
     /// The faults, if there are any.
     fn finish(self) -> Result<(), FileFaults> {
-        let mut faults = self.faults.take();
-        faults.sort();
-        faults.dedup();
-        let located = |(at, reason)| {
-            let (line, column) = self.line_and_column(at);
-            FileFault { line, column, reason }
-        };
-        let faults: Vec<_> = faults.into_iter().map(located).collect();
-        if faults.is_empty() { Ok(()) } else { Err(FileFaults(faults)) }
+        self.text.finish(self.faults.take())
     }
 }
 
@@ -166,11 +148,20 @@ pub(crate) struct Table<'t, 'i> {
     table: &'t DeTable<'i>,
     at: usize,
     known: Vec<&'static str>,
+    /// Every key is known.
+    is_open: bool,
 }
 
 impl<'t, 'i> Table<'t, 'i> {
     pub(crate) fn root(document: &'t Document<'i>, table: &'t Spanned<DeTable<'i>>) -> Self {
-        Self { document, path: String::new(), table: table.get_ref(), at: 0, known: Vec::new() }
+        Self {
+            document,
+            path: String::new(),
+            table: table.get_ref(),
+            at: 0,
+            known: Vec::new(),
+            is_open: false,
+        }
     }
 
     fn nested(
@@ -181,9 +172,14 @@ impl<'t, 'i> Table<'t, 'i> {
         let span = value.span();
         document.locate(&path, &span);
         match value.get_ref() {
-            DeValue::Table(table) => {
-                Some(Self { document, path, table, at: span.start, known: Vec::new() })
-            }
+            DeValue::Table(table) => Some(Self {
+                document,
+                path,
+                table,
+                at: span.start,
+                known: Vec::new(),
+                is_open: false,
+            }),
             other => {
                 let reason = format!("`{path}` must be a table, not {}", kind(other));
                 document.fault(&path, span.start, reason);
@@ -240,6 +236,95 @@ impl<'t, 'i> Table<'t, 'i> {
         self.fault(key, format!("`{key}` {found}; allowed: {min} to {max}"));
     }
 
+    /// Location of the table.
+    pub(crate) fn at(&self) -> usize {
+        self.at
+    }
+
+    /// Location of the value of a key, or of the table without it.
+    pub(crate) fn location(&self, key: &str) -> usize {
+        self.table.get(key).map_or(self.at, |value| value.span().start)
+    }
+
+    /// Reports a fault at a location of this document.
+    pub(crate) fn fault_at(&self, at: usize, reason: String) {
+        self.document.push(at, reason);
+    }
+
+    /// An integer from `min` to `max`; its absence is a fault.
+    pub(crate) fn required(
+        &mut self,
+        key: &'static str,
+        what: &str,
+        range: (u32, u32),
+    ) -> Option<u32> {
+        if !self.has(key) {
+            self.fault(key, format!("`{key}` is missing: {what}"));
+        }
+        self.unsigned(key, range)
+    }
+
+    /// All keys of a table of numbers, truth values and strings, with their locations and the texts
+    /// of their values.
+    pub(crate) fn scalars(&mut self) -> Vec<(String, usize, String)> {
+        self.is_open = true;
+        let mut scalars = Vec::new();
+        for (key, value) in self.table {
+            let name: &str = key.get_ref();
+            let at = value.span().start;
+            let text = match value.get_ref() {
+                DeValue::String(text) => text.to_string(),
+                DeValue::Integer(number) => match integer(number) {
+                    Some(number) => number.to_string(),
+                    None => {
+                        self.document.fault(&self.path(name), at, format!("`{name}` is too large"));
+                        continue;
+                    }
+                },
+                DeValue::Float(number) => number.as_str().replace('_', ""),
+                DeValue::Boolean(flag) => u8::from(*flag).to_string(),
+                other => {
+                    let expected = "a number, true, false or a string";
+                    let reason = format!("`{name}` must be {expected}, not {}", kind(other));
+                    self.document.fault(&self.path(name), at, reason);
+                    continue;
+                }
+            };
+            scalars.push((name.to_owned(), at, text));
+        }
+        scalars
+    }
+
+    /// A date, with or without a time of day.
+    pub(crate) fn datetime(&mut self, key: &'static str) -> Option<toml::value::Datetime> {
+        let value = self.value(key)?.get_ref();
+        if let DeValue::Datetime(datetime) = value {
+            return Some(*datetime);
+        }
+        self.wrong(key, "a date and time, 2026-01-31T12:00:00", value);
+        None
+    }
+
+    /// A list of strings with their locations.
+    pub(crate) fn texts(&mut self, key: &'static str) -> Option<Vec<Located<String>>> {
+        let value = self.value(key)?.get_ref();
+        let DeValue::Array(array) = value else {
+            self.wrong(key, "an array of strings", value);
+            return None;
+        };
+        let mut texts = Vec::new();
+        for value in array.iter() {
+            match value.get_ref().as_str() {
+                Some(text) => texts.push(Located::new(text.to_owned(), value.span().start)),
+                None => {
+                    self.wrong(key, "an array of strings", value.get_ref());
+                    return None;
+                }
+            }
+        }
+        Some(texts)
+    }
+
     /// A table in this one.
     pub(crate) fn table(&mut self, key: &'static str) -> Option<Table<'t, 'i>> {
         let path = self.path(key);
@@ -260,6 +345,18 @@ impl<'t, 'i> Table<'t, 'i> {
         nested
             .filter_map(|(at, value)| Table::nested(self.document, format!("{path}[{at}]"), value))
             .collect()
+    }
+
+    /// A table, or an array of tables.
+    pub(crate) fn one_or_more(&mut self, key: &'static str) -> Vec<Table<'t, 'i>> {
+        match self.table.get(key).map(Spanned::get_ref) {
+            Some(DeValue::Table(_)) => self.table(key).into_iter().collect(),
+            Some(_) => self.tables(key),
+            None => {
+                self.value(key);
+                Vec::new()
+            }
+        }
     }
 
     /// Files that the text may include.
@@ -458,7 +555,7 @@ impl Drop for Table<'_, '_> {
     fn drop(&mut self) {
         for key in self.table.keys() {
             let name: &str = key.get_ref();
-            if self.known.contains(&name) {
+            if self.is_open || self.known.contains(&name) {
                 continue;
             }
             let hint = match closest(name, &self.known) {

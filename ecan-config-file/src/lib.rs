@@ -47,13 +47,17 @@ mod flash;
 mod gateway;
 mod idle_keys;
 mod included_profile;
+mod located;
+mod node;
 mod service;
+mod text_lines;
 
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::{self, Read};
 use std::path::Path;
 
+use ecan_canopen::NodeDescription;
 use ecan_cia402::AxisConfig;
 use ecan_host::{Expectation, StartupStep};
 use ecan_mcan_port::Config;
@@ -65,6 +69,7 @@ pub use difference::{Difference, Expected};
 pub use fault::{ConfigFileError, FileFault, FileFaults};
 pub use flash::{ConfigChecksums, FlashCommand};
 pub use included_profile::{IncludedProfile, ProfileEffect};
+pub use node::parse_bus_yml;
 pub use service::ServiceSettings;
 
 use bus::Bus;
@@ -92,6 +97,7 @@ fn read(bytes: &[u8], includes: Includes) -> Result<Bus, FileFaults> {
         if document.is_valid_toml() {
             check::check(document, &bus.config);
             axis::check(document, &bus.config, &bus.axes);
+            node::check(document, &bus.config, &bus.nodes, &bus.axes);
         }
         bus
     })
@@ -151,6 +157,22 @@ pub fn load(path: impl AsRef<Path>) -> Result<Config, ConfigFileError> {
 /// [`ConfigFileError`]: the file cannot be read, or every fault of it, with line and column.
 pub fn load_axes(path: impl AsRef<Path>) -> Result<Vec<AxisConfig>, ConfigFileError> {
     Ok(load_bus(path.as_ref())?.axes.into_iter().flatten().collect())
+}
+
+/// Reads the CANopen nodes of a configuration with their device files, in the order of the file, for
+/// [`Network::boot`](ecan_canopen::Network::boot). Names are resolved, and the network is checked as a
+/// whole. Empty without nodes. Nodes with an axis are left out: [`load_axes`] returns their axes,
+/// with their identity, values and PDOs.
+///
+/// # Errors
+/// [`ConfigFileError`]: the file cannot be read, or every fault of it, with line and column.
+pub fn load_nodes(path: impl AsRef<Path>) -> Result<Vec<NodeDescription>, ConfigFileError> {
+    Ok(load_bus(path.as_ref())?
+        .nodes
+        .into_iter()
+        .filter(|it| !it.has_axis)
+        .map(|it| it.node.description)
+        .collect())
 }
 
 /// Reads the device profiles that a configuration includes, with the effects of their values, in the

@@ -79,6 +79,9 @@ fn example_has_every_key() {
         ("[[gateway]]\n", "can0 = { traffic = { nonsense = 1 } }"),
         ("[[gateway]]\n", "can0 = { standard_filter = [{ nonsense = 1 }] }"),
         ("[[axis]]\n", "nonsense = 1"),
+        ("[[node]]\n", "nonsense = 1"),
+        ("[[node]]\n", "tpdo = [{ nonsense = 1 }]"),
+        ("[[bus]]\n", "nonsense = 1"),
         (
             "[[gateway]]\n",
             "can0 = { extended_filter = [{ action = \"rx_buffer\", nonsense = 1 }] }",
@@ -93,7 +96,9 @@ fn example_has_every_key() {
                 || EXAMPLE.contains(&format!("[gateway.{key}]"))
                 || EXAMPLE.contains(&format!("[gateway.can0.{key}]"))
                 || EXAMPLE.contains(&format!("[[gateway.can0.{key}]]"))
-                || ["dc", "service", "gateway", "axis", "can2", "can3"].contains(&key);
+                || EXAMPLE.contains(&format!("[node.{key}]"))
+                || ["dc", "service", "gateway", "axis", "node", "bus", "can2", "can3"]
+                    .contains(&key);
             assert!(is_there, "{key} of {table}");
         }
     }

@@ -1,0 +1,404 @@
+//! Reading of the CANopen nodes of a file, and the locations of their faults.
+#![allow(missing_docs)]
+
+use std::time::Duration;
+
+use ecan_canopen::{
+    BootConfig, BootReset, ConfigurationDate, IdentityCheck, NodeAddress, NodeDescription, NodeId,
+    PdoDirection, PdoMapping, RevisionCheck, TransmissionType,
+};
+use ecan_cia402::{AxisConfig, NodeReset};
+use ecan_config_file::{ConfigFileError, load, load_axes, load_nodes};
+use ecan_protocol::can::CanId;
+use tempfile::TempDir;
+
+const EDS: &str = include_str!("../../examples/network/gripper.eds");
+const GATEWAY: &str = "cycle_us = 2000\n[[gateway]]\nn = 3\ncan0 = { bitrate = 1_000_000 }\n\
+                       can1 = { bitrate = 500_000 }\n";
+
+/// A directory with the device file and these files.
+fn directory(files: &[(&str, &str)]) -> TempDir {
+    let directory = tempfile::tempdir().unwrap();
+    for (name, text) in [("gripper.eds", EDS)].iter().chain(files) {
+        let path = directory.path().join(name);
+        std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+        std::fs::write(path, text).unwrap();
+    }
+    directory
+}
+
+fn nodes(text: &str) -> Vec<NodeDescription> {
+    let directory = directory(&[("cell.toml", &format!("{GATEWAY}{text}"))]);
+    load_nodes(directory.path().join("cell.toml")).unwrap_or_else(|error| panic!("{error}"))
+}
+
+/// Lines from the first one after [`GATEWAY`], and texts.
+fn faults(text: &str) -> Vec<(usize, String)> {
+    faults_with(text, &[])
+}
+
+fn faults_with(text: &str, files: &[(&str, &str)]) -> Vec<(usize, String)> {
+    let directory = directory(files);
+    let path = directory.path().join("cell.toml");
+    std::fs::write(&path, format!("{GATEWAY}{text}")).unwrap();
+    match load(&path) {
+        Err(ConfigFileError::Faults { faults, .. }) => {
+            let lines = GATEWAY.lines().count();
+            faults.0.into_iter().map(|it| (it.line.saturating_sub(lines), it.reason)).collect()
+        }
+        other => panic!("{other:?}"),
+    }
+}
+
+fn address(channel: u8, node: u8) -> NodeAddress {
+    NodeAddress { slave: 0, channel, node: NodeId::new(node).unwrap() }
+}
+
+fn id(raw: u16) -> CanId {
+    CanId::standard(raw).unwrap()
+}
+
+const FULL: &str = r#"[[node]]
+name = "left gripper"
+gateway = 0
+channel = 1
+node = 9
+device_file = "gripper.eds"
+mandatory = false
+order = 2
+reset = "node"
+boot_timeout_ms = 800
+revision = "compatible"
+serial_number = 77
+software = 0x1234
+restore = "communication"
+configuration_date = 2026-11-24T09:30:00
+save = true
+heartbeat_ms = 50
+start = false
+reboot = false
+[node.parameters]
+"Grip force" = 120
+"0x2002" = "left"
+"0x1014:0" = "0x90"
+[[node.rpdo]]
+number = 1
+transmission = 1
+objects = ["grip force"]
+[[node.tpdo]]
+number = 2
+cob_id = 0x3A9
+transmission = 254
+inhibit_time_100us = 20
+event_timer_ms = 100
+objects = ["Jaw position", "0x2003"]
+[[node.tpdo]]
+number = 1
+enabled = false
+"#;
+
+#[test]
+fn node_has_every_value_of_its_table() {
+    let node = nodes(FULL).remove(0);
+    assert_eq!((node.name.as_str(), node.address), ("left gripper", address(1, 9)));
+    let parameters = node.boot.parameters.clone();
+    let boot = BootConfig {
+        name: "left gripper".into(),
+        is_mandatory: false,
+        order: 2,
+        reset: BootReset::Node,
+        boot_timeout: Duration::from_millis(800),
+        identity: IdentityCheck {
+            device_type: Some(0x191),
+            vendor_id: Some(0xABC),
+            product_code: Some(0x42),
+            revision: RevisionCheck::Compatible(0x0001_0002),
+            serial_number: Some(77),
+        },
+        software: Some(0x1234),
+        restores: Some(2),
+        parameters: parameters.clone(),
+        heartbeat_ms: 50,
+        starts: false,
+        reboots: false,
+        ..BootConfig::default()
+    };
+    assert_eq!(node.boot, boot);
+    let date = ConfigurationDate { days: 15_668, milliseconds: 34_200_000 };
+    assert_eq!((parameters.date, parameters.saves), (Some(date), true));
+    let values: Vec<_> = node
+        .parameters()
+        .unwrap()
+        .into_iter()
+        .map(|it| (it.index, it.data, it.name.to_string()))
+        .collect();
+    let expected = [
+        (0x1014, vec![0x90, 0, 0, 0], "COB-ID EMCY"),
+        (0x2000, vec![120, 0], "Grip force"),
+        (0x2002, b"left".to_vec(), "Label"),
+    ];
+    let mut sorted = values.clone();
+    sorted.sort();
+    assert_eq!(sorted, expected.map(|(index, data, name)| (index, data, name.to_owned())));
+    let [rpdo, tpdo] = &node.pdos[..] else { panic!("{:?}", node.pdos) };
+    let bits = |pdo: &PdoMapping| pdo.entries.iter().map(|it| it.raw()).collect::<Vec<_>>();
+    assert_eq!((rpdo.cob_id, rpdo.transmission), (id(0x209), TransmissionType::Synchronous(1)));
+    assert_eq!(bits(rpdo), [0x2000_0010]);
+    assert_eq!((tpdo.cob_id, tpdo.transmission), (id(0x3A9), TransmissionType::EventManufacturer));
+    assert_eq!((tpdo.inhibit_time, tpdo.event_timer_ms), (Some(20), Some(100)));
+    assert_eq!(bits(tpdo), [0x2001_0020, 0x2003_0020]);
+    assert_eq!(node.disabled_pdos, [(PdoDirection::Transmit, 1)]);
+    assert!(node.boot_config().unwrap().steps.len() > 10);
+}
+
+#[test]
+fn node_without_keys_has_the_values_of_its_device_file() {
+    let node = nodes("[[node]]\ngateway = 0\nchannel = 0\nnode = 3\ndevice_file = \"gripper.eds\"");
+    let boot = &node[0].boot;
+    assert_eq!((boot.is_mandatory, boot.starts, boot.heartbeat_ms), (true, true, 100));
+    assert_eq!(boot.identity.vendor_id, Some(0xABC));
+    assert_eq!(boot.identity.revision, RevisionCheck::Any, "makers change it");
+    assert!(node[0].parameters().unwrap().is_empty(), "defaults of an EDS are not written");
+    let any = nodes("[[node]]\ngateway = 0\nchannel = 0\nnode = 3\ncheck_identity = false");
+    assert_eq!(any[0].boot.identity, IdentityCheck::default());
+}
+
+#[test]
+fn values_of_a_dcf_are_written_and_overridden() {
+    let dcf = EDS
+        .replace("[2000]\n", "[2000]\nParameterValue=200\n")
+        .replace("[2002]\n", "[2002]\nParameterValue=from the file\n")
+        .replace("[1401sub1]\n", "[1401sub1]\nParameterValue=0x301\n")
+        + "[DeviceComissioning]\nNodeID=21\nNodeName=gripper\nBaudrate=1000\n";
+    let text = "[[node]]\ngateway = 0\nchannel = 0\ndevice_file = \"g.dcf\"\n\
+                parameters = { Label = \"here\" }\n[[node.rpdo]]\nnumber = 2\nobjects = [\"Grip force\"]";
+    let files = [("g.dcf", dcf.as_str()), ("cell.toml", &format!("{GATEWAY}{text}"))];
+    let directory = directory(&files);
+    let nodes = load_nodes(directory.path().join("cell.toml")).unwrap_or_else(|e| panic!("{e}"));
+    assert_eq!(nodes[0].address, address(0, 21), "the node-ID of the DCF");
+    let values: Vec<_> =
+        nodes[0].parameters().unwrap().into_iter().map(|it| (it.index, it.data)).collect();
+    assert_eq!(values, [(0x2000, vec![200, 0]), (0x2002, b"here".to_vec())]);
+    assert_eq!(nodes[0].pdos[0].cob_id, id(0x301), "the COB-ID of the DCF");
+}
+
+#[test]
+fn axes_of_nodes_are_in_the_axis_table() {
+    let text = "[[axis]]\ngateway = 0\nchannel = 0\nnode = 1\n\
+                [[node]]\ngateway = 0\nchannel = 1\nnode = 2\naxis = { step_limit = 77 }";
+    let directory = directory(&[("cell.toml", &format!("{GATEWAY}{text}"))]);
+    let axes = load_axes(directory.path().join("cell.toml")).unwrap_or_else(|e| panic!("{e}"));
+    let mut second = AxisConfig::new(address(1, 2)).with_step_limit(77);
+    second.drive.reset = NodeReset::Communication;
+    assert_eq!(axes, [AxisConfig::new(address(0, 1)), second]);
+}
+
+#[test]
+fn faults_of_a_node_are_reported_together_with_their_lines() {
+    let text = r#"[[node]]
+gateway = 0
+channel = 1
+node = 9
+device_file = "gripper.eds"
+heartbeat = 5
+[node.parameters]
+"Grip forse" = 120
+"0x2000" = 9
+"Jaw position" = 1
+"0x2002" = 0x41
+"0x2003" = "warm"
+[[node.rpdo]]
+number = 1
+objects = ["Grip force", "Jaw position"]
+[[node.rpdo]]
+number = 3
+cob_id = 0x77F
+objects = ["0x2000"]
+[[node.tpdo]]
+number = 1
+objects = ["Jaw position", "Temperature", "0x1001", "Label"]
+"#;
+    let expected = [
+        (6, "unknown key `heartbeat`"),
+        (8, "Grip forse"),
+        (9, "node 9: 0x2000:00 (Grip force) = 9 is out of range; allowed: 10 to 400"),
+        (10, "node 9: 0x2001:00 (Jaw position) cannot be written"),
+        (12, "`0x2003`: `warm` is not a number"),
+        (13, "node 9: RPDO 1: 0x2001:00 (Jaw position) cannot be mapped"),
+        (16, "node 9: RPDO 3: COB-ID 0x77F is reserved"),
+        (16, "node 9: RPDO 3: the device file has no object 0x1402"),
+        (20, "node 9: TPDO 1: 72 bits in 3 entries are mapped; allowed: 1 to 64 bits"),
+        (22, "`Label` is VISIBLE_STRING; a PDO cannot contain it"),
+    ];
+    let found = faults(text);
+    assert_eq!(found.len(), expected.len(), "{found:#?}");
+    for ((line, reason), (expected_line, part)) in found.iter().zip(expected) {
+        assert!(*line == expected_line && reason.contains(part), "{line} {reason}: {part}");
+    }
+}
+
+#[test]
+fn collisions_over_the_bus_are_found() {
+    let node = |channel: u8, node: u8, more: &str| {
+        format!(
+            "[[node]]\ngateway = 0\nchannel = {channel}\nnode = {node}\ndevice_file = \"gripper.eds\"\n{more}"
+        )
+    };
+    let tpdo = "[[node.tpdo]]\nnumber = 2\ncob_id = 0x183\nobjects = [\"Jaw position\"]\n";
+    // TPDO 1 of node 3 exists by its device file.
+    let text = node(0, 3, "") + &node(0, 4, tpdo) + &node(1, 5, tpdo) + &node(0, 3, "");
+    let found = faults(&text);
+    let texts: Vec<_> = found.iter().map(|(_, reason)| reason.as_str()).collect();
+    assert!(texts.contains(&"COB-ID 0x183 is sent by TPDO 1 of node 3 and by TPDO 2 of node 4; each may have one sender"), "{texts:#?}");
+    assert!(
+        texts.iter().any(|it| it.contains("node 3 (slave 0, channel 0) is described twice")),
+        "{texts:#?}"
+    );
+    assert!(!texts.iter().any(|it| it.contains("node 5")), "{texts:#?}");
+    let emcy = node(0, 3, "parameters = { \"0x1014\" = 0x84 }\n") + &node(0, 4, "");
+    let text = &faults(&emcy)[0].1;
+    assert_eq!(
+        text,
+        "COB-ID 0x084 is sent by EMCY of node 3 and by EMCY of node 4; each may have one sender"
+    );
+}
+
+#[test]
+fn bus_load_and_bit_rate_are_checked() {
+    let mut text = String::new();
+    for node in 1..=12 {
+        text += &format!(
+            "[[node]]\ngateway = 0\nchannel = 1\nnode = {node}\ndevice_file = \"gripper.eds\"\n\
+             [[node.tpdo]]\nnumber = 1\ntransmission = 1\nobjects = [\"Jaw position\", \"Temperature\"]\n"
+        );
+    }
+    let found = faults(&text);
+    assert_eq!(found.len(), 1, "{found:#?}");
+    assert!(found[0].1.starts_with("slave 0 channel 1: the network needs"), "{found:#?}");
+    let slow = "[[node]]\ngateway = 0\nchannel = 2\nnode = 1\ndevice_file = \"gripper.eds\"\n\
+                [[gateway]]\nn = 3\ncan0 = { bitrate = 250_000 }\n\
+                [[node]]\ngateway = 1\nchannel = 0\nnode = 1\ndevice_file = \"gripper.eds\"\n";
+    let texts: Vec<_> = faults(slow).into_iter().map(|(_, reason)| reason).collect();
+    assert!(
+        texts[0].contains("node 1 (slave 0, channel 2): the channel is not enabled"),
+        "{texts:?}"
+    );
+    assert!(texts[1].contains("the device does not support 250 kbit/s"), "{texts:?}");
+}
+
+#[test]
+fn absent_and_invalid_device_files_are_reported_once() {
+    let node = |node: u8, file: &str| {
+        format!(
+            "[[node]]\ngateway = 0\nchannel = 0\nnode = {node}\ndevice_file = \"{file}\"\nparameters = {{ \"Grip force\" = 20 }}\n"
+        )
+    };
+    let text = node(1, "absent.eds") + &node(2, "broken.eds");
+    let found = faults_with(&text, &[("broken.eds", "[1000\nthis is not a device file")]);
+    assert_eq!(found.len(), 2, "{found:#?}");
+    assert!(found[0].1.contains("cannot read absent.eds") && found[0].0 == 5, "{found:#?}");
+    assert!(found[1].1.contains("broken.eds") && found[1].0 == 11, "{found:#?}");
+}
+
+/// A file in the form of ros2_canopen.
+const BUS: &str = r#"
+options:
+  dcf_path: "@BUS_CONFIG_PATH@"
+
+master:
+  node_id: 1
+  driver: "ros2_canopen::MasterDriver"
+  package: "canopen_master_driver"
+  sync_period: 10000
+
+defaults:
+  dcf: "gripper.eds"
+  driver: "ros2_canopen::ProxyDriver"
+  package: "canopen_proxy_driver"
+  period: 10
+  revision_number: 0
+  sdo:
+    - {index: 0x2000, sub_index: 0, value: 60}
+  tpdo:
+    1:
+      enabled: true
+      cob_id: "auto"
+      transmission: 0x01
+      mapping:
+        - {index: 0x2001, sub_index: 0} # jaw position
+        - {index: 0x2003}
+    2:
+      enabled: false
+
+nodes:
+  gripper_1:
+    node_id: 2
+  gripper_2:
+    node_id: 3
+    mandatory: true
+    serial_number: 5
+    heartbeat_producer: 200
+    sdo: []
+"#;
+
+#[test]
+fn bus_of_ros2_canopen_is_read_as_it_is() {
+    let text = "[[bus]]\ngateway = 0\nchannel = 0\nfile = \"config/arm/bus.yml\"\n";
+    let files = [
+        ("config/arm/bus.yml", BUS),
+        ("config/arm/gripper.eds", EDS),
+        ("cell.toml", &format!("{GATEWAY}{text}")),
+    ];
+    let directory = directory(&files);
+    let nodes = load_nodes(directory.path().join("cell.toml")).unwrap_or_else(|e| panic!("{e}"));
+    let [first, second] = &nodes[..] else { panic!("{nodes:?}") };
+    assert_eq!((first.name.as_str(), first.address), ("gripper_1", address(0, 2)));
+    assert_eq!((second.name.as_str(), second.address), ("gripper_2", address(0, 3)));
+    assert_eq!((first.boot.is_mandatory, second.boot.is_mandatory), (false, true));
+    assert_eq!((first.boot.heartbeat_ms, second.boot.heartbeat_ms), (0, 200));
+    assert_eq!(first.boot.identity.revision, RevisionCheck::Any);
+    assert_eq!(second.boot.identity.serial_number, Some(5));
+    let values = |node: &NodeDescription| {
+        node.overrides.iter().map(|it| (it.index, it.data.clone())).collect::<Vec<_>>()
+    };
+    assert_eq!((values(first), values(second)), (vec![(0x2000, vec![60, 0])], vec![]));
+    for node in &nodes {
+        let [tpdo] = &node.pdos[..] else { panic!("{:?}", node.pdos) };
+        assert_eq!(tpdo.cob_id, id(0x180 + u16::from(node.address.node.get())));
+        assert_eq!(tpdo.transmission, TransmissionType::Synchronous(1));
+        assert_eq!(tpdo.entries.len(), 2);
+        assert_eq!(node.disabled_pdos, [(PdoDirection::Transmit, 2)]);
+    }
+}
+
+#[test]
+fn faults_of_a_bus_have_its_lines() {
+    let bus = BUS
+        .replace("value: 60", "value: 500")
+        .replace("mandatory: true", "mandatory: maybe")
+        .replace("serial_number: 5", "serial_numbr: 5")
+        .replace("index: 0x2003", "index: 0x2009");
+    let text = "[[bus]]\ngateway = 0\nchannel = 0\nfile = \"bus.yml\"\n";
+    let found = faults_with(text, &[("bus.yml", &bus)]);
+    let texts: Vec<_> = found.iter().map(|(_, reason)| reason.as_str()).collect();
+    for part in [
+        "`file` bus.yml: line 35, column 16: `mandatory` must be true or false",
+        "`file` bus.yml: line 36, column 5: unknown key `serial_numbr`",
+    ] {
+        assert!(texts.contains(&part), "{part}: {texts:#?}");
+    }
+    let bus = bus.replace("maybe", "true").replace("serial_numbr", "serial_number");
+    let found = faults_with(text, &[("bus.yml", &bus)]);
+    let texts: Vec<_> = found.iter().map(|(_, reason)| reason.as_str()).collect();
+    assert!(texts.iter().any(|it| it.contains("line 26") && it.contains("0x2009")), "{texts:#?}");
+    assert!(texts.iter().any(|it| it.contains("(Grip force) = 500 is out of range")), "{texts:#?}");
+    let broken = faults_with(text, &[("bus.yml", "a: [1\nb: 2")]);
+    assert!(broken[0].1.starts_with("`file` bus.yml: line "), "{broken:#?}");
+}
+
+#[test]
+fn example_has_the_defaults() {
+    let directory = directory(&[("cell.toml", ecan_config_file::EXAMPLE)]);
+    let node = load_nodes(directory.path().join("cell.toml")).unwrap().remove(0);
+    assert_eq!(node.boot, BootConfig { name: "gripper".into(), ..BootConfig::default() });
+}
