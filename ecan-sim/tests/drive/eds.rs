@@ -483,3 +483,18 @@ fn drive_from_foreign_eds_moves() {
     assert_eq!(fixture.drive.mode(), Some(OperatingMode::CyclicPosition));
     assert_eq!(fixture.drive.position(), target);
 }
+
+/// The example of a network describes the built-in drive, so that it can be used with it.
+#[test]
+fn example_file_describes_the_built_in_drive() {
+    let bytes = include_bytes!("../../../examples/network/servo_drive.eds");
+    let file = DeviceFile::parse(bytes).unwrap();
+    assert_eq!(file.warnings(), []);
+    let config = config();
+    let built_in = Drive::new(&config);
+    let by_file = Drive::from_device_file(&config, &file);
+    for entry in file.entries() {
+        let key = (entry.index, entry.subindex);
+        assert_eq!(by_file.object(key.0, key.1), built_in.object(key.0, key.1), "{key:X?}");
+    }
+}

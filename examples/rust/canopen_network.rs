@@ -1,0 +1,133 @@
+//! A CANopen network from files (CiA 302-2): boots the nodes and enables the axes of a configuration
+//! file, moves the axes by their target steps, and stops them.
+//!
+//! ```text
+//! canopen_network examples/network/machine.toml --ecrt sim:examples/network/simulated.toml
+//! ```
+
+use std::error::Error;
+use std::path::PathBuf;
+use std::process::ExitCode;
+use std::time::Duration;
+
+use clap::Parser;
+use ecan_canopen::{BootPhase, BootState, NodeConfig};
+use ecan_cia402::{Cia402, Cia402Config};
+use ecan_example_support::backend::MasterArguments;
+use ecan_example_support::{Interrupt, report_exit, wait_ready};
+use ecan_mcan_port::Port;
+
+/// Longest time of the boot-up and of each step of the startup.
+const STARTUP: Duration = Duration::from_secs(30);
+const SHUTDOWN: Duration = Duration::from_secs(20);
+
+/// Boot the CANopen nodes and move the axes of a configuration file
+#[derive(Debug, Parser)]
+#[command(name = "canopen_network", version)]
+struct Arguments {
+    /// Configuration file with `[[node]]` tables
+    file: PathBuf,
+    /// Number of cycles with motion
+    #[arg(long, value_name = "N", default_value_t = 1000)]
+    cycles: u64,
+    #[command(flatten)]
+    master: MasterArguments,
+}
+
+fn main() -> ExitCode {
+    report_exit("canopen_network", run(&Arguments::parse()))
+}
+
+/// Runs the network. Returns whether the axes followed their targets until the end.
+fn run(arguments: &Arguments) -> Result<bool, Box<dyn Error>> {
+    let path = &arguments.file;
+    let (config, axes) = (ecan_config_file::load(path)?, ecan_config_file::load_axes(path)?);
+    let nodes = ecan_config_file::load_nodes(path)?;
+    let interrupt = Interrupt::install()?;
+    let backend = arguments.master.open("drives", &config.adapter)?;
+    let mut port = Port::open(&backend.ecrt, (config.adapter, config.port))?;
+    if !wait_ready(&mut port, &interrupt)? {
+        return Ok(true);
+    }
+    let mut cia402 = Cia402::new(&port, axes, Cia402Config::default())?;
+    for node in &nodes {
+        let network = cia402.network_mut();
+        let handle = network.add_node(node.address, NodeConfig::default())?;
+        network.boot(handle, node.boot_config()?);
+    }
+    println!("{} nodes, {} axes", nodes.len(), cia402.axis_count());
+
+    let moved = boot_nodes(&mut port, &mut cia402, &interrupt)
+        .and_then(|()| move_axes(&mut port, &mut cia402, arguments.cycles, &interrupt));
+    let was_running = moved.is_ok() && cia402.all_running();
+    // Stops and disables the drives, also after an error.
+    let shutdown = cia402.shutdown_timeout(&mut port, SHUTDOWN, |_| {});
+    moved?;
+    shutdown?;
+    println!("axes stopped");
+    Ok(was_running || interrupt.is_set())
+}
+
+/// Waits until all mandatory nodes are booted, and prints each change of their phases.
+fn boot_nodes(
+    port: &mut Port,
+    cia402: &mut Cia402,
+    interrupt: &Interrupt,
+) -> Result<(), Box<dyn Error>> {
+    let deadline = port.adapter().clock().now_ns().saturating_add(STARTUP.as_nanos() as u64);
+    let mut phases: Vec<BootPhase> = Vec::new();
+    loop {
+        let mut cycle = port.next_cycle();
+        let now = cycle.adapter().clock().now_ns();
+        cia402.process_rx(&mut cycle);
+        cia402.send_targets_all(&mut cycle);
+        cycle.end()?;
+        for (nth, node) in cia402.network().boot_progress(now).enumerate() {
+            if phases.get(nth) != Some(&node.phase) {
+                phases.resize(phases.len().max(nth + 1), BootPhase::Waiting);
+                phases[nth] = node.phase;
+                println!("{node}");
+            }
+        }
+        match cia402.network().boot_state() {
+            BootState::Booted => return Ok(()),
+            BootState::Failed => return Err("a mandatory node failed, see above".into()),
+            BootState::Running if now > deadline => return Err("the boot-up takes too long".into()),
+            BootState::Running if interrupt.is_set() => return Err("stopped by the user".into()),
+            BootState::Running => {}
+        }
+    }
+}
+
+/// Configures and enables the axes, then moves them; nodes that restart are booted again.
+fn move_axes(
+    port: &mut Port,
+    cia402: &mut Cia402,
+    cycles: u64,
+    interrupt: &Interrupt,
+) -> Result<(), Box<dyn Error>> {
+    let mut shown: Vec<String> = Vec::new();
+    cia402.start_up_timeout(port, STARTUP, |axis| {
+        shown.resize(shown.len().max(axis.axis + 1), String::new());
+        let text = axis.phase.to_string();
+        if shown[axis.axis] != text {
+            println!("{axis}");
+            shown[axis.axis] = text;
+        }
+    })?;
+    for _ in 0..cycles {
+        let mut cycle = port.next_cycle();
+        cia402.process_rx(&mut cycle);
+        cia402.send_target_step(&mut cycle);
+        cycle.end()?;
+        if interrupt.is_set() {
+            break;
+        }
+    }
+    for axis in 0..cia402.axis_count() {
+        let position =
+            cia402.actual(axis).map_or_else(|| "unknown".to_owned(), |it| it.to_string());
+        println!("axis {axis}: actual position {position}");
+    }
+    Ok(())
+}

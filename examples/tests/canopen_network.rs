@@ -1,0 +1,55 @@
+//! The network of examples/network on the simulator, as a user runs it.
+#![allow(missing_docs)]
+
+use std::path::Path;
+use std::process::{Command, Output};
+
+fn run(arguments: &[&str]) -> Output {
+    let directory = Path::new(env!("CARGO_MANIFEST_DIR")).join("network");
+    Command::new(example()).current_dir(directory).args(arguments).output().unwrap()
+}
+
+/// Cargo builds the examples next to the tests.
+fn example() -> std::path::PathBuf {
+    let test = std::env::current_exe().unwrap();
+    test.parent().unwrap().parent().unwrap().join("examples/canopen_network")
+}
+
+#[test]
+fn network_boots_and_moves_from_files_only() {
+    let output = run(&["machine.toml", "--ecrt", "sim:simulated.toml"]);
+    let (text, errors) =
+        (String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
+    assert!(output.status.success(), "{text}{errors}");
+    for part in [
+        "SIMULATED",
+        "gripper, node 4 (slave 0, channel 1): writing parameters, 1 of 1, 0x2000:00 (Grip force)",
+        "gripper, node 4 (slave 0, channel 1): booted after",
+        "axis 1, node 2 (slave 0, channel 0): following targets",
+        "axes stopped",
+    ] {
+        assert!(text.contains(part), "{part} in\n{text}");
+    }
+}
+
+#[test]
+fn another_device_is_named() {
+    let directory = tempfile::tempdir().unwrap();
+    let files = Path::new(env!("CARGO_MANIFEST_DIR")).join("network");
+    for file in ["servo_drive.eds", "gripper.eds", "simulated.toml"] {
+        std::fs::copy(files.join(file), directory.path().join(file)).unwrap();
+    }
+    let text = std::fs::read_to_string(files.join("machine.toml")).unwrap();
+    let path = directory.path().join("machine.toml");
+    std::fs::write(
+        &path,
+        text.replace("name = \"gripper\"", "name = \"gripper\"\nserial_number = 5"),
+    )
+    .unwrap();
+    let setting = format!("sim:{}", directory.path().join("simulated.toml").display());
+    let output = run(&[path.to_str().unwrap(), "--ecrt", &setting]);
+    let text = String::from_utf8_lossy(&output.stdout);
+    assert_eq!(output.status.code(), Some(1), "{text}");
+    let expected = "gripper, node 4 (slave 0, channel 1): boot-up failed (status O): serial number";
+    assert!(text.contains(expected), "{text}");
+}
