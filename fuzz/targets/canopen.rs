@@ -19,7 +19,7 @@ fuzz_target!(|data: &[u8]| {
     let Some(node) = NodeId::new(5) else { return };
     let mut config = DriveConfig::new(node);
     config.boot_ms = 1;
-    config.quirks.without_node_id = data.len() % 2 == 0;
+    config.quirks.without_node_id = data.len().is_multiple_of(2);
     let (mut drive, mut out) = (Drive::new(&config), NodeOutput::new());
     let mut client =
         SdoClient::new(SdoConfig { buffer_bytes: 64, retries: 1, ..SdoConfig::default() });
