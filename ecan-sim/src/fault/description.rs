@@ -126,6 +126,8 @@ keys! {
     errno: toml::Value,
     /// Jump, in ns
     ns: i64,
+    /// Value of the object; excess bits are cut off
+    value: i64,
 }
 
 macro_rules! kinds {
@@ -207,6 +209,8 @@ kinds! {
     DriveBusOff "drive_bus_off" ("node", "for_ms"),
     /// The motor of a drive is blocked
     DriveBlocked "drive_blocked" ("node", "for_ms"),
+    /// An object of a drive or an I/O node gets a value, as an input
+    DriveValue "drive_value" ("node", "index", "subindex", "value"),
     /// Calls of a function of the library fail without effect
     LibraryError "library_error" ("call", "errno", "times"),
     /// The master starts no SDO and register requests of the program
@@ -401,6 +405,11 @@ impl Resolver<'_> {
             Kind::DrivePowerCycle => self.in_drive(DriveFault::PowerCycle { off_ms })?,
             Kind::DriveBusOff => self.in_drive(DriveFault::BusOff { for_ms: self.for_ms()? })?,
             Kind::DriveBlocked => self.in_drive(DriveFault::Blocked { for_ms: self.for_ms()? })?,
+            Kind::DriveValue => self.in_drive(DriveFault::Value {
+                index: self.need("index", raw.index)?,
+                subindex: raw.subindex.unwrap_or(0),
+                value: self.need("value", raw.value)?,
+            })?,
             Kind::LibraryError => Fault::LibraryError {
                 call: self.need("call", raw.call)?,
                 errno: errno(&self.need("errno", raw.errno.clone())?)?,

@@ -374,6 +374,13 @@ cycle = 7
 kind = "drive_blocked"
 node = "shoulder"
 for_ms = 50
+
+[[fault]]
+cycle = 8
+kind = "drive_value"
+node = "shoulder"
+index = 0x60FD
+value = 0x10000
 "#;
 
 #[test]
@@ -432,6 +439,10 @@ fn every_drive_key_is_read() {
             fault(When::Cycle(5), DriveFault::PowerCycle { off_ms: 300 }),
             fault(When::Cycle(6), DriveFault::Emcy { code: 0x4210, register: 9 }),
             fault(When::Cycle(7), DriveFault::Blocked { for_ms: 50 }),
+            fault(
+                When::Cycle(8),
+                DriveFault::Value { index: 0x60FD, subindex: 0, value: 0x1_0000 }
+            ),
         ]
     );
 }
@@ -461,6 +472,7 @@ fn drive_errors_are_reported() {
             "`code` of `drive_error` is out of range; allowed: 0 to 0xFFFF",
         ),
         ("for_ms = 50", "", "`drive_blocked` needs `for_ms`"),
+        ("value = 0x10000", "", "`drive_value` needs `value`"),
         (
             "for_ms = 50",
             "for_ms = 50\nregister = 1",
