@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::mpsc::{Receiver, SyncSender, channel, sync_channel};
+use std::sync::mpsc::{Receiver, SyncSender, TryRecvError, channel, sync_channel};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
@@ -200,16 +200,25 @@ impl Drawing {
         let _ = self.spent.try_send(observation);
     }
 
+    /// Takes what is waiting; returns `false` after the end of the source. Bounded, so that
+    /// drawing and keys continue even if the source is faster.
+    fn take_waiting(&mut self) -> bool {
+        for _ in 0..OBSERVATIONS {
+            match self.seen.try_recv() {
+                Ok(observation) => self.take(observation),
+                Err(TryRecvError::Empty) => break,
+                Err(TryRecvError::Disconnected) => return false,
+            }
+        }
+        true
+    }
+
     fn draw_all(&mut self, terminal: &mut ratatui::DefaultTerminal) -> Result {
         let mut choice = self.choice;
         let mut shown = self.collector.snapshot();
         loop {
-            loop {
-                match self.seen.try_recv() {
-                    Ok(observation) => self.take(observation),
-                    Err(std::sync::mpsc::TryRecvError::Empty) => break,
-                    Err(std::sync::mpsc::TryRecvError::Disconnected) => return Ok(()),
-                }
+            if !self.take_waiting() {
+                return Ok(());
             }
             while let Ok((position, errors)) = self.errors.try_recv() {
                 self.collector.take_errors(position, errors);

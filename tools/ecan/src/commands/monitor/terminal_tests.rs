@@ -40,22 +40,28 @@ fn draw(frame: &mut Frame<'_>, snapshot: &Snapshot, choice: Choice, has_color: b
     screen::draw(frame, snapshot, choice, has_color);
 }
 
-/// A drawing thread as in the monitor, and its queue.
-fn start(draw: Draw) -> (Joined, Arc<AtomicBool>) {
-    let (full, seen) = sync_channel(OBSERVATIONS);
-    let (spent, _) = sync_channel(OBSERVATIONS);
+/// A drawing as in the monitor, and its queue.
+fn drawing(draw: Draw, observations: usize) -> (Drawing, SyncSender<Observation>) {
+    let (full, seen) = sync_channel(observations);
+    let (spent, _) = sync_channel(observations);
     let (_, errors) = channel();
-    let is_over = Arc::new(AtomicBool::new(false));
     let drawing = Drawing {
         collector: Collector::new(Origin::default(), WINDOW_NS),
         seen,
         spent,
         errors,
-        is_over: is_over.clone(),
+        is_over: Arc::new(AtomicBool::new(false)),
         has_color: false,
         choice: Choice::default(),
         draw,
     };
+    (drawing, full)
+}
+
+/// Starts the thread of a drawing.
+fn start(draw: Draw) -> (Joined, Arc<AtomicBool>) {
+    let (drawing, full) = drawing(draw, OBSERVATIONS);
+    let is_over = drawing.is_over.clone();
     let thread = std::thread::spawn(move || drawing.run());
     let joined = Joined { full: Some(full), thread: Some(thread) };
     let gateways = vec![LayoutGateway::default()];
@@ -107,6 +113,21 @@ fn panics(program: &str) {
     assert_eq!(status, Some(FAILED), "{said}");
     // After the screen, where it is readable.
     assert!(said.contains(WORDS), "{said}");
+}
+
+#[test]
+fn source_that_is_faster_does_not_prevent_drawing() {
+    let waiting = 10 * OBSERVATIONS;
+    let (mut drawing, full) = drawing(screen::draw, waiting);
+    for _ in 0..waiting {
+        full.try_send(Observation::new(1)).unwrap();
+    }
+    assert!(drawing.take_waiting());
+    assert!(drawing.seen.try_recv().is_ok());
+    while drawing.seen.try_recv().is_ok() {}
+    assert!(drawing.take_waiting(), "nothing waits, but the source runs");
+    drop(full);
+    assert!(!drawing.take_waiting());
 }
 
 #[test]
