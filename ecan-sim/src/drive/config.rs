@@ -225,7 +225,8 @@ pub struct DriveQuirks {
     pub no_lss: bool,
     /// LSS cannot store node-ID and bit rate: they are lost at a reset.
     pub no_lss_store: bool,
-    /// Objects that the drive lacks, for example 0x1016; without 0x1016 and 0x1017 it supports guarding only.
+    /// Objects that the drive lacks, for example 0x1016; without 0x1016 and 0x1017 it supports guarding only,
+    /// without 0x100C no guarding.
     pub missing: Vec<u16>,
     /// Objects whose transfers fail.
     #[serde(rename = "sdo")]

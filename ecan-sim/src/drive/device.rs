@@ -345,9 +345,10 @@ impl Device {
         }
     }
 
-    /// Responds to a guarding request, unless the drive produces heartbeats.
+    /// Responds to a guarding request, unless the drive produces heartbeats or has no guarding.
     pub(super) fn guarding_request(&mut self, out: &mut NodeOutput) {
-        if self.network.produces_heartbeats() {
+        let has_guarding = self.objects.number(object::GUARD_TIME, 0).is_some();
+        if self.network.produces_heartbeats() || !has_guarding {
             return;
         }
         let (response, was_lost) = self.guarding.request(self.now, self.network.state);

@@ -21,7 +21,7 @@ name = "shoulder"
 "#;
 
 /// A value of each key.
-const VALUES: [(&str, &str); 17] = [
+const VALUES: [(&str, &str); 18] = [
     ("gateway", "0"),
     ("io", "0"),
     ("channel", "0"),
@@ -39,6 +39,7 @@ const VALUES: [(&str, &str); 17] = [
     ("call", "'send'"),
     ("errno", "'EINTR'"),
     ("ns", "-100"),
+    ("value", "5"),
 ];
 
 fn describe(text: &str) -> FaultDescription {

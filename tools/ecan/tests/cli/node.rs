@@ -97,14 +97,14 @@ fn info_describes_a_drive() {
         "identity        vendor 0x53494D00, product 0x00000192, revision 0x00010000, serial 23008",
         "NMT state       not reported (no heartbeat)",
         "drive           switch on disabled (statusword 0x0240)",
-        "mode            none; supported: PP, PV, HM, CSP, CSV, CST",
+        "mode            none; supported: PP, VL, PV, PT, HM, IP, CSP, CSV, CST",
         "RPDOs           1 of 4 valid: 1 (0x203, 16 bits)",
     ] {
         assert!(text.lines().any(|it| it == line), "{line}: {text}");
     }
     let info = json(&["node", "info", "--node", "3", "--channel", "2"]);
     assert_eq!((&info["channel"], &info["serial"]), (&2.into(), &23_008.into()));
-    assert_eq!(info["drive"]["supported_modes"], "PP, PV, HM, CSP, CSV, CST");
+    assert_eq!(info["drive"]["supported_modes"], "PP, VL, PV, PT, HM, IP, CSP, CSV, CST");
 }
 
 #[test]
@@ -129,7 +129,7 @@ fn reset_is_confirmed_by_the_boot_up_message() {
         ("reset", "node 1 on can0: pre-operational, by its boot-up message\n"),
         ("reset-comm", "node 1 on can0: pre-operational, by its boot-up message\n"),
         ("start", "node 1 on can0: operational, by its PDO\n"),
-        ("stop", "node 1 on can0: stopped, it no longer answers SDO requests\n"),
+        ("stop", "node 1 on can0: stopped, by node guarding\n"),
     ] {
         assert_eq!(drives(&["node", "nmt", command, "--node", "1", "--yes"]), expected);
     }
@@ -141,7 +141,10 @@ fn reset_is_confirmed_by_the_boot_up_message() {
 
 #[test]
 fn state_without_a_report_is_not_confirmed() {
-    let message = drives_fail(1, &["node", "nmt", "preop", "--node", "1", "--timeout", "500"]);
+    let drive = one_drive(1, "", "[node.quirks]\nmissing = [0x100C]\n");
+    let stopped = drive.good(&["node", "nmt", "stop", "--node", "1"]);
+    assert_eq!(stopped, "node 1 on can0: stopped, it no longer answers SDO requests\n");
+    let message = drive.fails(1, &["node", "nmt", "preop", "--node", "1", "--timeout", "500"]);
     assert!(message.contains("did not confirm pre-operational; set a producer"), "{message}");
     let message = drives_fail(1, &["node", "nmt", "preop", "--all", "--timeout", "500"]);
     assert!(message.contains("no node on can0 reported a state"), "{message}");
