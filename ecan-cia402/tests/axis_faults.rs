@@ -13,7 +13,7 @@ use ecan_cia402::{
 };
 use ecan_mcan_port::Session;
 use ecan_protocol::object::AbortCode;
-use ecan_sim::{DriveFault, Fault, LossDirection, SdoDirection, SdoEffect, SdoRule};
+use ecan_sim::{DriveFault, Fault, GatewayFault, LossDirection, SdoDirection, SdoEffect, SdoRule};
 use tracing_test::traced_test;
 
 fn moving(count: usize) -> Vec<AxisConfig> {
@@ -246,6 +246,36 @@ fn lost_frame_only_repeats_the_last_image() {
         }
         fixture.check();
     }
+}
+
+/// A short bus-off while the gateway's images are damaged is reported by nothing. The path of the application
+/// leads away from the last target, which the drive does not have, and past it again.
+#[test]
+fn targets_lost_without_a_report_hold_the_axis() {
+    let holds: Vec<_> = (0..8).map(hold_after_bus_off_behind_damaged_images).collect();
+    assert!(holds.contains(&HoldReason::BusOff), "{holds:?}");
+    assert!(holds.contains(&HoldReason::NotAtTarget), "{holds:?}");
+}
+
+fn hold_after_bus_off_behind_damaged_images(images: u32) -> HoldReason {
+    let mut table = moving(1);
+    table[0].tpdo_timeout = 30;
+    let mut fixture = Fixture::single(table).started();
+    fixture.steps(100);
+    fixture.inject(Fault::BusOff { gateway: 0, channel: 0 });
+    let fault = GatewayFault::TornTxPdo { images };
+    fixture.inject(Fault::Gateway { gateway: 0, fault });
+    for _ in 0..100 {
+        fixture.cycle_with(|cia402, cycle| {
+            let _ = cia402.set_target(0, 1_000_000);
+            cia402.send_targets_all(cycle)
+        });
+    }
+    fixture.steps(50);
+    let hold = held_for(&fixture.cia402, 0).unwrap_or_else(|| panic!("{images}: follows targets"));
+    fixture.check();
+    recover(&mut fixture);
+    hold
 }
 
 #[test]

@@ -8,6 +8,7 @@ use ecan_canopen::{
 };
 use ecan_protocol::can::CanId;
 
+use super::answer_watch::AnswerWatch;
 use super::axis_state::AxisState;
 use super::command_error::CommandError;
 use super::config::{AxisConfig, target_kind};
@@ -82,6 +83,7 @@ pub(crate) struct Axis {
     pub(crate) fresh_ns: u64,
     pub(crate) targets: TargetSource,
     pub(crate) set_point: SetPoint,
+    pub(crate) answers: AnswerWatch,
     pub(crate) tickets: TargetTickets,
     /// The gateway reported a target as not sent since the last cycle.
     pub(crate) target_lost: bool,
@@ -144,6 +146,7 @@ impl Axis {
             fresh_ns: FRESH_NS.max(sync_period_ns.saturating_mul(FRESH_PERIODS)),
             targets: TargetSource::new(ramp),
             set_point: SetPoint::default(),
+            answers: AnswerWatch::default(),
             tickets: TargetTickets::default(),
             target_lost: false,
             decision: Decision::Closed,

@@ -6,6 +6,7 @@ use ecan_canopen::{
 };
 use ecan_mcan_port::{Backpressure, SendError, SendTicket, TransmitReport};
 
+use super::answer_watch::TargetCheck;
 use super::axis::Axis;
 use super::axis_state::AxisState;
 use super::config::target_kind;
@@ -16,7 +17,7 @@ use super::ramp::Ramp;
 use super::setup::SetupState;
 use super::verification::Reachability;
 use crate::guard::gateway_watch::GatewayWatch;
-use crate::guard::input::{DriveView, GuardInput};
+use crate::guard::input::{ChannelView, DriveView, GuardInput, HoldReason};
 use crate::guard::terms::{Decision, GuardState, TargetKind, WaitReason};
 
 #[derive(Debug, Clone, Copy)]
@@ -104,7 +105,8 @@ impl Axis {
         if self.reachability.is_lost_since(before) {
             self.require_verification();
         }
-        if let Some(reason) = self.guard.observe(&input) {
+        let held = self.guard.observe(&input).or_else(|| self.check_last_target(&input, now_ns));
+        if let Some(reason) = held {
             self.held(reason, now_ns);
         }
         if let Some(status) = status {
@@ -118,6 +120,29 @@ impl Axis {
         if self.drive.is_in_fault() && !was_in_fault {
             self.faulted(network, now_ns);
         }
+    }
+
+    /// Missing TPDOs, and no target for some periods: the drive must be at its last target before it gets
+    /// another one, since the next would make the steps of those that were lost, too.
+    fn check_last_target(&mut self, input: &GuardInput, now_ns: u64) -> Option<HoldReason> {
+        self.answers.observe(self.drive.arrived.is_some(), self.cycles_per_sync);
+        let Some(target) = self.target().filter(|_| self.answers.has_missed()) else {
+            self.answers.end_check();
+            return None;
+        };
+        let follows_positions = target_kind(self.mode) == TargetKind::Position;
+        if !(follows_positions && self.target_period.is_paused(now_ns)) {
+            return None;
+        }
+        let can_show = input.path.is_clear() && input.path.channel != ChannelView::NotSeen;
+        let position = self.drive.arrived.map(|feedback| feedback.position);
+        let is_there =
+            position.filter(|_| can_show && self.drive_is_at_rest(now_ns)).map(|position| {
+                let distance = self.config.range.distance(target, position).unsigned_abs();
+                distance <= 2 * u64::from(self.config.standstill)
+            });
+        (self.answers.check(is_there, now_ns) == TargetCheck::Failed)
+            .then(|| self.guard.lose_target())
     }
 
     fn drive_view(&self, status: Option<&NodeStatus>) -> DriveView {
@@ -258,6 +283,9 @@ impl Axis {
             (GuardState::Running { .. }, TargetTurn::Due) if !self.target_period.is_over() => {
                 Some(WaitReason::NotDue)
             }
+            (GuardState::Running { .. }, _) if self.answers.is_checking() => {
+                Some(WaitReason::NoFreshPosition)
+            }
             _ => None,
         }
     }
@@ -311,6 +339,7 @@ impl Axis {
         }
         let before = self.target();
         self.guard.sent();
+        self.answers.restart();
         self.target_period.target_sent();
         self.tickets.insert(ticket);
         match self.decision {

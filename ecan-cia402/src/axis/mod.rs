@@ -1,5 +1,6 @@
 //! One axis: configuration, state machine, targets, procedures.
 
+mod answer_watch;
 #[expect(clippy::module_inception, reason = "a file has the name of its main type")]
 pub(crate) mod axis;
 pub(crate) mod axis_cycle;

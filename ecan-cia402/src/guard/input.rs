@@ -162,6 +162,10 @@ pub enum HoldReason {
     /// The gateway reported a target as not sent.
     #[error("the gateway reported a target as not sent")]
     TargetLost,
+    /// TPDOs were missing, the axis got no target for more than four target periods, and the drive does
+    /// not rest at the last one, within two standstill windows: targets were lost, or the motor is blocked.
+    #[error("the drive is not at its last target, after missing TPDOs")]
+    NotAtTarget,
     /// The drive's heartbeat timed out.
     #[error("the drive's heartbeat timed out")]
     HeartbeatLost,

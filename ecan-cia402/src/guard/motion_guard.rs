@@ -73,6 +73,7 @@ const READINGS: u8 = 2;
 /// | the statusword reports anything but Operation Enabled | `LeftOperationEnabled` |
 /// | statusword bit 12 was set and fell: the drive stopped following | `NotFollowing` |
 /// | statusword bit 13: the drive reports a following error | `FollowingError` |
+/// | TPDOs were missing for two SYNC periods or more, no target was sent for more than four target periods, and a drive that follows positions is not at rest at its last target | `NotAtTarget` |
 ///
 /// During activation the same events only delay the guard.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -219,6 +220,12 @@ impl MotionGuard {
     /// Holds on command of the application: no targets until the axis is activated again.
     pub fn hold(&mut self) {
         self.trip(HoldReason::Commanded);
+    }
+
+    /// The drive is not at its last target: others were lost.
+    pub(crate) fn lose_target(&mut self) -> HoldReason {
+        self.trip(HoldReason::NotAtTarget);
+        HoldReason::NotAtTarget
     }
 
     fn trip(&mut self, reason: HoldReason) {

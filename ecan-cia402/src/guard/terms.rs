@@ -137,7 +137,9 @@ ecan_protocol::text_enum! {
     /// The last image is unconfirmed and repeated; a target now would follow it in the same bus
     /// cycle.
     ImageUnconfirmed = "the last image is repeated";
-    /// The first target must be an actual position of this very cycle.
+    /// The first target must be an actual position of this very cycle. A running axis waits for
+    /// positions that show it at its last target, if TPDOs were missing and it got no target for more than
+    /// four target periods.
     NoFreshPosition = "no fresh actual position in this cycle";
     /// The drive is enabled and holds an old target further than a step from its position: blocked,
     /// or targets were lost. Its actual position would be a jump for the drive; it must be

@@ -77,6 +77,7 @@ pub(super) fn hold_number(reason: Option<HoldReason>) -> u16 {
         HoldReason::NotFollowing => (13, 0),
         HoldReason::FollowingError => (14, 0),
         HoldReason::Commanded => (15, 0),
+        HoldReason::NotAtTarget => (16, 0),
     };
     u16::from_le_bytes([kind, detail])
 }
@@ -99,6 +100,7 @@ pub(super) fn hold_reason(number: u16) -> Option<HoldReason> {
         13 => HoldReason::NotFollowing,
         14 => HoldReason::FollowingError,
         15 => HoldReason::Commanded,
+        16 => HoldReason::NotAtTarget,
         _ => return None,
     })
 }
@@ -246,7 +248,7 @@ pub(super) mod tests {
 
     #[test]
     fn every_state_is_read_as_written() {
-        assert_eq!((holds().len(), stops().len()), (13 + 6 + 8, 8 + 27));
+        assert_eq!((holds().len(), stops().len()), (14 + 6 + 8, 8 + 28));
         assert_eq!(hold_reason(hold_number(None)), None);
         assert_eq!(stop_cause(stop_number(None)), None);
         for reason in holds() {

@@ -16,7 +16,7 @@ use crate::sdk::Class;
 mod motion;
 mod stop;
 
-pub use motion::{RELEASED, RELEASED_BY_BUS};
+pub use motion::{LOST_IN_BUS_OFF, RELEASED, RELEASED_BY_BUS};
 use stop::Stop;
 pub use stop::StopKind;
 

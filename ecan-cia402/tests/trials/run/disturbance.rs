@@ -4,9 +4,12 @@ use ecan_cia402::Takeover;
 use ecan_sim::{DriveFault, Fault, GatewayFault};
 
 use super::{Trial, machine};
-use crate::monitor::{AxisMonitor, RELEASED, RELEASED_BY_BUS};
+use crate::monitor::{AxisMonitor, LOST_IN_BUS_OFF, RELEASED, RELEASED_BY_BUS};
 use crate::plan::{Action, MS};
 use crate::report::Kind;
+
+/// Shortest bus-off: 128 times 11 bits at 1 Mbit/s.
+const BUS_OFF_NS: u64 = 1_408_000;
 
 impl Trial {
     pub(super) fn block_all(&mut self, until: u64) {
@@ -149,6 +152,15 @@ impl Trial {
                 }
             }
             Fault::BusOff { gateway, channel } => {
+                // The host is informed when the channel may be back already.
+                if self.plan.target_ns() < BUS_OFF_NS {
+                    for (monitor, axis) in self.monitors.iter_mut().zip(&self.plan.axes) {
+                        let address = axis.config.address;
+                        if (address.slave, usize::from(address.channel)) == (gateway, channel) {
+                            monitor.releasing(now + 10 * cycle + 20 * MS, LOST_IN_BUS_OFF);
+                        }
+                    }
+                }
                 self.channel_blocked.push((gateway, channel as u8, now + 10 * cycle + 20 * MS));
             }
             Fault::ErrorFrames { gateway, channel, frames } => {
