@@ -24,6 +24,11 @@ impl GuardingConfig {
         self.guard_time * u32::from(self.life_time_factor)
     }
 
+    /// Returns whether guard time and factor are in range.
+    pub fn is_valid(&self) -> bool {
+        self.checked_ms().is_some()
+    }
+
     /// Guard time in milliseconds; `None` if it or the factor is out of range.
     pub(super) fn checked_ms(&self) -> Option<u16> {
         let is_whole = self.guard_time.subsec_nanos().is_multiple_of(1_000_000);

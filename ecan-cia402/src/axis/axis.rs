@@ -332,15 +332,23 @@ impl Axis {
         self.guard.set_limits(limits);
     }
 
-    /// Shutdown: stops the drive's watch over the host's heartbeat, if it has one and has stopped.
+    /// Shutdown: stops the drive's watch over the host, if it has one and has stopped.
     pub(crate) fn begin_release(&mut self, has_host_heartbeat: bool) {
-        let watches = has_host_heartbeat && self.config.drive.host_heartbeat_ms > 0;
-        if watches && self.setup.is_complete() && matches!(self.state, AxisState::Stopped(_)) {
-            if let Some([released, _]) = self.stop_options.as_mut().map(|it| &mut it.watches) {
-                *released = None;
+        let consumes = has_host_heartbeat && self.config.drive.host_heartbeat_ms > 0;
+        let is_guarded = self.config.drive.guarding.is_some();
+        if (consumes || is_guarded)
+            && self.setup.is_complete()
+            && matches!(self.state, AxisState::Stopped(_))
+        {
+            if let Some(options) = &mut self.stop_options {
+                let [released, _] = &mut options.watches;
+                *released = released.filter(|_| !consumes);
+                options.guarding = options.guarding.filter(|_| !is_guarded);
             }
-            let step = Step::write(object::CONSUMER_HEARTBEAT, 1, 0_u32);
-            self.state = AxisState::Releasing(script([step.if_present()]));
+            let step = Step::write(object::CONSUMER_HEARTBEAT, 1, 0_u32).if_present();
+            let unguarded = Step::write(object::LIFE_TIME_FACTOR, 0, 0_u8).if_present();
+            let steps = [consumes.then_some(step), is_guarded.then_some(unguarded)];
+            self.state = AxisState::Releasing(script(steps.into_iter().flatten()));
         }
     }
 

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use ecan_canopen::{NodeAddress, OperatingMode};
+use ecan_canopen::{GuardingConfig, NodeAddress, OperatingMode};
 use ecan_protocol::mapping::Direction;
 use thiserror::Error;
 
@@ -56,6 +56,17 @@ pub enum AxisFault {
     FeedForwardLimit {
         /// The object.
         output: OutputObject,
+    },
+    /// Node guarding is out of range.
+    #[error(
+        "guard time {:?} with life time factor {} is out of range; allowed: 1 ms to 65535 ms in whole \
+         milliseconds, factor 1 to 255",
+        guarding.guard_time,
+        guarding.life_time_factor
+    )]
+    Guarding {
+        /// The invalid configuration.
+        guarding: GuardingConfig,
     },
     /// The scale is invalid.
     #[error("steps_per_turn {steps_per_turn} is invalid; must be finite and not 0")]

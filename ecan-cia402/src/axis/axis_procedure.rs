@@ -77,7 +77,7 @@ impl Axis {
     }
 
     /// Reads what a restart would have changed: the mapping of an RPDO and a TPDO, with those of the
-    /// first stage heartbeat and mode.
+    /// first stage heartbeat or guard time, and mode.
     pub(crate) fn verification_script(&self) -> Script {
         let stage = self.verification_stage;
         let nth = u16::from(self.config.pdo_number.saturating_sub(1)) + stage as u16;
@@ -106,9 +106,15 @@ impl Axis {
         }
         let producer = object::PRODUCER_HEARTBEAT;
         let heartbeat = self.configurator.uploaded(self.node, producer, 0);
-        let heartbeat = heartbeat.map(|period_ms| Step::expect(producer, 0, period_ms));
+        let life = match &self.config.drive.guarding {
+            Some(guarding) => {
+                let time_ms = guarding.guard_time.as_millis() as u64;
+                Some(Step::expect(object::GUARD_TIME, 0, time_ms))
+            }
+            None => heartbeat.map(|period_ms| Step::expect(producer, 0, period_ms)),
+        };
         let mode = Step::expect(object::MODE_DISPLAY, 0, self.mode.raw());
-        script(mapping.chain(transmission).chain(heartbeat).chain([mode]))
+        script(mapping.chain(transmission).chain(life).chain([mode]))
     }
 
     pub(crate) fn step_procedure(&mut self, network: &mut Network, now_ns: u64) {

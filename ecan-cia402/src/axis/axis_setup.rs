@@ -135,8 +135,13 @@ impl Axis {
 
     fn complete_setup(&mut self, network: &mut Network, heartbeat_ms: u64) {
         self.setup = SetupState::Complete;
-        let timeout = Duration::from_millis(heartbeat_ms.saturating_mul(7) / 2);
-        network.set_heartbeat_timeout(self.node, timeout);
+        if let Some(guarding) = self.config.drive.guarding {
+            // infallible: the table was checked
+            let _ = network.set_guarding(self.node, Some(guarding));
+        } else {
+            let timeout = Duration::from_millis(heartbeat_ms.saturating_mul(7) / 2);
+            network.set_heartbeat_timeout(self.node, timeout);
+        }
         self.boot_ups = network.status(self.node).map_or(0, |status| status.boot_ups);
         self.statistics.restart_tpdo_count();
     }

@@ -4,8 +4,9 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use ecan_canopen::{
-    CobId, FaultReaction, HaltOption, IdentityCheck, NodeAddress, NodeLossReaction, OperatingMode,
-    ParameterSet, PdoDirection, PdoMapping, QuickStopOption, Step, StopOption, TransmissionType,
+    CobId, FaultReaction, GuardingConfig, HaltOption, IdentityCheck, NodeAddress, NodeLossReaction,
+    OperatingMode, ParameterSet, PdoDirection, PdoMapping, QuickStopOption, Step, StopOption,
+    TransmissionType,
 };
 use ecan_protocol::mapping::CHANNELS;
 
@@ -66,6 +67,11 @@ pub struct DriveConfig {
     /// Producer heartbeat time 0x1017 in milliseconds (optional); 0 disables it. The host
     /// watches it with three and a half times this value.
     pub heartbeat_ms: u16,
+    /// Node guarding in both directions (CiA 301, 7.2.8.3.2.1) in place of the producer heartbeat, for
+    /// a drive that has none: `heartbeat_ms` is not used then, and 0x1017 is set to 0. The host guards
+    /// the drive from the end of its configuration on, and the drive detects by the requests that the
+    /// host has stopped. `None` uses the heartbeat.
+    pub guarding: Option<GuardingConfig>,
     /// Consumer heartbeat time of the host, 0x1016:01, in milliseconds (optional); 0 does not
     /// write the object. By it a drive detects that the host has stopped.
     pub host_heartbeat_ms: u16,
@@ -132,6 +138,7 @@ impl Default for DriveConfig {
             identity: IdentityCheck::default(),
             expect_profile_402: true,
             heartbeat_ms: 100,
+            guarding: None,
             host_heartbeat_ms: 250,
             host_loss: Some(NodeLossReaction::QuickStop),
             quick_stop: None,
@@ -338,6 +345,11 @@ impl AxisConfig {
             report(AxisFault::PdoNumber { number: self.pdo_number });
         }
         self.check_process_data(report);
+        if let Some(guarding) = self.drive.guarding
+            && !guarding.is_valid()
+        {
+            report(AxisFault::Guarding { guarding });
+        }
         if !self.scale.is_valid() {
             report(AxisFault::Scale { steps_per_turn: self.scale.steps() });
         }

@@ -4,8 +4,8 @@ use std::fmt;
 use std::time::Duration;
 
 use ecan_canopen::{
-    FaultReaction, HaltOption, HeartbeatConsumer, NodeAddress, NodeId, NodeLossReaction,
-    OperatingMode, QuickStopOption, Step, StopOption, object,
+    FaultReaction, GuardingConfig, HaltOption, HeartbeatConsumer, NodeAddress, NodeId,
+    NodeLossReaction, OperatingMode, QuickStopOption, Step, StopOption, object,
 };
 
 /// Entries of 0x1016 that are read. The configuration writes the first one.
@@ -17,6 +17,8 @@ const WATCH_ENTRIES: [u8; 2] = [1, 2];
 pub struct StopOptions {
     /// Consumer heartbeat entries, 0x1016:01 and 0x1016:02.
     pub watches: [Option<HeartbeatConsumer>; 2],
+    /// Life guarding by 0x100C and 0x100D, if the host guards the node; `None` without a life time.
+    pub guarding: Option<GuardingConfig>,
     /// Reaction to the loss of the host, 0x6007.
     pub host_loss: Option<NodeLossReaction>,
     /// Quick stop option, 0x605A.
@@ -37,7 +39,9 @@ pub struct StopOptions {
 
 impl StopOptions {
     /// Objects that [`from_values`](Self::from_values) needs.
-    pub(crate) fn steps() -> impl Iterator<Item = Step> {
+    pub(crate) fn steps(is_guarded: bool) -> impl Iterator<Item = Step> {
+        let guarding = [object::GUARD_TIME, object::LIFE_TIME_FACTOR];
+        let guarding = guarding.into_iter().filter(move |_| is_guarded).map(|index| (index, 0));
         let watches = WATCH_ENTRIES.map(|entry| (object::CONSUMER_HEARTBEAT, entry));
         let options = [
             object::ABORT_CONNECTION_OPTION,
@@ -51,7 +55,7 @@ impl StopOptions {
         ];
         let read =
             |(index, subindex)| Step::read(index, subindex).named("stop options").if_accepted();
-        watches.into_iter().chain(options.map(|index| (index, 0))).map(read)
+        watches.into_iter().chain(guarding).chain(options.map(|index| (index, 0))).map(read)
     }
 
     /// Takes the values of these objects, little-endian without sign.
@@ -63,6 +67,7 @@ impl StopOptions {
                 let raw = value(object::CONSUMER_HEARTBEAT, entry)?;
                 HeartbeatConsumer::from_raw(u32::try_from(raw).ok()?)
             }),
+            guarding: guarding(value(object::GUARD_TIME, 0), value(object::LIFE_TIME_FACTOR, 0)),
             host_loss: code(object::ABORT_CONNECTION_OPTION).map(NodeLossReaction::from_raw),
             quick_stop: code(object::QUICK_STOP_OPTION).map(QuickStopOption::from_raw),
             shutdown: code(object::SHUTDOWN_OPTION).map(StopOption::from_raw),
@@ -75,8 +80,17 @@ impl StopOptions {
     }
 
     /// Detection of the loss of a host that sends its heartbeat as `host`; `None` for one
-    /// that sends none.
+    /// that sends none. A drive that is guarded detects it by the requests, too.
     pub fn host_watch(&self, host: Option<NodeId>) -> HostWatch {
+        let by_heartbeat = self.heartbeat_watch(host);
+        match (by_heartbeat, self.guarding.map(|guarding| guarding.life_time())) {
+            (HostWatch::Active(time), Some(life_time)) if time <= life_time => by_heartbeat,
+            (_, Some(life_time)) => HostWatch::Guarded(life_time),
+            (_, None) => by_heartbeat,
+        }
+    }
+
+    fn heartbeat_watch(&self, host: Option<NodeId>) -> HostWatch {
         let Some(host) = host else { return HostWatch::NoHeartbeat };
         let entry = self.watches.iter().flatten().find(|entry| entry.producer == host);
         entry.map_or(HostWatch::NoEntry, |entry| {
@@ -102,7 +116,10 @@ impl StopOptions {
         host: Option<NodeId>,
     ) -> HostLossReaction {
         use HostLossReaction as R;
-        let HostWatch::Active(_) = self.host_watch(host) else { return undetected(mode) };
+        let watch = self.host_watch(host);
+        if !matches!(watch, HostWatch::Active(_) | HostWatch::Guarded(_)) {
+            return undetected(mode);
+        }
         match self.host_loss {
             Some(NodeLossReaction::None) => undetected(mode),
             Some(NodeLossReaction::Fault) => match self.fault_reaction {
@@ -143,6 +160,15 @@ impl StopOptions {
             StopRamp::CurrentLimit | StopRamp::VoltageLimit => None,
         }
     }
+}
+
+/// Life guarding of these values; none if one of them is missing or 0.
+fn guarding(time_ms: Option<u64>, factor: Option<u64>) -> Option<GuardingConfig> {
+    let guarding = GuardingConfig {
+        guard_time: Duration::from_millis(time_ms?),
+        life_time_factor: u8::try_from(factor?).ok()?,
+    };
+    Some(guarding).filter(GuardingConfig::is_valid)
 }
 
 /// Reaction of an enabled drive to missing targets.
@@ -192,6 +218,8 @@ pub enum HostWatch {
     NoEntry,
     /// By 0x1016, after this time without a heartbeat. The watch starts with the first heartbeat.
     Active(Duration),
+    /// By life guarding, after this time without a request. The watch starts with the first request.
+    Guarded(Duration),
 }
 
 impl fmt::Display for HostWatch {
@@ -202,6 +230,9 @@ impl fmt::Display for HostWatch {
             Self::NoEntry => f.write_str("0x1016 has no entry for the host"),
             Self::Active(time) => {
                 write!(f, "detected after {} ms without a heartbeat", time.as_millis())
+            }
+            Self::Guarded(time) => {
+                write!(f, "detected after {} ms without a guarding request", time.as_millis())
             }
         }
     }
@@ -361,6 +392,28 @@ mod tests {
                 assert_eq!(options.host_loss_reaction(mode, host), expected, "{mode}");
             }
         }
+    }
+
+    #[test]
+    fn guarded_drive_detects_the_loss_by_the_shorter_time() {
+        let values = |time_ms, factor| {
+            StopOptions::from_values(|index, _| match index {
+                0x100C => Some(time_ms),
+                0x100D => Some(factor),
+                _ => None,
+            })
+        };
+        let guarded = values(50, 4);
+        let life = HostWatch::Guarded(Duration::from_millis(200));
+        assert_eq!(guarded.host_watch(None), life);
+        let both = StopOptions { guarding: guarded.guarding, ..options(3, 2, 2) };
+        assert_eq!(both.host_watch(Some(HOST)), life, "the heartbeat takes 250 ms");
+        let slower = StopOptions { guarding: values(100, 4).guarding, ..options(3, 2, 2) };
+        let heartbeat = HostWatch::Active(Duration::from_millis(250));
+        assert_eq!(slower.host_watch(Some(HOST)), heartbeat);
+        assert_eq!(values(50, 0).host_watch(Some(HOST)), HostWatch::NoEntry);
+        let reaction = slower.host_loss_reaction(M::CyclicVelocity, None);
+        assert_eq!(reaction, R::QuickStop(StopRamp::QuickStop));
     }
 
     #[test]

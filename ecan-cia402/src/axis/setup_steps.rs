@@ -2,7 +2,8 @@
 
 use ecan_canopen::{
     Expectation, HeartbeatConsumer, HostHeartbeat, NmtCommand, NodeAction, OperatingMode,
-    ParameterSet, PdoDirection, PdoMapping, PdoMappingError, Step, SupportedModes, object,
+    ParameterSet, PdoDirection, PdoMapping, PdoMappingError, Step, SupportedModes, SyncConfig,
+    object,
 };
 
 use super::config::{AxisConfig, DriveConfig, LAST_PDO, NodeReset};
@@ -24,6 +25,7 @@ pub(crate) struct BusConfig {
     pub(crate) sync_period_ns: u64,
     pub(crate) target_period_ns: u64,
     pub(crate) host: Option<HostHeartbeat>,
+    pub(crate) sync: SyncConfig,
 }
 
 /// The steps, in order:
@@ -33,9 +35,9 @@ pub(crate) struct BusConfig {
 /// 3. Power off by SDO, of a drive that is not enabled: it must not be mapped while it moves, nor lose
 ///    its voltage.
 /// 4. Parameters of the application, for example those of a DCF.
-/// 5. Heartbeats both ways and what happens when the host's stays away.
+/// 5. Heartbeats or guarding both ways, and what happens when the host's stays away.
 /// 6. Mapping of the RPDO and the TPDO, other TPDOs off.
-/// 7. SYNC period, interpolation time (the target period), stop options, limits, further steps of
+/// 7. SYNC counter and period, interpolation time (the target period), stop options, limits, further steps of
 ///    the application.
 /// 8. Stop options, and limits and units where asked for, as the drive has them now.
 /// 9. NMT: start.
@@ -60,7 +62,7 @@ pub(crate) fn steps(config: &AxisConfig, bus: &BusConfig) -> Result<Vec<Step>, P
     push_limits(&mut steps, config);
     push_mode_parameters(&mut steps, config);
     steps.extend(config.drive.further.iter().copied());
-    steps.extend(StopOptions::steps());
+    steps.extend(StopOptions::steps(config.drive.guarding.is_some()));
     if config.reads_limits() {
         steps.extend(DriveLimits::steps());
     }
@@ -107,18 +109,23 @@ fn push_identity(steps: &mut Vec<Step>, config: &AxisConfig) {
 fn push_heartbeats(steps: &mut Vec<Step>, config: &AxisConfig, bus: &BusConfig) {
     let drive = &config.drive;
     let producer = object::PRODUCER_HEARTBEAT;
-    steps.push(Step::write(producer, 0, drive.heartbeat_ms).named("heartbeat").if_present());
-    steps.push(Step::read(producer, 0).named("heartbeat").if_present());
-    if let Some(host) = bus.host
-        && drive.host_heartbeat_ms > 0
-    {
+    if let Some(guarding) = &drive.guarding {
+        steps.extend(guarding.steps());
+    } else {
+        steps.push(Step::write(producer, 0, drive.heartbeat_ms).named("heartbeat").if_present());
+        steps.push(Step::read(producer, 0).named("heartbeat").if_present());
+    }
+    let host = bus.host.filter(|_| drive.host_heartbeat_ms > 0);
+    if let Some(host) = host {
         let entry = HeartbeatConsumer { producer: host.node, time_ms: drive.host_heartbeat_ms };
         let step = Step::write(object::CONSUMER_HEARTBEAT, 1, entry.raw());
         steps.push(step.named("watch the host").if_present());
-        if let Some(reaction) = drive.host_loss {
-            let step = Step::write(object::ABORT_CONNECTION_OPTION, 0, reaction.raw());
-            steps.push(step.named("reaction to a lost host").if_present());
-        }
+    }
+    if let Some(reaction) = drive.host_loss
+        && (host.is_some() || drive.guarding.is_some())
+    {
+        let step = Step::write(object::ABORT_CONNECTION_OPTION, 0, reaction.raw());
+        steps.push(step.named("reaction to a lost host").if_present());
     }
 }
 
@@ -154,6 +161,12 @@ fn push_outputs(steps: &mut Vec<Step>, config: &AxisConfig, layout: &PdoLayout) 
 
 /// In every mode, since [`can_switch_to`] allows a cyclic one later.
 fn push_times(steps: &mut Vec<Step>, config: &AxisConfig, bus: &BusConfig) {
+    if bus.sync.counter_overflow.is_some() {
+        // The counter can only be set while the period is 0.
+        let step = Step::write(object::COMMUNICATION_CYCLE, 0, 0_u32);
+        steps.push(step.named("no SYNC period").if_accepted());
+        steps.push(bus.sync.counter_step());
+    }
     if let Ok(period_us) = u32::try_from(bus.sync_period_ns / NS_PER_US) {
         let step = Step::write(object::COMMUNICATION_CYCLE, 0, period_us);
         steps.push(step.named("SYNC period").if_accepted());
@@ -261,7 +274,12 @@ mod tests {
     fn interpolation_time_is_the_target_period() {
         let node = NodeId::new(5).unwrap();
         let mut config = AxisConfig::new(NodeAddress { slave: 0, channel: 1, node });
-        let bus = BusConfig { sync_period_ns: 2_000_000, target_period_ns: 6_000_000, host: None };
+        let bus = BusConfig {
+            sync_period_ns: 2_000_000,
+            target_period_ns: 6_000_000,
+            host: None,
+            sync: SyncConfig::default(),
+        };
         for mode in [
             OperatingMode::CyclicPosition,
             OperatingMode::CyclicTorque,
@@ -283,8 +301,12 @@ mod tests {
         config.drive.silence_other_tpdos = false;
         let host =
             HostHeartbeat { node: NodeId::new(127).unwrap(), period: Duration::from_millis(50) };
-        let bus =
-            BusConfig { sync_period_ns: 1_000_000, target_period_ns: 1_000_000, host: Some(host) };
+        let bus = BusConfig {
+            sync_period_ns: 1_000_000,
+            target_period_ns: 1_000_000,
+            host: Some(host),
+            sync: SyncConfig::default(),
+        };
         let texts: Vec<String> =
             steps(&config, &bus).unwrap().iter().map(|step| step.action.to_string()).collect();
         let position_of = |part: &str| {
@@ -323,7 +345,12 @@ mod tests {
     fn no_host_heartbeat_configures_no_consumer() {
         let node = NodeId::new(5).unwrap();
         let config = AxisConfig::new(NodeAddress { slave: 0, channel: 1, node });
-        let bus = BusConfig { sync_period_ns: 1_000_000, target_period_ns: 1_000_000, host: None };
+        let bus = BusConfig {
+            sync_period_ns: 1_000_000,
+            target_period_ns: 1_000_000,
+            host: None,
+            sync: SyncConfig::default(),
+        };
         let steps = steps(&config, &bus).unwrap();
         let text: String = steps.iter().map(|step| step.action.to_string()).collect();
         assert!(!text.contains("write 0x1016") && !text.contains("write 0x6007"), "{text}");

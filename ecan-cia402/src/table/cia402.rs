@@ -155,7 +155,7 @@ impl Cia402 {
         let cycles_per_sync = config.sync.every_cycles.max(1);
         let sync_period_ns = u64::from(cycle_ns) * u64::from(cycles_per_sync);
         let host = config.network.host_heartbeat;
-        let bus = BusConfig { sync_period_ns, target_period_ns, host };
+        let bus = BusConfig { sync_period_ns, target_period_ns, host, sync: config.sync };
         let mut table = Vec::with_capacity(axes.len());
         for (index, (axis, ramp)) in axes.into_iter().enumerate() {
             let address = axis.address;
