@@ -47,9 +47,6 @@ fn supports(axes: &[AxisPlan], is_scheduled: bool, (variant, alternative): &Choi
         ("service_period_us", "1000") => !is_scheduled,
         // So are those that count from the pulse before.
         ("scheduled_pulse", "\"previous\"") => !is_scheduled,
-        // The gateway does not reach OP. Its error, which names the assumption, is not reported while the
-        // master configures it again.
-        ("assign_activate", "\"0x0700\"") => !is_scheduled,
         // The budgets stay at those of the device: two received frames in each service.
         ("missing_entries", "[\"0x8021\"]") => {
             axes.iter().all(|axis| axis.config.address.node.get() == 1)

@@ -31,6 +31,8 @@ impl Registers {
 pub(crate) struct AlStatusWatch {
     request: RegRequestId,
     found: FoundRegisters,
+    /// The master held the slave in PREOP.
+    was_held: bool,
 }
 
 impl AlStatusWatch {
@@ -38,7 +40,7 @@ impl AlStatusWatch {
     pub(crate) const BYTES: usize = SYNC_MANAGER_BYTES;
 
     pub(crate) fn new(request: RegRequestId) -> Self {
-        Self { request, found: FoundRegisters::default() }
+        Self { request, found: FoundRegisters::default(), was_held: false }
     }
 
     pub(crate) fn last(&self) -> Option<AlStatusCode> {
@@ -47,6 +49,16 @@ impl AlStatusWatch {
 
     pub(crate) fn clear(&mut self) {
         self.found = FoundRegisters::default();
+        self.was_held = false;
+    }
+
+    /// The master holds the slave in PREOP, in this attempt of its startup.
+    pub(crate) fn note_held(&mut self) {
+        self.was_held = true;
+    }
+
+    pub(crate) fn was_held(&self) -> bool {
+        self.was_held
     }
 
     /// SM2 and SM3 when they were last read with a length, that is configured.

@@ -77,6 +77,7 @@ impl Adapter {
                     .map(|info| info.al_state)
                     .or(state.online.then_some(state.al_state)),
                 error_flag: info.is_some_and(|info| info.error_flag),
+                was_held: slave.al_status.was_held(),
                 al_status_code: slave.al_status.last(),
                 sync_managers: slave.al_status.sync_managers(),
                 uses_sync0: self.config.dc.is_some(),

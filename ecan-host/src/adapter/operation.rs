@@ -237,8 +237,18 @@ impl Adapter {
         Ok(self.domain_is_complete())
     }
 
-    fn a_slave_is_held(&self) -> bool {
-        (0..self.slaves.len()).any(|slave| self.is_held(slave))
+    /// Returns whether the master holds a slave in PREOP, and notes each.
+    fn a_slave_is_held(&mut self) -> bool {
+        let mut is_any_held = false;
+        for index in 0..self.slaves.len() {
+            if self.is_held(index)
+                && let Some(slave) = self.slaves.get_mut(index)
+            {
+                slave.al_status.note_held();
+                is_any_held = true;
+            }
+        }
+        is_any_held
     }
 
     /// A slave that the master holds in PREOP does not get on by waiting.

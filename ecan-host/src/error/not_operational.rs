@@ -27,6 +27,9 @@ pub struct SlaveReport {
     pub al_state: Option<u8>,
     /// True if the master met an error with the slave and keeps it in its state.
     pub error_flag: bool,
+    /// True if the master met an error with the slave in an earlier attempt of this wait and kept it in
+    /// PREOP.
+    pub was_held: bool,
     /// The last AL status code seen while waiting, because the master acknowledges
     /// errors and so clears them. `None` when none was caught.
     pub al_status_code: Option<AlStatusCode>,
@@ -64,7 +67,7 @@ impl SlaveReport {
             && self.wrong_sync_managers().next().is_none()
             && match self.al_status_code {
                 Some(code) => code == AlStatusCode::DC_CONFIGURATION,
-                None => self.error_flag,
+                None => self.error_flag || self.was_held,
             }
     }
 
@@ -144,7 +147,7 @@ impl fmt::Display for SlaveReport {
             if self.error_flag {
                 self.write_sync_manager_check(f)?;
             }
-            // Between two attempts of the master the error flag is clear, but the code was kept.
+            // During another attempt of the master the error flag is clear.
             if self.may_need_other_activation() {
                 f.write_str(
                     " (assumption H2: distributed clocks may need another AssignActivate word than 0x0300; its ESI \
@@ -199,6 +202,7 @@ mod tests {
             online: true,
             al_state: Some(2),
             error_flag,
+            was_held: false,
             al_status_code: code,
             sync_managers: None,
             uses_sync0: true,
@@ -223,6 +227,15 @@ mod tests {
             assert_eq!(text.contains("numbers of chunks"), chunks, "{text}");
             assert_eq!(text.contains("assumption H2:"), activation, "{text}");
         }
+    }
+
+    #[test]
+    fn hint_about_clocks_is_kept_during_another_attempt() {
+        let again = |code| SlaveReport { was_held: true, ..report(false, code) }.to_string();
+        let text = again(None);
+        assert!(text.contains("still being configured (assumption H2:"), "{text}");
+        let text = again(Some(AlStatusCode(0x0016)));
+        assert!(!text.contains("assumption H2:"), "{text}");
     }
 
     #[test]
