@@ -168,6 +168,13 @@ pub enum DriveFault {
         /// CiA 402 error code, for example 0x2310.
         code: u16,
     },
+    /// As [`Error`](Self::Error), of one axis of a drive with several.
+    AxisError {
+        /// Axis, from 0.
+        axis: u8,
+        /// CiA 402 error code.
+        code: u16,
+    },
     /// A temporary error: an emergency message without a change of state.
     Emcy {
         /// Error code.

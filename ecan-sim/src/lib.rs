@@ -31,9 +31,9 @@ pub use bus::{
     StationMode, StationStatistics, WireFrame, arbitration_key, bits_ns,
 };
 pub use drive::{
-    CommandSource, Drive, DriveConfig, DriveQuirks, DriveTrace, MotionSample, MotorConfig,
-    SdoDirection, SdoEffect, SdoRule, TargetHistory, TargetKind, TargetRecord, TargetSums,
-    TraceCause, TraceEvent, TraceRecord,
+    CommandSource, Drive, DriveAxis, DriveConfig, DriveQuirks, DriveTrace, MotionSample,
+    MotorConfig, SdoDirection, SdoEffect, SdoRule, TargetHistory, TargetKind, TargetRecord,
+    TargetSums, TraceCause, TraceEvent, TraceRecord,
 };
 pub use node::{
     BridgeFactory, BridgeProtocol, BridgeSpec, EchoNode, FaultyConfig, FaultyNode, Node,

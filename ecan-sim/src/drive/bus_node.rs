@@ -10,6 +10,7 @@ use ecan_protocol::can::{CanFrame, FrameKind};
 
 use super::config::DriveConfig;
 use super::device::Device;
+use super::drive_axis::DriveAxis;
 use super::history::TargetHistory;
 use super::object_source::ObjectSource;
 use super::sdo_server::SdoServer;
@@ -101,72 +102,84 @@ impl Drive {
         self.device.network.state
     }
 
+    /// Number of axes. The getters of motion without a number are those of the first one.
+    #[must_use]
+    pub fn axis_count(&self) -> usize {
+        self.device.units.count()
+    }
+
+    /// State of an axis; `None` if the drive does not have it.
+    #[must_use]
+    pub fn axis(&self, number: usize) -> Option<DriveAxis<'_>> {
+        self.device.units.get(number).map(|unit| DriveAxis::new(&self.device, unit))
+    }
+
     /// State of the power stage.
     #[must_use]
     pub const fn state(&self) -> DriveState {
-        self.device.axis.power.state
+        self.device.units.first.axis.power.state
     }
 
     /// Present statusword.
     #[must_use]
     pub fn statusword(&self) -> Statusword {
-        self.device.statusword()
+        self.device.statusword(&self.device.units.first)
     }
 
     /// Active mode of operation; `None` is no mode.
     #[must_use]
     pub const fn mode(&self) -> Option<OperatingMode> {
-        self.device.axis.mode
+        self.device.units.first.axis.mode
     }
 
     /// Actual position (0x6064) in increments.
     #[must_use]
     pub fn position(&self) -> i32 {
-        self.device.axis.position()
+        self.device.units.first.axis.position()
     }
 
     /// Mechanical position in increments, from a zero that neither homing nor loss of supply
     /// changes.
     #[must_use]
     pub fn mechanical_position(&self) -> f64 {
-        self.device.axis.motor.position
+        self.device.units.first.axis.motor.position
     }
 
     /// Velocity in increments per second.
     #[must_use]
     pub fn velocity(&self) -> f64 {
-        self.device.axis.motor.velocity
+        self.device.units.first.axis.motor.velocity
     }
 
     /// Torque in thousandths of the rated torque.
     #[must_use]
     pub fn torque(&self) -> f64 {
-        self.device.axis.motor.torque
+        self.device.units.first.axis.motor.torque
     }
 
     /// Position demand value (0x6062) in increments.
     #[must_use]
     pub fn demand(&self) -> i32 {
-        self.device.axis.demand()
+        self.device.units.first.axis.demand()
     }
 
     /// Position demand minus actual position (0x60F4) in increments; 0 if no position is
     /// controlled.
     #[must_use]
     pub fn following_error(&self) -> i32 {
-        self.device.axis.following_error()
+        self.device.units.first.axis.following_error()
     }
 
     /// The received targets.
     #[must_use]
     pub const fn targets(&self) -> &TargetHistory {
-        &self.device.axis.history
+        &self.device.units.first.axis.history
     }
 
     /// The last events.
     #[must_use]
     pub const fn trace(&self) -> &DriveTrace {
-        &self.device.axis.trace
+        &self.device.units.first.axis.trace
     }
 
     /// Error code of the present fault or warning (0x603F); 0 if none.
@@ -218,7 +231,8 @@ impl Drive {
     ) -> bool {
         let device = &self.device;
         let slot = device.objects.find((index, subindex)).ok();
-        let is_updated = slot.is_some_and(|slot| device.slots.contains(&Some(slot)));
+        let is_updated = slot
+            .is_some_and(|slot| device.units.iter().any(|unit| unit.slots.contains(&Some(slot))));
         if !device.powered || is_updated || device.objects.number(index, subindex).is_none() {
             return false;
         }
@@ -229,7 +243,16 @@ impl Drive {
     /// Injects a fault; `code` is the error code of the emergency message. Has no effect without
     /// supply or in a fault.
     pub fn fail(&mut self, now: u64, code: u16, out: &mut NodeOutput) {
-        self.act(now, out, |drive, _| drive.device.axis.fault(code, &drive.device.parameters));
+        self.fail_axis(now, 0, code, out);
+    }
+
+    /// Injects a fault of an axis, as [`fail`](Self::fail) does of the first one.
+    pub fn fail_axis(&mut self, now: u64, axis: usize, code: u16, out: &mut NodeOutput) {
+        self.act(now, out, |drive, _| {
+            if let Some(unit) = drive.device.units.get_mut(axis) {
+                unit.axis.fault(code, &unit.parameters);
+            }
+        });
     }
 
     /// Sends an emergency message about an error that has already gone; the state does not change.
@@ -242,7 +265,7 @@ impl Drive {
 
     /// Blocks the motor until `until`.
     pub fn block(&mut self, now: u64, until: u64, out: &mut NodeOutput) {
-        self.act(now, out, |drive, _| drive.device.axis.block(until));
+        self.act(now, out, |drive, _| drive.device.units.first.axis.block(until));
     }
 
     /// The drive's CAN controller is bus-off until `until`: the drive reacts as to a loss of the

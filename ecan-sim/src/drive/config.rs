@@ -8,6 +8,9 @@ use serde::Deserialize;
 pub struct DriveConfig {
     /// Node-ID.
     pub node: NodeId,
+    /// Number of axes, 1 to 8: the objects of axis n are at 0x6000 + 0x800 n, its PDOs begin at number
+    /// 64 n + 1. A drive from a device file has as many as the file has controlwords and statuswords.
+    pub axes: u8,
     /// Serial number (0x1018:04).
     pub serial: u32,
     /// Time from supply or NMT reset node to the boot-up message, ms.
@@ -32,6 +35,7 @@ impl DriveConfig {
     pub fn new(node: NodeId) -> Self {
         Self {
             node,
+            axes: 1,
             serial: 1,
             boot_ms: 40,
             sdo_delay_us: 200,

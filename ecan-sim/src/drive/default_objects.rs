@@ -2,7 +2,8 @@ use ecan_canopen::{
     AccessType, CobId, DataType, NodeId, OperatingMode, PdoCobId, SupportedModes, object,
 };
 
-use super::config::MotorConfig;
+use super::axis_objects::{MOST_AXES, axis_index};
+use super::config::{DriveConfig, MotorConfig};
 use super::dictionary::{Object, Value};
 use super::motion::INTERPOLATION_BUFFER;
 
@@ -45,26 +46,37 @@ fn limited(object: Object, low: i64, high: i64) -> Object {
     Object { limits: (Some(low), Some(high)), ..object }
 }
 
-pub(super) fn default_objects(node: NodeId, serial: u32, motor: &MotorConfig) -> Vec<Object> {
-    let mut list = general(node, serial);
+pub(super) fn default_objects(config: &DriveConfig) -> Vec<Object> {
+    let DriveConfig { node, serial, motor, .. } = config;
+    let axes = usize::from(config.axes).clamp(1, MOST_AXES);
+    let mut list = general(*node, *serial, axes);
     for (number, second) in (0..).zip(SECOND_OBJECTS) {
-        list.extend(pdos(node, number, second));
+        list.extend(pdos(*node, number, second));
     }
-    list.extend(profile(motor));
-    list.extend(motion_parameters(motor));
+    for axis in 0..axes {
+        if axis > 0 {
+            list.extend(axis_pdos(axis));
+        }
+        let objects = profile(motor).into_iter().chain(motion_parameters(motor));
+        list.extend(
+            objects.map(|object| Object { index: axis_index(axis, object.index), ..object }),
+        );
+        if axes > 1 {
+            list.push(constant(axis_index(axis, AXIS_TYPE), 0, U32, DEVICE_TYPE));
+        }
+    }
     // scratch objects for transfer tests
     list.push(bytes(0x2000, DataType::Domain, AccessType::ReadWrite, &[]));
     list.push(bytes(0x2001, DataType::VisibleString, AccessType::ReadWrite, b"simulated"));
     list
 }
 
-fn general(node: NodeId, serial: u32) -> Vec<Object> {
+fn general(node: NodeId, serial: u32, axes: usize) -> Vec<Object> {
     let text = |index, text: &str| {
         bytes(index, DataType::VisibleString, AccessType::Const, text.as_bytes())
     };
     let mut list = vec![
-        // CiA 402 servo drive
-        constant(object::DEVICE_TYPE, 0, U32, 0x0002_0192),
+        constant(object::DEVICE_TYPE, 0, U32, if axes > 1 { SEVERAL_AXES } else { DEVICE_TYPE }),
         actual(object::ERROR_REGISTER, U8),
         limited(parameter(object::ERROR_HISTORY, 0, U8, 0), 0, 0),
         parameter(object::SYNC_COB_ID, 0, U32, i64::from(CobId::SYNC.raw())),
@@ -113,6 +125,14 @@ fn general(node: NodeId, serial: u32) -> Vec<Object> {
     list
 }
 
+/// CiA 402 servo drive.
+const DEVICE_TYPE: i64 = 0x0002_0192;
+/// CiA 402, several axes.
+const SEVERAL_AXES: i64 = 0xFFFF_0192;
+/// Device type of an axis.
+const AXIS_TYPE: u16 = 0x67FF;
+/// PDOs of each axis (CiA 301, 7.5.1).
+const PDOS_PER_AXIS: u16 = 64;
 const SDO_SERVER: u16 = 0x1200;
 /// All, communication, application and manufacturer parameters.
 const STORAGE_GROUPS: i64 = 4;
@@ -168,6 +188,32 @@ fn pdos(node: NodeId, number: u8, (received, sent, bits): (u16, u16, u8)) -> Vec
     list.extend(mapping(object::TPDO_MAPPING + offset, object::STATUSWORD, sent, bits));
     list
 }
+
+/// The first PDO of a further axis in each direction; without a COB-ID.
+fn axis_pdos(axis: usize) -> Vec<Object> {
+    let offset = axis as u16 * PDOS_PER_AXIS;
+    let (receive, transmit) =
+        (object::RPDO_COMMUNICATION + offset, object::TPDO_COMMUNICATION + offset);
+    let mut list = vec![
+        constant(receive, 0, U8, 5),
+        parameter(receive, 1, U32, NO_COB_ID),
+        parameter(receive, 2, U8, 255),
+        parameter(receive, 5, U16, 0),
+        constant(transmit, 0, U8, 6),
+        parameter(transmit, 1, U32, NO_COB_ID),
+        parameter(transmit, 2, U8, 1),
+        parameter(transmit, 3, U16, 0),
+        parameter(transmit, 5, U16, 0),
+        limited(parameter(transmit, 6, U8, 0), 0, 240),
+    ];
+    let index = |index| axis_index(axis, index);
+    list.extend(mapping(object::RPDO_MAPPING + offset, index(object::CONTROLWORD), 0, 0));
+    list.extend(mapping(object::TPDO_MAPPING + offset, index(object::STATUSWORD), 0, 0));
+    list
+}
+
+/// A PDO that does not exist.
+const NO_COB_ID: i64 = 1 << 31;
 
 fn profile(motor: &MotorConfig) -> Vec<Object> {
     let modes = OperatingMode::ALL
@@ -301,15 +347,18 @@ const NEVER_ZERO: [(u16, u8); 10] = [
 
 /// Replaces motion parameters of an EDS that must not be 0 by those of the built-in drive.
 pub(super) fn fill_in(objects: &mut [Object], motor: &MotorConfig) {
-    let known =
-        motion_parameters(motor).into_iter().filter(|known| NEVER_ZERO.contains(&known.key()));
-    for known in known {
-        let is_open = |object: &&mut Object| {
-            object.key() == known.key() && object.default == Value::Number(0)
-        };
-        if let Some(object) = objects.iter_mut().find(is_open) {
-            object.default = known.default.clone();
-            object.value = known.default;
+    for known in motion_parameters(motor) {
+        if !NEVER_ZERO.contains(&known.key()) {
+            continue;
+        }
+        for axis in 0..MOST_AXES {
+            let key = (axis_index(axis, known.index), known.subindex);
+            let is_open =
+                |object: &&mut Object| object.key() == key && object.default == Value::Number(0);
+            if let Some(object) = objects.iter_mut().find(is_open) {
+                object.default = known.default.clone();
+                object.value = known.default.clone();
+            }
         }
     }
 }

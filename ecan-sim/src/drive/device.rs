@@ -3,21 +3,22 @@
 use std::collections::VecDeque;
 
 use ecan_canopen::{
-    CobId, ErrorRegister, NmtCommand, NmtState, NodeId, NodeLossReaction, Statusword, TimeOfDay,
-    heartbeat_data, object,
+    CobId, ErrorRegister, NmtCommand, NmtState, NodeId, Statusword, TimeOfDay, heartbeat_data,
+    object,
 };
 use ecan_protocol::can::{CanFrame, CanId};
 
-use super::axis::{Axis, Report};
+use super::axis::Report;
+use super::axis_objects::axis_index;
+use super::axis_unit::{AxisUnit, AxisUnits};
 use super::can_id_set::CanIdSet;
 use super::config::{DriveConfig, SdoRule};
-use super::dictionary::{Dictionary, Slot, Value};
+use super::dictionary::{Dictionary, Value};
 use super::emergency::Emergency;
 use super::guarding::Guarding;
 use super::lss_slave::{BitRateSwitch, LssSlave};
 use super::network::Network;
 use super::object_source::ObjectSource;
-use super::parameters::Parameters;
 use super::pdo::{ReceivePdo, TransmitPdo, numbers, valid_pdo_id};
 use crate::earliest::earliest;
 use crate::node::NodeOutput;
@@ -35,14 +36,10 @@ const COMMUNICATION_RESET_NS: u64 = 2_000_000;
 /// Maximum number of delayed SDO responses.
 const MAX_RESPONSES: usize = 8;
 
-pub(super) const UPDATED_OBJECTS: usize = 20;
-/// Slots of the objects that the drive updates; `None` if the dictionary lacks the object.
-pub(super) type Slots = [Option<Slot>; UPDATED_OBJECTS];
-
 #[derive(Clone, Debug)]
 pub(super) struct Device {
     pub(super) config: DriveConfig,
-    /// False for a node without CiA 402: its axis stays idle, and its objects only have values.
+    /// False for a node without CiA 402: its axes stay idle, and its objects only have values.
     pub(super) is_drive: bool,
     pub(super) now: u64,
     pub(super) powered: bool,
@@ -54,10 +51,6 @@ pub(super) struct Device {
     power_on_at: Option<u64>,
     pub(super) source: ObjectSource,
     pub(super) objects: Dictionary,
-    pub(super) slots: Slots,
-    /// Slots that transmit PDOs contain.
-    pub(super) pdo_slots: Slots,
-    pub(super) parameters: Parameters,
     pub(super) network: Network,
     pub(super) guarding: Guarding,
     pub(super) lss: LssSlave,
@@ -69,7 +62,7 @@ pub(super) struct Device {
     /// Last received time.
     pub(super) time_of_day: Option<TimeOfDay>,
     pub(super) emergency: Emergency,
-    pub(super) axis: Axis,
+    pub(super) units: AxisUnits,
     pub(super) receive: Vec<ReceivePdo>,
     pub(super) transmit: Vec<TransmitPdo>,
     /// True if a receive PDO has a timer, or a transmit PDO is event-driven. Without them the
@@ -92,7 +85,7 @@ pub(super) struct Device {
 impl Device {
     pub(super) fn new(config: &DriveConfig, source: ObjectSource) -> Self {
         let (objects, is_drive) = source.objects(config);
-        let axis = Axis::new(config);
+        let axes = source.axis_count(&objects);
         let quirks = &config.quirks;
         let node = (!quirks.without_node_id).then_some(config.node);
         Self {
@@ -103,9 +96,6 @@ impl Device {
             on_bus: false,
             bus_off_until: None,
             power_on_at: None,
-            slots: Self::find_updated(&objects, is_drive),
-            pdo_slots: Slots::default(),
-            parameters: Parameters::read(&objects, &axis.motor),
             network: Network::new(),
             guarding: Guarding::default(),
             lss: LssSlave::new(node, !quirks.no_lss_store),
@@ -114,7 +104,7 @@ impl Device {
             time_id: None,
             time_of_day: None,
             emergency: Emergency::new(),
-            axis,
+            units: AxisUnits::new(config, axes, &objects, is_drive),
             receive: numbers(&objects, object::RPDO_COMMUNICATION)
                 .map(|number| ReceivePdo::load(&objects, number))
                 .collect(),
@@ -140,7 +130,7 @@ impl Device {
         self.run_to(now);
         self.powered = true;
         self.power_on_at = None;
-        self.axis.restart(true);
+        self.units.restart(true);
         self.reset_node();
     }
 
@@ -151,14 +141,14 @@ impl Device {
         self.bus_off_until = None;
         self.power_on_at = Some(on_at);
         self.bit_rate_switch = None;
-        self.axis.restart(false);
+        self.units.restart(false);
         self.network.boot(None);
         self.responses.clear();
         self.emergency.restart();
     }
 
     fn reset_node(&mut self) {
-        self.axis.restart(false);
+        self.units.restart(false);
         self.emergency.restart();
         self.bit_per_s = self.lss.reset_node();
         self.apply_node_id();
@@ -208,22 +198,26 @@ impl Device {
         self.load_time();
         self.guarding.load(&self.objects);
         self.network.load_watches(&self.objects);
-        let mode = self.objects.number(object::MODE_OF_OPERATION, 0).unwrap_or(0) as i8;
-        self.axis.preset_mode(mode);
+        for unit in self.units.iter_mut() {
+            let index = axis_index(unit.number, object::MODE_OF_OPERATION);
+            let mode = self.objects.number(index, 0).unwrap_or(0) as i8;
+            unit.axis.preset_mode(mode);
+        }
     }
 
     pub(super) fn load_parameters(&mut self) {
-        self.parameters = Parameters::read(&self.objects, &self.axis.motor);
-        self.axis.motor.limit_torque(self.parameters.max_torque);
-        self.axis.motor.limit_speed(self.parameters.max_motor_speed);
+        self.units.load_parameters(&self.objects);
     }
 
     /// Updates what depends on the PDO parameters, after they were loaded.
     pub(super) fn update_pdos(&mut self) {
         self.has_timed_pdos = self.receive.iter().any(ReceivePdo::is_timed);
         self.has_event_pdos = self.transmit.iter().any(TransmitPdo::is_event_driven);
-        let sent = |slot| self.transmit.iter().any(|pdo| pdo.id.is_some() && pdo.has(slot));
-        self.pdo_slots = self.slots.map(|slot| slot.filter(|slot| sent(*slot)));
+        let Self { units, transmit, .. } = self;
+        let sent = |slot| transmit.iter().any(|pdo| pdo.id.is_some() && pdo.has(slot));
+        for unit in units.iter_mut() {
+            unit.pdo_slots = unit.slots.map(|slot| slot.filter(|slot| sent(*slot)));
+        }
         self.collect_received_ids();
     }
 
@@ -259,7 +253,7 @@ impl Device {
         self.send(out, CobId::heartbeat(self.config.node), &heartbeat_data(NmtState::Initialising));
         self.network.state = NmtState::PreOperational;
         self.network.load(self.now, &self.objects);
-        self.axis.finish_self_test();
+        self.units.iter_mut().for_each(|unit| unit.axis.finish_self_test());
     }
 
     pub(super) fn send(&self, out: &mut NodeOutput, id: CobId, data: &[u8]) {
@@ -295,17 +289,14 @@ impl Device {
 
     /// Reacts to being stopped or reset while the motor is energised, as to a loss of the host.
     fn lose_host_in_motion(&mut self) {
-        if self.axis.power.is_energised() {
-            self.axis.host_lost(COMMUNICATION_ENDED, &self.parameters);
+        if self.units.are_energised() {
+            self.units.host_lost(COMMUNICATION_ENDED);
         }
     }
 
     /// Reacts to a loss of the host as 0x1029 and 0x6007 demand.
     fn lose_host(&mut self, code: u16) {
-        let faults = self.is_drive
-            && self.parameters.node_loss == NodeLossReaction::Fault
-            && !self.axis.power.is_faulted();
-        if !faults {
+        if !(self.is_drive && self.units.will_fault_without_host()) {
             // Otherwise the fault raises the emergency.
             self.emergency.raise(code, &mut self.objects);
         }
@@ -327,7 +318,7 @@ impl Device {
 
     fn react_to_host_loss(&mut self, code: u16) {
         if self.is_drive {
-            self.axis.host_lost(code, &self.parameters);
+            self.units.host_lost(code);
         }
         match self.objects.number(object::ERROR_BEHAVIOUR, 1).unwrap_or(0) {
             0 if self.network.state == NmtState::Operational => {
@@ -340,7 +331,7 @@ impl Device {
 
     /// Receives a heartbeat of another node.
     pub(super) fn heartbeat(&mut self, producer: NodeId) {
-        if self.network.heartbeat_received(self.now, producer) && !self.axis.power.is_faulted() {
+        if self.network.heartbeat_received(self.now, producer) && !self.units.are_faulted() {
             self.emergency.clear(ErrorRegister::COMMUNICATION);
         }
     }
@@ -353,13 +344,13 @@ impl Device {
         }
         let (response, was_lost) = self.guarding.request(self.now, self.network.state);
         self.send(out, CobId::heartbeat(self.config.node), &response);
-        if was_lost && !self.axis.power.is_faulted() {
+        if was_lost && !self.units.are_faulted() {
             self.emergency.clear(ErrorRegister::COMMUNICATION);
         }
     }
 
     pub(super) fn run_to(&mut self, now: u64) {
-        self.axis.advance(now, &self.parameters);
+        self.units.advance(now);
         self.now = now;
     }
 
@@ -408,10 +399,11 @@ impl Device {
         if !self.powered {
             return;
         }
-        match self.axis.report.take() {
-            Some(Report::Fault(code)) => self.emergency.raise(code, &mut self.objects),
-            Some(Report::FaultReset) => self.emergency.clear(ErrorRegister(u8::MAX)),
-            None => {}
+        while let Some(report) = self.units.take_report() {
+            match report {
+                Report::Fault(code) => self.emergency.raise(code, &mut self.objects),
+                Report::FaultReset => self.emergency.clear(ErrorRegister(u8::MAX)),
+            }
         }
         let operational = self.network.state == NmtState::Operational;
         if operational && self.has_event_pdos {
@@ -442,28 +434,31 @@ impl Device {
         }
     }
 
-    pub(super) fn statusword(&self) -> Statusword {
-        let mut word = self.axis.statusword(&self.parameters).0;
-        if self.network.state != NmtState::Initialising {
-            word |= Statusword::REMOTE;
-        }
-        if self.emergency.register != 0 && !self.axis.power.is_faulted() {
+    /// Statusword of an axis.
+    pub(super) fn statusword(&self, unit: &AxisUnit) -> Statusword {
+        let mut word = unit.statusword().0 | self.status_bits();
+        if self.emergency.register != 0 && !unit.axis.power.is_faulted() {
             word |= Statusword::WARNING;
         }
         Statusword(word)
     }
 
+    /// Bits of the statusword that all axes have in common.
+    fn status_bits(&self) -> u16 {
+        if self.network.state == NmtState::Initialising { 0 } else { Statusword::REMOTE }
+    }
+
     /// Executes skipped controller ticks up to `now`.
     pub(super) fn catch_up(&mut self, now: u64) {
         if self.powered
-            && let Some(tick) = self.axis.missed_tick(now)
+            && let Some(tick) = self.units.missed_tick(now)
         {
             self.run_to(tick);
         }
     }
 
     pub(super) fn next_tick(&self) -> Option<u64> {
-        self.axis.next_tick().filter(|_| self.powered)
+        self.units.next_tick().filter(|_| self.powered)
     }
 
     /// Time of the next event that others can observe; controller ticks only if they can cause a
@@ -479,7 +474,7 @@ impl Device {
             self.network.next_event(),
             self.guarding.next_event(),
             self.bit_rate_switch.map(|switch| switch.ends_at),
-            self.axis.next_event(&self.parameters),
+            self.units.next_event(),
             self.bus_off_until,
             response,
             emergency,
@@ -489,7 +484,7 @@ impl Device {
         }
         if operational && self.has_event_pdos {
             let timers = self.transmit.iter().map(|pdo| pdo.next_event(self.now));
-            next = earliest(timers.chain([self.axis.next_tick(), next]));
+            next = earliest(timers.chain([self.units.next_tick(), next]));
         }
         next
     }

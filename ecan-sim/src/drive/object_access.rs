@@ -4,6 +4,7 @@ use ecan_canopen::{AccessType, HeartbeatConsumer, OperatingMode, SupportedModes,
 use ecan_protocol::object::AbortCode;
 
 use super::axis_commands::ReceivedCommands;
+use super::axis_objects::{axis_index, split_index};
 use super::config::{SdoDirection, SdoEffect, SdoRule};
 use super::device::Device;
 use super::dictionary::{Key, Object, Slot, Value};
@@ -74,9 +75,10 @@ impl Device {
         })
     }
 
-    /// Returns whether the drive supports a mode of operation; 0 (no mode) is supported.
-    pub(super) fn has_mode(&self, raw: i8) -> bool {
-        let modes = self.objects.number(object::SUPPORTED_MODES, 0).unwrap_or(0);
+    /// Returns whether an axis supports a mode of operation; 0 (no mode) is supported.
+    pub(super) fn has_mode(&self, axis: usize, raw: i8) -> bool {
+        let index = axis_index(axis, object::SUPPORTED_MODES);
+        let modes = self.objects.number(index, 0).unwrap_or(0);
         match OperatingMode::from_raw(raw) {
             Some(mode) => motion::is_supported(mode) && SupportedModes(modes as u32).contains(mode),
             None => raw == 0,
@@ -134,8 +136,11 @@ impl Device {
                 number as u32,
             );
         }
+        let (axis, index) = split_index(index);
         match (index, subindex) {
-            (object::MODE_OF_OPERATION, _) if self.is_drive && !self.has_mode(number as i8) => {
+            (object::MODE_OF_OPERATION, _)
+                if self.is_drive && !self.has_mode(axis, number as i8) =>
+            {
                 Err(AbortCode::RANGE)
             }
             (object::HOMING_METHOD, _)
@@ -183,8 +188,10 @@ impl Device {
             _ if !self.is_drive => {}
             _ => {
                 let mut received = ReceivedCommands { by_sdo: true, ..ReceivedCommands::default() };
-                if self.axis.store_command(index, number, &mut received) {
-                    self.axis.apply(&received, &self.parameters);
+                let (axis, of_first) = split_index(index);
+                let Some(unit) = self.units.get_mut(axis) else { return };
+                if unit.axis.store_command(of_first, number, &mut received) {
+                    unit.apply(&received);
                 } else if index >= 0x6000 {
                     self.load_parameters();
                 }

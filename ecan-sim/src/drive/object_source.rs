@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use ecan_canopen::{DeviceFile, object};
 
+use super::axis_objects::{MOST_AXES, axis_index};
 use super::config::DriveConfig;
 use super::default_objects::{default_objects, fill_in};
 use super::dictionary::{Dictionary, Object, Value};
@@ -21,7 +22,7 @@ impl ObjectSource {
     pub(super) fn objects(&self, config: &DriveConfig) -> (Dictionary, bool) {
         let motor = &config.motor;
         let mut list = match self {
-            Self::BuiltIn => default_objects(config.node, config.serial, motor),
+            Self::BuiltIn => default_objects(config),
             Self::File(file) => file_objects(file, config.node, config.serial),
         };
         let is_drive = is_drive(&list);
@@ -30,6 +31,14 @@ impl ObjectSource {
         }
         list.retain(|object| !config.quirks.missing.contains(&object.index));
         (Dictionary::new(list), is_drive)
+    }
+
+    /// Axes of the drive: those with controlword and statusword in a row; at least one.
+    pub(super) fn axis_count(&self, objects: &Dictionary) -> usize {
+        let has = |axis, index| objects.has(axis_index(axis, index));
+        let is_axis =
+            |axis: &usize| has(*axis, object::CONTROLWORD) && has(*axis, object::STATUSWORD);
+        (0..MOST_AXES).take_while(is_axis).count().max(1)
     }
 }
 

@@ -4,6 +4,7 @@ use ecan_canopen::{
     FaultReaction, HaltOption, NodeLossReaction, QuickStopOption, StopOption, object,
 };
 
+use super::axis_objects::axis_index;
 use super::dictionary::Dictionary;
 use super::motor::Motor;
 use super::ramp::Bounds;
@@ -55,8 +56,10 @@ pub(super) struct VelocityMode {
 }
 
 impl VelocityMode {
-    fn read(dictionary: &Dictionary, motor: &Motor) -> Self {
-        let number = |index, subindex| dictionary.number(index, subindex).unwrap_or(0) as f64;
+    fn read(dictionary: &Dictionary, axis: usize, motor: &Motor) -> Self {
+        let number = |index, subindex| {
+            dictionary.number(axis_index(axis, index), subindex).unwrap_or(0) as f64
+        };
         let unit = motor.increments_per_revolution() / 60.0;
         let rate = |index| match (number(index, 1), number(index, 2)) {
             (speed, time) if speed > 0.0 && time > 0.0 => {
@@ -87,8 +90,8 @@ impl VelocityMode {
 }
 
 impl Parameters {
-    pub(super) fn read(dictionary: &Dictionary, motor: &Motor) -> Self {
-        let number = |index, subindex| dictionary.number(index, subindex);
+    pub(super) fn read(dictionary: &Dictionary, axis: usize, motor: &Motor) -> Self {
+        let number = |index, subindex| dictionary.number(axis_index(axis, index), subindex);
         let or = |index, default: i64| number(index, 0).unwrap_or(default);
         let option = |index, default| or(index, default) as i16;
         let strongest = motor.max_acceleration();
@@ -138,7 +141,7 @@ impl Parameters {
             interpolation_buffer: (number(object::INTERPOLATION_BUFFER, 6) == Some(1))
                 .then(|| number(object::INTERPOLATION_BUFFER, 2).unwrap_or(0).max(0) as usize),
             torque_slope: or(object::TORQUE_SLOPE, i64::from(u32::MAX)) as f64,
-            vl: VelocityMode::read(dictionary, motor),
+            vl: VelocityMode::read(dictionary, axis, motor),
             interpolation: interpolation_ns(
                 number(object::INTERPOLATION_TIME, 1).unwrap_or(0),
                 number(object::INTERPOLATION_TIME, 2).unwrap_or(-3),

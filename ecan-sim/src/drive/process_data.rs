@@ -4,10 +4,13 @@ use ecan_canopen::{NmtState, TimeOfDay, object, parse_sync};
 use ecan_protocol::can::CanId;
 
 use super::axis_commands::ReceivedCommands;
-use super::device::{Device, Slots, UPDATED_OBJECTS, send};
+use super::axis_objects::{MOST_AXES, split_index};
+use super::axis_unit::AxisUnit;
+use super::device::{Device, send};
 use super::dictionary::{Dictionary, Slot};
 use super::emergency::register_of;
 use super::pdo::{Mapping, PDO_BYTES, TransmitPdo};
+use super::updated_object::{Slots, UPDATED_OBJECTS};
 use crate::node::NodeOutput;
 
 /// EMCY error code: PDO with too few bytes.
@@ -59,8 +62,7 @@ impl Device {
         out: &mut NodeOutput,
         due: impl Fn(&mut TransmitPdo, &Dictionary) -> Option<[u8; PDO_BYTES]>,
     ) {
-        let slots = self.pdo_slots;
-        self.publish_to(&slots);
+        self.publish_to(|unit| unit.pdo_slots);
         for pdo in &mut self.transmit {
             if let (Some(id), Some(data)) = (pdo.id, due(pdo, &self.objects)) {
                 send(&self.config, out, id, data.get(..pdo.mapping.length).unwrap_or(&data));
@@ -112,9 +114,10 @@ impl Device {
 
     /// Writes the data of a PDO to the objects; its commands are applied together.
     fn unpack(&mut self, mapping: &Mapping, data: &[u8; PDO_BYTES]) {
-        let mut received = ReceivedCommands::default();
+        let mut received = [ReceivedCommands::default(); MOST_AXES];
         let mut rest = data.iter().copied();
         let mut parameters_changed = false;
+        let mut axes = 0;
         for mapped in mapping.entries() {
             let bytes = rest.by_ref().take(usize::from(mapped.bytes));
             let (raw, _) = bytes
@@ -126,13 +129,21 @@ impl Device {
             self.objects.put(slot, raw);
             if let Some(object) = self.objects.object(slot).filter(|_| self.is_drive) {
                 let number = object.data_type.sign_extend(raw);
-                parameters_changed |= !self.axis.store_command(object.index, number, &mut received);
+                let (axis, index) = split_index(object.index);
+                if let Some(unit) = self.units.get_mut(axis)
+                    && let Some(received) = received.get_mut(axis)
+                {
+                    axes = axes.max(axis + 1);
+                    parameters_changed |= !unit.axis.store_command(index, number, received);
+                }
             }
         }
         if parameters_changed {
             self.load_parameters();
         }
-        self.axis.apply(&received, &self.parameters);
+        for (unit, received) in self.units.iter_mut().zip(&received).take(axes) {
+            unit.apply(received);
+        }
     }
 
     /// Values outside the limits of an object are rejected in PDOs too.
@@ -140,56 +151,59 @@ impl Device {
         let Some(object) = self.objects.object(slot) else { return false };
         let number = object.data_type.sign_extend(object.data_type.mask(raw));
         let (low, high) = object.limits;
+        let (axis, index) = split_index(object.index);
         let supported = !self.is_drive
-            || object.index != object::MODE_OF_OPERATION
-            || self.has_mode(number as i8);
+            || index != object::MODE_OF_OPERATION
+            || self.has_mode(axis, number as i8);
         supported && low.is_none_or(|low| number >= low) && high.is_none_or(|high| number <= high)
     }
 }
 
 impl Device {
     pub(super) fn publish(&mut self) {
-        let slots = self.slots;
-        self.publish_to(&slots);
+        self.publish_to(|unit| unit.slots);
     }
 
-    fn publish_to(&mut self, slots: &Slots) {
-        for (slot, (_, value)) in slots.iter().zip(UPDATED) {
-            if let Some(slot) = slot {
-                let value = value(self);
-                self.objects.put(*slot, value as u64);
+    fn publish_to(&mut self, slots: impl Fn(&AxisUnit) -> Slots) {
+        for number in 0..self.units.count() {
+            let Some(unit) = self.units.get(number) else { continue };
+            let slots = slots(unit);
+            for (slot, index) in slots.iter().zip(UPDATED_OBJECTS) {
+                if let Some(slot) = slot
+                    && let Some(unit) = self.units.get(number)
+                {
+                    let value = self.updated_value(unit, index);
+                    self.objects.put(*slot, value as u64);
+                }
             }
         }
     }
 
-    pub(super) fn find_updated(objects: &Dictionary, is_drive: bool) -> Slots {
-        let is_updated = |index| is_drive || index == object::ERROR_REGISTER;
-        UPDATED.map(|(index, _)| objects.find((index, 0)).ok().filter(|_| is_updated(index)))
+    /// Value of one of [`UPDATED_OBJECTS`], by its index for the first axis.
+    fn updated_value(&self, unit: &AxisUnit, index: u16) -> i64 {
+        let axis = &unit.axis;
+        match index {
+            object::ERROR_REGISTER => self.emergency.register.into(),
+            object::ERROR_CODE => self.emergency.code.into(),
+            object::STATUSWORD => self.statusword(unit).0.into(),
+            object::MODE_DISPLAY => axis.mode.map_or(0, |mode| mode.raw().into()),
+            object::POSITION_DEMAND => axis.demand().into(),
+            object::POSITION_ACTUAL_INTERNAL => axis.motor.position.round() as i64,
+            object::POSITION_ACTUAL => axis.position().into(),
+            object::VELOCITY_DEMAND => i64::from(axis.motion.ramp.velocity as i32),
+            object::VELOCITY_ACTUAL => axis.motor.velocity.round() as i64,
+            object::TORQUE_DEMAND => axis.motor.torque.round() as i64,
+            object::TORQUE_ACTUAL => axis.motor.torque.round() as i64,
+            object::FOLLOWING_ERROR => axis.following_error().into(),
+            object::DIGITAL_INPUTS => axis.switches().bits().into(),
+            object::VL_VELOCITY_DEMAND => axis.rpm(axis.motion.ramp.velocity),
+            object::VL_VELOCITY_ACTUAL => axis.rpm(axis.motor.velocity),
+            object::PROBE_STATUS => axis.probes.status().into(),
+            object::PROBE_1_POSITIVE => axis.probes.position(0, true).into(),
+            object::PROBE_1_NEGATIVE => axis.probes.position(0, false).into(),
+            object::PROBE_2_POSITIVE => axis.probes.position(1, true).into(),
+            object::PROBE_2_NEGATIVE => axis.probes.position(1, false).into(),
+            _ => 0,
+        }
     }
 }
-
-type ObjectValue = fn(&Device) -> i64;
-
-/// Objects that the drive updates.
-const UPDATED: [(u16, ObjectValue); UPDATED_OBJECTS] = [
-    (object::ERROR_REGISTER, |device| device.emergency.register.into()),
-    (object::ERROR_CODE, |device| device.emergency.code.into()),
-    (object::STATUSWORD, |device| device.statusword().0.into()),
-    (object::MODE_DISPLAY, |device| device.axis.mode.map_or(0, |mode| mode.raw().into())),
-    (object::POSITION_DEMAND, |device| device.axis.demand().into()),
-    (object::POSITION_ACTUAL_INTERNAL, |device| device.axis.motor.position.round() as i64),
-    (object::POSITION_ACTUAL, |device| device.axis.position().into()),
-    (object::VELOCITY_DEMAND, |device| i64::from(device.axis.motion.ramp.velocity as i32)),
-    (object::VELOCITY_ACTUAL, |device| device.axis.motor.velocity.round() as i64),
-    (object::TORQUE_DEMAND, |device| device.axis.motor.torque.round() as i64),
-    (object::TORQUE_ACTUAL, |device| device.axis.motor.torque.round() as i64),
-    (object::FOLLOWING_ERROR, |device| device.axis.following_error().into()),
-    (object::DIGITAL_INPUTS, |device| device.axis.switches().bits().into()),
-    (object::VL_VELOCITY_DEMAND, |device| device.axis.rpm(device.axis.motion.ramp.velocity)),
-    (object::VL_VELOCITY_ACTUAL, |device| device.axis.rpm(device.axis.motor.velocity)),
-    (object::PROBE_STATUS, |device| device.axis.probes.status().into()),
-    (object::PROBE_1_POSITIVE, |device| device.axis.probes.position(0, true).into()),
-    (object::PROBE_1_NEGATIVE, |device| device.axis.probes.position(0, false).into()),
-    (object::PROBE_2_POSITIVE, |device| device.axis.probes.position(1, true).into()),
-    (object::PROBE_2_NEGATIVE, |device| device.axis.probes.position(1, false).into()),
-];

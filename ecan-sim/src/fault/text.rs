@@ -84,6 +84,7 @@ impl Display for DriveFault {
     fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
         match *self {
             Self::Error { code } => write!(f, "fault {code:#06X}"),
+            Self::AxisError { axis, code } => write!(f, "fault {code:#06X} of axis {axis}"),
             Self::Emcy { code, register } => {
                 write!(f, "emergency {code:#06X}, error register {register:#04X}")
             }

@@ -45,6 +45,9 @@ impl World {
         };
         match fault {
             DriveFault::Error { code } => drive.fail(now, code, output),
+            DriveFault::AxisError { axis, code } => {
+                drive.fail_axis(now, axis.into(), code, output);
+            }
             DriveFault::Emcy { code, register } => {
                 let register = ErrorRegister(register);
                 drive.warn(now, Emcy { code, register, manufacturer: [0; 5] }, output);

@@ -13,5 +13,6 @@ mod pdo;
 mod properties;
 mod scenario;
 mod sdo_server;
+mod several_axes;
 mod state_machine;
 mod trace;

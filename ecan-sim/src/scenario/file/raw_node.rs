@@ -38,6 +38,7 @@ pub(super) struct RawNode {
     #[serde(alias = "dcf")]
     eds: Option<PathBuf>,
     serial: Option<u32>,
+    axes: Option<u8>,
     boot_ms: Option<u32>,
     sdo_delay_us: Option<u32>,
     enable_ms: Option<u32>,
@@ -58,7 +59,7 @@ enum RawNodeKind {
 
 impl RawNode {
     /// The keys of one kind only, and whether they are given.
-    fn keys(&self) -> [(RawNodeKind, &'static str, bool); 18] {
+    fn keys(&self) -> [(RawNodeKind, &'static str, bool); 19] {
         use RawNodeKind::{Bridge, Drive, Faulty, Replay};
         [
             (Faulty, "drop_permille", self.drop_permille.is_some()),
@@ -73,6 +74,7 @@ impl RawNode {
             (Drive, "node_id", self.node_id.is_some()),
             (Drive, "eds", self.eds.is_some()),
             (Drive, "serial", self.serial.is_some()),
+            (Drive, "axes", self.axes.is_some()),
             (Drive, "boot_ms", self.boot_ms.is_some()),
             (Drive, "sdo_delay_us", self.sdo_delay_us.is_some()),
             (Drive, "enable_ms", self.enable_ms.is_some()),
@@ -173,8 +175,11 @@ impl RawNode {
             return Err(format!("node-ID {node} is already used by \"{}\"", other.name));
         }
         let mut config = DriveConfig::new(node);
-        set!(config from self: serial, boot_ms, sdo_delay_us, enable_ms, motor, quirks);
+        set!(config from self: axes, serial, boot_ms, sdo_delay_us, enable_ms, motor, quirks);
         config.motor.check()?;
+        if !(1..=8).contains(&config.axes) {
+            return Err(format!("`axes` = {} is out of range; allowed: 1 to 8", config.axes));
+        }
         let eds = self.eds.map(|file| directory.join(file));
         Ok(DriveSpec { config, eds })
     }
