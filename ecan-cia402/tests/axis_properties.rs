@@ -4,7 +4,7 @@
 
 mod axes;
 
-use axes::{Fixture, axes};
+use axes::{Fixture, axes, scenario};
 use ecan_canopen::{DriveState, OperatingMode};
 use ecan_cia402::{
     AxisConfig, AxisPhase, FeedForward, FeedForwardLimits, InputObject, OutputObject,
@@ -81,9 +81,13 @@ fn strike(fixture: &mut Fixture, event: &Event) {
             fixture.inject(Fault::ErrorFrames { gateway: 0, channel: 0, frames });
         }
         Event::Silent(n, for_ms) => {
-            fixture.inject(Fault::NodeSilent { node: format!("drive 0.0/{}", n + 1), for_ms });
+            let node = fixture.cia402.config(n).unwrap().address.node;
+            fixture.inject(Fault::NodeSilent { node: format!("drive 0.0/{node}"), for_ms });
         }
-        Event::DriveError(n) => fixture.strike(n, DriveFault::Error { code: 0x2310 }),
+        Event::DriveError(n) => {
+            let axis = fixture.cia402.config(n).unwrap().node_axis;
+            fixture.strike(n, DriveFault::AxisError { axis, code: 0x2310 });
+        }
         Event::DrivePower(n, off_ms) => fixture.strike(n, DriveFault::PowerCycle { off_ms }),
         Event::Blocked(n, for_ms) => fixture.strike(n, DriveFault::Blocked { for_ms }),
         Event::GatewayPower(off_ms) => fixture.inject(Fault::PowerCycle { gateway: 0, off_ms }),
@@ -149,6 +153,14 @@ fn extended_table() -> Vec<AxisConfig> {
     table
 }
 
+/// The first two axes are those of one node.
+fn table_of_shared_node() -> Vec<AxisConfig> {
+    let mut table = table();
+    table[1] = table[0].clone().with_node_axis(1, 2);
+    table[2] = AxisConfig { address: axes(2)[1].address, ..table[2].clone() };
+    table
+}
+
 const LIMITS: FeedForwardLimits =
     FeedForwardLimits { velocity: 75_000, velocity_change: 9_000, torque: 40, torque_change: 7 };
 
@@ -205,7 +217,7 @@ fn run(
         fixture.cia402.progress_all().map(|axis| axis.to_string()).collect::<Vec<_>>()
     );
     for n in 0..AXES {
-        let state = fixture.drive(n, |drive| drive.state());
+        let state = fixture.drive_axis(n, |drive| drive.state());
         prop_assert_eq!(state, DriveState::OperationEnabled);
     }
     fixture.check();
@@ -223,6 +235,14 @@ proptest! {
     #[test]
     fn no_axis_ever_jumps(events in prop::collection::vec((event(), 1..120_usize), 1..14)) {
         run(Fixture::single(table()).started(), &events, |fixture, _| fixture.step())?;
+    }
+
+    #[test]
+    fn no_axis_of_a_shared_node_jumps(
+        events in prop::collection::vec((event(), 1..120_usize), 1..14),
+    ) {
+        let fixture = Fixture::with(scenario(1, |drive| drive.axes = 2), table_of_shared_node());
+        run(fixture.started(), &events, |fixture, _| fixture.step())?;
     }
 
     #[test]

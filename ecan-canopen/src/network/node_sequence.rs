@@ -83,7 +83,9 @@ impl<S: Deref<Target = [Step]>> NodeSequence<S> {
             self.sequence.current().map(|step| step.action),
             Some(Action::Device(NodeAction::WriteParameters))
         );
-        if self.sequence.is_transferring() || is_writing {
+        let is_transferring =
+            self.sequence.is_transferring() && self.client.turn.is_current(network, handle);
+        if is_transferring || is_writing {
             network.cancel_sdo(handle);
         }
     }

@@ -63,8 +63,13 @@ impl SdoTurn {
         }
     }
 
+    /// Returns whether no other part of the application has used the client since.
+    pub(super) fn is_current(&self, network: &Network, handle: NodeHandle) -> bool {
+        network.sdo_generation(handle) == self.generation
+    }
+
     pub(super) fn poll(&self, network: &Network, handle: NodeHandle) -> TurnState {
-        if network.sdo_generation(handle) != self.generation {
+        if !self.is_current(network, handle) {
             return TurnState::Lost;
         }
         match network.sdo_state(handle) {

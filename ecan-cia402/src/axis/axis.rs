@@ -3,8 +3,8 @@
 use std::time::Duration;
 
 use ecan_canopen::{
-    CobId, Configurator, DriveState, EmcyLog, Network, NmtCommand, NodeHandle, OperatingMode,
-    Statusword, Step, object,
+    Configurator, DriveState, EmcyLog, Network, NmtCommand, NodeHandle, OperatingMode, Statusword,
+    Step, object,
 };
 use ecan_protocol::can::CanId;
 
@@ -18,13 +18,14 @@ use super::drive_units::ScaleSource;
 use super::further_data::FurtherData;
 use super::homing::HomingConfig;
 use super::host_loss::{HostLoss, StopOptions};
+use super::node_share::NodeShare;
 use super::pdo_layout::CommandLayout;
 use super::phase::{AxisError, AxisPhase};
 use super::power::FaultReset;
 use super::procedure::{Procedure, Stage};
 use super::ramp::RampLimits;
 use super::recovery::Recovery;
-use super::script::script;
+use super::script::axis_script;
 use super::set_point::SetPoint;
 use super::setup::SetupState;
 use super::setup_steps;
@@ -95,8 +96,11 @@ pub(crate) struct Axis {
     /// The PDOs that it reads, from 0 on.
     pub(crate) verification_stage: usize,
     pub(crate) reachability: Reachability,
-    /// Holds the steps of the configuration.
+    pub(crate) node_share: NodeShare,
+    /// Holds the steps of the configuration of the node, if the axis is the first of it.
     pub(crate) configurator: Configurator,
+    /// Producer heartbeat time, read back at the end of the configuration.
+    pub(crate) heartbeat_ms: Option<u64>,
     /// Read back at the end of the configuration.
     pub(crate) stop_options: Option<StopOptions>,
     /// SDO requests without an answer when the configuration began.
@@ -120,13 +124,12 @@ impl Axis {
         target_period: TargetPeriod,
         takeover_policy: Takeover,
     ) -> Self {
-        let id = config.address.node;
         let mode = config.mode;
         let further = Box::new(FurtherData::new(&config));
         Self {
             index,
             node,
-            rpdo: CobId::rpdo(id, config.pdo_number).can_id(),
+            rpdo: config.rpdo_id(0),
             command_layout: further.layout.command(),
             is_extended: further.layout.is_extended() || config.scale_source == ScaleSource::Drive,
             has_auxiliary: !further.auxiliary.is_empty(),
@@ -138,7 +141,7 @@ impl Axis {
             takeover: TakeoverState::default(),
             takeover_policy,
             is_uninspected: true,
-            poll: DrivePoll::default(),
+            poll: DrivePoll::new(config.node_axis),
             inspected: (None, None),
             guard: MotionGuard::new(config.guard_limits(mode, cycles_per_sync)),
             mode,
@@ -156,7 +159,9 @@ impl Axis {
             verification: Verification::default(),
             verification_stage: 0,
             reachability: Reachability::default(),
+            node_share: NodeShare::default(),
             configurator: Configurator::new(),
+            heartbeat_ms: None,
             stop_options: None,
             silences: 0,
             boot_ups: 0,
@@ -348,7 +353,8 @@ impl Axis {
             let step = Step::write(object::CONSUMER_HEARTBEAT, 1, 0_u32).if_present();
             let unguarded = Step::write(object::LIFE_TIME_FACTOR, 0, 0_u8).if_present();
             let steps = [consumes.then_some(step), is_guarded.then_some(unguarded)];
-            self.state = AxisState::Releasing(script(steps.into_iter().flatten()));
+            let steps = steps.into_iter().flatten();
+            self.state = AxisState::Releasing(axis_script(self.config.node_axis, steps));
         }
     }
 

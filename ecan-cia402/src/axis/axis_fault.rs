@@ -3,6 +3,7 @@
 use std::time::Duration;
 
 use ecan_canopen::{GuardingConfig, NodeAddress, OperatingMode};
+use ecan_protocol::can::CanId;
 use ecan_protocol::mapping::Direction;
 use thiserror::Error;
 
@@ -20,20 +21,61 @@ pub enum AxisFault {
         /// The invalid channel.
         channel: u8,
     },
+    /// A node has eight axes at most.
+    #[error("axis {node_axis} of the node is out of range; allowed: 0 to 7")]
+    NodeAxis {
+        /// The invalid axis of the node.
+        node_axis: u8,
+    },
     /// The predefined connection set has four PDOs each way.
-    #[error("PDO number {number} is out of range; allowed: 1 to 4")]
+    #[error("PDO number {number} is out of range; allowed: 1 to 4, with cob_ids 1 to 512")]
     PdoNumber {
         /// The invalid number.
-        number: u8,
+        number: u16,
+    },
+    /// Every PDO of a direction needs a COB-ID, or none.
+    #[error("{found} COB-IDs are given for {count} PDOs; allowed: 0 or {count}")]
+    CobIdCount {
+        /// COB-IDs of the direction.
+        found: usize,
+        /// PDOs of the direction.
+        count: usize,
+    },
+    /// Other services have the CAN ID.
+    #[error("COB-ID {cob_id} is out of range for a PDO; allowed: 0x181 to 0x57F")]
+    CobId {
+        /// The invalid COB-ID.
+        cob_id: CanId,
+    },
+    /// Two PDOs on a channel have the same COB-ID.
+    #[error(
+        "COB-ID {cob_id} is that of a PDO of axis {other} already; choose another PDO number, or cob_ids"
+    )]
+    SameCobId {
+        /// The COB-ID.
+        cob_id: CanId,
+        /// Index of the other axis.
+        other: usize,
+    },
+    /// The axes of a node have different settings of the node.
+    #[error(
+        "the settings of {address} differ from those of axis {other}; must be equal: reset, boot timeout, \
+         identity, profile, heartbeats, guarding, parameters, other TPDOs"
+    )]
+    NodeSettings {
+        /// The drive.
+        address: NodeAddress,
+        /// Index of the other axis.
+        other: usize,
     },
     /// The objects of the process data need more PDOs than the predefined connection set has.
     #[error(
         "{count} PDOs from number {first} on are needed; allowed: up to number 4; choose fewer \
-         objects, or a smaller number"
+         objects, a smaller number, or cob_ids"
     )]
     PdoCount {
         /// Number of the first PDO.
-        first: u8,
+        first: u16,
         /// PDOs of one direction.
         count: usize,
     },
@@ -244,7 +286,7 @@ pub enum AxisFault {
         /// The direction without the channel.
         direction: Direction,
     },
-    /// Two axes have the same drive.
+    /// Two axes have the same axis of a drive.
     #[error("{address} is the drive of axis {other} already")]
     SameNode {
         /// The drive.

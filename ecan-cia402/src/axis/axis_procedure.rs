@@ -13,7 +13,7 @@ use super::homing::{HomingState, HomingWatch};
 use super::phase::AxisError;
 use super::power::PowerGoal;
 use super::procedure::{Procedure, Stage};
-use super::script::{Script, mode_steps, script};
+use super::script::{Script, axis_script, mode_steps};
 use super::stop::StopCause;
 use super::verification::{RETRY_NS, Verification};
 
@@ -79,8 +79,8 @@ impl Axis {
     /// Reads what a restart would have changed: the mapping of an RPDO and a TPDO, with those of the
     /// first stage heartbeat or guard time, and mode.
     pub(crate) fn verification_script(&self) -> Script {
-        let stage = self.verification_stage;
-        let nth = u16::from(self.config.pdo_number.saturating_sub(1)) + stage as u16;
+        let (axis, stage) = (self.config.node_axis, self.verification_stage);
+        let nth = self.config.pdo_number.saturating_sub(1) + stage as u16;
         let has_rpdo = stage < self.further.layout.rpdo_count();
         let has_tpdo = stage < self.further.layout.tpdo_count();
         let rpdo = has_rpdo.then(|| {
@@ -102,19 +102,25 @@ impl Axis {
             .flatten()
             .map(|communication| Step::expect(communication + nth, 2, synchronous));
         if stage > 0 {
-            return script(mapping.chain(transmission));
+            return axis_script(axis, mapping.chain(transmission));
         }
-        let producer = object::PRODUCER_HEARTBEAT;
-        let heartbeat = self.configurator.uploaded(self.node, producer, 0);
         let life = match &self.config.drive.guarding {
             Some(guarding) => {
                 let time_ms = guarding.guard_time.as_millis() as u64;
                 Some(Step::expect(object::GUARD_TIME, 0, time_ms))
             }
-            None => heartbeat.map(|period_ms| Step::expect(producer, 0, period_ms)),
+            None => {
+                let producer = object::PRODUCER_HEARTBEAT;
+                self.heartbeat_ms.map(|period_ms| Step::expect(producer, 0, period_ms))
+            }
         };
         let mode = Step::expect(object::MODE_DISPLAY, 0, self.mode.raw());
-        script(mapping.chain(transmission).chain(life).chain([mode]))
+        axis_script(axis, mapping.chain(transmission).chain(life).chain([mode]))
+    }
+
+    /// Writes a mode and waits until the drive displays it.
+    pub(crate) fn mode_script(&self, mode: OperatingMode) -> Script {
+        axis_script(self.config.node_axis, mode_steps(mode))
     }
 
     pub(crate) fn step_procedure(&mut self, network: &mut Network, now_ns: u64) {
@@ -154,7 +160,7 @@ impl Axis {
                 false
             }
             (AxisState::Stopped(_), Some(DriveState::SwitchOnDisabled)) => {
-                procedure.enter(Stage::Writing(procedure.script()), now_ns);
+                procedure.enter(Stage::Writing(procedure.script(self.config.node_axis)), now_ns);
                 true
             }
             (_, state) if is_late => {
@@ -198,8 +204,7 @@ impl Axis {
             }
             Configuring::Failed(failure) => {
                 procedure.error = Some(AxisError::Mode(failure));
-                procedure
-                    .enter(Stage::Restoring(script(mode_steps(procedure.mode_before))), now_ns);
+                procedure.enter(Stage::Restoring(self.mode_script(procedure.mode_before)), now_ns);
                 true
             }
         }
@@ -251,7 +256,7 @@ impl Axis {
                 let not_disabled = AxisError::NotDisabled { state: self.drive.state };
                 procedure.error = procedure.error.or(Some(not_disabled));
             }
-            procedure.enter(Stage::Restoring(script(mode_steps(procedure.mode_before))), now_ns);
+            procedure.enter(Stage::Restoring(self.mode_script(procedure.mode_before)), now_ns);
         }
         true
     }

@@ -36,7 +36,11 @@ impl Recovery {
                     return false;
                 }
                 self.configured += 1;
-                axis.configure(network, now_ns);
+                if axis.node_share.count > 1 {
+                    axis.node_share.is_setup_wanted = true;
+                } else {
+                    axis.request_setup(network, now_ns);
+                }
                 true
             }
             SetupState::Complete if axis.drive.is_in_fault() => self.reset(axis),

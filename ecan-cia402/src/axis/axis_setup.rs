@@ -3,7 +3,7 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use ecan_canopen::{Configuring, Network, PdoMappingError, StepFailure, StepFault, object};
+use ecan_canopen::{Configurator, Configuring, Network, Step, StepFailure, StepFault, object};
 
 use super::axis::Axis;
 use super::axis_state::AxisState;
@@ -11,36 +11,35 @@ use super::drive_limits::DriveLimits;
 use super::drive_units::{DriveUnits, ScaleFinding, ScaleSource};
 use super::host_loss::StopOptions;
 use super::input_object::AxisInputs;
+use super::node_axis::axis_index;
 use super::phase::AxisError;
-use super::script::{mode_steps, script};
 use super::setup::SetupState;
-use super::setup_steps::{self, BusConfig};
 use super::stop::StopCause;
 use super::takeover::TakeoverState;
 use super::verification::Verification;
 
 impl Axis {
-    /// Prepares the steps of the configuration, so that executing them does not allocate.
-    pub(crate) fn load_steps(
-        &mut self,
-        network: &mut Network,
-        bus: &BusConfig,
-    ) -> Result<(), PdoMappingError> {
-        let steps = setup_steps::steps(&self.config, bus)?;
+    /// Prepares the steps of the configuration of the axes of its node, so that executing them does not
+    /// allocate. Only for the first of them.
+    pub(crate) fn load_steps(&mut self, network: &mut Network, steps: Vec<Step>) {
         network.set_parameters(self.node, Arc::clone(&self.config.drive.parameters));
         self.configurator.clear(network);
         self.configurator.add(network, self.node, steps);
-        Ok(())
     }
 
-    /// Requests the configuration. It begins when the drive is off.
+    /// Requests the configuration. It begins when all axes of the node are off.
     pub(crate) fn configure(&mut self, network: &mut Network, now_ns: u64) {
+        self.recovery = None;
+        self.request_setup(network, now_ns);
+    }
+
+    /// As [`configure`](Self::configure), without an end of the recovery.
+    pub(crate) fn request_setup(&mut self, network: &mut Network, now_ns: u64) {
         self.stop_targets();
         self.cancel_procedure(network);
         self.cancel_setup(network);
         self.verification = Verification::Complete;
         self.stop_options = None;
-        self.recovery = None;
         self.error = None;
         self.setup = SetupState::Requested;
         let is_known = self.drive.state.is_some() && self.drive.is_fresh(now_ns, self.fresh_ns);
@@ -65,16 +64,22 @@ impl Axis {
         match &mut self.setup {
             SetupState::Requested if self.takeover == TakeoverState::Done => {
                 if !self.state.is_stopping() {
-                    self.begin_setup(network);
+                    if self.node_share.may_begin {
+                        self.begin_setup(network);
+                    }
                 } else if self.is_gone() {
                     self.setup = SetupState::Failed;
                     self.error = Some(AxisError::NotStopped { state: self.drive.state });
                 }
             }
+            // The first axis of the node configures all of them.
+            SetupState::Configuring if !self.node_share.is_first => {}
             SetupState::Configuring => match self.configurator.step(network, now_ns) {
                 Configuring::Running => {}
                 Configuring::Done => {
-                    self.setup = SetupState::SettingMode(script(mode_steps(self.mode)));
+                    let configurator = std::mem::take(&mut self.configurator);
+                    self.steps_done(network, &configurator);
+                    self.configurator = configurator;
                 }
                 Configuring::Failed(failure) => self.setup_failed(failure),
             },
@@ -89,7 +94,25 @@ impl Axis {
         }
     }
 
-    fn begin_setup(&mut self, network: &mut Network) {
+    /// The steps of the node are complete: takes the values that they read, and sets the mode.
+    pub(crate) fn steps_done(&mut self, network: &Network, configurator: &Configurator) {
+        let (node, axis) = (self.node, self.config.node_axis);
+        let value =
+            |index, subindex| configurator.uploaded(node, axis_index(axis, index), subindex);
+        self.heartbeat_ms = configurator.uploaded(node, object::PRODUCER_HEARTBEAT, 0);
+        self.read_back_stop_options(network, value);
+        self.read_back_limits(value);
+        self.setup = SetupState::SettingMode(self.mode_script(self.mode));
+    }
+
+    /// Returns whether the axis is ready for the configuration of its node.
+    pub(crate) fn is_ready_for_setup(&self) -> bool {
+        matches!(self.setup, SetupState::Requested)
+            && self.takeover == TakeoverState::Done
+            && !self.state.is_stopping()
+    }
+
+    pub(crate) fn begin_setup(&mut self, network: &mut Network) {
         self.poll.cancel(network, self.node);
         self.configurator.restart(network);
         self.set_mode(self.config.mode);
@@ -110,12 +133,8 @@ impl Axis {
     }
 
     fn finish_setup(&mut self, network: &mut Network) {
-        let producer = object::PRODUCER_HEARTBEAT;
         // The value that was written and read back; none if the drive has no heartbeat.
-        let period_ms = self.configurator.uploaded(self.node, producer, 0).unwrap_or_default();
-        self.complete_setup(network, period_ms);
-        self.read_back_stop_options(network);
-        self.read_back_limits();
+        self.complete_setup(network, self.heartbeat_ms.unwrap_or_default());
         if network.sdo_silences(self.node) != self.silences {
             // The drive may have restarted in between, and lost the first steps.
             self.require_verification();
@@ -130,7 +149,9 @@ impl Axis {
         self.state = AxisState::Standby;
         // Of an earlier owner.
         self.further.offsets_in_force = self.has_auxiliary;
-        self.complete_setup(network, self.config.drive.heartbeat_ms.into());
+        let heartbeat_ms = self.config.drive.heartbeat_ms.into();
+        self.heartbeat_ms = None;
+        self.complete_setup(network, heartbeat_ms);
     }
 
     fn complete_setup(&mut self, network: &mut Network, heartbeat_ms: u64) {
@@ -147,8 +168,7 @@ impl Axis {
     }
 
     /// Takes the limits and units of the drive, if they were read.
-    fn read_back_limits(&mut self) {
-        let value = |index, subindex| self.configurator.uploaded(self.node, index, subindex);
+    fn read_back_limits(&mut self, value: impl Fn(u16, u8) -> Option<u64> + Copy) {
         let reads_limits = self.config.reads_limits();
         let source = self.config.scale_source;
         if source == ScaleSource::Configured && !reads_limits {
@@ -171,8 +191,11 @@ impl Axis {
         self.set_mode(self.mode);
     }
 
-    fn read_back_stop_options(&mut self, network: &Network) {
-        let value = |index, subindex| self.configurator.uploaded(self.node, index, subindex);
+    fn read_back_stop_options(
+        &mut self,
+        network: &Network,
+        value: impl Fn(u16, u8) -> Option<u64>,
+    ) {
         self.stop_options = Some(StopOptions::from_values(value));
         let loss = self.host_loss(network);
         if !loss.reaction.is_controlled_stop() {

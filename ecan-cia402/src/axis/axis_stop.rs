@@ -111,6 +111,10 @@ impl Axis {
             _ if self.takeover_policy == Takeover::Adopt => Round::InspectMode,
             _ => Round::Inspect,
         };
+        if !self.node_share.may_poll && !self.poll.is_running() {
+            // Another axis of the node uses its SDO client.
+            return self.step_takeover(network, false, now_ns);
+        }
         let Self { poll, drive, config, inspected, node, .. } = self;
         let is_answered = poll.step(network, *node, now_ns, round, |index, value| match index {
             object::STATUSWORD => drive.statusword_received(Statusword(value as u16), now_ns),

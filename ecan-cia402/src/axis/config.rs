@@ -8,13 +8,16 @@ use ecan_canopen::{
     OperatingMode, ParameterSet, PdoDirection, PdoMapping, QuickStopOption, Step, StopOption,
     TransmissionType,
 };
+use ecan_protocol::can::CanId;
 use ecan_protocol::mapping::CHANNELS;
 
 use super::axis_fault::AxisFault;
 use super::drive_units::ScaleSource;
 use super::input_object::InputObject;
 use super::motion_limits::MotionLimits;
+use super::node_axis::MOST_AXES;
 use super::output_object::OutputObject;
+use super::pdo_cob_ids::PdoCobIds;
 use super::pdo_layout::{PdoLayout, TargetObject};
 use super::units::Scale;
 use crate::guard::feed_forward::FeedForwardLimits;
@@ -26,7 +29,10 @@ use crate::guard::terms::{GuardLimits, TargetKind};
 const WINDOW_STEPS: u32 = 8;
 
 /// Highest PDO number of the predefined connection set.
-pub(crate) const LAST_PDO: u8 = 4;
+pub(crate) const LAST_PDO: u16 = 4;
+
+/// Most PDOs of a node in each direction.
+const MOST_PDOS: u16 = 512;
 
 /// Reset of a node at the start of its configuration.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -167,6 +173,11 @@ impl Default for DriveConfig {
 pub struct AxisConfig {
     /// Address of the drive.
     pub address: NodeAddress,
+    /// Axis of the node, 0 to 7, for a drive with several: its objects are 0x800 further for each (CiA
+    /// 402-1). The axes of a node are rows of the table with the same address, each with PDOs of its own.
+    /// What concerns the node (reset, identity, profile, heartbeats, guarding, parameters, other TPDOs) must
+    /// be equal in all of them; they are configured together.
+    pub node_axis: u8,
     /// Operating mode. It determines the content of the RPDO.
     pub mode: OperatingMode,
     /// Steps of the position counter per turn, for angles.
@@ -208,9 +219,11 @@ pub struct AxisConfig {
     pub auto_resume: bool,
     /// Longest time for enabling: brake and power stage.
     pub enable_timeout: Duration,
-    /// Number of the first RPDO and of the first TPDO, 1 to 4. Further ones have the next numbers, up
-    /// to 4.
-    pub pdo_number: u8,
+    /// Number of the first RPDO and of the first TPDO, 1 to 512. Further ones have the next numbers.
+    /// Numbers above 4 need [`cob_ids`](Self::cob_ids). (CiA 301 begins with 64 n + 1 for axis n of a node.)
+    pub pdo_number: u16,
+    /// COB-IDs of the PDOs; by default those of the predefined connection set.
+    pub cob_ids: PdoCobIds,
     /// Objects that the RPDOs carry beyond controlword and target, none by default. See
     /// [`PdoLayout`] for their places. A feed-forward object needs its limits in
     /// [`feed_forward`](Self::feed_forward).
@@ -230,6 +243,7 @@ impl AxisConfig {
     pub fn new(address: NodeAddress) -> Self {
         Self {
             address,
+            node_axis: 0,
             mode: OperatingMode::CyclicPosition,
             scale: Scale::default(),
             scale_source: ScaleSource::default(),
@@ -247,6 +261,7 @@ impl AxisConfig {
             auto_resume: false,
             enable_timeout: Duration::from_secs(5),
             pdo_number: 1,
+            cob_ids: PdoCobIds::default(),
             outputs: Vec::new(),
             inputs: Vec::new(),
             feed_forward: FeedForwardLimits::default(),
@@ -281,28 +296,53 @@ impl AxisConfig {
     /// Process data of the mode, with further objects. Allocates.
     pub fn layout(&self) -> PdoLayout {
         PdoLayout::new(TargetObject::of_mode(self.mode), &self.outputs, &self.inputs)
+            .on_node_axis(self.node_axis)
+    }
+
+    /// Sets the axis of the node, and the number of its first PDOs.
+    #[must_use]
+    pub fn with_node_axis(mut self, axis: u8, pdo_number: u16) -> Self {
+        (self.node_axis, self.pdo_number) = (axis, pdo_number);
+        self
+    }
+
+    /// CAN ID of an RPDO of the axis, 0 is the first.
+    pub fn rpdo_id(&self, nth: usize) -> CanId {
+        let predefined = || CobId::rpdo(self.address.node, self.predefined_number(nth)).can_id();
+        self.cob_ids.rpdos.get(nth).copied().unwrap_or_else(predefined)
+    }
+
+    /// CAN ID of a TPDO of the axis, 0 is the first.
+    pub fn tpdo_id(&self, nth: usize) -> CanId {
+        let predefined = || CobId::tpdo(self.address.node, self.predefined_number(nth)).can_id();
+        self.cob_ids.tpdos.get(nth).copied().unwrap_or_else(predefined)
+    }
+
+    /// Number of a PDO in the predefined connection set; a larger one is a fault of the configuration.
+    fn predefined_number(&self, nth: usize) -> u8 {
+        u8::try_from(usize::from(self.pdo_number) + nth).unwrap_or(u8::MAX)
     }
 
     /// The PDOs of the axis as they are mapped. Allocates.
     pub fn pdo_mappings(&self) -> Vec<PdoMapping> {
-        let (node, layout) = (self.address.node, self.layout());
-        let pdo = |direction, number: u8, cob_id: CobId, entries| PdoMapping {
+        let layout = self.layout();
+        let pdo = |direction, nth, cob_id, entries| PdoMapping {
             direction,
-            number: number.into(),
-            cob_id: cob_id.can_id(),
+            number: self.pdo_number.saturating_add(nth as u16),
+            cob_id,
             transmission: TransmissionType::Synchronous(1),
             inhibit_time: None,
             event_timer_ms: None,
             sync_start: None,
             entries,
         };
-        let received = (0..layout.rpdo_count()).zip(self.pdo_number..).map(|(nth, number)| {
+        let received = (0..layout.rpdo_count()).map(|nth| {
             let entries = layout.rpdo_entries(nth).collect();
-            pdo(PdoDirection::Receive, number, CobId::rpdo(node, number), entries)
+            pdo(PdoDirection::Receive, nth, self.rpdo_id(nth), entries)
         });
-        let sent = (0..layout.tpdo_count()).zip(self.pdo_number..).map(|(nth, number)| {
+        let sent = (0..layout.tpdo_count()).map(|nth| {
             let entries = layout.tpdo_entries(nth).collect();
-            pdo(PdoDirection::Transmit, number, CobId::tpdo(node, number), entries)
+            pdo(PdoDirection::Transmit, nth, self.tpdo_id(nth), entries)
         });
         received.chain(sent).collect()
     }
@@ -325,6 +365,20 @@ impl AxisConfig {
         }
     }
 
+    /// Returns whether another axis of the same node has the same settings of the node.
+    pub(crate) fn shares_node_settings(&self, other: &Self) -> bool {
+        let (own, other) = (&self.drive, &other.drive);
+        own.reset == other.reset
+            && own.boot_timeout == other.boot_timeout
+            && own.identity == other.identity
+            && own.expect_profile_402 == other.expect_profile_402
+            && own.heartbeat_ms == other.heartbeat_ms
+            && own.guarding == other.guarding
+            && own.host_heartbeat_ms == other.host_heartbeat_ms
+            && own.silence_other_tpdos == other.silence_other_tpdos
+            && own.parameters == other.parameters
+    }
+
     /// Returns whether the limits of the drive are read.
     pub(crate) fn reads_limits(&self) -> bool {
         let drive = &self.drive;
@@ -341,8 +395,8 @@ impl AxisConfig {
         if usize::from(self.address.channel) >= CHANNELS {
             report(AxisFault::Channel { channel: self.address.channel });
         }
-        if !(1..=LAST_PDO).contains(&self.pdo_number) {
-            report(AxisFault::PdoNumber { number: self.pdo_number });
+        if self.node_axis >= MOST_AXES {
+            report(AxisFault::NodeAxis { node_axis: self.node_axis });
         }
         self.check_process_data(report);
         if let Some(guarding) = self.drive.guarding
@@ -388,11 +442,26 @@ impl AxisConfig {
 
     fn check_process_data(&self, report: &mut dyn FnMut(AxisFault)) {
         let layout = self.layout();
-        for count in [layout.rpdo_count(), layout.tpdo_count()] {
-            let last = usize::from(self.pdo_number) + count - 1;
-            if count > 1 && last > usize::from(LAST_PDO) {
-                report(AxisFault::PdoCount { first: self.pdo_number, count });
+        let first = self.pdo_number;
+        let directions = [
+            (layout.rpdo_count(), self.cob_ids.rpdos.len()),
+            (layout.tpdo_count(), self.cob_ids.tpdos.len()),
+        ];
+        let ends_in = |count, most| usize::from(first) + count - 1 <= usize::from(most);
+        let is_in = |most| first > 0 && ends_in(1, most);
+        let most = |ids| if ids > 0 { MOST_PDOS } else { LAST_PDO };
+        if directions.iter().any(|(_, ids)| !is_in(most(*ids))) {
+            report(AxisFault::PdoNumber { number: first });
+        }
+        for (count, ids) in directions {
+            if ids == 0 && count > 1 && !ends_in(count, LAST_PDO) {
+                report(AxisFault::PdoCount { first, count });
+            } else if ids > 0 && ids != count {
+                report(AxisFault::CobIdCount { found: ids, count });
             }
+        }
+        for cob_id in self.cob_ids.invalid() {
+            report(AxisFault::CobId { cob_id });
         }
         let mode = self.mode;
         for output in self.outputs.iter().copied() {

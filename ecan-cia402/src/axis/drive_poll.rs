@@ -5,7 +5,8 @@ use ecan_canopen::{
     NodeHandle, Sdo, SdoFault, Step, StepFault, object,
 };
 
-use super::script::{Script, script};
+use super::node_axis::first_index;
+use super::script::{Script, axis_script};
 
 /// Time for an answer before the request is repeated. A drive that was unreachable receives its stop
 /// that soon after its return.
@@ -32,6 +33,8 @@ pub(crate) enum Round {
 /// Repeats rounds of SDO transfers with a drive.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub(crate) struct DrivePoll {
+    /// Axis of the node.
+    axis: u8,
     round: Option<Script>,
     since_ns: u64,
     /// Attempts without an answer in a row.
@@ -43,6 +46,15 @@ pub(crate) struct DrivePoll {
 }
 
 impl DrivePoll {
+    pub(crate) fn new(axis: u8) -> Self {
+        Self { axis, ..Self::default() }
+    }
+
+    /// Returns whether a round runs.
+    pub(crate) fn is_running(&self) -> bool {
+        self.round.is_some()
+    }
+
     pub(crate) fn unanswered(&self) -> u32 {
         self.unanswered
     }
@@ -71,11 +83,14 @@ impl DrivePoll {
     ) -> bool {
         let is_alive = network.heartbeat(node) == Heartbeat::Active;
         let returned = is_alive && !std::mem::replace(&mut self.was_alive, is_alive);
+        let axis = self.axis;
         let Some(round) = &mut self.round else {
             self.begin(network, node, now_ns, next);
             return false;
         };
-        match round.advance(network, node, now_ns, |index, _, value| on_read(index, value)) {
+        match round.advance(network, node, now_ns, |index, _, value| {
+            on_read(first_index(axis, index), value);
+        }) {
             Configuring::Done => self.answered(),
             Configuring::Running => {
                 let waited_ns = now_ns.saturating_sub(self.since_ns);
@@ -110,12 +125,12 @@ impl DrivePoll {
             Round::Stop(word) => {
                 let write = |word: Controlword| Step::write(object::CONTROLWORD, 0, word.0);
                 let word = word.map(|word| write(word).named("stop").if_accepted());
-                script(word.into_iter().chain(status))
+                axis_script(self.axis, word.into_iter().chain(status))
             }
-            Round::Inspect => script(status),
+            Round::Inspect => axis_script(self.axis, status),
             Round::InspectMode => {
                 let more = [read(object::MODE_DISPLAY), read(object::TARGET_POSITION)];
-                script(status.into_iter().chain(more.map(Step::if_present)))
+                axis_script(self.axis, status.into_iter().chain(more.map(Step::if_present)))
             }
         });
         self.since_ns = now_ns;

@@ -1,6 +1,5 @@
 //! Process data of an axis beyond controlword, target, statusword and actual position.
 
-use ecan_canopen::CobId;
 use ecan_protocol::can::CanId;
 
 use super::config::AxisConfig;
@@ -43,10 +42,8 @@ pub(crate) struct FurtherData {
 impl FurtherData {
     pub(crate) fn new(config: &AxisConfig) -> Self {
         let layout = config.layout();
-        let numbers = (config.pdo_number..).take(layout.rpdo_count()).skip(1);
-        let id = |number| CobId::rpdo(config.address.node, number).can_id();
         Self {
-            auxiliary: numbers.map(id).collect(),
+            auxiliary: (1..layout.rpdo_count()).map(|nth| config.rpdo_id(nth)).collect(),
             probe_tpdo: layout.tpdo_of(InputObject::ProbeStatus),
             layout,
             inputs: AxisInputs::default(),

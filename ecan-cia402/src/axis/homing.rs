@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use ecan_canopen::{OperatingMode, Statusword, Step, object};
 
-use super::script::{Script, mode_steps, script};
+use super::script::{Script, axis_script, mode_steps};
 
 /// Cycles for which a drive may still show the outcome of an earlier homing after the start.
 const OLD_NEWS_CYCLES: u16 = 20;
@@ -42,7 +42,7 @@ impl HomingConfig {
     }
 
     /// Writes the parameters, then the mode.
-    pub(crate) fn script(&self) -> Script {
+    pub(crate) fn script(&self, axis: u8) -> Script {
         let optional = [
             self.switch_speed.map(|speed| Step::write(object::HOMING_SPEEDS, 1, speed)),
             self.zero_speed.map(|speed| Step::write(object::HOMING_SPEEDS, 2, speed)),
@@ -51,7 +51,8 @@ impl HomingConfig {
         ];
         let method = Step::write(object::HOMING_METHOD, 0, self.method).named("homing method");
         let optional = optional.into_iter().flatten().map(Step::if_present);
-        script([method].into_iter().chain(optional).chain(mode_steps(OperatingMode::Homing)))
+        let steps = [method].into_iter().chain(optional).chain(mode_steps(OperatingMode::Homing));
+        axis_script(axis, steps)
     }
 }
 

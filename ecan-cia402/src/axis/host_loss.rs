@@ -38,11 +38,16 @@ pub struct StopOptions {
 }
 
 impl StopOptions {
-    /// Objects that [`from_values`](Self::from_values) needs.
-    pub(crate) fn steps(is_guarded: bool) -> impl Iterator<Item = Step> {
+    /// Objects of the node that [`from_values`](Self::from_values) needs.
+    pub(crate) fn node_steps(is_guarded: bool) -> impl Iterator<Item = Step> {
         let guarding = [object::GUARD_TIME, object::LIFE_TIME_FACTOR];
         let guarding = guarding.into_iter().filter(move |_| is_guarded).map(|index| (index, 0));
         let watches = WATCH_ENTRIES.map(|entry| (object::CONSUMER_HEARTBEAT, entry));
+        watches.into_iter().chain(guarding).map(read_option)
+    }
+
+    /// Objects of an axis that it needs.
+    pub(crate) fn steps() -> impl Iterator<Item = Step> {
         let options = [
             object::ABORT_CONNECTION_OPTION,
             object::QUICK_STOP_OPTION,
@@ -53,9 +58,7 @@ impl StopOptions {
             object::PROFILE_DECELERATION,
             object::QUICK_STOP_DECELERATION,
         ];
-        let read =
-            |(index, subindex)| Step::read(index, subindex).named("stop options").if_accepted();
-        watches.into_iter().chain(guarding).chain(options.map(|index| (index, 0))).map(read)
+        options.into_iter().map(|index| read_option((index, 0)))
     }
 
     /// Takes the values of these objects, little-endian without sign.
@@ -160,6 +163,10 @@ impl StopOptions {
             StopRamp::CurrentLimit | StopRamp::VoltageLimit => None,
         }
     }
+}
+
+fn read_option((index, subindex): (u16, u8)) -> Step {
+    Step::read(index, subindex).named("stop options").if_accepted()
 }
 
 /// Life guarding of these values; none if one of them is missing or 0.

@@ -3,6 +3,7 @@
 use ecan_canopen::{Controlword, MappingEntry, OperatingMode, Statusword, object};
 
 use super::input_object::{AxisInputs, InputObject};
+use super::node_axis::axis_index;
 use super::output_object::{OutputObject, OutputValues};
 
 /// Most bytes of a PDO on classic CAN.
@@ -85,6 +86,7 @@ pub struct PdoLayout {
     auxiliary: Vec<Vec<OutputObject>>,
     /// Objects of the TPDOs; in the first one after statusword and actual position.
     inputs: Vec<Vec<InputObject>>,
+    node_axis: u8,
 }
 
 /// The first RPDO: controlword, target, and the mode by choice.
@@ -180,7 +182,18 @@ impl PdoLayout {
             }
         }
         let has_mode = outputs.contains(&OutputObject::Mode);
-        Self { command: CommandLayout { target, has_mode }, auxiliary, inputs: tpdos }
+        Self { command: CommandLayout { target, has_mode }, auxiliary, inputs: tpdos, node_axis: 0 }
+    }
+
+    /// The layout with the objects of an axis of the node, from 0: 0x800 further for each.
+    #[must_use]
+    pub fn on_node_axis(mut self, axis: u8) -> Self {
+        self.node_axis = axis;
+        self
+    }
+
+    fn on_axis(&self, entry: MappingEntry) -> MappingEntry {
+        MappingEntry { index: axis_index(self.node_axis, entry.index), ..entry }
     }
 
     /// The object after the controlword.
@@ -227,7 +240,8 @@ impl PdoLayout {
         let mode = self.command.has_mode.then(|| OutputObject::Mode.entry());
         let first = first.into_iter().chain([mode]).flatten().filter(move |_| nth == 0);
         let others = nth.checked_sub(1).and_then(|nth| self.auxiliary.get(nth));
-        first.chain(others.into_iter().flatten().map(|output| output.entry()))
+        let entries = first.chain(others.into_iter().flatten().map(|output| output.entry()));
+        entries.map(|entry| self.on_axis(entry))
     }
 
     /// Entries of the mapping of a TPDO, 0 is the first. Real-time safe.
@@ -238,7 +252,7 @@ impl PdoLayout {
         ];
         let objects = self.inputs.get(nth).into_iter().flatten();
         let first = first.into_iter().filter(move |_| nth == 0);
-        first.chain(objects.map(|input| input.entry()))
+        first.chain(objects.map(|input| input.entry())).map(|entry| self.on_axis(entry))
     }
 
     /// The first RPDO. A target beyond an `i16` is cut to its limits if its object has 16 bits.

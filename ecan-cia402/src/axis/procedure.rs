@@ -6,7 +6,7 @@ use ecan_canopen::OperatingMode;
 
 use super::homing::{HomingConfig, HomingWatch};
 use super::phase::AxisError;
-use super::script::{Script, mode_steps, script};
+use super::script::{Script, axis_script, mode_steps};
 
 /// Stages of a mode change and of homing, in order. The mode is only changed while the drive is
 /// not enabled: an enabled drive would go from the target of one mode to an old one of the other.
@@ -52,10 +52,11 @@ impl Procedure {
         Self { mode, mode_before, homing, then_enable, stage, error: None, stage_since_ns }
     }
 
-    pub(crate) fn script(&self) -> Script {
+    /// Steps for an axis of the node.
+    pub(crate) fn script(&self, axis: u8) -> Script {
         match &self.homing {
-            Some(homing) => homing.script(),
-            None => script(mode_steps(self.mode)),
+            Some(homing) => homing.script(axis),
+            None => axis_script(axis, mode_steps(self.mode)),
         }
     }
 

@@ -5,6 +5,8 @@ use std::time::Duration;
 use ecan_canopen::{NodeSequence, OperatingMode, Step, object};
 use ecan_protocol::config::List;
 
+use super::node_axis::axis_step;
+
 /// Most steps of a script.
 const MAX_STEPS: usize = 12;
 
@@ -14,13 +16,18 @@ const MODE_TIMEOUT: Duration = Duration::from_secs(1);
 pub(crate) type Script = NodeSequence<List<Step, MAX_STEPS>>;
 
 /// Creates a script; steps beyond the capacity are dropped, which no caller reaches.
-pub(crate) fn script(steps: impl IntoIterator<Item = Step>) -> Script {
+fn script(steps: impl IntoIterator<Item = Step>) -> Script {
     let mut list = List::new();
     for step in steps {
         let pushed = list.push(step);
         debug_assert!(pushed.is_ok(), "script of more than {MAX_STEPS} steps");
     }
     NodeSequence::new(list)
+}
+
+/// Creates a script for an axis of a node, from steps for the first one.
+pub(crate) fn axis_script(axis: u8, steps: impl IntoIterator<Item = Step>) -> Script {
+    script(steps.into_iter().map(|step| axis_step(axis, step)))
 }
 
 /// Writes a mode and waits until the drive displays it.

@@ -11,8 +11,9 @@ use super::drive_limits::DriveLimits;
 use super::drive_units::{DriveUnits, ScaleSource};
 use super::host_loss::StopOptions;
 use super::interpolation_time::interpolation_time;
+use super::node_axis::axis_step;
 use super::output_object::OutputObject;
-use super::pdo_layout::{PdoLayout, TargetObject};
+use super::pdo_layout::TargetObject;
 
 /// Device profile of a drive in the low half of the device type.
 const PROFILE_402: Expectation = Expectation::Masked { value: 402, mask: 0xFFFF };
@@ -28,7 +29,7 @@ pub(crate) struct BusConfig {
     pub(crate) sync: SyncConfig,
 }
 
-/// The steps, in order:
+/// The steps for the axes of a node, in order:
 ///
 /// 1. NMT: reset where asked for, then Pre-operational.
 /// 2. Device type, identity, supported modes.
@@ -36,41 +37,74 @@ pub(crate) struct BusConfig {
 ///    its voltage.
 /// 4. Parameters of the application, for example those of a DCF.
 /// 5. Heartbeats or guarding both ways, and what happens when the host's stays away.
-/// 6. Mapping of the RPDO and the TPDO, other TPDOs off.
+/// 6. Mapping of the RPDOs and the TPDOs, other TPDOs off.
 /// 7. SYNC counter and period, interpolation time (the target period), stop options, limits, further steps of
 ///    the application.
 /// 8. Stop options, and limits and units where asked for, as the drive has them now.
 /// 9. NMT: start.
 ///
-/// The mode follows after that, with its confirmation.
-pub(crate) fn steps(config: &AxisConfig, bus: &BusConfig) -> Result<Vec<Step>, PdoMappingError> {
+/// The mode of each axis follows after that, with its confirmation. The first axis has the settings of the
+/// node, which are those of all.
+pub(crate) fn steps(axes: &[&AxisConfig], bus: &BusConfig) -> Result<Vec<Step>, PdoMappingError> {
     let mut steps = Vec::new();
-    if config.drive.reset == NodeReset::None {
-        push_off_check(&mut steps);
+    let Some(node) = axes.first() else { return Ok(steps) };
+    if node.drive.reset == NodeReset::None {
+        for_each_axis(&mut steps, axes, |steps, _| push_off_check(steps));
     }
-    push_nmt(&mut steps, config);
-    push_identity(&mut steps, config);
-    push_off_check(&mut steps);
-    steps.push(Step::write(object::CONTROLWORD, 0, 0_u16).named("power off").if_accepted());
-    if *config.drive.parameters != ParameterSet::default() {
+    push_nmt(&mut steps, node);
+    push_identity(&mut steps, node);
+    for_each_axis(&mut steps, axes, push_mode_check);
+    for_each_axis(&mut steps, axes, |steps, _| {
+        push_off_check(steps);
+        steps.push(Step::write(object::CONTROLWORD, 0, 0_u16).named("power off").if_accepted());
+    });
+    if *node.drive.parameters != ParameterSet::default() {
         steps.push(Step::device(NodeAction::WriteParameters));
     }
-    push_heartbeats(&mut steps, config, bus);
-    push_mapping(&mut steps, config)?;
-    push_times(&mut steps, config, bus);
-    push_stop_options(&mut steps, config);
-    push_limits(&mut steps, config);
-    push_mode_parameters(&mut steps, config);
-    steps.extend(config.drive.further.iter().copied());
-    steps.extend(StopOptions::steps(config.drive.guarding.is_some()));
-    if config.reads_limits() {
-        steps.extend(DriveLimits::steps());
+    push_heartbeats(&mut steps, node, bus);
+    for_each_axis(&mut steps, axes, |steps, axis| push_host_loss(steps, axis, bus));
+    for axis in axes {
+        for pdo in axis.pdo_mappings() {
+            steps.extend(pdo.steps()?);
+        }
+        for_each_axis(&mut steps, &[*axis], push_outputs);
     }
-    if config.scale_source != ScaleSource::Configured || config.reads_limits() {
-        steps.extend(DriveUnits::steps(config.scale_source == ScaleSource::Drive));
+    push_other_tpdos(&mut steps, axes)?;
+    push_sync(&mut steps, bus);
+    for_each_axis(&mut steps, axes, |steps, axis| push_interpolation_time(steps, axis, bus));
+    for axis in axes {
+        for_each_axis(&mut steps, &[*axis], |steps, axis| {
+            push_stop_options(steps, axis);
+            push_limits(steps, axis);
+            push_mode_parameters(steps, axis);
+        });
+        steps.extend(axis.drive.further.iter().copied());
     }
+    steps.extend(StopOptions::node_steps(node.drive.guarding.is_some()));
+    for_each_axis(&mut steps, axes, |steps, axis| {
+        steps.extend(StopOptions::steps());
+        if axis.reads_limits() {
+            steps.extend(DriveLimits::steps());
+        }
+        if axis.scale_source != ScaleSource::Configured || axis.reads_limits() {
+            steps.extend(DriveUnits::steps(axis.scale_source == ScaleSource::Drive));
+        }
+    });
     steps.push(Step::device(NodeAction::Nmt(NmtCommand::Start)));
     Ok(steps)
+}
+
+/// Adds steps with the objects of the first axis for each axis.
+fn for_each_axis(
+    steps: &mut Vec<Step>,
+    axes: &[&AxisConfig],
+    push: impl Fn(&mut Vec<Step>, &AxisConfig),
+) {
+    for axis in axes {
+        let mut of_first = Vec::new();
+        push(&mut of_first, axis);
+        steps.extend(of_first.into_iter().map(|step| axis_step(axis.node_axis, step)));
+    }
 }
 
 fn push_nmt(steps: &mut Vec<Step>, config: &AxisConfig) {
@@ -101,6 +135,9 @@ fn push_identity(steps: &mut Vec<Step>, config: &AxisConfig) {
         steps.push(step.named("drive profile"));
     }
     steps.extend(drive.identity.steps());
+}
+
+fn push_mode_check(steps: &mut Vec<Step>, config: &AxisConfig) {
     let mode = Expectation::HasBits(SupportedModes::bit(config.mode).into());
     let modes = Step::expect_that(object::SUPPORTED_MODES, 0, mode);
     steps.push(modes.named("supported modes").if_present());
@@ -121,32 +158,38 @@ fn push_heartbeats(steps: &mut Vec<Step>, config: &AxisConfig, bus: &BusConfig) 
         let step = Step::write(object::CONSUMER_HEARTBEAT, 1, entry.raw());
         steps.push(step.named("watch the host").if_present());
     }
+}
+
+fn push_host_loss(steps: &mut Vec<Step>, config: &AxisConfig, bus: &BusConfig) {
+    let drive = &config.drive;
+    let is_watched = bus.host.is_some() && drive.host_heartbeat_ms > 0 || drive.guarding.is_some();
     if let Some(reaction) = drive.host_loss
-        && (host.is_some() || drive.guarding.is_some())
+        && is_watched
     {
         let step = Step::write(object::ABORT_CONNECTION_OPTION, 0, reaction.raw());
         steps.push(step.named("reaction to a lost host").if_present());
     }
 }
 
-fn push_mapping(steps: &mut Vec<Step>, config: &AxisConfig) -> Result<(), PdoMappingError> {
-    let (first, layout) = (config.pdo_number, config.layout());
-    for pdo in config.pdo_mappings() {
-        steps.extend(pdo.steps()?);
+fn push_other_tpdos(steps: &mut Vec<Step>, axes: &[&AxisConfig]) -> Result<(), PdoMappingError> {
+    if !axes.first().is_some_and(|node| node.drive.silence_other_tpdos) {
+        return Ok(());
     }
-    push_outputs(steps, config, &layout);
-    if config.drive.silence_other_tpdos {
-        let is_used = |number: u8| (first..).take(layout.tpdo_count()).any(|used| used == number);
-        for other in (1..=LAST_PDO).filter(|other| !is_used(*other)) {
-            let off = PdoMapping::disabling_steps(PdoDirection::Transmit, other.into())?;
-            steps.extend(off.into_iter().map(Step::if_present));
-        }
+    let is_used = |number: u16| {
+        axes.iter().any(|axis| {
+            (axis.pdo_number..).take(axis.layout().tpdo_count()).any(|used| used == number)
+        })
+    };
+    for other in (1..=LAST_PDO).filter(|other| !is_used(*other)) {
+        let off = PdoMapping::disabling_steps(PdoDirection::Transmit, other)?;
+        steps.extend(off.into_iter().map(Step::if_present));
     }
     Ok(())
 }
 
 /// The drive may have a feed-forward of an earlier owner. The mask selects the outputs that are set.
-fn push_outputs(steps: &mut Vec<Step>, config: &AxisConfig, layout: &PdoLayout) {
+fn push_outputs(steps: &mut Vec<Step>, config: &AxisConfig) {
+    let layout = config.layout();
     if layout.has_output(OutputObject::VelocityOffset) {
         steps.push(Step::write(object::VELOCITY_OFFSET, 0, 0_i32).named("no velocity offset"));
     }
@@ -159,8 +202,7 @@ fn push_outputs(steps: &mut Vec<Step>, config: &AxisConfig, layout: &PdoLayout) 
     }
 }
 
-/// In every mode, since [`can_switch_to`] allows a cyclic one later.
-fn push_times(steps: &mut Vec<Step>, config: &AxisConfig, bus: &BusConfig) {
+fn push_sync(steps: &mut Vec<Step>, bus: &BusConfig) {
     if bus.sync.counter_overflow.is_some() {
         // The counter can only be set while the period is 0.
         let step = Step::write(object::COMMUNICATION_CYCLE, 0, 0_u32);
@@ -171,6 +213,10 @@ fn push_times(steps: &mut Vec<Step>, config: &AxisConfig, bus: &BusConfig) {
         let step = Step::write(object::COMMUNICATION_CYCLE, 0, period_us);
         steps.push(step.named("SYNC period").if_accepted());
     }
+}
+
+/// In every mode, since [`can_switch_to`] allows a cyclic one later.
+fn push_interpolation_time(steps: &mut Vec<Step>, config: &AxisConfig, bus: &BusConfig) {
     if let Some((value, power)) = interpolation_time(bus.target_period_ns) {
         let is_needed =
             config.mode.is_cyclic() || can_switch_to(config, OperatingMode::CyclicPosition);
@@ -286,7 +332,7 @@ mod tests {
             OperatingMode::ProfilePosition,
         ] {
             config.mode = mode;
-            let steps = steps(&config, &bus).unwrap();
+            let steps = steps(&[&config], &bus).unwrap();
             let texts: Vec<_> = steps.iter().map(|step| step.action.to_string()).collect();
             for write in ["write 0x1006:00 = 0x000007D0", "write 0x60C2:01 = 0x06"] {
                 assert!(texts.iter().any(|text| text.contains(write)), "{mode}: {texts:#?}");
@@ -308,7 +354,7 @@ mod tests {
             sync: SyncConfig::default(),
         };
         let texts: Vec<String> =
-            steps(&config, &bus).unwrap().iter().map(|step| step.action.to_string()).collect();
+            steps(&[&config], &bus).unwrap().iter().map(|step| step.action.to_string()).collect();
         let position_of = |part: &str| {
             let at = texts.iter().position(|text| text.contains(part));
             at.unwrap_or_else(|| panic!("no {part} in {texts:#?}"))
@@ -342,6 +388,50 @@ mod tests {
     }
 
     #[test]
+    fn node_of_several_axes_is_configured_once() {
+        let node = NodeId::new(5).unwrap();
+        let first = AxisConfig::new(NodeAddress { slave: 0, channel: 1, node });
+        let second = first.clone().with_node_axis(1, 2);
+        let host =
+            HostHeartbeat { node: NodeId::new(127).unwrap(), period: Duration::from_millis(50) };
+        let bus = BusConfig {
+            sync_period_ns: 1_000_000,
+            target_period_ns: 1_000_000,
+            host: Some(host),
+            sync: SyncConfig::default(),
+        };
+        let steps = steps(&[&first, &second], &bus).unwrap();
+        let texts: Vec<String> = steps.iter().map(|step| step.action.to_string()).collect();
+        let count = |part: &str| texts.iter().filter(|text| text.contains(part)).count();
+        for once in [
+            "NMT enter",
+            "NMT start",
+            "check 0x1000:00",
+            "write 0x1017:00",
+            "write 0x1016:01",
+            "write 0x1006:00",
+            "read 0x1016:01",
+            "check 0x6502:00",
+            "check 0x6D02:00",
+            "write 0x6040:00 = 0x0000",
+            "write 0x6840:00 = 0x0000",
+            "write 0x6807:00 = 0x0003",
+            "write 0x1601:01 = 0x68400010",
+            "write 0x1601:02 = 0x687A0020",
+            "write 0x1A01:02 = 0x68640020",
+            "write 0x68C2:01",
+            "read 0x685A:00",
+        ] {
+            assert_eq!(count(once), 1, "{once}: {texts:#?}");
+        }
+        let off: Vec<_> = [1, 2, 3, 4]
+            .into_iter()
+            .filter(|nth| !texts.contains(&format!("write 0x{:04X}:00 = 0x02", 0x19FF + nth)))
+            .collect();
+        assert_eq!(off, [3, 4], "TPDOs that no axis has");
+    }
+
+    #[test]
     fn no_host_heartbeat_configures_no_consumer() {
         let node = NodeId::new(5).unwrap();
         let config = AxisConfig::new(NodeAddress { slave: 0, channel: 1, node });
@@ -351,7 +441,7 @@ mod tests {
             host: None,
             sync: SyncConfig::default(),
         };
-        let steps = steps(&config, &bus).unwrap();
+        let steps = steps(&[&config], &bus).unwrap();
         let text: String = steps.iter().map(|step| step.action.to_string()).collect();
         assert!(!text.contains("write 0x1016") && !text.contains("write 0x6007"), "{text}");
         assert!(text.contains("change 0x1802:01"), "the other TPDOs are off");

@@ -3,6 +3,7 @@
 use std::time::Duration;
 
 use ecan_mcan_port::Port;
+use ecan_protocol::can::CanId;
 use ecan_protocol::config::TxMode;
 use ecan_protocol::mapping::{CHANNELS, Direction};
 
@@ -57,8 +58,21 @@ fn examine<'a>(
         }
         check_address(port, axis, &mut report);
         let address = axis.address;
-        if let Some((other, _)) = earlier.iter().find(|(_, earlier)| earlier.address == address) {
+        let of_node = || earlier.iter().filter(|(_, earlier)| earlier.address == address);
+        if let Some((other, _)) = of_node().find(|(_, it)| it.node_axis == axis.node_axis) {
             report(AxisFault::SameNode { address, other: *other });
+        } else if let Some((other, _)) = of_node().find(|(_, it)| !it.shares_node_settings(axis)) {
+            report(AxisFault::NodeSettings { address, other: *other });
+        }
+        for (other, earlier) in &earlier {
+            let channel = |axis: &AxisConfig| (axis.address.slave, axis.address.channel);
+            if channel(earlier) == channel(axis)
+                && (earlier.address, earlier.node_axis) != (address, axis.node_axis)
+                && let Some(cob_id) = pdo_ids(axis).find(|id| pdo_ids(earlier).any(|it| it == *id))
+            {
+                report(AxisFault::SameCobId { cob_id, other: *other });
+                break;
+            }
         }
         if config.network.host_heartbeat.is_some_and(|host| host.node == address.node) {
             report(AxisFault::HostNode { address });
@@ -71,6 +85,13 @@ fn examine<'a>(
         }
     }
     limited
+}
+
+/// CAN IDs of the PDOs of an axis.
+fn pdo_ids(axis: &AxisConfig) -> impl Iterator<Item = CanId> + '_ {
+    let layout = axis.layout();
+    let received = (0..layout.rpdo_count()).map(|nth| axis.rpdo_id(nth));
+    received.chain((0..layout.tpdo_count()).map(|nth| axis.tpdo_id(nth)))
 }
 
 /// Checks that the Port has the channel of an axis, in both directions and in order.

@@ -12,13 +12,14 @@ use super::error::{Cia402Error, ScheduleError};
 use super::load::{BusLoad, process_data};
 use super::lookup::AxisLookup;
 use super::path_stop::{PathProfile, PathStop};
+use super::shared_node::SharedNode;
 use super::shutdown::Shutdown;
 use super::table_config::{Cia402Config, target_cycles};
 use crate::axis::axis::Axis;
 use crate::axis::command_error::CommandError;
 use crate::axis::config::AxisConfig;
 use crate::axis::interpolation_time::interpolation_time;
-use crate::axis::setup_steps::BusConfig;
+use crate::axis::setup_steps::{self, BusConfig};
 use crate::axis::target_period::TargetPeriod;
 use crate::guard::gateway_watch::GatewayWatch;
 use crate::observation;
@@ -105,6 +106,7 @@ use crate::observation;
 pub struct Cia402 {
     pub(super) network: Network,
     pub(super) axes: Vec<Axis>,
+    pub(super) shared_nodes: Vec<SharedNode>,
     /// By slave.
     pub(super) gateways: Vec<GatewayWatch>,
     pub(super) lookup: AxisLookup,
@@ -162,24 +164,28 @@ impl Cia402 {
             let (slave, channel) = (address.slave, address.channel);
             // The heartbeat is watched once the drive has been told to produce one.
             let node = NodeConfig { heartbeat_timeout: Duration::ZERO, ..config.node };
-            let handle = network.add_node(address, node)?;
+            let handle = match network.find(address) {
+                Some(handle) => handle,
+                None => network.add_node(address, node)?,
+            };
             // infallible: the network takes no more nodes than that
             let number = u16::try_from(index).unwrap_or(u16::MAX);
-            lookup.insert(address, axis.pdo_number, axis.layout().tpdo_count(), number);
+            let tpdos = axis.layout().tpdo_count();
+            lookup.insert(address, (0..tpdos).map(|nth| axis.tpdo_id(nth)), number);
             // Until the state of the drive is known, nothing keeps it running.
             network.set_paused(slave, channel, true);
             let periods = (cycles_per_sync, sync_period_ns);
-            let mut axis =
-                Axis::new(index, (axis, ramp), handle, periods, target_period, config.takeover);
-            axis.load_steps(&mut network, &bus)
-                .map_err(|error| Cia402Error::Mapping { axis: index, error })?;
-            table.push(axis);
+            let takeover = config.takeover;
+            table.push(Axis::new(index, (axis, ramp), handle, periods, target_period, takeover));
         }
+        let shared_nodes = SharedNode::find(&mut table);
+        load_steps(&mut table, &mut network, &bus)?;
         observation::reserve(port.adapter(), table.iter().map(|axis| &axis.config));
         Ok(Self {
             quick_stops: port.adapter().quick_stops(table.len()),
             network,
             axes: table,
+            shared_nodes,
             gateways: (0..slaves).map(|slave| GatewayWatch::new(slave, cycles_per_sync)).collect(),
             lookup,
             bus,
@@ -255,9 +261,9 @@ impl Cia402 {
         for axis in &mut self.axes {
             axis.target_period = TargetPeriod::new(target_cycles, period_ns);
             axis.convert_limits(target_period);
-            // infallible: the same objects were mapped when the axis was created
-            let _ = axis.load_steps(&mut self.network, &self.bus);
         }
+        // infallible: the same objects were mapped when the axes were created
+        let _ = load_steps(&mut self.axes, &mut self.network, &self.bus);
         Ok(())
     }
 
@@ -338,8 +344,7 @@ impl Cia402 {
             self.axes.iter().map(|a| (a.config.address.slave, a.config.address.channel)).collect();
         channels.sort_unstable();
         channels.dedup();
-        let axes =
-            self.axes.iter().map(|a| (a.config.address, a.config.pdo_number, &a.further.layout));
+        let axes = self.axes.iter().map(|axis| (&axis.config, &axis.further.layout));
         let offset_ns = self.target_options.schedule.map(|schedule| schedule.offset_ns);
         let streams = process_data(axes, &self.sync, self.target_cycles, offset_ns);
         let cycle_ns = self.cycle_ns;
@@ -353,4 +358,23 @@ impl Cia402 {
         };
         channels.into_iter().filter_map(load).collect()
     }
+}
+
+/// Prepares the steps of the configuration of each node, in its first axis. Allocates.
+fn load_steps(
+    axes: &mut [Axis],
+    network: &mut Network,
+    bus: &BusConfig,
+) -> Result<(), Cia402Error> {
+    for index in 0..axes.len() {
+        let Some(first) = axes.get(index).filter(|axis| axis.node_share.is_first) else { continue };
+        let of_node: Vec<&AxisConfig> =
+            axes.iter().filter(|axis| axis.node == first.node).map(|axis| &axis.config).collect();
+        let steps = setup_steps::steps(&of_node, bus)
+            .map_err(|error| Cia402Error::Mapping { axis: index, error })?;
+        if let Some(axis) = axes.get_mut(index) {
+            axis.load_steps(network, steps);
+        }
+    }
+    Ok(())
 }

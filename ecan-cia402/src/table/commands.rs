@@ -54,14 +54,14 @@ impl Cia402 {
     /// all commands below.
     ///
     /// Optional objects are skipped if the drive does not have them. A drive that restarts loses its
-    /// configuration and must be configured again.
+    /// configuration and must be configured again. The axes of a node are configured together; those that
+    /// are enabled are stopped, too.
     ///
     /// # Errors
     /// A [`CommandError`].
     pub fn configure(&mut self, axis: usize) -> Result<(), CommandError> {
-        let Self { axes, network, now_ns, .. } = self;
-        let axis = axes.get_mut(axis).ok_or(CommandError::NoSuchAxis { axis })?;
-        axis.configure(network, *now_ns);
+        self.axis_mut(axis)?;
+        self.configure_node(axis);
         Ok(())
     }
 

@@ -94,9 +94,11 @@ impl Cia402 {
         });
         self.begin_target_period();
         self.observe(cycle);
+        self.begin_shared_nodes();
         for axis in &mut self.axes {
             axis.step(&mut self.network, self.now_ns);
         }
+        self.end_shared_nodes();
         if self.is_paused {
             self.resume_channels();
         }

@@ -4,7 +4,7 @@ use ecan_mcan_port::{ChannelLoad, FrameRate, FrameStream};
 use ecan_protocol::can::{CanFrame, CanId};
 use ecan_protocol::config::{DATA_PATH_BUDGET_MAX, McanChannelConfig};
 
-use ecan_canopen::{CobId, MappingEntry, NodeAddress, SYNC_COB_ID, SyncConfig};
+use ecan_canopen::{MappingEntry, NodeAddress, SYNC_COB_ID, SyncConfig};
 
 use super::table_config::Cia402Config;
 use crate::axis::config::AxisConfig;
@@ -98,14 +98,12 @@ impl BusLoad {
 /// has one. SDO, heartbeats and NMT come on top. Needs no Port; allocates.
 pub fn axis_traffic(axes: &[AxisConfig], config: &Cia402Config) -> Vec<FrameStream> {
     let layouts: Vec<PdoLayout> = axes.iter().map(AxisConfig::layout).collect();
-    let axes = axes.iter().zip(&layouts);
-    let axes = axes.map(|(axis, layout)| (axis.address, axis.pdo_number, layout));
-    process_data(axes, &config.sync, config.target_cycles(), None)
+    process_data(axes.iter().zip(&layouts), &config.sync, config.target_cycles(), None)
 }
 
 /// The same for axes with these layouts, and targets that go out at an offset after Sync0.
 pub(super) fn process_data<'a>(
-    axes: impl Iterator<Item = (NodeAddress, u8, &'a PdoLayout)>,
+    axes: impl Iterator<Item = (&'a AxisConfig, &'a PdoLayout)>,
     sync: &SyncConfig,
     target_cycles: u32,
     target_offset_ns: Option<u32>,
@@ -114,17 +112,16 @@ pub(super) fn process_data<'a>(
         (FrameRate::EveryCycles(target_cycles), FrameRate::EveryCycles(sync.every_cycles.max(1)));
     let mut streams = Vec::new();
     let mut channels = Vec::new();
-    for (NodeAddress { slave, channel, node }, pdo_number, layout) in axes {
-        for (nth, number) in (0..layout.rpdo_count()).zip(pdo_number..) {
-            let id = CobId::rpdo(node, number).can_id();
-            if let Some(frame) = frame(id, bytes(layout.rpdo_entries(nth))) {
+    for (axis, layout) in axes {
+        let NodeAddress { slave, channel, .. } = axis.address;
+        for nth in 0..layout.rpdo_count() {
+            if let Some(frame) = frame(axis.rpdo_id(nth), bytes(layout.rpdo_entries(nth))) {
                 let target = FrameStream::to_bus(slave, channel, frame, per_target);
                 streams.push(FrameStream { schedule_offset_ns: target_offset_ns, ..target });
             }
         }
-        for (nth, number) in (0..layout.tpdo_count()).zip(pdo_number..) {
-            let id = CobId::tpdo(node, number).can_id();
-            if let Some(frame) = frame(id, bytes(layout.tpdo_entries(nth))) {
+        for nth in 0..layout.tpdo_count() {
+            if let Some(frame) = frame(axis.tpdo_id(nth), bytes(layout.tpdo_entries(nth))) {
                 streams.push(FrameStream::from_bus(slave, channel, frame, per_sync));
             }
         }

@@ -11,6 +11,7 @@ mod lookup;
 mod path_stop;
 mod process_data;
 mod sdo;
+mod shared_node;
 mod shutdown;
 mod stop_together;
 mod table_config;

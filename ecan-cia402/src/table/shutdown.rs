@@ -82,16 +82,22 @@ impl Shutdown {
                 if axes.iter().all(|axis| is_stopped_or_gone(axis, now_ns))
                     || is_over(since_ns, DISABLE_NS) =>
             {
-                axes.iter_mut().for_each(|axis| axis.begin_release(has_host_heartbeat));
+                for index in 0..axes.len() {
+                    if node_is_stopped(axes, index, now_ns)
+                        && let Some(axis) = axes.get_mut(index)
+                    {
+                        axis.begin_release(has_host_heartbeat);
+                    }
+                }
                 Self::Releasing { since_ns: now_ns }
             }
             Self::Releasing { since_ns }
                 if axes.iter().all(is_released) || is_over(since_ns, RELEASE_NS) =>
             {
-                for axis in axes.iter_mut() {
-                    axis.cancel_release(network);
+                axes.iter_mut().for_each(|axis| axis.cancel_release(network));
+                for (index, axis) in axes.iter().enumerate() {
                     // A drive that has not stopped keeps the state in which it watches the host.
-                    if axis.is_stopped(now_ns) {
+                    if axis.node_share.is_first && node_is_stopped(axes, index, now_ns) {
                         // A full queue is not sent any more, either.
                         let _ = network.nmt(axis.node, NmtCommand::EnterPreOperational);
                     }
@@ -101,6 +107,12 @@ impl Shutdown {
             waiting => waiting,
         }
     }
+}
+
+/// Returns whether all axes of the node of an axis have stopped.
+fn node_is_stopped(axes: &[Axis], index: usize, now_ns: u64) -> bool {
+    let Some(node) = axes.get(index).map(|axis| axis.node) else { return false };
+    axes.iter().filter(|axis| axis.node == node).all(|axis| axis.is_stopped(now_ns))
 }
 
 /// The shutdown does not wait for a drive that does not answer.

@@ -10,8 +10,8 @@ use ecan_mcan_port::{
     ChannelConfig, Cycle, GatewayConfig, Port, PortConfig, Session, SlaveStatistics,
 };
 use ecan_sim::{
-    ClockKind, Drive, DriveConfig, DriveFault, DriveQuirks, Fault, NodeKind, Scenario, SimOptions,
-    Simulation, TargetRecord,
+    ClockKind, Drive, DriveAxis, DriveConfig, DriveFault, DriveQuirks, Fault, NodeKind, Scenario,
+    SimOptions, Simulation, TargetRecord,
 };
 
 pub const START: Duration = Duration::from_secs(10);
@@ -186,8 +186,14 @@ impl Fixture {
         })
     }
 
+    /// The axis of the drive that an axis of the table commands.
+    pub fn drive_axis<T>(&self, axis: usize, look: impl FnOnce(DriveAxis<'_>) -> T) -> T {
+        let number = usize::from(self.cia402.config(axis).unwrap().node_axis);
+        self.drive(axis, |drive| look(drive.axis(number).expect("an axis of the drive")))
+    }
+
     pub fn history(&self, axis: usize) -> Vec<TargetRecord> {
-        self.drive(axis, |drive| drive.targets().iter().copied().collect())
+        self.drive_axis(axis, |drive| drive.targets().iter().copied().collect())
     }
 
     pub fn inject(&self, fault: Fault) {
@@ -208,7 +214,7 @@ impl Fixture {
     pub fn check(&self) {
         for axis in 0..self.cia402.axis_count() {
             let config = self.cia402.config(axis).unwrap();
-            let sums = self.drive(axis, |drive| *drive.targets().sums());
+            let sums = self.drive_axis(axis, |drive| *drive.targets().sums());
             let text = format!("axis {axis}: {sums:?}");
             assert!(sums.largest_first_offset <= 2 * config.standstill, "first target, {text}");
             assert!(sums.largest_step <= config.step_limit, "step, {text}");

@@ -103,7 +103,7 @@ impl igh_cia402_axis_t {
             channel,
             node_id,
             mode: settings.mode.raw(),
-            pdo_number: settings.pdo_number,
+            pdo_number: u8::try_from(settings.pdo_number).unwrap_or(u8::MAX),
             auto_resume: settings.auto_resume.into(),
             range: igh_cia402_range_t::IGH_CIA402_RANGE_LINEAR as u8,
             range_min: 0,
@@ -226,7 +226,7 @@ impl igh_cia402_axis_t {
             drain_images: self.drain_images,
             auto_resume: self.auto_resume != 0,
             enable_timeout: duration(self.enable_timeout_ms),
-            pdo_number: self.pdo_number,
+            pdo_number: self.pdo_number.into(),
             drive,
             ..AxisConfig::new(NodeAddress { slave, channel, node: node? })
         }

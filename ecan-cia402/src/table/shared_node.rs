@@ -1,0 +1,145 @@
+//! Nodes with several axes: configured once, and one axis at a time stops by SDO.
+
+use ecan_canopen::Network;
+
+use super::cia402::Cia402;
+use crate::axis::axis::Axis;
+use crate::axis::node_share::NodeShare;
+use crate::axis::phase::AxisError;
+use crate::axis::setup::SetupState;
+
+/// A node with several axes in the table.
+#[derive(Debug)]
+pub(super) struct SharedNode {
+    /// Indices in the table; the first one has the steps of the configuration.
+    axes: Vec<usize>,
+    /// The axis that may begin SDO transfers next.
+    turn: usize,
+}
+
+impl SharedNode {
+    /// The nodes with several axes, and the part of each axis. Allocates.
+    pub(super) fn find(axes: &mut [Axis]) -> Vec<Self> {
+        let mut nodes = Vec::new();
+        for index in 0..axes.len() {
+            let Some(node) = axes.get(index).map(|axis| axis.node) else { continue };
+            let of_node = || axes.iter().filter(|axis| axis.node == node).map(|axis| axis.index);
+            let members: Vec<usize> = of_node().collect();
+            if members.len() < 2 {
+                continue;
+            }
+            let is_first = members.first() == Some(&index);
+            if let Some(axis) = axes.get_mut(index) {
+                let count = members.len();
+                let share = NodeShare::default();
+                axis.node_share = NodeShare { count, is_first, may_begin: false, ..share };
+            }
+            if is_first {
+                nodes.push(Self { axes: members, turn: 0 });
+            }
+        }
+        nodes
+    }
+
+    fn members<'a>(&'a self, axes: &'a [Axis]) -> impl Iterator<Item = &'a Axis> {
+        self.axes.iter().filter_map(|index| axes.get(*index))
+    }
+
+    fn for_each(&self, axes: &mut [Axis], mut action: impl FnMut(&mut Axis)) {
+        for index in &self.axes {
+            axes.get_mut(*index).into_iter().for_each(&mut action);
+        }
+    }
+
+    /// Before the steps of the axes: gives the SDO client to one of them.
+    fn begin_cycle(&mut self, axes: &mut [Axis]) {
+        let running = self
+            .axes
+            .iter()
+            .copied()
+            .find(|index| axes.get(*index).is_some_and(|axis| axis.poll.is_running()));
+        let next = self.axes.get(self.turn % self.axes.len().max(1)).copied();
+        self.turn = self.turn.wrapping_add(1);
+        let holder = running.or(next);
+        self.for_each(axes, |axis| axis.node_share.may_poll = Some(axis.index) == holder);
+    }
+
+    /// After the steps of the axes: continues the configuration of the node.
+    fn end_cycle(&self, axes: &mut [Axis], network: &mut Network, now_ns: u64) {
+        if self.members(axes).any(|axis| axis.node_share.is_setup_wanted) {
+            let is_pending = self.members(axes).all(|axis| axis.setup.is_pending());
+            self.for_each(axes, |axis| {
+                axis.node_share.is_setup_wanted = false;
+                if !is_pending {
+                    axis.request_setup(network, now_ns);
+                }
+            });
+        }
+        if self.members(axes).all(Axis::is_ready_for_setup) {
+            return self.for_each(axes, |axis| axis.begin_setup(network));
+        }
+        let failed = self.members(axes).find(|axis| matches!(axis.setup, SetupState::Failed));
+        if let Some(error) = failed.map(|axis| axis.error) {
+            // One that could not be stopped keeps the others from their configuration.
+            self.for_each(axes, |axis| {
+                if matches!(axis.setup, SetupState::Requested) {
+                    axis.setup = SetupState::Failed;
+                    axis.error = error;
+                }
+            });
+        }
+        self.finish_steps(axes, network);
+    }
+
+    /// The steps of the first axis are complete, or have failed: so are those of the others.
+    fn finish_steps(&self, axes: &mut [Axis], network: &mut Network) {
+        let Some((first, others)) = self.axes.split_first() else { return };
+        let Some(first) = axes.get_mut(*first) else { return };
+        let (setup, error) = (first.setup, first.error);
+        if matches!(setup, SetupState::Configuring | SetupState::Requested) {
+            return;
+        }
+        let configurator = std::mem::take(&mut first.configurator);
+        for other in others {
+            let Some(axis) = axes.get_mut(*other) else { continue };
+            if !matches!(axis.setup, SetupState::Configuring) {
+                continue;
+            }
+            match (setup, error) {
+                (SetupState::SettingMode(_) | SetupState::Complete, _) => {
+                    axis.steps_done(network, &configurator);
+                }
+                (SetupState::Failed, Some(AxisError::Setup(failure))) => axis.setup_failed(failure),
+                _ => axis.setup = SetupState::Unconfigured,
+            }
+        }
+        if let Some(first) = self.axes.first().and_then(|first| axes.get_mut(*first)) {
+            first.configurator = configurator;
+        }
+    }
+}
+
+impl Cia402 {
+    pub(super) fn begin_shared_nodes(&mut self) {
+        for node in &mut self.shared_nodes {
+            node.begin_cycle(&mut self.axes);
+        }
+    }
+
+    pub(super) fn end_shared_nodes(&mut self) {
+        let Self { shared_nodes, axes, network, now_ns, .. } = self;
+        shared_nodes.iter().for_each(|node| node.end_cycle(axes, network, *now_ns));
+    }
+
+    /// Requests the configuration of an axis, with all axes of its node.
+    pub(super) fn configure_node(&mut self, index: usize) {
+        let Self { shared_nodes, axes, network, now_ns, .. } = self;
+        let shared = shared_nodes.iter().find(|node| node.axes.contains(&index));
+        match shared {
+            Some(node) => node.for_each(axes, |axis| axis.configure(network, *now_ns)),
+            None => {
+                axes.get_mut(index).into_iter().for_each(|axis| axis.configure(network, *now_ns));
+            }
+        }
+    }
+}
