@@ -57,7 +57,7 @@ use std::fs::File;
 use std::io::{self, Read};
 use std::path::Path;
 
-use ecan_canopen::NodeDescription;
+use ecan_canopen::{NetworkDescription, NodeDescription};
 use ecan_cia402::AxisConfig;
 use ecan_host::{Expectation, StartupStep};
 use ecan_mcan_port::Config;
@@ -173,6 +173,18 @@ pub fn load_nodes(path: impl AsRef<Path>) -> Result<Vec<NodeDescription>, Config
         .filter(|it| !it.has_axis)
         .map(|it| it.node.description)
         .collect())
+}
+
+/// Reads the whole CANopen network of a configuration: all nodes, those with an axis too, in the order
+/// of the file, then the axes without a node. The process data of axes are among the PDOs. For tools
+/// that select a node by its name, and for
+/// [`NetworkDescription::check`], which has found no fault.
+///
+/// # Errors
+/// [`ConfigFileError`]: the file cannot be read, or every fault of it, with line and column.
+pub fn load_network(path: impl AsRef<Path>) -> Result<NetworkDescription, ConfigFileError> {
+    let Bus { config, nodes, axes, .. } = load_bus(path.as_ref())?;
+    Ok(node::network(&config, &nodes, &axes))
 }
 
 /// Reads the device profiles that a configuration includes, with the effects of their values, in the

@@ -22,7 +22,7 @@ use crate::text_lines::TextLines;
 use device_files::DeviceFiles;
 use resolve::{ResolvedNode, resolve};
 
-pub(crate) use check::check;
+pub(crate) use check::{check, network};
 
 /// A node of a file, and the locations of its parts.
 pub(crate) struct FileNode {

@@ -10,6 +10,7 @@ mod bus;
 mod commands;
 mod config_changes;
 mod config_file;
+mod configured_node;
 mod confirmation;
 mod context;
 mod ethercat_tool;

@@ -14,6 +14,13 @@ use crate::via_option::Via;
 /// Connects to the service of a master; `None` for the library. Reports the service on standard
 /// error.
 pub fn connect(global: &GlobalOptions, master: u32) -> Result<Option<ServiceConnection>> {
+    let connection = open(global, master)?;
+    connection.iter().for_each(note);
+    Ok(connection)
+}
+
+/// As [`connect`], without a report.
+pub fn open(global: &GlobalOptions, master: u32) -> Result<Option<ServiceConnection>> {
     let connection = match &global.via {
         Via::Service(_) if global.ecrt.is_some() => {
             let message = "--ecrt and a service exclude each other; use --via direct";
@@ -34,7 +41,6 @@ pub fn connect(global: &GlobalOptions, master: u32) -> Result<Option<ServiceConn
             "{path} serves master {found}, not master {master}; set --master or --via"
         )));
     }
-    note(&connection);
     Ok(Some(connection))
 }
 

@@ -116,7 +116,7 @@ fn node_that_does_not_exist_is_named_with_the_remedy() {
         (&["--node", "0"][..], "1 to 127"),
         (&["--node", "4.1"], "expected a channel, 0 to 3"),
         (&["--node", "1.2", "--channel", "2"], "name different channels"),
-        (&[], "--node <ID>"),
+        (&[], "<NODE>"),
     ] {
         let message = drives_fail(2, &[&["node", "info"], arguments].concat());
         assert!(message.contains(expected), "{arguments:?}: {message}");
@@ -145,6 +145,17 @@ fn state_without_a_report_is_not_confirmed() {
     let stopped = drive.good(&["node", "nmt", "stop", "--node", "1"]);
     assert_eq!(stopped, "node 1 on can0: stopped, it no longer answers SDO requests\n");
     let message = drive.fails(1, &["node", "nmt", "preop", "--node", "1", "--timeout", "500"]);
+    assert!(message.contains("did not confirm pre-operational; set a producer"), "{message}");
+    // A request by node guarding would start the life guarding of this node.
+    let guarded = one_drive(1, "eds = \"guarded.eds\"\n", "");
+    let object = |index: &str, ty: u8, value: u32| {
+        format!(
+            "[{index}]\nParameterName=x{index}\nDataType={ty}\nAccessType=rw\nDefaultValue={value}\n"
+        )
+    };
+    let objects = object("1000", 7, 0x191) + &object("100C", 6, 100) + &object("100D", 5, 3);
+    guarded.write("guarded.eds", &objects);
+    let message = guarded.fails(1, &["node", "nmt", "preop", "--node", "1", "--timeout", "500"]);
     assert!(message.contains("did not confirm pre-operational; set a producer"), "{message}");
     let message = drives_fail(1, &["node", "nmt", "preop", "--all", "--timeout", "500"]);
     assert!(message.contains("no node on can0 reported a state"), "{message}");

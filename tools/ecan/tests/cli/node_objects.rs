@@ -2,6 +2,7 @@
 
 use serde_json::Value;
 
+use crate::serve::serve_bus;
 use crate::support::{Scenario, fails, good};
 
 fn sdo(arguments: &[&str]) -> String {
@@ -17,8 +18,8 @@ fn objects_are_read_by_number_and_name() {
     for (object, expected) in [
         ("0x6064", "0x6064:00 position actual value = 1007\n"),
         ("position actual value", "0x6064:00 position actual value = 1007\n"),
-        ("0x1018:4", "0x1018:04 identity: serial number = 1008 (0x3F0)\n"),
-        ("identity:product", "0x1018:02 identity: product code = 402 (0x192)\n"),
+        ("0x1018:4", "0x1018:04 identity/serial number = 1008 (0x3F0)\n"),
+        ("identity:product", "0x1018:02 identity/product code = 402 (0x192)\n"),
         ("0x1008", "0x1008:00 device name = \"ECAN simulated servo drive\"\n"),
         ("0x6041", "0x6041:00 statusword = 576 (0x240): switch on disabled\n"),
         ("0x1000", "0x1000:00 device type = 131474 (0x20192): servo drive (CiA 402)\n"),
@@ -61,7 +62,7 @@ fn written_object_is_read_again() {
 #[test]
 fn invalid_objects_and_values_are_rejected_before_the_bus() {
     for (arguments, expected) in [
-        (&["read", "--node", "1", "nonsense"][..], "unknown object \"nonsense\""),
+        (&["read", "--node", "1", "nonsense"][..], "no object `nonsense`"),
         (&["read", "--node", "1", "0x10000"], "allowed: 0 to 0xFFFF"),
         (&["write", "--node", "1", "0x1017", "70000"], "70000 is out of range for UNSIGNED16"),
         (&["write", "--node", "1", "0x1017", "half"], "is not a number"),
@@ -96,7 +97,7 @@ fn list_shows_the_objects_that_the_node_has() {
     assert_eq!(lines.len(), 6, "{identity}");
     assert_eq!(
         lines[2],
-        "0x1018:01  u32   -       identity: vendor-ID         1397312768 (0x53494D00)"
+        "0x1018:01  u32   -       identity/vendor-ID         1397312768 (0x53494D00)"
     );
     // Names need no bus.
     let names = good(&["node", "sdo", "list", "--node", "1", "--names", "statusword"]);
@@ -143,4 +144,56 @@ fn unsuitable_device_file_is_reported() {
     assert!(message.contains("cannot use ") && message.contains("empty.eds"), "{message}");
     let message = sdo_fails(6, &["read", "--node", "1", "--eds", "/no/such.eds", "0x1000"]);
     assert!(message.contains("cannot read /no/such.eds"), "{message}");
+}
+
+/// A configuration file with two gateways, and nodes with names.
+fn named_nodes(files: &Scenario) -> String {
+    files.write("demo.eds", EDS);
+    files.write(
+        "machine.toml",
+        "cycle_us = 2000\n[[gateway]]\nn = 3\ncan0 = { bitrate = 500_000 }\n\
+         [[gateway]]\nposition = 1\nn = 3\ncan2 = { bitrate = 500_000 }\n\
+         [[node]]\nname = \"left\"\ngateway = 0\nchannel = 0\nnode = 1\ncheck_identity = false\n\
+         [[node]]\nname = \"Gripper\"\ngateway = 1\nchannel = 2\nnode = 7\nheartbeat_ms = 0\n\
+         device_file = \"demo.eds\"\nrpdo = []\n\
+         [[node]]\nname = \"left\"\ngateway = 1\nchannel = 2\nnode = 9\n",
+    )
+}
+
+const TWO: &str =
+    "[[gateway]]\n[[node]]\nkind = \"drive\"\nname = \"a\"\nbus = \"1.2\"\nnode_id = 7\n";
+
+#[test]
+fn node_is_selected_by_its_name_in_the_configuration() {
+    let scenario = Scenario::new(TWO);
+    let config = named_nodes(&scenario);
+    let run = |arguments: &[&str]| scenario.good(&[&["node"], arguments].concat());
+    let info = run(&["info", "gripper", "--config", &config]);
+    assert!(info.contains("node            7 on can2 of slave 1\n"), "{info}");
+    assert!(info.contains("device file     demo.eds: identity matches\n"), "{info}");
+    let read = ["sdo", "read", "demo text", "--node", "GRIPPER", "--config", &config];
+    assert_eq!(run(&read), "0x2001:00 Demo text = \"simulated\"\n", "names of its device file");
+    for (arguments, expected) in [
+        (&["gripper"][..], "the node \"gripper\" needs the configuration file"),
+        (&["arm", "--config", &config], "has no node \"arm\"; allowed: left, Gripper, left"),
+        (&["left", "--config", &config], "has several nodes \"left\": node 1 (slave 0, channel 0)"),
+        (&["gripper", "--channel", "1", "--config", &config], "name different channels"),
+        (&["gripper", "--config", &config, "--slave", "0"], "file states the gateway"),
+        (&["--config", &config], "required arguments were not provided"),
+    ] {
+        let message = scenario.fails(2, &[&["node", "info"], arguments].concat());
+        assert!(message.contains(expected), "{arguments:?}: {message}");
+    }
+}
+
+#[test]
+fn service_accepts_the_names_of_a_configuration() {
+    let scenario = Scenario::new(TWO);
+    let config = named_nodes(&scenario);
+    let mut served = serve_bus(&scenario.setting(), &[]);
+    served.program.wait_for_error("slave 1: ready");
+    let via = ["--via", served.path.as_str(), "node"];
+    let info = good(&[&via[..], &["info", "gripper", "--config", &config]].concat());
+    assert!(info.contains("node            7 on can2 of slave 1\n"), "{info}");
+    served.end();
 }

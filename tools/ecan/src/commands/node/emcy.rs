@@ -10,14 +10,14 @@ use serde::Serialize;
 use crate::context::{Context, Failure, Output, Result, Tone};
 use crate::frames::FrameOptions;
 
-use super::node_client::{NodeClient, start};
-use super::node_target::{JsonTarget, TargetArguments};
+use super::node_client::{NodeClient, start_for};
+use super::node_target::{JsonTarget, PositionalTarget};
 use super::object_value::error_text;
 
 #[derive(Debug, Args)]
 pub struct EmcyArguments {
     #[command(flatten)]
-    target: TargetArguments,
+    target: PositionalTarget,
     /// Clear the history after printing it: write 0 to 0x1003:00
     #[arg(long, conflicts_with = "watch")]
     clear: bool,
@@ -68,11 +68,11 @@ struct Message {
 const SDO_TIMEOUT: Duration = Duration::from_millis(500);
 
 pub fn run(arguments: &EmcyArguments, context: &Context) -> Result {
-    let target = arguments.target.target().map_err(Failure::Usage)?;
     let context = &context.on_stderr(arguments.options.capture.is_on_output());
+    let selected = arguments.target.select(&arguments.options, context)?;
     let has_end = !arguments.watch || arguments.count.is_some() || arguments.timeout.is_some();
-    let link = start(&arguments.options, target.channel, has_end, context)?;
-    NodeClient::new(link, target, SDO_TIMEOUT).run(|client| {
+    let link = start_for(&selected, has_end, context)?;
+    NodeClient::new(link, selected.target, SDO_TIMEOUT).run(|client| {
         let history = read(client, arguments.clear)?;
         context.output.data(&history, |out| print(&history, &context.output, out))?;
         if arguments.watch { watch(arguments, client, context) } else { Ok(()) }

@@ -14,9 +14,9 @@ use crate::frames::FrameOptions;
 use crate::table;
 
 use super::device_type::DeviceType;
-use super::node_client::{NodeClient, start};
-use super::node_target::{JsonTarget, TargetArguments};
-use super::object_names::{DeviceFileArguments, FileIdentity, ObjectNames};
+use super::node_client::{NodeClient, start_for};
+use super::node_target::{JsonTarget, PositionalTarget};
+use super::object_names::{DeviceFileArguments, ObjectNames};
 use super::object_value::{error_text, modes_text, status_text};
 use super::pdo_table::{self, NodePdo};
 use super::scan_report::state_name;
@@ -24,7 +24,7 @@ use super::scan_report::state_name;
 #[derive(Debug, Args)]
 pub struct InfoArguments {
     #[command(flatten)]
-    target: TargetArguments,
+    target: PositionalTarget,
     #[command(flatten)]
     eds: DeviceFileArguments,
     #[command(flatten)]
@@ -83,11 +83,11 @@ const MOST_HEARTBEAT_MS: u64 = 5_000;
 const GUARD_TIME: u16 = 0x100C;
 
 pub fn run(arguments: &InfoArguments, context: &Context) -> Result {
-    let target = arguments.target.target().map_err(Failure::Usage)?;
     let context = &context.on_stderr(arguments.options.capture.is_on_output());
-    let names = ObjectNames::of(&arguments.eds)?;
-    let link = start(&arguments.options, target.channel, true, context)?;
-    let client = NodeClient::new(link, target, SDO_TIMEOUT);
+    let selected = arguments.target.select(&arguments.options, context)?;
+    let names = ObjectNames::of(&arguments.eds, &selected)?;
+    let link = start_for(&selected, true, context)?;
+    let client = NodeClient::new(link, selected.target, SDO_TIMEOUT);
     let info = client.run(|client| read(client, &names))?;
     context.output.data(&info, |out| print(&info, &context.output, out))?;
     match info.device_file.as_ref().is_some_and(|it| !it.differences.is_empty()) {
@@ -169,17 +169,18 @@ fn state(client: &mut NodeClient, period_ms: u64) -> Result<Option<NmtState>> {
 
 /// Compares the identity with that of the device file.
 fn compare(names: &ObjectNames, vendor: Option<u64>, product: Option<u64>) -> Option<FileMatch> {
-    let FileIdentity { path, vendor_id, product_code } = names.file()?;
+    let (file, device) = names.file()?;
+    let info = &device.device_info;
     let difference = |what: &str, node: Option<u64>, file: Option<u32>| {
         let (node, file) = (node?, u64::from(file?));
         (node != file).then(|| format!("{what} is 0x{node:08X}, in the file 0x{file:08X}"))
     };
     let differences = [
-        difference("vendor-ID", vendor, *vendor_id),
-        difference("product code", product, *product_code),
+        difference("vendor-ID", vendor, info.vendor_number),
+        difference("product code", product, info.product_number),
     ];
     let differences = differences.into_iter().flatten().collect();
-    Some(FileMatch { file: path.display().to_string(), differences })
+    Some(FileMatch { file: file.to_owned(), differences })
 }
 
 fn print(info: &Info, output: &Output, out: &mut dyn Write) -> io::Result<()> {

@@ -11,7 +11,7 @@ use crate::confirmation::confirm;
 use crate::context::{Context, Failure, Result};
 use crate::frames::{FrameOptions, parse_channel};
 
-use super::node_client::{NodeClient, start};
+use super::node_client::{NodeClient, start, start_for};
 use super::node_link::{NodeLink, Observed};
 use super::node_target::NodeArgument;
 use super::scan_report::state_name;
@@ -75,8 +75,8 @@ pub struct NmtArguments {
     /// Command
     #[arg(value_enum)]
     command: Command,
-    /// Node-ID, 1 to 127, or CHANNEL.ID
-    #[arg(long, value_name = "ID", required_unless_present = "all", conflicts_with = "all")]
+    /// Node-ID, 1 to 127, CHANNEL.ID, or a name of the configuration file (--config)
+    #[arg(long, value_name = "NODE", required_unless_present = "all", conflicts_with = "all")]
     node: Option<NodeArgument>,
     /// CAN channel, 0 to 3 [default: 0]
     #[arg(long, value_name = "N", value_parser = parse_channel)]
@@ -138,10 +138,11 @@ const SDO_TIMEOUT: Duration = Duration::from_millis(300);
 const GUARDING: Duration = Duration::from_millis(100);
 
 pub fn run(arguments: &NmtArguments, context: &Context) -> Result {
-    let target = arguments.node.map(|node| node.target(arguments.channel)).transpose();
-    let target = target.map_err(Failure::Usage)?;
-    let channel = target.map_or(arguments.channel.unwrap_or(0), |it| it.channel);
     let context = &context.on_stderr(arguments.options.capture.is_on_output());
+    let select = |it: &NodeArgument| it.select(arguments.channel, &arguments.options, context);
+    let selected = arguments.node.as_ref().map(select).transpose()?;
+    let target = selected.as_ref().map(|it| it.target);
+    let channel = target.map_or(arguments.channel.unwrap_or(0), |it| it.channel);
     let what = match target {
         Some(target) => target.to_string(),
         None => format!("all nodes on can{channel}"),
@@ -157,7 +158,10 @@ pub fn run(arguments: &NmtArguments, context: &Context) -> Result {
         format_args!("Send \"{command}\" to {what}: {consequence}. Continue?"),
         "the command was not sent",
     )?;
-    let link = start(&arguments.options, channel, true, context)?;
+    let link = match &selected {
+        Some(selected) => start_for(selected, true, context)?,
+        None => start(&arguments.options, channel, true, context)?,
+    };
     let timeout = Duration::from_millis(arguments.timeout);
     let outcome = match target {
         Some(target) => NodeClient::new(link, target, SDO_TIMEOUT)

@@ -5,11 +5,11 @@ use std::time::Duration;
 use ecan_canopen::{NmtState, NodeId, Sdo, SdoDirection, SdoFault};
 use ecan_protocol::mapping::Direction;
 
-use crate::context::{Context, Failure, Result};
+use crate::context::{Context, Failure, GlobalOptions, Result};
 use crate::frames::{Channels, FrameOptions, GatewayRequirements, Prepared};
 
 use super::node_link::{NodeLink, Observed, SdoRequest};
-use super::node_target::{JsonTarget, NodeTarget};
+use super::node_target::{JsonTarget, NodeTarget, SelectedNode};
 
 /// Answer of the node to an SDO request.
 pub type Answer<T = Vec<u8>> = std::result::Result<T, SdoFault>;
@@ -38,6 +38,14 @@ pub fn start(
         Some(service) => Ok(NodeLink::new(service)),
         None => Err(Failure::Incomplete("stopped before the gateway was ready".to_owned())),
     }
+}
+
+/// Starts the gateway of a node.
+pub fn start_for(selected: &SelectedNode, has_end: bool, context: &Context) -> Result<NodeLink> {
+    let slave = selected.slave.or(context.global.slave);
+    let global = GlobalOptions { slave, ..context.global.clone() };
+    let context = Context { global: &global, output: context.output };
+    start(&selected.options, selected.target.channel, has_end, &context)
 }
 
 /// SDO client of one node, and its state by the frames that it sends.

@@ -10,9 +10,9 @@ use serde::Serialize;
 use crate::context::{Context, Failure, Result};
 use crate::frames::FrameOptions;
 
-use super::node_client::{NodeClient, start};
+use super::node_client::{NodeClient, start_for};
 use super::node_link::Observed;
-use super::node_target::TargetArguments;
+use super::node_target::PositionalTarget;
 use super::object_names::{DeviceFileArguments, ObjectNames, number};
 use super::object_value::ObjectValue;
 use super::pdo_table::{self, MappedObject, NodePdo};
@@ -20,7 +20,7 @@ use super::pdo_table::{self, MappedObject, NodePdo};
 #[derive(Debug, Args)]
 pub struct PdoArguments {
     #[command(flatten)]
-    target: TargetArguments,
+    target: PositionalTarget,
     #[command(flatten)]
     eds: DeviceFileArguments,
     /// Print the values of each PDO on the bus whenever they change
@@ -58,11 +58,12 @@ struct LivePdo<'a> {
 const SDO_TIMEOUT: Duration = Duration::from_millis(500);
 
 pub fn run(arguments: &PdoArguments, context: &Context) -> Result {
-    let target = arguments.target.target().map_err(Failure::Usage)?;
     let context = &context.on_stderr(arguments.options.capture.is_on_output());
-    let names = ObjectNames::of(&arguments.eds)?;
+    let selected = arguments.target.select(&arguments.options, context)?;
+    let target = selected.target;
+    let names = ObjectNames::of(&arguments.eds, &selected)?;
     let has_end = !arguments.watch || arguments.count.is_some() || arguments.timeout.is_some();
-    let link = start(&arguments.options, target.channel, has_end, context)?;
+    let link = start_for(&selected, has_end, context)?;
     NodeClient::new(link, target, SDO_TIMEOUT).run(|client| {
         let pdos = pdo_table::read(client, &names)?;
         if arguments.watch {

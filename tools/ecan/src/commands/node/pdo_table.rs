@@ -117,7 +117,8 @@ fn read_one(
     for subindex in 1..=count.min(ENTRIES) as u8 {
         let Some(raw) = client.number(mapping, subindex)? else { break };
         let MappingEntry { index, subindex, bits } = MappingEntry::from_raw(raw as u32);
-        let name = names.entry((index, subindex)).map_or_else(String::new, |it| it.name());
+        let key = (index, subindex);
+        let name = names.entry(key).map_or_else(String::new, |_| names.name(key));
         objects.push(MappedObject { index, subindex, bits, name });
     }
     Ok(Some(NodePdo {

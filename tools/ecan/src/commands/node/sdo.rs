@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::{Args, Subcommand};
-use ecan_canopen::{DataType, SdoFault};
+use ecan_canopen::{DataType, ObjectEntry, SdoFault};
 use serde::Serialize;
 
 use crate::confirmation::confirm;
@@ -14,14 +14,14 @@ use crate::frames::FrameOptions;
 use crate::table;
 
 use super::motion_objects::moves_a_motor;
-use super::node_client::{NodeClient, start};
-use super::node_target::{JsonTarget, NodeTarget, TargetArguments};
-use super::object_names::{DeviceFileArguments, NamedEntry, ObjectKey, ObjectNames, number};
+use super::node_client::{NodeClient, start_for};
+use super::node_target::{JsonTarget, NodeTarget, SelectedNode, TargetArguments};
+use super::object_names::{DeviceFileArguments, ObjectKey, ObjectNames, number};
 use super::object_value::ObjectValue;
 
 #[derive(Debug, Args)]
 #[command(after_help = "\
-An object is INDEX[:SUBINDEX], or OBJECT[:ENTRY] with (parts of) its names: those of the device file
+An object is INDEX[:SUBINDEX], or OBJECT[/ENTRY] with (parts of) its names: those of the device file
 (--eds), else of CiA 301 and CiA 402-2.
   ecan node sdo read --node 5 0x1018:1
   ecan node sdo read --node 5 'position actual value'
@@ -135,10 +135,10 @@ pub fn run(arguments: &SdoArguments, context: &Context) -> Result {
         | Action::Write { common, .. }
         | Action::List { common, .. } => common,
     };
-    let target = common.target.target().map_err(Failure::Usage)?;
     let context = &context.on_stderr(common.options.capture.is_on_output());
-    let names = ObjectNames::of(&common.eds)?;
-    let sdo = Sdo { common, target, names, context };
+    let selected = common.target.select(&common.options, context)?;
+    let names = ObjectNames::of(&common.eds, &selected)?;
+    let sdo = Sdo { common, target: selected.target, selected, names, context };
     match &arguments.action {
         Action::Read { object, .. } => sdo.read(object),
         Action::Write { object, value, yes, .. } => sdo.write(object, value, *yes),
@@ -149,13 +149,14 @@ pub fn run(arguments: &SdoArguments, context: &Context) -> Result {
 struct Sdo<'a> {
     common: &'a Common,
     target: NodeTarget,
+    selected: SelectedNode,
     names: ObjectNames,
     context: &'a Context<'a>,
 }
 
 impl Sdo<'_> {
     fn start(&self) -> Result<NodeClient> {
-        let link = start(&self.common.options, self.target.channel, true, self.context)?;
+        let link = start_for(&self.selected, true, self.context)?;
         Ok(NodeClient::new(link, self.target, Duration::from_millis(self.common.timeout)))
     }
 
@@ -171,9 +172,9 @@ impl Sdo<'_> {
             node,
             index: key.0,
             subindex: key.1,
-            name: entry.map(NamedEntry::name),
+            name: entry.map(|_| self.names.name(key)),
             ty: self.type_of(key).map(type_name),
-            access: entry.and_then(|it| it.access).map(|it| it.word()),
+            access: entry.and_then(|it| self.names.access(it)).map(|it| it.word()),
             text: value.as_ref().map(ObjectValue::text),
             meaning: value.as_ref().and_then(|it| it.meaning(key)),
             value: value.as_ref().map(ObjectValue::json),
@@ -202,7 +203,8 @@ impl Sdo<'_> {
             )));
         };
         let entry = self.names.entry(key);
-        if let Some(access) = entry.and_then(|it| it.access).filter(|it| !it.is_writable()) {
+        let access = entry.and_then(|it| self.names.access(it));
+        if let Some(access) = access.filter(|it| !it.is_writable()) {
             let object = number(key);
             return Err(Failure::Usage(format!(
                 "{object} {name} cannot be written: its access is {access} by the device file"
@@ -237,11 +239,11 @@ impl Sdo<'_> {
     fn list(&self, object: Option<&str>, is_names_only: bool) -> Result {
         let is_selected = self.selection(object)?;
         let entries: Vec<_> =
-            self.names.entries().iter().filter(|it| is_selected.contains(&it.index)).collect();
+            self.names.entries().filter(|it| is_selected.contains(&it.index)).collect();
         let rows: Vec<_> = if is_names_only {
             let (channel, node) = (self.target.channel, self.target.node.get());
             let address = JsonTarget { slave: 0, channel, node };
-            let row = |it: &&NamedEntry| Read {
+            let row = |it: &&ObjectEntry| Read {
                 error: None,
                 ..self.data(address, (it.index, it.subindex), Err(String::new()))
             };
@@ -253,18 +255,19 @@ impl Sdo<'_> {
     }
 
     /// Reads the entries that the node has.
-    fn read_all(&self, client: &mut NodeClient, entries: &[&NamedEntry]) -> Result<Vec<Read>> {
+    fn read_all(&self, client: &mut NodeClient, entries: &[&ObjectEntry]) -> Result<Vec<Read>> {
         let mut rows = Vec::new();
         for entry in entries {
             let key = (entry.index, entry.subindex);
-            if entry.access.is_some_and(|access| !access.is_readable()) {
+            let access = self.names.access(entry);
+            if access.is_some_and(|access| !access.is_readable()) {
                 rows.push(self.data(client.json(), key, Err("not readable".to_owned())));
                 continue;
             }
             match client.try_upload(entry.index, entry.subindex)? {
                 Ok(data) => rows.push(self.data(client.json(), key, Ok(data))),
                 // Without a device file the node is asked for objects that it need not have.
-                Err(SdoFault::Aborted(_)) if entry.access.is_none() => {}
+                Err(SdoFault::Aborted(_)) if access.is_none() => {}
                 Err(fault @ SdoFault::Aborted(_)) => {
                     rows.push(self.data(client.json(), key, Err(fault.to_string())));
                 }
@@ -280,7 +283,7 @@ impl Sdo<'_> {
     /// Indices of the object, or of those whose names contain the text.
     fn selection(&self, object: Option<&str>) -> Result<Vec<u16>> {
         let Some(text) = object else {
-            return Ok(self.names.entries().iter().map(|it| it.index).collect());
+            return Ok(self.names.entries().map(|it| it.index).collect());
         };
         if let Some(index) =
             crate::value::parse_unsigned(text).and_then(|it| u16::try_from(it).ok())
