@@ -10,11 +10,11 @@ fn serve_drives() -> Served {
 }
 
 impl Served {
-    fn node(&self, arguments: &[&str]) -> String {
+    pub fn node(&self, arguments: &[&str]) -> String {
         good(&[&["--via", self.path.as_str(), "node"], arguments].concat())
     }
 
-    fn node_fails(&self, status: i32, arguments: &[&str]) -> String {
+    pub fn node_fails(&self, status: i32, arguments: &[&str]) -> String {
         fails(status, &[&["--via", self.path.as_str(), "node"], arguments].concat())
     }
 }

@@ -54,6 +54,7 @@ impl Shell {
             .args(["-c", script])
             .current_dir(&self.directory)
             .env("PATH", format!("{}:{path}", programs.display()))
+            .env("EXAMPLES", concat!(env!("CARGO_MANIFEST_DIR"), "/../../examples"))
             .env("COLUMNS", "100")
             .env_remove("ECAN_ECRT");
         command

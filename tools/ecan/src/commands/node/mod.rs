@@ -4,6 +4,7 @@ mod bit_rate_search;
 mod device_type;
 mod emcy;
 mod info;
+mod lss;
 mod motion_objects;
 mod nmt;
 mod node_client;
@@ -11,6 +12,7 @@ mod node_link;
 mod node_target;
 mod object_names;
 mod object_value;
+mod params;
 mod pdo;
 mod pdo_table;
 mod scan;
@@ -33,6 +35,8 @@ Examples:
   ecan node sdo read --node 5 --eds drive.eds 'motor/pole pairs'
   ecan node nmt preop --node 5                        confirmed by the state of the node
   ecan node pdo --node 5 --watch                      mapping, then the values on the bus
+  ecan node params save left.dcf --node 5 --eds drive.eds
+  ecan node lss scan                                  slaves without node-ID
   ecan node emcy --node 5                             error history
 
 Directly the gateway is configured and no application runs; through `ecan serve` or an application
@@ -62,6 +66,12 @@ enum Action {
     Nmt(nmt::NmtArguments),
     /// Show the PDOs of a node: communication, mapping, live values
     Pdo(pdo::PdoArguments),
+    /// Save, compare and restore the configuration of a node (DCF)
+    #[command(after_help = params::NOTES)]
+    Params(params::ParamsArguments),
+    /// Find slaves by LSS, and configure their node-IDs and bit rates (CiA 305)
+    #[command(after_help = lss::NOTES)]
+    Lss(lss::LssArguments),
     /// Show the errors of a node: history (0x1003) and emergency messages
     Emcy(emcy::EmcyArguments),
 }
@@ -73,6 +83,8 @@ pub fn run(arguments: &NodeArguments, context: &Context) -> Result {
         Action::Sdo(arguments) => sdo::run(arguments, context),
         Action::Nmt(arguments) => nmt::run(arguments, context),
         Action::Pdo(arguments) => pdo::run(arguments, context),
+        Action::Params(arguments) => params::run(arguments, context),
+        Action::Lss(arguments) => lss::run(arguments, context),
         Action::Emcy(arguments) => emcy::run(arguments, context),
     }
 }

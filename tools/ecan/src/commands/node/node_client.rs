@@ -73,6 +73,12 @@ impl NodeClient {
         self.request.target
     }
 
+    /// Selects another node of the channel for the next transfers.
+    pub fn set_target(&mut self, target: NodeTarget) {
+        self.request.target = target;
+        self.state = None;
+    }
+
     pub fn json(&self) -> JsonTarget {
         self.link.json(0, self.request.target)
     }
@@ -178,17 +184,24 @@ impl NodeClient {
     /// Writes an object.
     ///
     /// # Errors
-    /// Also that of the node.
-    pub fn download(&mut self, index: u16, subindex: u8, data: &[u8]) -> Result {
+    /// The gateway is lost, the value is too long, or the user stops.
+    pub fn try_download(&mut self, index: u16, subindex: u8, data: &[u8]) -> Result<Answer<()>> {
         let started = self.request.client.start_download(index, subindex, data);
         started.map_err(|error| Failure::Usage(error.to_string()))?;
-        match self.finish()? {
-            Ok(_) => Ok(()),
-            Err(fault) => Err(self.failure((SdoDirection::Download, index, subindex), fault)),
-        }
+        Ok(self.finish()?.map(drop))
     }
 
-    fn failure(&mut self, object: (SdoDirection, u16, u8), fault: SdoFault) -> Failure {
+    /// Writes an object.
+    ///
+    /// # Errors
+    /// Also that of the node.
+    pub fn download(&mut self, index: u16, subindex: u8, data: &[u8]) -> Result {
+        self.try_download(index, subindex, data)?
+            .map_err(|fault| self.failure((SdoDirection::Download, index, subindex), fault))
+    }
+
+    /// Error of a transfer with the node, with what to do.
+    pub fn failure(&mut self, object: (SdoDirection, u16, u8), fault: SdoFault) -> Failure {
         self.link.failure(&self.request, object, fault)
     }
 }

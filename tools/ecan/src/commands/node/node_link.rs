@@ -4,8 +4,8 @@ use std::collections::{HashMap, HashSet};
 use std::time::Duration;
 
 use ecan_canopen::{
-    CobId, NmtRequest, NmtState, NodeAddress, NodeId, SdoClient, SdoConfig, SdoDirection,
-    SdoFailure, SdoFault, Service as CanopenService, parse_heartbeat,
+    CobId, LssMaster, NmtRequest, NmtState, NodeAddress, NodeId, SdoClient, SdoConfig,
+    SdoDirection, SdoFailure, SdoFault, Service as CanopenService, parse_heartbeat,
 };
 use ecan_diagnosis::registers::TransmitQueueStatus;
 use ecan_protocol::can::{CanFrame, CanId, Dlc};
@@ -127,8 +127,19 @@ impl NodeLink {
     pub fn cycle(
         &mut self,
         requests: &mut [SdoRequest],
-        mut observe: impl FnMut(&Observed),
+        observe: impl FnMut(&Observed),
     ) -> Result<u64> {
+        self.cycle_with(requests, None, observe).map(|it| it.0)
+    }
+
+    /// As [`cycle`](Self::cycle), with a further frame for a channel of the only gateway. Returns the
+    /// time and whether the frame was sent.
+    fn cycle_with(
+        &mut self,
+        requests: &mut [SdoRequest],
+        further: Option<(u8, CanFrame)>,
+        mut observe: impl FnMut(&Observed),
+    ) -> Result<(u64, bool)> {
         let cycle = self.service.begin();
         let now_ns = cycle.now_ns;
         for arrival in &cycle.arrivals {
@@ -163,9 +174,13 @@ impl NodeLink {
                 *count += 1;
             }
         }
+        let is_sent = match further {
+            Some((channel, frame)) => self.send(0, channel, &frame)?,
+            None => false,
+        };
         self.service.end(cycle)?;
         self.check(now_ns)?;
-        Ok(now_ns)
+        Ok((now_ns, is_sent))
     }
 
     fn check(&mut self, now_ns: u64) -> Result {
@@ -194,6 +209,30 @@ impl NodeLink {
         self.stalled.remove(&place);
         self.pending.insert(ticket, place);
         Ok(true)
+    }
+
+    /// Runs a cycle of the LSS master of a channel of the only gateway: passes the responses to it, and
+    /// sends its frame. Returns the time.
+    ///
+    /// # Errors
+    /// As [`cycle`](Self::cycle).
+    pub fn cycle_lss(&mut self, channel: u8, master: &mut LssMaster) -> Result<u64> {
+        let frame = master.frame().map(|data| classic(CobId::LSS_REQUEST.can_id(), &data));
+        let mut responses = Vec::new();
+        let now_ns = self.cycle_with(&mut [], frame.map(|it| (channel, it)), |observed| {
+            if observed.is_from(0, channel)
+                && observed.service() == Some(CanopenService::LssResponse)
+            {
+                responses.push(observed.frame.frame);
+            }
+        })?;
+        let (now_ns, is_sent) = now_ns;
+        responses.iter().for_each(|frame| master.receive(frame.data()));
+        if is_sent {
+            master.sent(now_ns);
+        }
+        master.tick(now_ns);
+        Ok(now_ns)
     }
 
     /// Sends a frame, in a later cycle if there is no space, within a second.

@@ -1,0 +1,183 @@
+//! LSS master of one channel.
+
+use std::fmt;
+use std::time::Duration;
+
+use clap::Args;
+use ecan_canopen::{
+    Lss, LssAddress, LssCommand, LssConfig, LssFailure, LssFault, LssMaster, LssResult, NodeId,
+};
+use serde::Serialize;
+
+use crate::commands::node::node_client::{NodeClient, start};
+use crate::commands::node::node_link::NodeLink;
+use crate::commands::node::node_target::NodeTarget;
+use crate::context::{Context, Failure, Result};
+use crate::frames::{FrameOptions, parse_channel};
+
+/// Options of every LSS command.
+#[derive(Clone, Debug, Args)]
+pub struct LssOptions {
+    /// CAN channel, 0 to 3
+    #[arg(long, value_name = "N", default_value_t = 0, value_parser = parse_channel)]
+    pub channel: u8,
+    /// Time for a response, in ms
+    #[arg(long, value_name = "MS", default_value_t = 500,
+          value_parser = clap::value_parser!(u64).range(1..=60_000))]
+    timeout: u64,
+    #[command(flatten)]
+    pub options: FrameOptions,
+}
+
+/// LSS address in JSON.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct JsonAddress {
+    vendor_id: u32,
+    product_code: u32,
+    revision: u32,
+    serial: u32,
+}
+
+impl From<LssAddress> for JsonAddress {
+    fn from(address: LssAddress) -> Self {
+        let LssAddress { vendor, product, revision, serial } = address;
+        Self { vendor_id: vendor, product_code: product, revision, serial }
+    }
+}
+
+/// Time for the response of a second slave.
+const LATE_NS: u64 = 50_000_000;
+/// Waiting time of a request of a fastscan through a service.
+const SERVICE_SCAN_MS: u64 = 50;
+const SDO_TIMEOUT: Duration = Duration::from_millis(500);
+
+/// `vendor-ID 0x53494D00, product code 0x192, revision number 0x10000, serial number 0x1`
+impl fmt::Display for JsonAddress {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { vendor_id, product_code, revision, serial } = *self;
+        LssAddress { vendor: vendor_id, product: product_code, revision, serial }.fmt(f)
+    }
+}
+
+/// LSS master of a channel of one gateway.
+#[derive(Debug)]
+pub struct LssClient {
+    /// Of the node-ID that is used for SDO requests.
+    pub node: NodeClient,
+    master: LssMaster,
+    channel: u8,
+}
+
+impl LssClient {
+    /// Starts the gateway; `scan_ms` is the waiting time of a request of a fastscan.
+    pub fn start(arguments: &LssOptions, scan_ms: Option<u64>, context: &Context) -> Result<Self> {
+        let link = start(&arguments.options, arguments.channel, true, context)?;
+        let default = LssConfig::default();
+        let is_service = crate::via::open(context.global, context.global.master())?.is_some();
+        let scan_ms = scan_ms.or(is_service.then_some(SERVICE_SCAN_MS));
+        let config = LssConfig {
+            timeout: Duration::from_millis(arguments.timeout),
+            scan_time: scan_ms.map_or(default.scan_time, Duration::from_millis),
+            ..default
+        };
+        let channel = arguments.channel;
+        let target = NodeTarget { channel, node: NodeId::MIN };
+        let node = NodeClient::new(link, target, SDO_TIMEOUT);
+        Ok(Self { node, master: LssMaster::new(config), channel })
+    }
+
+    /// Does the work of a command, then ends the capture of the frames, also after an error.
+    pub fn run<T>(mut self, work: impl FnOnce(&mut Self) -> Result<T>) -> Result<T> {
+        let result = work(&mut self);
+        let finished = self.node.link.service.finish();
+        result.and_then(|value| finished.map(|()| value))
+    }
+
+    fn link(&mut self) -> &mut NodeLink {
+        &mut self.node.link
+    }
+
+    /// Position of the gateway.
+    pub fn slave(&self) -> usize {
+        self.node.link.service.position(0)
+    }
+
+    /// Executes a command.
+    ///
+    /// # Errors
+    /// Also those of the slave, with what to do.
+    pub fn command(&mut self, command: LssCommand) -> Result<LssResult> {
+        match self.try_command(command)? {
+            Ok(result) => Ok(result),
+            Err(fault) => Err(self.failure(command, fault)),
+        }
+    }
+
+    /// Executes a command.
+    ///
+    /// # Errors
+    /// The gateway is lost, no node acknowledges, or the user stops.
+    pub fn try_command(
+        &mut self,
+        command: LssCommand,
+    ) -> Result<std::result::Result<LssResult, LssFault>> {
+        // Never busy: each command is completed.
+        let _ = self.master.start(command);
+        loop {
+            match self.master.state() {
+                Lss::Busy => {
+                    self.node.link.cycle_lss(self.channel, &mut self.master)?;
+                    let place = (0, self.channel);
+                    if self.link().is_stalled(place) {
+                        return Err(self.node.link.stalled(place));
+                    }
+                }
+                Lss::Done(result) => return Ok(Ok(result)),
+                Lss::Failed(fault) => return Ok(Err(fault)),
+                Lss::Idle => return Ok(Err(LssFault::Cancelled)),
+            }
+        }
+    }
+
+    /// Error of a command, with what to do.
+    pub fn failure(&mut self, command: LssCommand, fault: LssFault) -> Failure {
+        let (slave, channel) = (self.slave(), self.channel);
+        let failure = LssFailure { slave, channel, command, fault };
+        let is_silent = matches!(fault, LssFault::TimedOut { .. } | LssFault::NotSelected { .. });
+        let remedy = match is_silent && !self.link().check_alive((0, channel)) {
+            true => {
+                "; no node acknowledges frames of this channel: check bit rate, wiring and \
+                 termination"
+            }
+            false => "",
+        };
+        Failure::Rejected(format!("{failure}{remedy}"))
+    }
+
+    /// Responses that fitted no command, after waiting for late ones: more than one slave responds.
+    ///
+    /// # Errors
+    /// The gateway is lost, or the user stops.
+    pub fn late_strays(&mut self) -> Result<u64> {
+        let end_ns = self.link().service.now_ns() + LATE_NS;
+        while self.node.link.cycle_lss(self.channel, &mut self.master)? < end_ns {}
+        Ok(self.master.strays())
+    }
+
+    /// Rejects a channel on which no node acknowledges frames.
+    ///
+    /// # Errors
+    /// No node of the channel has sent or acknowledged a frame.
+    pub fn check_alive(&mut self) -> Result {
+        let place = (0, self.channel);
+        match self.link().check_alive(place) {
+            true => Ok(()),
+            false => Err(self.node.link.stalled(place)),
+        }
+    }
+
+    /// Switches all slaves to the waiting state.
+    pub fn release(&mut self) -> Result {
+        self.command(LssCommand::SwitchGlobal { configuration: false }).map(drop)
+    }
+}
