@@ -2,15 +2,13 @@
 
 use std::time::Duration;
 
-use ecan_canopen::{
-    FaultReaction, HaltOption, NodeAddress, NodeId, NodeLossReaction, OperatingMode,
-    QuickStopOption, StopOption,
-};
-use ecan_cia402::{AxisConfig, AxisFault, DriveConfig, MotionLimit};
+use ecan_canopen::{NodeAddress, NodeId, OperatingMode};
+use ecan_cia402::{AxisConfig, AxisFault, DriveConfig, MotionLimit, PositionRange, ScaleSource};
 use ecan_mcan_port::Config;
 use ecan_protocol::mapping::{CHANNELS, Direction};
 
 use crate::document::{Document, Table, store};
+use crate::{drive, process_data};
 
 const MODES: [(&str, OperatingMode); 8] = [
     ("csp", OperatingMode::CyclicPosition),
@@ -23,56 +21,32 @@ const MODES: [(&str, OperatingMode); 8] = [
     ("vl", OperatingMode::Velocity),
 ];
 
-// Option codes; `unchanged` does not write the object.
+#[derive(Clone, Copy)]
+enum Range {
+    Linear,
+    Wrapping,
+    Modulo,
+}
 
-const HOST_LOSS: [(&str, Option<NodeLossReaction>); 5] = [
-    ("unchanged", None),
-    ("none", Some(NodeLossReaction::None)),
-    ("fault", Some(NodeLossReaction::Fault)),
-    ("disable_voltage", Some(NodeLossReaction::DisableVoltage)),
-    ("quick_stop", Some(NodeLossReaction::QuickStop)),
-];
+const RANGES: [(&str, Range); 3] =
+    [("linear", Range::Linear), ("wrapping", Range::Wrapping), ("modulo", Range::Modulo)];
 
-const QUICK_STOP: [(&str, Option<QuickStopOption>); 10] = [
-    ("unchanged", None),
-    ("disable", Some(QuickStopOption::Disable)),
-    ("slow_down", Some(QuickStopOption::SlowDown)),
-    ("quick_stop", Some(QuickStopOption::QuickStop)),
-    ("current_limit", Some(QuickStopOption::CurrentLimit)),
-    ("voltage_limit", Some(QuickStopOption::VoltageLimit)),
-    ("slow_down_and_stay", Some(QuickStopOption::SlowDownAndStay)),
-    ("quick_stop_and_stay", Some(QuickStopOption::QuickStopAndStay)),
-    ("current_limit_and_stay", Some(QuickStopOption::CurrentLimitAndStay)),
-    ("voltage_limit_and_stay", Some(QuickStopOption::VoltageLimitAndStay)),
-];
-
-const STOP: [(&str, Option<StopOption>); 3] = [
-    ("unchanged", None),
-    ("disable", Some(StopOption::Disable)),
-    ("slow_down", Some(StopOption::SlowDown)),
-];
-
-const HALT: [(&str, Option<HaltOption>); 5] = [
-    ("unchanged", None),
-    ("slow_down", Some(HaltOption::SlowDown)),
-    ("quick_stop", Some(HaltOption::QuickStop)),
-    ("current_limit", Some(HaltOption::CurrentLimit)),
-    ("voltage_limit", Some(HaltOption::VoltageLimit)),
-];
-
-const FAULT_REACTION: [(&str, Option<FaultReaction>); 6] = [
-    ("unchanged", None),
-    ("disable", Some(FaultReaction::Disable)),
-    ("slow_down", Some(FaultReaction::SlowDown)),
-    ("quick_stop", Some(FaultReaction::QuickStop)),
-    ("current_limit", Some(FaultReaction::CurrentLimit)),
-    ("voltage_limit", Some(FaultReaction::VoltageLimit)),
+const SCALE_SOURCES: [(&str, ScaleSource); 3] = [
+    ("configured", ScaleSource::Configured),
+    ("checked", ScaleSource::Checked),
+    ("drive", ScaleSource::Drive),
 ];
 
 /// Reads an axis; `None` if it has no valid address.
 pub(crate) fn read(mut table: Table<'_, '_>) -> Option<AxisConfig> {
     let address = read_address(&mut table);
-    read_at(table, address)
+    // In a node its keys are those of the node.
+    let mut network = DriveConfig::default();
+    drive::read_network(&mut table, &mut network);
+    let mut axis = read_at(table, address)?;
+    let DriveConfig { reset, boot_timeout, heartbeat_ms, guarding, .. } = network;
+    axis.drive = DriveConfig { reset, boot_timeout, heartbeat_ms, guarding, ..axis.drive };
+    Some(axis)
 }
 
 fn read_address(table: &mut Table<'_, '_>) -> Option<NodeAddress> {
@@ -108,8 +82,36 @@ pub(crate) fn read_at(
     store(&mut axis.auto_resume, table.flag("auto_resume"));
     let timeout_ms = table.unsigned("enable_timeout_ms", (1, 3_600_000));
     store(&mut axis.enable_timeout, timeout_ms.map(Duration::from_millis));
-    read_stop_options(&mut table, &mut axis.drive);
+    read_tolerances(&mut table, &mut axis);
+    process_data::read(&mut table, &mut axis);
+    drive::read(&mut table, &mut axis.drive);
     address.map(|_| axis)
+}
+
+/// The range of the counter, and what the guard tolerates.
+fn read_tolerances(table: &mut Table<'_, '_>, axis: &mut AxisConfig) {
+    let range = table.word("position_range", &RANGES);
+    let (min, max) = (table.signed("position_min"), table.signed("position_max"));
+    match (range, min, max) {
+        (Some(Range::Modulo), Some(min), Some(max)) => {
+            axis.range = PositionRange::Modulo { min, max };
+        }
+        (Some(Range::Modulo), ..) => {
+            let text = "`position_range` = \"modulo\" needs `position_min` and `position_max`";
+            table.fault("position_range", text);
+        }
+        (range, None, None) => {
+            let is_wrapping = matches!(range, Some(Range::Wrapping));
+            axis.range = if is_wrapping { PositionRange::Wrapping } else { PositionRange::Linear };
+        }
+        (_, min, _) => {
+            let key = if min.is_some() { "position_min" } else { "position_max" };
+            table.fault(key, format!("`{key}` needs `position_range` = \"modulo\""));
+        }
+    }
+    store(&mut axis.tpdo_timeout, table.unsigned("tpdo_timeout", (1, 0xFFFF)));
+    store(&mut axis.wc_misses, table.unsigned("wc_misses", (0, 0xFFFF)));
+    store(&mut axis.drain_images, table.unsigned("drain_images", (0, 0xFFFF)));
 }
 
 fn read_scale(table: &mut Table<'_, '_>, axis: &mut AxisConfig) {
@@ -122,16 +124,7 @@ fn read_scale(table: &mut Table<'_, '_>, axis: &mut AxisConfig) {
     if let Some(units) = table.float("velocity_units_per_turn_s") {
         axis.scale = axis.scale.with_velocity_units(units);
     }
-}
-
-fn read_stop_options(table: &mut Table<'_, '_>, drive: &mut DriveConfig) {
-    store(&mut drive.host_heartbeat_ms, table.unsigned("host_heartbeat_ms", (0, 0xFFFF)));
-    store(&mut drive.host_loss, table.word("host_loss", &HOST_LOSS));
-    store(&mut drive.quick_stop, table.word("quick_stop", &QUICK_STOP));
-    store(&mut drive.shutdown, table.word("shutdown", &STOP));
-    store(&mut drive.disable_operation, table.word("disable_operation", &STOP));
-    store(&mut drive.halt, table.word("halt", &HALT));
-    store(&mut drive.fault_reaction, table.word("fault_reaction", &FAULT_REACTION));
+    store(&mut axis.scale_source, table.word("scale_source", &SCALE_SOURCES));
 }
 
 fn read_bounds(table: &mut Table<'_, '_>) -> Option<(i32, i32)> {
@@ -203,6 +196,13 @@ fn keys(fault: &AxisFault) -> &'static [&'static str] {
         AxisFault::TargetStep { .. } => &["target_step", "step_limit"],
         AxisFault::Standstill { .. } => &["standstill", "step_limit"],
         AxisFault::Window { .. } => &["following_window", "step_limit"],
+        AxisFault::PdoNumber { .. } => &["pdo_number"],
+        AxisFault::PdoCount { .. } => &["inputs", "outputs", "pdo_number"],
+        AxisFault::OutputMode { .. } | AxisFault::ProbeStatus => &["outputs", "mode"],
+        AxisFault::FeedForwardLimit { .. } => &["feed_forward", "outputs"],
+        AxisFault::ScaleSource => &["scale_source"],
+        AxisFault::Guarding { .. } => &["guard_time_ms"],
+        AxisFault::Range { .. } => &["position_min"],
         AxisFault::Bounds { .. } | AxisFault::RateBounds { .. } => &["min_target"],
         AxisFault::Limit { limit, .. }
         | AxisFault::LimitMode { limit, .. }

@@ -8,6 +8,7 @@ use ecan_mcan_port::{MAX_FILTERS, PortConfig};
 
 use crate::document::{Table, store};
 use crate::included_profile::IncludedProfile;
+use crate::network::{NetworkSettings, NetworkTable};
 use crate::node::FileNode;
 use crate::service::ServiceSettings;
 use crate::{axis, gateway, node, service};
@@ -23,6 +24,7 @@ pub(crate) struct Bus {
     pub(crate) axes: Vec<Option<AxisConfig>>,
     pub(crate) profiles: Vec<IncludedProfile>,
     pub(crate) service: ServiceSettings,
+    pub(crate) network: NetworkSettings,
     /// Nodes whose device files are read and whose names are resolved.
     pub(crate) nodes: Vec<FileNode>,
 }
@@ -74,9 +76,11 @@ pub(crate) fn read(mut table: Table<'_, '_>) -> Bus {
         DcSync { shift: shift.unwrap_or_else(planned), ..dc }
     });
     let mut axes: Vec<_> = table.tables("axis").into_iter().map(axis::read).collect();
-    let nodes = node::read_all(&mut table, &mut axes);
+    let mut network = table.table("network").map(NetworkTable::read).unwrap_or_default();
+    let nodes = node::read_all(&mut table, &mut axes, &mut network, adapter.cycle_ns());
+    let network = network.settings;
     let service = table.table("service").map(service::read).unwrap_or_default();
-    Bus { config: (adapter, port).into(), axes, profiles, service, nodes }
+    Bus { config: (adapter, port).into(), axes, profiles, service, network, nodes }
 }
 
 /// The settings, and the shift if it is there.

@@ -38,6 +38,7 @@ mod device;
 mod device_profile;
 mod difference;
 mod document;
+mod drive;
 pub mod export;
 mod fault;
 mod fields;
@@ -48,7 +49,9 @@ mod gateway;
 mod idle_keys;
 mod included_profile;
 mod located;
+mod network;
 mod node;
+mod process_data;
 mod service;
 mod text_lines;
 
@@ -69,6 +72,7 @@ pub use difference::{Difference, Expected};
 pub use fault::{ConfigFileError, FileFault, FileFaults};
 pub use flash::{ConfigChecksums, FlashCommand};
 pub use included_profile::{IncludedProfile, ProfileEffect};
+pub use network::NetworkSettings;
 pub use node::parse_bus_yml;
 pub use service::ServiceSettings;
 
@@ -97,7 +101,7 @@ fn read(bytes: &[u8], includes: Includes) -> Result<Bus, FileFaults> {
         if document.is_valid_toml() {
             check::check(document, &bus.config);
             axis::check(document, &bus.config, &bus.axes);
-            node::check(document, &bus.config, &bus.nodes, &bus.axes);
+            node::check(document, &bus.config, &bus.network, &bus.nodes, &bus.axes);
         }
         bus
     })
@@ -167,12 +171,9 @@ pub fn load_axes(path: impl AsRef<Path>) -> Result<Vec<AxisConfig>, ConfigFileEr
 /// # Errors
 /// [`ConfigFileError`]: the file cannot be read, or every fault of it, with line and column.
 pub fn load_nodes(path: impl AsRef<Path>) -> Result<Vec<NodeDescription>, ConfigFileError> {
-    Ok(load_bus(path.as_ref())?
-        .nodes
-        .into_iter()
-        .filter(|it| !it.has_axis)
-        .map(|it| it.node.description)
-        .collect())
+    let Bus { nodes, network, .. } = load_bus(path.as_ref())?;
+    let nodes = nodes.into_iter().filter(|it| !it.has_axis).map(|it| it.node.description);
+    Ok(nodes.map(|node| network.complete(node)).collect())
 }
 
 /// Reads the whole CANopen network of a configuration: all nodes, those with an axis too, in the order
@@ -183,8 +184,17 @@ pub fn load_nodes(path: impl AsRef<Path>) -> Result<Vec<NodeDescription>, Config
 /// # Errors
 /// [`ConfigFileError`]: the file cannot be read, or every fault of it, with line and column.
 pub fn load_network(path: impl AsRef<Path>) -> Result<NetworkDescription, ConfigFileError> {
-    let Bus { config, nodes, axes, .. } = load_bus(path.as_ref())?;
-    Ok(node::network(&config, &nodes, &axes))
+    let Bus { config, network, nodes, axes, .. } = load_bus(path.as_ref())?;
+    Ok(node::network(&config, &network, &nodes, &axes))
+}
+
+/// Reads the settings of the CANopen network of a configuration: SYNC, TIME, heartbeat of the host, and
+/// what else the table `[network]` has; the master of a `[[bus]]` gives what the table does not state.
+///
+/// # Errors
+/// [`ConfigFileError`]: the file cannot be read, or every fault of it, with line and column.
+pub fn load_network_settings(path: impl AsRef<Path>) -> Result<NetworkSettings, ConfigFileError> {
+    Ok(load_bus(path.as_ref())?.network)
 }
 
 /// Reads the device profiles that a configuration includes, with the effects of their values, in the

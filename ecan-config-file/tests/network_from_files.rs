@@ -8,10 +8,11 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use ecan_canopen::{
-    BootPhase, BootState, NodeAddress, NodeConfig, NodeHandle, NodeId, object, run_cycle_until,
+    BootPhase, BootState, Heartbeat, NodeAddress, NodeConfig, NodeHandle, NodeId, object,
+    run_cycle_until,
 };
-use ecan_cia402::{AxisPhase, Cia402, Cia402Config};
-use ecan_config_file::{load, load_axes, load_nodes};
+use ecan_cia402::{AxisPhase, Cia402};
+use ecan_config_file::{load, load_axes, load_network_settings, load_nodes};
 use ecan_mcan_port::Port;
 use ecan_sim::{
     ClockKind, DriveConfig, DriveFault, DriveSpec, Fault, NodeKind, Scenario, SimOptions,
@@ -64,7 +65,8 @@ impl Machine {
         let mut port = Port::open(&backend.ecrt, (file.adapter, file.port)).unwrap();
         port.wait_ready().unwrap();
         let axes = load_axes(&path).unwrap();
-        let mut cia402 = Cia402::new(&port, axes, Cia402Config::default()).unwrap();
+        let settings = load_network_settings(&path).unwrap();
+        let mut cia402 = Cia402::new(&port, axes, settings.cia402).unwrap();
         let mut nodes = BTreeMap::new();
         for node in load_nodes(&path).unwrap() {
             let network = cia402.network_mut();
@@ -285,4 +287,59 @@ fn nodes_boot_in_parallel_with_axes() {
         assert_eq!(machine.object(gripper, 0x2000, 0), Some(120));
         assert_eq!(machine.object(gripper, 0x1600, 1), Some(0x2000_0010));
     }
+}
+
+#[test]
+fn drives_without_heartbeat_are_guarded() {
+    let mut scenario = ecan_sim::drives(1, 4);
+    for node in &mut scenario.nodes {
+        if let NodeKind::Drive(drive) = &mut node.kind {
+            let heartbeats = [object::CONSUMER_HEARTBEAT, object::PRODUCER_HEARTBEAT];
+            drive.config.quirks.missing.extend(heartbeats);
+        }
+    }
+    let text = gateways(1)
+        + "[network]\nsync_cycles = 2\nsync_counter = 10\nhost_heartbeat_ms = 0\n"
+        + "[[axis]]\ngateway = 0\nchannel = 0\nnode = 1\nheartbeat_ms = 0\nguard_time_ms = 20\n"
+        + "life_time_factor = 4\n"
+        + "[[node]]\ngateway = 0\nchannel = 1\nnode = 2\nheartbeat_ms = 0\nguard_time_ms = 30\n"
+        + "[node.axis]\nmode = \"csp\"\n";
+    let mut machine = Machine::new(scenario, &text);
+    machine.configure();
+    machine.cia402.read_position_all().unwrap();
+    machine.run_until("positions", |cia402| {
+        cia402.progress_all().all(|it| it.phase == AxisPhase::Ready)
+    });
+    machine.cia402.enable_all().unwrap();
+    machine.run_until("enabling", |cia402| cia402.all_running());
+    let drives = [(0, 1), (1, 2)].map(|(channel, node)| NodeAddress {
+        slave: 0,
+        channel,
+        node: NodeId::new(node).unwrap(),
+    });
+    let times = drives.map(|drive| {
+        (
+            machine.object(drive, object::GUARD_TIME, 0),
+            machine.object(drive, object::LIFE_TIME_FACTOR, 0),
+        )
+    });
+    assert_eq!(times, [(Some(20), Some(4)), (Some(30), Some(3))]);
+    let life = |machine: &Machine| {
+        let network = machine.cia402.network();
+        drives.map(|it| network.status(network.find(it).unwrap()).unwrap().heartbeat)
+    };
+    assert_eq!(life(&machine), [Heartbeat::Active; 2]);
+    let fault = DriveFault::PowerCycle { off_ms: 60_000 };
+    machine.simulation.inject(Fault::Drive { node: name(drives[0]), fault });
+    machine.run_until("the end of its life time", |cia402| {
+        let network = cia402.network();
+        let handle = network.find(drives[0]).unwrap();
+        network.status(handle).unwrap().heartbeat == Heartbeat::TimedOut
+    });
+    assert_eq!(
+        life(&machine),
+        [Heartbeat::TimedOut, Heartbeat::Active],
+        "the other one is guarded"
+    );
+    assert!(!machine.cia402.is_running(0) && machine.cia402.is_running(1));
 }

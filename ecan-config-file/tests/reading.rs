@@ -67,6 +67,7 @@ fn example_has_every_key() {
         ("", "nonsense = 1"),
         ("", "[dc]\nnonsense = 1"),
         ("", "[service]\nnonsense = 1"),
+        ("", "[network]\nnonsense = 1"),
         ("[[gateway]]\n", "nonsense = 1"),
         ("[[gateway]]\n", "identity = { nonsense = 1 }"),
         ("[[gateway]]\n", "tx_pdo = { nonsense = 1 }"),
@@ -79,6 +80,8 @@ fn example_has_every_key() {
         ("[[gateway]]\n", "can0 = { traffic = { nonsense = 1 } }"),
         ("[[gateway]]\n", "can0 = { standard_filter = [{ nonsense = 1 }] }"),
         ("[[axis]]\n", "nonsense = 1"),
+        ("[[axis]]\n", "vl = { nonsense = 1 }"),
+        ("[[axis]]\n", "feed_forward = { nonsense = 1 }"),
         ("[[node]]\n", "nonsense = 1"),
         ("[[node]]\n", "tpdo = [{ nonsense = 1 }]"),
         ("[[bus]]\n", "nonsense = 1"),
@@ -97,7 +100,7 @@ fn example_has_every_key() {
                 || EXAMPLE.contains(&format!("[gateway.can0.{key}]"))
                 || EXAMPLE.contains(&format!("[[gateway.can0.{key}]]"))
                 || EXAMPLE.contains(&format!("[node.{key}]"))
-                || ["dc", "service", "gateway", "axis", "node", "bus", "can2", "can3"]
+                || ["dc", "service", "network", "gateway", "axis", "node", "bus", "can2", "can3"]
                     .contains(&key);
             assert!(is_there, "{key} of {table}");
         }

@@ -4,10 +4,13 @@
 use std::time::Duration;
 
 use ecan_canopen::{
-    FaultReaction, HaltOption, NodeAddress, NodeId, NodeLossReaction, OperatingMode,
-    QuickStopOption, StopOption,
+    FaultReaction, GuardingConfig, HaltOption, NodeAddress, NodeId, NodeLossReaction,
+    OperatingMode, QuickStopOption, StopOption,
 };
-use ecan_cia402::{AxisConfig, DriveConfig, MotionLimits, Scale};
+use ecan_cia402::{
+    AxisConfig, DriveConfig, FeedForwardLimits, InputObject, MotionLimits, NodeReset, OutputObject,
+    PositionRange, Scale, ScaleSource, VlConfig,
+};
 use ecan_config_file::{EXAMPLE, load_axes, parse, parse_axes};
 
 const TWO_CHANNELS: &str = "[[gateway]]\nn = 3\ncan0 = { bitrate = 1_000_000 }\n\
@@ -186,4 +189,139 @@ fn axes_of_a_file_are_loaded() {
     assert_eq!(axes[0].limits.velocity, Some(2.0));
     let text = load_axes(directory.path().join("none.toml")).unwrap_err().to_string();
     assert!(text.starts_with("cannot read "), "{text}");
+}
+
+#[test]
+fn axes_have_their_process_data_and_drives() {
+    let text = format!(
+        "{TWO_CHANNELS}[[axis]]
+        gateway = 0
+        channel = 1
+        node = 7
+        scale_source = \"checked\"
+        position_range = \"modulo\"
+        position_min = -100
+        position_max = 99
+        tpdo_timeout = 7
+        wc_misses = 2
+        drain_images = 4
+        pdo_number = 2
+        inputs = [\"velocity\", \"probe_status\", \"digital_inputs\"]
+        outputs = [\"torque_offset\", \"probe_function\", \"mode\"]
+        feed_forward = {{ torque = 300, torque_change = 50, velocity = 9, velocity_change = 2 }}
+        reset = \"node\"
+        boot_timeout_ms = 900
+        heartbeat_ms = 0
+        guard_time_ms = 80
+        life_time_factor = 4
+        check_profile = false
+        following_error = [20_000, 50]
+        output_mask = 0x0003_0000
+        interpolation_buffer = 8
+        torque_slope = 1000
+        vl = {{ limits = [10, 3000], acceleration = [1000, 1], deceleration = [2000, 3] }}
+        write_position_limits = true
+        max_torque = 900
+        max_motor_speed = 2800
+        use_limits = true
+        silence_other_tpdos = false"
+    );
+    let axes = parse_axes(text.as_bytes()).unwrap_or_else(|faults| panic!("{faults}"));
+    let node = NodeId::new(7).unwrap();
+    let guarding = GuardingConfig { guard_time: Duration::from_millis(80), life_time_factor: 4 };
+    let expected = AxisConfig {
+        scale_source: ScaleSource::Checked,
+        range: PositionRange::Modulo { min: -100, max: 99 },
+        tpdo_timeout: 7,
+        wc_misses: 2,
+        drain_images: 4,
+        pdo_number: 2,
+        inputs: vec![InputObject::Velocity, InputObject::ProbeStatus, InputObject::DigitalInputs],
+        outputs: vec![OutputObject::TorqueOffset, OutputObject::ProbeFunction, OutputObject::Mode],
+        feed_forward: FeedForwardLimits {
+            velocity: 9,
+            velocity_change: 2,
+            torque: 300,
+            torque_change: 50,
+        },
+        drive: DriveConfig {
+            reset: NodeReset::Node,
+            boot_timeout: Duration::from_millis(900),
+            heartbeat_ms: 0,
+            guarding: Some(guarding),
+            expect_profile_402: false,
+            following_error: Some((20_000, 50)),
+            output_mask: Some(0x0003_0000),
+            interpolation_buffer: Some(8),
+            torque_slope: Some(1000),
+            vl: VlConfig {
+                limits: Some((10, 3000)),
+                acceleration: Some((1000, 1)),
+                deceleration: Some((2000, 3)),
+            },
+            write_position_limits: true,
+            max_torque: Some(900),
+            max_motor_speed: Some(2800),
+            use_limits: true,
+            silence_other_tpdos: false,
+            ..DriveConfig::default()
+        },
+        ..AxisConfig::new(NodeAddress { slave: 0, channel: 1, node })
+    };
+    assert_eq!(axes, [expected]);
+}
+
+#[test]
+fn faults_of_process_data_and_drives_have_a_location() {
+    let text = format!(
+        "{TWO_CHANNELS}[[axis]]
+gateway = 0
+channel = 1
+node = 7
+position_range = \"modulo\"
+inputs = [\"velocity\", \"torque\", \"velocity\"]
+outputs = [\"velocity_offset\"]
+following_error = [1, 70_000]
+guard_time_ms = 50
+heartbeat_ms = 50
+[[axis]]
+gateway = 0
+channel = 1
+node = 8
+mode = \"pv\"
+position_max = 5
+outputs = [\"torque_offset\", \"colour\"]
+[[axis]]
+gateway = 0
+channel = 1
+node = 9
+scale_source = \"drive\"
+max_velocity_rad_s = 1
+outputs = [\"probe_function\"]
+[[node]]
+gateway = 0
+channel = 0
+node = 9
+[node.axis]
+heartbeat_ms = 10
+"
+    );
+    let faults = parse_axes(text.as_bytes()).unwrap_err().0;
+    let found: Vec<_> = faults.iter().map(|it| (it.line, it.reason.as_str())).collect();
+    let has = |line: usize, part: &str| {
+        assert!(
+            found.iter().any(|(at, reason)| *at == line && reason.contains(part)),
+            "line {line}: {part}: {found:#?}"
+        );
+    };
+    has(9, "needs `position_min` and `position_max`");
+    has(10, "`inputs` has \"velocity\" twice");
+    has(11, "the limits of velocity offset 0x60B1 are 0");
+    has(12, "the time is out of range; allowed: 0 to 65535 ms");
+    has(13, "exclude each other");
+    has(20, "`position_max` needs `position_range` = \"modulo\"");
+    has(21, "\"colour\" is invalid; allowed: \"velocity_offset\", \"torque_offset\"");
+    has(26, "need a configured scale");
+    has(28, "touch probe function 0x60B8 is mapped without the status");
+    has(34, "unknown key `heartbeat_ms`");
 }

@@ -4,11 +4,15 @@
 use std::time::Duration;
 
 use ecan_canopen::{
-    BootConfig, BootReset, ConfigurationDate, IdentityCheck, NodeAddress, NodeDescription, NodeId,
-    PdoDirection, PdoMapping, RevisionCheck, TransmissionType,
+    BootConfig, BootReset, ConfigurationDate, GuardingConfig, HostHeartbeat, IdentityCheck,
+    NetworkConfig, NodeAddress, NodeDescription, NodeId, OperatingMode, PdoDirection, PdoMapping,
+    RevisionCheck, TransmissionType,
 };
-use ecan_cia402::{AxisConfig, NodeReset};
-use ecan_config_file::{ConfigFileError, load, load_axes, load_nodes};
+use ecan_cia402::{AxisConfig, InputObject, NodeReset, OutputObject, Scale, Takeover};
+use ecan_config_file::{
+    ConfigFileError, NetworkSettings, load, load_axes, load_network, load_network_settings,
+    load_nodes,
+};
 use ecan_protocol::can::CanId;
 use tempfile::TempDir;
 
@@ -394,6 +398,213 @@ fn faults_of_a_bus_have_its_lines() {
     assert!(texts.iter().any(|it| it.contains("(Grip force) = 500 is out of range")), "{texts:#?}");
     let broken = faults_with(text, &[("bus.yml", "a: [1\nb: 2")]);
     assert!(broken[0].1.starts_with("`file` bus.yml: line "), "{broken:#?}");
+}
+
+/// A bus of drives as ros2_canopen has it.
+const DRIVES: &str = r#"
+master:
+  node_id: 1
+  driver: "ros2_canopen::MasterDriver"
+  package: "canopen_master_driver"
+  sync_period: 10000
+  sync_overflow: 20
+  heartbeat_producer: 40
+  heartbeat_multiplier: 2.5
+
+defaults:
+  dcf: "servo_drive.eds"
+  driver: "ros2_canopen::Cia402Driver"
+  package: "canopen_402_driver"
+  period: 10
+  revision_number: 0
+  position_mode: 1
+  scale_pos_to_dev: 2000.0
+  scale_vel_to_dev: 500
+  offset_pos_to_dev: 12.0
+  heartbeat_consumer: true
+  tpdo:
+    1:
+      enabled: true
+      cob_id: "auto"
+      transmission: 0x01
+      mapping:
+        - {index: 0x6041, sub_index: 0}
+        - {index: 0x6061, sub_index: 0}
+    2:
+      enabled: true
+      cob_id: "auto"
+      transmission: 0x01
+      mapping:
+        - {index: 0x6064, sub_index: 0}
+        - {index: 0x606C, sub_index: 0}
+    3:
+      enabled: false
+  rpdo:
+    1:
+      enabled: true
+      cob_id: "auto"
+      mapping:
+        - {index: 0x6040, sub_index: 0}
+        - {index: 0x6060, sub_index: 0}
+    2:
+      enabled: true
+      cob_id: "auto"
+      mapping:
+        - {index: 0x607A, sub_index: 0}
+
+nodes:
+  joint_1:
+    node_id: 2
+    serial_number: 5
+  joint_2:
+    node_id: 3
+    position_mode: 8
+    heartbeat_consumer: false
+    driver: "ros2_canopen::LifecycleCia402Driver"
+  gripper:
+    node_id: 4
+    dcf: "gripper.eds"
+    driver: "ros2_canopen::ProxyDriver"
+    error_behavior: {1: 2}
+    tpdo: {}
+    rpdo: {}
+"#;
+const SERVO: &str = include_str!("../../examples/network/servo_drive.eds");
+
+#[test]
+fn drives_of_ros2_canopen_are_axes() {
+    let bus = "[[bus]]\ngateway = 0\nchannel = 0\nfile = \"bus.yml\"\n";
+    let text = format!("{GATEWAY}{bus}");
+    let gripper = EDS.replace("[1017]", EXTRA);
+    let files = [
+        ("cell.toml", &*text),
+        ("bus.yml", DRIVES),
+        ("servo_drive.eds", SERVO),
+        ("gripper.eds", &gripper),
+    ];
+    let directory = directory(&files);
+    let path = directory.path().join("cell.toml");
+    let axes = load_axes(&path).unwrap_or_else(|error| panic!("{error}"));
+    let [first, second] = &axes[..] else { panic!("{axes:?}") };
+    assert_eq!((first.address, second.address), (address(0, 2), address(0, 3)));
+    assert_eq!(first.mode, OperatingMode::ProfilePosition);
+    assert_eq!(second.mode, OperatingMode::CyclicPosition);
+    assert_eq!(first.inputs, [InputObject::ModeDisplay, InputObject::Velocity]);
+    assert_eq!(first.outputs, [OutputObject::Mode]);
+    let turn = std::f64::consts::TAU;
+    let scale = Scale::steps_per_turn(2000.0 * turn).with_origin(12);
+    assert_eq!(first.scale, scale.with_velocity_units(500.0 * turn));
+    assert_eq!(first.drive.identity.serial_number, Some(5));
+    // 2.5 heartbeats of 40 ms.
+    assert_eq!((first.drive.host_heartbeat_ms, second.drive.host_heartbeat_ms), (100, 0));
+    assert!(first.drive.further.is_empty(), "the axis maps the PDOs");
+
+    let settings = load_network_settings(&path).unwrap();
+    let sync = settings.cia402.sync;
+    assert_eq!((sync.every_cycles, sync.counter_overflow), (5, Some(20)), "cycles of 2 ms");
+    let host = HostHeartbeat { node: NodeId::MIN, period: Duration::from_millis(40) };
+    assert_eq!(settings.cia402.network.host_heartbeat, Some(host));
+
+    let nodes = load_nodes(&path).unwrap();
+    let [gripper] = &nodes[..] else { panic!("{nodes:?}") };
+    let values: Vec<_> =
+        gripper.overrides.iter().map(|it| (it.index, it.subindex, it.data.clone())).collect();
+    let watch = (100_u32 | 1 << 16).to_le_bytes().to_vec();
+    assert_eq!(values, [(0x1029, 1, vec![2]), (0x1016, 1, watch)]);
+    let steps: Vec<_> = gripper.boot.steps.iter().map(|it| it.action.to_string()).collect();
+    assert!(steps[1].contains("write 0x1019:00 = 0x14"), "the SYNC counter: {steps:?}");
+    let all = load_network(&path).unwrap();
+    let titles: Vec<_> = all.nodes.iter().map(NodeDescription::title).collect();
+    assert_eq!(titles, ["joint_1", "joint_2", "gripper"]);
+}
+
+/// 0x1016 and 0x1029, which the gripper does not have, before 0x1017.
+const EXTRA: &str = "[1016]\nParameterName=Consumer heartbeat time\nObjectType=8\nSubNumber=2\n\
+    [1016sub0]\nParameterName=Count\nDataType=5\nAccessType=ro\nDefaultValue=1\n\
+    [1016sub1]\nParameterName=First\nDataType=7\nAccessType=rw\nDefaultValue=0\n\
+    [1029]\nParameterName=Error behaviour\nObjectType=8\nSubNumber=2\n\
+    [1029sub0]\nParameterName=Count\nDataType=5\nAccessType=ro\nDefaultValue=1\n\
+    [1029sub1]\nParameterName=Communication\nDataType=5\nAccessType=rw\nDefaultValue=0\n\
+    [1017]";
+
+#[test]
+fn unsuitable_drives_of_ros2_canopen_are_reported() {
+    let text = "[[bus]]\ngateway = 0\nchannel = 0\nfile = \"bus.yml\"\n";
+    let bus = DRIVES
+        .replace("sync_period: 10000", "sync_period: 3000")
+        .replace("position_mode: 1", "position_mode: 6")
+        .replace("{index: 0x606C, sub_index: 0}", "{index: 0x6081, sub_index: 0}")
+        .replace("heartbeat_consumer: true", "num_channels: 2");
+    let found = faults_with(text, &[("bus.yml", &bus), ("servo_drive.eds", SERVO)]);
+    let has =
+        |part: &str| assert!(found.iter().any(|it| it.1.contains(part)), "{part}: {found:#?}");
+    has("`num_channels` is not supported");
+    let bus = bus.replace("num_channels: 2", "num_channels: 1");
+    let found = faults_with(text, &[("bus.yml", &bus), ("servo_drive.eds", SERVO)]);
+    let has =
+        |part: &str| assert!(found.iter().any(|it| it.1.contains(part)), "{part}: {found:#?}");
+    has("line 6, column 16: `sync_period` = 3000 must be a multiple of the cycle, 2000 us");
+    has("mode 6 is invalid for an axis");
+    has("0x6081:00: the TPDOs of an axis cannot contain it; allowed: 0x6041");
+}
+
+#[test]
+fn network_has_its_settings() {
+    let settings = |network: &str, bus: &str| {
+        let bus = format!("{bus}[[bus]]\ngateway = 0\nchannel = 0\nfile = \"bus.yml\"\n");
+        let text = format!("{GATEWAY}[network]\n{network}\n{bus}");
+        let empty = "master:\n  node_id: 3\n  sync_period: 4000\nnodes: {}\n";
+        let directory = directory(&[("cell.toml", &text), ("bus.yml", empty)]);
+        load_network_settings(directory.path().join("cell.toml"))
+    };
+    let all = settings(
+        "sync_cycles = 3\nsync_counter = 0\ntarget_cycles = 6\ntakeover = \"adopt\"\ntime_ms = 200\n\
+         host_node = 9\nhost_heartbeat_ms = 30\nservice_frames_per_cycle = 3\nsdo_pending_limit = 2\n\
+         reserved_image_bytes = 64\nnmt_queue = 5\nsdo_timeout_ms = 7\nsdo_storage_timeout_ms = 8\n\
+         sdo_retries = 0\nsdo_buffer_bytes = 99",
+        "",
+    )
+    .unwrap();
+    let mut expected = NetworkSettings::default();
+    let config = &mut expected.cia402;
+    (config.sync.every_cycles, config.motion_div, config.takeover) = (3, 6, Takeover::Adopt);
+    let host = HostHeartbeat { node: NodeId::new(9).unwrap(), period: Duration::from_millis(30) };
+    config.network = NetworkConfig {
+        service_frames_per_cycle: 3,
+        sdo_pending_limit: 2,
+        reserved_image_bytes: 64,
+        nmt_queue: 5,
+        host_heartbeat: Some(host),
+    };
+    let sdo = &mut config.node.sdo;
+    (sdo.timeout, sdo.storage_timeout) = (Duration::from_millis(7), Duration::from_millis(8));
+    (sdo.retries, sdo.buffer_bytes) = (0, 99);
+    expected.time_period = Some(Duration::from_millis(200));
+    assert_eq!(all, expected, "the table has precedence over the bus");
+
+    let by_bus = settings("", "").unwrap().cia402;
+    assert_eq!(by_bus.sync.every_cycles, 2);
+    assert_eq!(by_bus.network.host_heartbeat.unwrap().node, NodeId::new(3).unwrap());
+    assert_eq!(settings("host_heartbeat_ms = 0", "").unwrap().cia402.network.host_heartbeat, None);
+    let faults = settings("sync_counter = 1\nhost_node = 0", "").unwrap_err().to_string();
+    assert!(faults.contains("`sync_counter` = 1 is out of range; allowed: 0 for none"), "{faults}");
+    assert!(faults.contains("`host_node` = 0 is out of range; allowed: 1 to 127"), "{faults}");
+    // The node-ID of the host is taken.
+    let node = "[[node]]\ngateway = 0\nchannel = 1\nnode = 9\n";
+    let faults = settings("host_node = 9", node).unwrap_err().to_string();
+    assert!(faults.contains("heartbeat"), "{faults}");
+}
+
+#[test]
+fn guarding_of_a_node_is_that_of_its_axis() {
+    let text = format!(
+        "{GATEWAY}[[node]]\ngateway = 0\nchannel = 0\nnode = 3\nheartbeat_ms = 0\n\
+         guard_time_ms = 70\n[node.axis]\nmode = \"csp\"\n"
+    );
+    let directory = directory(&[("cell.toml", &text)]);
+    let axes = load_axes(directory.path().join("cell.toml")).unwrap_or_else(|e| panic!("{e}"));
+    let guarding = GuardingConfig { guard_time: Duration::from_millis(70), life_time_factor: 3 };
+    assert_eq!(axes[0].drive.guarding, Some(guarding));
 }
 
 #[test]

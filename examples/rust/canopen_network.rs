@@ -12,7 +12,7 @@ use std::time::Duration;
 
 use clap::Parser;
 use ecan_canopen::{BootPhase, BootState, NodeConfig};
-use ecan_cia402::{Cia402, Cia402Config};
+use ecan_cia402::Cia402;
 use ecan_example_support::backend::MasterArguments;
 use ecan_example_support::{Interrupt, report_exit, wait_ready};
 use ecan_mcan_port::Port;
@@ -43,13 +43,14 @@ fn run(arguments: &Arguments) -> Result<bool, Box<dyn Error>> {
     let path = &arguments.file;
     let (config, axes) = (ecan_config_file::load(path)?, ecan_config_file::load_axes(path)?);
     let nodes = ecan_config_file::load_nodes(path)?;
+    let settings = ecan_config_file::load_network_settings(path)?;
     let interrupt = Interrupt::install()?;
     let backend = arguments.master.open("drives", &config.adapter)?;
     let mut port = Port::open(&backend.ecrt, (config.adapter, config.port))?;
     if !wait_ready(&mut port, &interrupt)? {
         return Ok(true);
     }
-    let mut cia402 = Cia402::new(&port, axes, Cia402Config::default())?;
+    let mut cia402 = Cia402::new(&port, axes, settings.cia402)?;
     for node in &nodes {
         let network = cia402.network_mut();
         let handle = network.add_node(node.address, NodeConfig::default())?;

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeSet;
 
-use ecan_canopen::{BootReset, NodeId, PdoDirection};
+use ecan_canopen::{BootReset, NodeId, PdoDirection, object};
 use saphyr::{LoadableYamlNode, MarkedYaml, Scalar, YamlData};
 
 use super::source::{NodeSource, ParameterSource, PdoSource, RevisionRule};
@@ -14,8 +14,7 @@ use crate::text_lines::TextLines;
 const SECTIONS: [&str; 4] = ["options", "master", "defaults", "nodes"];
 
 /// Keys of a node that concern ROS only, or drivers of ros2_canopen.
-const ROS_KEYS: [&str; 24] = [
-    "driver",
+const ROS_KEYS: [&str; 19] = [
     "package",
     "namespace",
     "enable_lazy_load",
@@ -30,12 +29,8 @@ const ROS_KEYS: [&str; 24] = [
     "retry_factor",
     "switching_state",
     "homing_timeout_seconds",
-    "position_mode",
-    "scale_pos_to_dev",
     "scale_pos_from_dev",
-    "scale_vel_to_dev",
     "scale_vel_from_dev",
-    "offset_pos_to_dev",
     "offset_pos_from_dev",
     "boot",
     "time_cob_id",
@@ -45,9 +40,11 @@ const ROS_KEYS: [&str; 24] = [
 #[derive(Clone, Debug, Default)]
 pub(crate) struct MasterSource {
     pub(crate) node: Option<NodeId>,
-    pub(crate) sync_period_us: Option<u32>,
-    pub(crate) sync_overflow: Option<u8>,
+    pub(crate) sync_period_us: Option<Located<u32>>,
+    pub(crate) sync_overflow: Option<Located<u8>>,
     pub(crate) heartbeat_ms: Option<u16>,
+    /// Consumer heartbeat time of nodes that watch it, in periods.
+    pub(crate) heartbeat_multiplier: Option<f64>,
 }
 
 /// Reads the nodes of a bus on a channel, and its master.
@@ -185,6 +182,23 @@ impl Reader<'_> {
         }
     }
 
+    fn number(&mut self, key: &str, node: Node<'_>) -> Option<f64> {
+        let number = match &node.data {
+            YamlData::Value(Scalar::Integer(number)) => Some(*number as f64),
+            YamlData::Value(Scalar::FloatingPoint(number)) => Some(number.into_inner()),
+            _ => None,
+        };
+        if number.is_none() {
+            self.fault(node, format!("`{key}` must be a number"));
+        }
+        number
+    }
+
+    fn mode(&mut self, key: &str, node: Node<'_>) -> Option<Located<i8>> {
+        let raw = self.integer(key, node, (-128, 127));
+        raw.map(|raw| Located::new(raw, self.at(node)))
+    }
+
     fn master(&mut self, node: Node<'_>) -> MasterSource {
         let mut master = MasterSource::default();
         for (key, value) in self.mapping(node, "`master`").pairs {
@@ -194,11 +208,15 @@ impl Reader<'_> {
                     master.node = raw.and_then(NodeId::new);
                 }
                 "sync_period" => {
-                    master.sync_period_us =
-                        self.integer("sync_period", value, (0, u32::MAX.into()));
+                    let period = self.integer("sync_period", value, (0, u32::MAX.into()));
+                    master.sync_period_us = period.map(|it| Located::new(it, self.at(value)));
                 }
                 "sync_overflow" => {
-                    master.sync_overflow = self.integer("sync_overflow", value, (0, 240));
+                    let overflow = self.integer("sync_overflow", value, (0, 240));
+                    master.sync_overflow = overflow.map(|it| Located::new(it, self.at(value)));
+                }
+                "heartbeat_multiplier" => {
+                    master.heartbeat_multiplier = self.number("heartbeat_multiplier", value);
                 }
                 "heartbeat_producer" => {
                     master.heartbeat_ms = self.integer("heartbeat_producer", value, (0, 0xFFFF));
@@ -263,8 +281,23 @@ impl Reader<'_> {
                     node.life_time_factor =
                         self.integer(name, value, (0, 0xFF)).filter(|it| *it > 0);
                 }
-                "heartbeat_consumer" | "error_behavior" | "software_file" | "num_channels"
-                | "channel_names" | "channels" => {
+                "driver" => {
+                    // Also that of lifecycle nodes.
+                    let driver = text_of(value).unwrap_or_default();
+                    node.ros_axis.is_axis = driver.ends_with("Cia402Driver");
+                }
+                "position_mode" => node.ros_axis.modes[0] = self.mode(name, value),
+                "velocity_mode" => node.ros_axis.modes[1] = self.mode(name, value),
+                "torque_mode" => node.ros_axis.modes[2] = self.mode(name, value),
+                "scale_pos_to_dev" => node.ros_axis.position_units = self.number(name, value),
+                "scale_vel_to_dev" => node.ros_axis.velocity_units = self.number(name, value),
+                "offset_pos_to_dev" => node.ros_axis.origin = self.number(name, value),
+                "heartbeat_consumer" => {
+                    node.watches_master = self.flag(name, value).map(|it| Located::new(it, at));
+                }
+                "error_behavior" => self.error_behavior(value, node),
+                "num_channels" if matches!(value.data, YamlData::Value(Scalar::Integer(1))) => {}
+                "software_file" | "num_channels" | "channel_names" | "channels" => {
                     self.fault(
                         value,
                         format!("`{name}` is not supported; use the configuration file"),
@@ -276,6 +309,25 @@ impl Reader<'_> {
         }
         if node.device_file.is_none() {
             self.faults.push((node.at, format!("`{}` has no `dcf`: the EDS or DCF", node.name)));
+        }
+    }
+
+    /// Reaction to each class of errors: the entries of 0x1029.
+    fn error_behavior(&mut self, classes: Node<'_>, node: &mut NodeSource) {
+        for (class, value) in self.mapping(classes, "`error_behavior`").pairs {
+            let Some(subindex) = class.value.parse::<u8>().ok().filter(|it| *it > 0) else {
+                let text =
+                    format!("error class {} is out of range; allowed: 1 to 255", class.value);
+                self.faults.push((class.at, text));
+                continue;
+            };
+            let object = format!("0x{:04X}:{subindex}", object::ERROR_BEHAVIOUR);
+            if let Some(value) = self.integer::<u8>("error_behavior", value, (0, 0xFF)) {
+                node.parameters.push(ParameterSource {
+                    object: Located::new(object, class.at),
+                    value: Located::new(value.to_string(), class.at),
+                });
+            }
         }
     }
 

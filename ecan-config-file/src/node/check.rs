@@ -10,14 +10,16 @@ use ecan_mcan_port::Config;
 use super::FileNode;
 use super::resolve::ResolvedNode;
 use crate::document::Document;
+use crate::network::NetworkSettings;
 
 /// The network of a file: the nodes, with the process data of the axes of theirs.
 pub(crate) fn network(
     config: &Config,
+    settings: &NetworkSettings,
     nodes: &[FileNode],
     axes: &[Option<AxisConfig>],
 ) -> NetworkDescription {
-    let defaults = Cia402Config::default();
+    let Cia402Config { network, sync, .. } = &settings.cia402;
     let mut descriptions: Vec<_> = nodes.iter().map(|it| it.node.description.clone()).collect();
     for axis in axes.iter().flatten() {
         let nth = descriptions.iter().position(|node| node.address == axis.address);
@@ -38,8 +40,8 @@ pub(crate) fn network(
     NetworkDescription {
         nodes: descriptions,
         channels: channels.collect(),
-        host_heartbeat: defaults.network.host_heartbeat,
-        sync: Some(defaults.sync),
+        host_heartbeat: network.host_heartbeat,
+        sync: Some(*sync),
         cycle_ns: config.adapter.cycle_ns(),
     }
 }
@@ -48,13 +50,14 @@ pub(crate) fn network(
 pub(crate) fn check(
     document: &Document<'_>,
     config: &Config,
+    settings: &NetworkSettings,
     nodes: &[FileNode],
     axes: &[Option<AxisConfig>],
 ) {
     if nodes.is_empty() {
         return;
     }
-    for NetworkFault { nodes: concerned, kind } in network(config, nodes, axes).check() {
+    for NetworkFault { nodes: concerned, kind } in network(config, settings, nodes, axes).check() {
         // Of several nodes, the fault is at the last one.
         let Some(node) = concerned.last().and_then(|nth| nodes.get(*nth)) else {
             document.semantic_fault(&[channel_path(&kind)], kind.to_string());

@@ -4,6 +4,7 @@ mod bus_yml;
 mod check;
 mod device_files;
 mod resolve;
+mod ros_axis;
 mod source;
 mod table;
 
@@ -11,17 +12,23 @@ use std::io;
 use std::path::Path;
 use std::rc::Rc;
 
-use ecan_canopen::{BootConfig, BootReset, NodeDescription};
+use ecan_canopen::{
+    BootConfig, BootReset, HeartbeatConsumer, HostHeartbeat, NodeDescription, object,
+};
 use ecan_cia402::{AxisConfig, DriveConfig, NodeReset};
 use ecan_protocol::mapping::CHANNELS;
 
 use crate::axis;
 use crate::document::{Includes, Table};
 use crate::fault::FileFaults;
+use crate::located::Located;
+use crate::network::NetworkTable;
 use crate::text_lines::TextLines;
 use device_files::DeviceFiles;
 use resolve::{ResolvedNode, resolve};
+use source::{NodeSource, ParameterSource};
 
+pub(crate) use bus_yml::MasterSource;
 pub(crate) use check::{check, network};
 
 /// A node of a file, and the locations of its parts.
@@ -53,6 +60,8 @@ impl BusFile {
 pub(crate) fn read_all(
     root: &mut Table<'_, '_>,
     axes: &mut Vec<Option<AxisConfig>>,
+    network: &mut NetworkTable,
+    cycle_ns: u32,
 ) -> Vec<FileNode> {
     let includes = root.includes();
     // A configuration that another program has sent has no device files: gateways do not need them.
@@ -86,7 +95,7 @@ pub(crate) fn read_all(
         nodes.extend(node.map(|node| FileNode { node, bus: None, has_axis }));
     }
     for table in root.tables("bus") {
-        nodes.extend(read_bus(table, &mut files, can_read));
+        nodes.extend(read_bus(table, &mut files, can_read, axes, (network, cycle_ns)));
     }
     nodes
 }
@@ -101,6 +110,7 @@ fn configure_drive(drive: &mut DriveConfig, boot: BootConfig) {
     drive.boot_timeout = boot.boot_timeout;
     drive.identity = boot.identity;
     drive.heartbeat_ms = boot.heartbeat_ms;
+    drive.guarding = boot.guarding;
     drive.parameters = boot.parameters;
     drive.further.extend(boot.steps);
 }
@@ -121,6 +131,8 @@ fn read_bus(
     mut table: Table<'_, '_>,
     files: &mut DeviceFiles<'_>,
     can_read: bool,
+    axes: &mut Vec<Option<AxisConfig>>,
+    (network, cycle_ns): (&mut NetworkTable, u32),
 ) -> Vec<FileNode> {
     let slave = table.required("gateway", "the index of its gateway in the file", (0, 0xFFFF));
     let channel = table.required("channel", "0 to 3", (0, CHANNELS as u32 - 1));
@@ -142,54 +154,111 @@ fn read_bus(
     let bus = Rc::new(BusFile { name: name.to_owned(), text, at: table.location("file") });
     let channel = u8::try_from(channel).unwrap_or(0);
     let directory = Path::new(name).parent().unwrap_or(Path::new(""));
-    match read_bus_text(&bus.text, (slave as usize, channel), directory, files) {
-        Ok((nodes, faults)) => {
-            for (at, reason) in faults {
-                let (at, reason) = bus.fault(at, &reason);
-                table.fault_at(at, reason);
-            }
-            let nodes = nodes.into_iter();
-            nodes
-                .map(|node| FileNode { node, bus: Some(Rc::clone(&bus)), has_axis: false })
-                .collect()
-        }
+    let read = read_bus_text(
+        &bus.text,
+        (slave as usize, channel),
+        directory,
+        files,
+        (network, Some(cycle_ns)),
+    );
+    let (read, faults) = match read {
+        Ok(read) => read,
         Err(faults) => {
             for fault in faults.0 {
                 table.fault("file", format!("`file` {name}: {fault}"));
             }
-            Vec::new()
+            return Vec::new();
         }
+    };
+    for (at, reason) in faults {
+        let (at, reason) = bus.fault(at, &reason);
+        table.fault_at(at, reason);
     }
+    let mut nodes = Vec::new();
+    for BusNode { mut node, axis } in read {
+        let has_axis = axis.is_some();
+        if let Some(mut axis) = axis {
+            // The axis maps its PDOs.
+            node.description.pdos.clear();
+            node.description.disabled_pdos.clear();
+            node.pdos.clear();
+            // An invalid PDO or value is a fault of the check.
+            if let Ok(boot) = node.description.boot_config() {
+                configure_drive(&mut axis.drive, boot);
+            }
+            axes.push(Some(axis));
+        }
+        nodes.push(FileNode { node, bus: Some(Rc::clone(&bus)), has_axis });
+    }
+    nodes
 }
 
 /// Faults with their locations.
 type LocatedFaults = Vec<(usize, String)>;
 
-/// Reads the nodes of a bus whose device files are in a directory.
+/// A node of a bus, with its axis if the driver is one of CiA 402.
+struct BusNode {
+    node: ResolvedNode,
+    axis: Option<AxisConfig>,
+}
+
+/// Reads the nodes of a bus whose device files are in a directory, and its master.
 fn read_bus_text(
     text: &str,
     (slave, channel): (usize, u8),
     directory: &Path,
     files: &mut DeviceFiles<'_>,
-) -> Result<(Vec<ResolvedNode>, LocatedFaults), FileFaults> {
-    let (_, sources) = bus_yml::read(text, slave, channel)?;
+    (network, cycle_ns): (&mut NetworkTable, Option<u32>),
+) -> Result<(Vec<BusNode>, LocatedFaults), FileFaults> {
+    let (master, sources) = bus_yml::read(text, slave, channel)?;
     let (mut nodes, mut faults) = (Vec::new(), Vec::new());
-    for source in sources {
+    let mut report = |at, reason| faults.push((at, reason));
+    network.add_master(&master, cycle_ns, &mut report);
+    let host = network.settings.cia402.network.host_heartbeat;
+    for mut source in sources {
         let Some(file) = &source.device_file else { continue };
-        match files.device(&directory.join(&file.value)) {
-            Ok(device) => {
-                let mut report = |at, reason| faults.push((at, reason));
-                nodes.extend(resolve(&source, Some(device), &mut report));
+        let device = match files.device(&directory.join(&file.value)) {
+            Ok(device) => device,
+            Err(reason) => {
+                report(file.at, reason);
+                continue;
             }
-            Err(reason) => faults.push((file.at, reason)),
-        }
+        };
+        let time_ms = watch_master(&mut source, host, master.heartbeat_multiplier);
+        let Some(node) = resolve(&source, Some(device), &mut report) else { continue };
+        let axis = source
+            .ros_axis
+            .is_axis
+            .then(|| ros_axis::axis(&source.ros_axis, time_ms, &node, &mut report));
+        nodes.push(BusNode { node, axis });
     }
     Ok((nodes, faults))
 }
 
+/// Lets a node watch the heartbeat of the host (0x1016) if its file states that; returns the time in
+/// milliseconds, 0 if it does not.
+fn watch_master(
+    source: &mut NodeSource,
+    host: Option<HostHeartbeat>,
+    multiplier: Option<f64>,
+) -> Option<u16> {
+    let watches = source.watches_master.as_ref()?;
+    let (Some(host), true) = (host, watches.value) else { return Some(0) };
+    let time_ms = ros_axis::consumer_time_ms(host, multiplier);
+    if !source.ros_axis.is_axis {
+        let entry = HeartbeatConsumer { producer: host.node, time_ms };
+        source.parameters.push(ParameterSource {
+            object: Located::new(format!("0x{:04X}:1", object::CONSUMER_HEARTBEAT), watches.at),
+            value: Located::new(entry.raw().to_string(), watches.at),
+        });
+    }
+    Some(time_ms)
+}
+
 /// Reads the nodes of a file in the form of ros2_canopen, whose bus is a channel of a slave. `read`
 /// returns the bytes of a device file, by its name in the text. Names are resolved; the network is
-/// not checked, see [`NetworkDescription::check`](ecan_canopen::NetworkDescription::check).
+/// not checked, see [`NetworkDescription::check`](ecan_canopen::NetworkDescription::check). Nodes with
+/// a driver of CiA 402 are described like the others.
 ///
 /// # Errors
 /// Every fault, with line and column.
@@ -201,7 +270,9 @@ pub fn parse_bus_yml(
     let mut files = DeviceFiles::new(Box::new(move |path: &Path| {
         read(path).map_err(|error| format!("cannot read {}: {error}", path.display()))
     }));
-    let (nodes, faults) = read_bus_text(text, bus, Path::new(""), &mut files)?;
+    let mut network = NetworkTable::default();
+    let (nodes, faults) =
+        read_bus_text(text, bus, Path::new(""), &mut files, (&mut network, None))?;
     TextLines::new(text).finish(faults)?;
-    Ok(nodes.into_iter().map(|node| node.description).collect())
+    Ok(nodes.into_iter().map(|it| it.node.description).collect())
 }

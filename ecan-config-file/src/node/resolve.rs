@@ -12,10 +12,8 @@ use ecan_protocol::can::CanId;
 
 use super::source::{NodeSource, ParameterSource, PdoSource, RevisionRule};
 use crate::document::store;
+use crate::drive::LIFE_TIME_FACTOR;
 use crate::located::Located;
-
-/// Guarding requests without response that a node tolerates by default.
-const LIFE_TIME_FACTOR: u8 = 3;
 
 /// Receives a fault with its location.
 pub(crate) type Report<'a> = dyn FnMut(usize, String) + 'a;

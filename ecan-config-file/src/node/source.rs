@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use ecan_canopen::{BootReset, ConfigurationDate, NodeId, PdoDirection};
 
+use super::ros_axis::RosAxis;
 use crate::located::Located;
 
 /// How the revision number is compared with that of the device file.
@@ -93,6 +94,10 @@ pub(crate) struct NodeSource {
     pub(crate) reboots: Option<bool>,
     pub(crate) parameters: Vec<ParameterSource>,
     pub(crate) pdos: Vec<PdoSource>,
+    /// The node watches the heartbeat of the master (bus.yml).
+    pub(crate) watches_master: Option<Located<bool>>,
+    /// Keys of its axis (bus.yml).
+    pub(crate) ros_axis: RosAxis,
 }
 
 impl NodeSource {
@@ -126,6 +131,8 @@ impl NodeSource {
             reboots: None,
             parameters: Vec::new(),
             pdos: Vec::new(),
+            watches_master: None,
+            ros_axis: RosAxis::default(),
         }
     }
 }

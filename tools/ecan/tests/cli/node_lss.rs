@@ -84,8 +84,8 @@ fn selected_slave_stays_in_the_configuration_state() {
             .ends_with("serial number 0x4D: no node-ID, configuration state\n")
     );
     let via = ["--via", served.path.as_str(), "node", "lss"];
-    let nobody = ends(1, &[&via[..], &["identify", "--vendor", "1", "--product", "2"]].concat());
-    assert_eq!(nobody, "slave 0 can0: no slave in the range responds\n");
+    let other = ends(1, &[&via[..], &["identify", "--vendor", "1", "--product", "2"]].concat());
+    assert_eq!(other, "slave 0 can0: no slave in the range responds\n");
     assert_eq!(
         served.node(&["lss", "release"]),
         "slave 0 can0: all slaves switched to the waiting state\n"

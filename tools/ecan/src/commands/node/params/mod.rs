@@ -18,8 +18,8 @@ accept, each PDO disabled while it changes, and reads them again.
   ecan node params diff left.dcf --node 5
   ecan node params restore left.dcf --node 5 --store
 
-Commands are no parameters: controlword, mode, targets, offsets and outputs of CiA 402, 0x1003, 0x1010
-and 0x1011 are left out, and so is 0x1F50 to 0x1F5F (program download).
+Commands are left out: controlword, mode, targets, offsets and outputs of CiA 402, 0x1003, 0x1010,
+0x1011, and 0x1F50 to 0x1F5F (program download).
 
 restore needs a drive that is off, the identity of the file, and its node-ID: the values have its
 COB-IDs. For another node-ID use --application, which leaves out 0x1000 to 0x1FFF. Many nodes accept
