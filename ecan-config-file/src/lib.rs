@@ -163,6 +163,21 @@ pub fn load_axes(path: impl AsRef<Path>) -> Result<Vec<AxisConfig>, ConfigFileEr
     Ok(load_bus(path.as_ref())?.axes.into_iter().flatten().collect())
 }
 
+/// Reads the names of the axes of [`load_axes`], in the same order: those of their nodes. `None` for an
+/// axis without a node, or of a node without a name; several axes of a node have the same name.
+///
+/// # Errors
+/// [`ConfigFileError`]: the file cannot be read, or every fault of it, with line and column.
+pub fn load_axis_names(path: impl AsRef<Path>) -> Result<Vec<Option<String>>, ConfigFileError> {
+    let Bus { axes, nodes, .. } = load_bus(path.as_ref())?;
+    let name = |axis: AxisConfig| {
+        let mut nodes = nodes.iter().map(|it| &it.node.description);
+        let node = nodes.find(|node| node.address == axis.address)?;
+        (!node.name.is_empty()).then(|| node.name.clone())
+    };
+    Ok(axes.into_iter().flatten().map(name).collect())
+}
+
 /// Reads the CANopen nodes of a configuration with their device files, in the order of the file, for
 /// [`Network::boot`](ecan_canopen::Network::boot). Names are resolved, and the network is checked as a
 /// whole. Empty without nodes. Nodes with an axis are left out: [`load_axes`] returns their axes,
