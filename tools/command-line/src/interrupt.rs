@@ -73,6 +73,25 @@ impl Interrupt {
         Self::install_patient_with(|| ())
     }
 
+    /// As [`install_patient`](Self::install_patient); the thread of the signals calls `on_hang_up` for
+    /// SIGHUP, before it sets the flag.
+    ///
+    /// # Errors
+    /// As [`install`](Self::install).
+    pub fn install_patient_with_hang_up(
+        mut on_hang_up: impl FnMut() + Send + 'static,
+    ) -> Result<Self, InterruptError> {
+        let interrupt = Self::default();
+        let flag = interrupt.clone();
+        on_signals(move |signal| {
+            if signal == SIGHUP {
+                on_hang_up();
+            }
+            flag.request();
+        })?;
+        Ok(interrupt)
+    }
+
     /// As [`install_patient`](Self::install_patient); the first signal prints `message` on standard
     /// error.
     ///

@@ -73,6 +73,7 @@ fn main() -> ExitCode {
         Command::Replay(arguments) => commands::replay::run(arguments, &context),
         Command::Monitor(arguments) => commands::monitor::run(arguments, &context),
         Command::Node(arguments) => commands::node::run(arguments, &context),
+        Command::Axis(arguments) => commands::axis::run(arguments, &context),
         Command::Bridge(arguments) => commands::bridge::run(arguments, &context),
         Command::Serve(arguments) => commands::serve::run(arguments, &context),
         Command::Sim(arguments) => commands::sim::run(arguments, &context),

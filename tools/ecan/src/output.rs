@@ -96,6 +96,11 @@ impl Output {
         unless_reader_gone(stream.write_all(bytes).and_then(|()| stream.flush()))
     }
 
+    /// Returns whether progress is printed: not with `--json`.
+    pub fn has_progress(&self) -> bool {
+        !self.json
+    }
+
     /// Prints progress on standard error, except with `--json`.
     pub fn progress(&self, text: impl std::fmt::Display) {
         if !self.json {

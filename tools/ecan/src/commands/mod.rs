@@ -1,3 +1,4 @@
+pub mod axis;
 pub mod bridge;
 pub mod caps;
 pub mod config;
@@ -78,6 +79,9 @@ pub enum Command {
     /// Access CANopen nodes: scan, objects, NMT, PDOs, errors
     #[command(after_help = node::EXAMPLES)]
     Node(node::NodeArguments),
+    /// Commission a CiA 402 axis: status, enable, jog, move, home, stop, tune
+    #[command(after_help = axis::EXAMPLES)]
+    Axis(axis::AxisArguments),
     /// Connect other programs to channels: slcan, socketcand or SocketCAN
     #[command(after_help = bridge::EXAMPLES)]
     Bridge(bridge::BridgeArguments),

@@ -1,0 +1,57 @@
+//! Permission to move: confirmation, and a dead-man function that can act.
+
+use std::time::Duration;
+
+use clap::Args;
+use ecan_sim::ClockKind;
+
+use crate::confirmation::confirm;
+use crate::context::{Failure, Result};
+
+use super::operator::{InputKind, Operator, input_kind};
+
+#[derive(Clone, Copy, Debug, Args)]
+#[command(next_help_heading = "Permission")]
+pub struct PermissionArguments {
+    /// Move without asking
+    #[arg(long)]
+    yes: bool,
+    /// Move although standard input is neither a terminal nor a pipe, whose end stops the axis
+    #[arg(long)]
+    unattended: bool,
+    /// Enable a drive whose motor would not stop if this host failed
+    #[arg(long)]
+    accept_risk: bool,
+}
+
+impl PermissionArguments {
+    /// Rejects a motion that no operator can stop, asks for confirmation, then watches the operator.
+    pub fn obtain(&self, what: &str, label: &str, release: Duration) -> Result<Operator> {
+        if input_kind() == InputKind::None && !self.unattended {
+            return Err(Failure::Usage(format!(
+                "cannot {what} {label} unattended: standard input is neither a terminal nor a pipe, so that \
+                 its end cannot stop the axis; run on a terminal, or use --unattended"
+            )));
+        }
+        // A signal before this ends the program, and nothing has moved.
+        confirm(
+            self.yes,
+            &format!("to {what} {label}"),
+            format_args!("This will {what} {label}, and its motor can move. Continue?"),
+            "nothing was sent",
+        )?;
+        Operator::watch(release)
+    }
+
+    pub fn accepts_risk(&self) -> bool {
+        self.accept_risk
+    }
+}
+
+/// Clock of a simulation that names none: real time on a terminal, where an operator reacts.
+pub fn clock_kind(is_interactive: bool) -> ClockKind {
+    match is_interactive || input_kind() == InputKind::Terminal {
+        true => ClockKind::Real,
+        false => ClockKind::Stepped,
+    }
+}

@@ -1,0 +1,134 @@
+//! `ecan axis enable`: the drive holds its position.
+
+use std::time::Duration;
+
+use clap::Args;
+use ecan_canopen::OperatingMode;
+
+use crate::context::{Context, Failure, Result};
+use crate::frames::GatewayOptions;
+
+use super::axis_choice::AxisOptions;
+use super::dead_man::{PermissionArguments, clock_kind};
+use super::drive_report::{self, DriveReport};
+use super::key_hold::Hold;
+use super::limit_arguments::LimitArguments;
+use super::operator::{InputKind, Operator};
+use super::session::{AxisSession, SessionSettings};
+
+pub const NOTES: &str = "\
+The drive is configured and enabled at its actual position, and holds it until Enter, q, Esc or
+Ctrl-C, or for --for. With --hold-key only while a key is held. When the terminal is lost or a pipe
+of standard input is closed, the drive gets a quick stop and is switched off (exit status 1).
+
+If it is not enabled, the reasons are printed, as by `ecan axis status`.";
+
+#[derive(Debug, Args)]
+pub struct EnableArguments {
+    #[command(flatten)]
+    axis: AxisOptions,
+    #[command(flatten)]
+    limits: LimitArguments,
+    #[command(flatten)]
+    permission: PermissionArguments,
+    /// Reset a fault of the drive first
+    #[arg(long)]
+    reset_fault: bool,
+    /// Stay enabled only while any key is held
+    #[arg(long, conflicts_with = "milliseconds")]
+    hold_key: bool,
+    /// Time without a repetition after which a key counts as released, in ms
+    #[arg(long, value_name = "MS", default_value_t = 200,
+          value_parser = clap::value_parser!(u64).range(50..=1_000))]
+    key_timeout: u64,
+    /// Stay enabled for this time, in ms
+    #[arg(long = "for", value_name = "MS", value_parser = clap::value_parser!(u64).range(1..=3_600_000))]
+    milliseconds: Option<u64>,
+    #[command(flatten)]
+    options: GatewayOptions,
+}
+
+pub fn run(arguments: &EnableArguments, context: &Context) -> Result {
+    let EnableArguments { axis, limits, permission, options, .. } = arguments;
+    let chosen = axis.choose(options.setup.config.as_deref(), true, context)?;
+    let envelope = limits.envelope(&chosen.units, &chosen.config).map_err(Failure::Usage)?;
+    let release = Duration::from_millis(arguments.key_timeout);
+    let operator = permission.obtain("enable", &chosen.label, release)?;
+    if operator.kind() == InputKind::None && arguments.milliseconds.is_none() {
+        let message = "without a terminal or a pipe `enable` needs an end; set --for";
+        return Err(Failure::Usage(message.to_owned()));
+    }
+    if operator.kind() != InputKind::Terminal && arguments.hold_key {
+        return Err(Failure::Usage("--hold-key needs a terminal".to_owned()));
+    }
+    let settings = SessionSettings {
+        options,
+        mode: Some(OperatingMode::CyclicPosition),
+        envelope: Some(envelope),
+        clock: clock_kind(arguments.milliseconds.is_none()),
+        accepts_risk: permission.accepts_risk(),
+    };
+    AxisSession::start(&chosen, settings, Some(operator), context)?.run(|session| {
+        session.configure()?;
+        if arguments.reset_fault {
+            session.reset_fault()?;
+        }
+        enable_or_explain(session, context)?;
+        hold(session, arguments)
+    })
+}
+
+/// Enables the drive. If it is not enabled, prints the reasons that the drive reports.
+pub fn enable_or_explain(session: &mut AxisSession, context: &Context) -> Result {
+    let Err(failure) = session.enable() else { return Ok(()) };
+    // A stop by the operator needs no explanation.
+    if matches!(failure, Failure::Rejected(_)) {
+        let report = DriveReport::read(
+            session.label().to_owned(),
+            session.units(),
+            None,
+            &mut |index, subindex| Ok(session.number(index, subindex)),
+        )?;
+        let stream = &mut *context.on_stderr(true).output.stream();
+        drive_report::print_obstacles(&report, stream)?;
+    }
+    Err(failure)
+}
+
+fn hold(session: &mut AxisSession, arguments: &EnableArguments) -> Result {
+    let end = match (arguments.milliseconds, arguments.hold_key) {
+        (Some(ms), _) => format!("for {ms} ms"),
+        (None, true) => "while a key is held".to_owned(),
+        (None, false) => "until Enter, q or Ctrl-C".to_owned(),
+    };
+    session.report(format_args!("enabled {end}"));
+    let start_ns = session.now_ns();
+    let time_ns = arguments.milliseconds.map(|ms| ms * 1_000_000);
+    let mut was_held = false;
+    loop {
+        let now_ns = match session.cycle(None) {
+            Ok(end) => end.now_ns,
+            // The usual end.
+            Err(Failure::Incomplete(_)) if is_commanded_end(session) => return Ok(()),
+            Err(failure) => return Err(failure),
+        };
+        session.check_running()?;
+        let hold = session.operator.as_ref().map_or(Hold::None, Operator::hold);
+        was_held |= matches!(hold, Hold::Held(_));
+        let is_released = arguments.hold_key && was_held && !matches!(hold, Hold::Held(_));
+        if is_released {
+            session.report("key released");
+            return session.stop();
+        }
+        let is_over = time_ns.is_some_and(|time_ns| now_ns.saturating_sub(start_ns) >= time_ns);
+        if is_over || session.operator.as_ref().is_some_and(Operator::has_end_key) {
+            return Ok(());
+        }
+    }
+}
+
+/// Returns whether the operator ended the command by a signal, and is not lost.
+pub fn is_commanded_end(session: &AxisSession) -> bool {
+    let request = session.operator.as_ref().and_then(Operator::stop_request);
+    request.is_some_and(|request| !request.is_lost())
+}

@@ -1,0 +1,269 @@
+//! Limits of a motion, which have no defaults.
+
+use std::f64::consts::TAU;
+use std::str::FromStr;
+use std::time::Duration;
+
+use clap::Args;
+use ecan_canopen::{OperatingMode, Step, object};
+use ecan_cia402::{AxisConfig, MotionLimits};
+
+use super::position_profile::ProfileLimits;
+use super::unit::AxisUnits;
+
+/// Time to reach the maximum velocity without `--acceleration`, in seconds.
+const RAMP: f64 = 0.5;
+/// Steps per target period that the velocity limit should have: its resolution.
+const LEAST_STEPS: f64 = 8.0;
+/// Longest target period.
+const LONGEST_PERIOD: Duration = Duration::from_millis(20);
+/// Following error that is allowed at the maximum velocity, in seconds of motion.
+const LAG: f64 = 0.1;
+/// Smallest window of the following error, in steps.
+const LEAST_WINDOW: f64 = 100.0;
+
+/// `MIN..MAX`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PositionBounds {
+    pub min: f64,
+    pub max: f64,
+}
+
+impl FromStr for PositionBounds {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let wrong = || "expected MIN..MAX with MIN below MAX, for example -90..90".to_owned();
+        let (min, max) = text.split_once("..").ok_or_else(wrong)?;
+        let number = |text: &str| text.trim().parse::<f64>().ok().filter(|it| it.is_finite());
+        let (min, max) = number(min).zip(number(max)).ok_or_else(wrong)?;
+        if min < max { Ok(Self { min, max }) } else { Err(wrong()) }
+    }
+}
+
+pub fn parse_number(text: &str) -> Result<f64, String> {
+    let number = text.parse().ok().filter(|it: &f64| it.is_finite());
+    number.ok_or_else(|| "expected a number".to_owned())
+}
+
+pub fn parse_positive(text: &str) -> Result<f64, String> {
+    parse_number(text)
+        .ok()
+        .filter(|it| *it > 0.0)
+        .ok_or_else(|| "expected a number above 0".to_owned())
+}
+
+#[derive(Clone, Copy, Debug, Args)]
+#[command(next_help_heading = "Limits (no defaults; those of a file apply too)")]
+pub struct LimitArguments {
+    /// Largest velocity, in UNIT/s
+    #[arg(long, value_name = "VELOCITY", value_parser = parse_positive)]
+    max_velocity: f64,
+    /// Allowed positions in UNIT; of `home`: allowed travel from the start
+    #[arg(long, value_name = "MIN..MAX", allow_hyphen_values = true)]
+    range: PositionBounds,
+    /// Acceleration and deceleration, in UNIT/s^2 [default: of the file, or --max-velocity in 0.5 s]
+    #[arg(long, value_name = "ACCELERATION", value_parser = parse_positive)]
+    acceleration: Option<f64>,
+}
+
+/// Limits of a motion in steps and seconds.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Envelope {
+    /// Steps/s, above 0.
+    pub velocity: f64,
+    /// Steps/s^2, above 0.
+    pub acceleration: f64,
+    pub min: i32,
+    pub max: i32,
+}
+
+impl LimitArguments {
+    /// The narrower of these limits and those of the file.
+    pub fn envelope(&self, units: &AxisUnits, config: &AxisConfig) -> Result<Envelope, String> {
+        let per_radian = config.scale.steps().abs() / TAU;
+        let of_file = |limit: Option<f64>| limit.map(|it| it * per_radian);
+        let velocity = units.length(self.max_velocity).abs();
+        let velocity = of_file(config.limits.velocity).map_or(velocity, |it| velocity.min(it));
+        let acceleration = self.acceleration.map(|it| units.length(it).abs());
+        let acceleration = match (acceleration, of_file(config.limits.acceleration)) {
+            (Some(own), Some(file)) => own.min(file),
+            (own, file) => own.or(file).unwrap_or(velocity / RAMP),
+        };
+        let (a, b) = (units.steps(self.range.min), units.steps(self.range.max));
+        // The casts saturate: the counter of the drive has no more.
+        let (mut min, mut max) = (a.min(b).ceil() as i32, a.max(b).floor() as i32);
+        if let (Some(bounds), true) = (config.bounds, is_position(config.mode)) {
+            (min, max) = (min.max(bounds.0), max.min(bounds.1));
+        }
+        if min >= max {
+            return Err(format!(
+                "--range {}..{} {} has no position in common with the limits of the file",
+                self.range.min, self.range.max, units.unit
+            ));
+        }
+        Ok(Envelope { velocity, acceleration, min, max })
+    }
+
+    pub fn range(&self) -> PositionBounds {
+        self.range
+    }
+}
+
+fn is_position(mode: OperatingMode) -> bool {
+    use OperatingMode as Mode;
+    matches!(mode, Mode::CyclicPosition | Mode::InterpolatedPosition | Mode::ProfilePosition)
+}
+
+impl Envelope {
+    pub fn profile(&self) -> ProfileLimits {
+        ProfileLimits { velocity: self.velocity, acceleration: self.acceleration }
+    }
+
+    pub fn contains(&self, steps: f64) -> bool {
+        (f64::from(self.min)..=f64::from(self.max)).contains(&steps)
+    }
+
+    /// Cycles from target to target: few enough for smooth motion, and enough for a velocity limit of
+    /// several steps, which are whole numbers.
+    pub fn motion_div(&self, cycle: Duration) -> u32 {
+        let cycle_s = cycle.as_secs_f64().max(1e-6);
+        let most = (LONGEST_PERIOD.as_secs_f64() / cycle_s).floor().max(1.0);
+        (LEAST_STEPS / (self.velocity * cycle_s)).ceil().clamp(1.0, most) as u32
+    }
+
+    /// Configures CSP with these limits.
+    pub fn apply_csp(&self, config: &mut AxisConfig, target_period: Duration) {
+        config.mode = OperatingMode::CyclicPosition;
+        config.outputs.clear();
+        config.bounds = Some((self.min, self.max));
+        let radians = TAU / config.scale.steps().abs();
+        config.limits = MotionLimits {
+            velocity: None,
+            acceleration: Some(self.acceleration * radians),
+            jerk: config.limits.jerk,
+        };
+        config.target_step = 0;
+        let limit = (self.velocity * target_period.as_secs_f64()).ceil().max(1.0) as u32;
+        config.following_window = (self.velocity * LAG).max(LEAST_WINDOW).ceil() as u32;
+        *config = config.clone().with_step_limit(limit);
+    }
+
+    /// Configures PP with these limits in the objects of the drive.
+    pub fn apply_pp(&self, config: &mut AxisConfig) {
+        config.mode = OperatingMode::ProfilePosition;
+        config.outputs.clear();
+        config.bounds = Some((self.min, self.max));
+        config.limits = MotionLimits::default();
+        config.target_step = 0;
+        let velocity = self.drive_units(config, self.velocity);
+        let acceleration = self.drive_units(config, self.acceleration);
+        config.drive.further.extend([
+            Step::write(object::PROFILE_VELOCITY, 0, velocity),
+            Step::write(object::PROFILE_ACCELERATION, 0, acceleration),
+            Step::write(object::PROFILE_DECELERATION, 0, acceleration),
+        ]);
+    }
+
+    /// Configures CSV with these limits. The guard limits velocity and acceleration; the position has to be
+    /// watched.
+    pub fn apply_csv(&self, config: &mut AxisConfig, target_period: Duration) {
+        config.mode = OperatingMode::CyclicVelocity;
+        config.outputs.clear();
+        config.limits = MotionLimits::default();
+        config.target_step = 0;
+        let velocity = self.drive_units(config, self.velocity);
+        let most = i32::try_from(velocity).unwrap_or(i32::MAX);
+        config.bounds = Some((-most, most));
+        // Targets are rounded: their changes differ by up to one unit.
+        let change = self.acceleration * target_period.as_secs_f64() * velocity_factor(config);
+        config.step_limit = change.abs().ceil().max(1.0) as u32;
+        config.ramp = config.step_limit;
+        // Of positions, not of velocities.
+        config.standstill = config.standstill.min(config.step_limit);
+    }
+
+    /// Velocity of the drive for steps per second, at least 1.
+    pub fn drive_units(&self, config: &AxisConfig, steps_per_second: f64) -> u32 {
+        (steps_per_second * velocity_factor(config)).abs().floor().max(1.0) as u32
+    }
+}
+
+/// Units of the velocity of a drive for one step per second. Without a unit a drive counts steps per second.
+pub fn velocity_factor(config: &AxisConfig) -> f64 {
+    config.scale.velocity_units().map_or(1.0, |units| units / config.scale.steps())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::unit::Unit;
+    use super::*;
+    use ecan_canopen::{NodeAddress, NodeId};
+    use ecan_cia402::Scale;
+
+    fn config() -> AxisConfig {
+        let node = NodeId::new(1).unwrap();
+        let mut config = AxisConfig::new(NodeAddress { slave: 0, channel: 0, node });
+        config.scale = Scale::steps_per_turn(36_000.0);
+        config
+    }
+
+    fn limits(max_velocity: f64, range: &str) -> LimitArguments {
+        LimitArguments { max_velocity, range: range.parse().unwrap(), acceleration: None }
+    }
+
+    fn units(config: &AxisConfig) -> AxisUnits {
+        AxisUnits::new(Unit::Deg, config.scale, 0)
+    }
+
+    #[test]
+    fn range_is_two_numbers_in_order() {
+        assert_eq!("-90..90.5".parse(), Ok(PositionBounds { min: -90.0, max: 90.5 }));
+        for wrong in ["", "1", "1..", "..1", "2..1", "1..1", "a..b", "nan..1", "0..inf"] {
+            assert!(wrong.parse::<PositionBounds>().is_err(), "{wrong}");
+        }
+    }
+
+    #[test]
+    fn narrower_limit_applies() {
+        let mut config = config();
+        let wide = limits(90.0, "-10..10").envelope(&units(&config), &config).unwrap();
+        let expected =
+            Envelope { velocity: 9_000.0, acceleration: 18_000.0, min: -1_000, max: 1_000 };
+        assert_eq!(wide, expected);
+        config.limits.velocity = Some(TAU / 36.0);
+        config.limits.acceleration = Some(TAU);
+        config.bounds = Some((0, 500));
+        let narrow = limits(90.0, "-10..10").envelope(&units(&config), &config).unwrap();
+        assert!((narrow.velocity - 1_000.0).abs() < 1e-6, "{narrow:?}");
+        assert!((narrow.acceleration - 36_000.0).abs() < 1e-6, "{narrow:?}");
+        assert_eq!((narrow.min, narrow.max), (0, 500));
+        let error = limits(1.0, "100..200").envelope(&units(&config), &config).unwrap_err();
+        assert!(error.contains("--range 100..200 deg has no position in common"), "{error}");
+    }
+
+    #[test]
+    fn slow_axis_gets_a_longer_target_period() {
+        let envelope = |velocity| Envelope { velocity, acceleration: 1.0, min: 0, max: 1 };
+        let cycle = Duration::from_millis(1);
+        assert_eq!(envelope(100_000.0).motion_div(cycle), 1);
+        assert_eq!(envelope(1_000.0).motion_div(cycle), 8);
+        assert_eq!(envelope(1.0).motion_div(cycle), 20, "the longest period");
+        assert_eq!(envelope(1.0).motion_div(Duration::from_millis(50)), 1);
+    }
+
+    #[test]
+    fn guard_never_allows_less_than_the_profile_needs() {
+        let mut config = config();
+        let envelope = limits(90.0, "-10..10").envelope(&units(&config), &config).unwrap();
+        envelope.apply_csp(&mut config, Duration::from_millis(1));
+        assert_eq!((config.step_limit, config.bounds), (9, Some((-1_000, 1_000))));
+        assert_eq!((config.following_window, config.standstill), (900, 9));
+        let mut faults = Vec::new();
+        config.check(&mut |fault| faults.push(fault));
+        assert_eq!(faults, []);
+        envelope.apply_csv(&mut config, Duration::from_millis(1));
+        config.check(&mut |fault| faults.push(fault));
+        assert_eq!((faults, config.bounds, config.step_limit), (vec![], Some((-9_000, 9_000)), 18));
+    }
+}

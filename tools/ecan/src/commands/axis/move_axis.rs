@@ -1,0 +1,246 @@
+//! `ecan axis move`: to a position, or by a distance.
+
+use std::time::Duration;
+
+use clap::{Args, ValueEnum};
+use ecan_canopen::OperatingMode;
+use serde::Serialize;
+
+use crate::context::{Context, Failure, Result};
+use crate::frames::GatewayOptions;
+
+use super::axis_choice::AxisOptions;
+use super::dead_man::{PermissionArguments, clock_kind};
+use super::enable::enable_or_explain;
+use super::limit_arguments::{Envelope, LimitArguments, parse_number, parse_positive};
+use super::motion::Motion;
+use super::operator::Operator;
+use super::session::{AXIS, AxisSession, SessionSettings};
+
+pub const NOTES: &str = "\
+The axis moves with a trapezoidal velocity. In CSP the host generates the targets within the limits;
+in PP the drive does, by 0x6081, 0x6083 and 0x6084, which are written. Any key, Ctrl-C, a lost
+terminal or a closed pipe of standard input ends the motion by quick stop (exit status 1). At the
+end the drive is switched off.";
+
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
+enum MoveMode {
+    #[default]
+    Csp,
+    Pp,
+}
+
+#[derive(Debug, Args)]
+pub struct MoveArguments {
+    /// Position to move to, in UNIT
+    #[arg(long, value_name = "POSITION", value_parser = parse_number, allow_hyphen_values = true,
+          required_unless_present = "by", conflicts_with = "by")]
+    to: Option<f64>,
+    /// Distance to move by, in UNIT
+    #[arg(long, value_name = "DISTANCE", value_parser = parse_number, allow_hyphen_values = true)]
+    by: Option<f64>,
+    /// Velocity, in UNIT/s [default: --max-velocity]
+    #[arg(long, value_name = "VELOCITY", value_parser = parse_positive)]
+    velocity: Option<f64>,
+    /// Operating mode
+    #[arg(long, value_enum, default_value_t, value_name = "MODE")]
+    mode: MoveMode,
+    /// Tolerance of the end position, in UNIT [default: 10 ms of motion at --max-velocity]
+    #[arg(long, value_name = "TOLERANCE", value_parser = parse_positive)]
+    tolerance: Option<f64>,
+    #[command(flatten)]
+    axis: AxisOptions,
+    #[command(flatten)]
+    limits: LimitArguments,
+    #[command(flatten)]
+    permission: PermissionArguments,
+    #[command(flatten)]
+    options: GatewayOptions,
+}
+
+#[derive(Debug, Serialize)]
+struct Moved {
+    axis: String,
+    unit: String,
+    start: f64,
+    target: f64,
+    end: f64,
+    seconds: f64,
+}
+
+/// Time to come to rest at the goal after the last target.
+const SETTLING: Duration = Duration::from_secs(3);
+/// Cycles at the goal that count as rest.
+const REST_CYCLES: u32 = 20;
+
+pub fn run(arguments: &MoveArguments, context: &Context) -> Result {
+    let MoveArguments { axis, limits, permission, options, .. } = arguments;
+    let chosen = axis.choose(options.setup.config.as_deref(), true, context)?;
+    let envelope = limits.envelope(&chosen.units, &chosen.config).map_err(Failure::Usage)?;
+    let envelope = match arguments.velocity.map(|it| chosen.units.length(it).abs()) {
+        Some(velocity) if velocity > envelope.velocity => {
+            return Err(Failure::Usage(format!(
+                "--velocity {} is out of range; allowed: up to {}",
+                chosen.units.velocity_text(velocity),
+                chosen.units.velocity_text(envelope.velocity)
+            )));
+        }
+        Some(velocity) => Envelope { velocity, ..envelope },
+        None => envelope,
+    };
+    if let Some(to) = arguments.to {
+        check_goal(&envelope, chosen.units.steps(to), &chosen.units)?;
+    }
+    let operator = permission.obtain("move", &chosen.label, Duration::from_millis(200))?;
+    let mode = match arguments.mode {
+        MoveMode::Csp => OperatingMode::CyclicPosition,
+        MoveMode::Pp => OperatingMode::ProfilePosition,
+    };
+    let settings = SessionSettings {
+        options,
+        mode: Some(mode),
+        envelope: Some(envelope),
+        clock: clock_kind(false),
+        accepts_risk: permission.accepts_risk(),
+    };
+    let session = AxisSession::start(&chosen, settings, Some(operator), context)?;
+    let moved = session.run(|session| {
+        session.configure()?;
+        let start = session.read_position()?;
+        let goal = match (arguments.to, arguments.by) {
+            (Some(to), _) => chosen.units.steps(to),
+            (None, by) => start + chosen.units.length(by.unwrap_or(0.0)),
+        };
+        check_goal(&envelope, goal, &chosen.units)?;
+        check_start(&envelope, start, &chosen.units)?;
+        enable_or_explain(session, context)?;
+        let tolerance = arguments.tolerance.map(|it| chosen.units.length(it).abs());
+        let tolerance = tolerance.unwrap_or(envelope.velocity * 0.01).max(1.0);
+        session.report(format_args!(
+            "moving from {} to {}",
+            chosen.units.position_text(start),
+            chosen.units.position_text(goal)
+        ));
+        let begin_ns = session.now_ns();
+        match mode {
+            OperatingMode::ProfilePosition => move_pp(session, goal, &envelope)?,
+            _ => move_csp(session, goal, &envelope)?,
+        }
+        settle(session, goal, tolerance)?;
+        let seconds = session.now_ns().saturating_sub(begin_ns) as f64 / 1e9;
+        let end = session.actual()?;
+        Ok(Moved {
+            axis: chosen.label.clone(),
+            unit: chosen.units.unit.to_string(),
+            start: chosen.units.position(start),
+            target: chosen.units.position(goal),
+            end: chosen.units.position(end),
+            seconds,
+        })
+    })?;
+    context.output.data(&moved, |out| {
+        let Moved { axis, unit, start, target, end, seconds } = &moved;
+        let number = |value: &f64| chosen.units.number(*value);
+        writeln!(
+            out,
+            "{axis}: moved from {} to {} {unit} (target {} {unit}) in {seconds:.2} s",
+            number(start),
+            number(end),
+            number(target)
+        )
+    })
+}
+
+fn check_goal(envelope: &Envelope, goal: f64, units: &super::unit::AxisUnits) -> Result {
+    match envelope.contains(goal.round()) {
+        true => Ok(()),
+        false => Err(Failure::Usage(format!(
+            "the target {} is outside the range {}; move less far, or extend --range",
+            units.position_text(goal),
+            range_text(envelope, units)
+        ))),
+    }
+}
+
+/// Rejects a motion that would start outside the range.
+pub fn check_start(envelope: &Envelope, start: f64, units: &super::unit::AxisUnits) -> Result {
+    match envelope.contains(start) {
+        true => Ok(()),
+        false => Err(Failure::Usage(format!(
+            "the actual position {} is outside the range {}; extend --range",
+            units.position_text(start),
+            range_text(envelope, units)
+        ))),
+    }
+}
+
+fn range_text(envelope: &Envelope, units: &super::unit::AxisUnits) -> String {
+    let (min, max) = (units.position(envelope.min.into()), units.position(envelope.max.into()));
+    format!("{}..{} {}", units.number(min.min(max)), units.number(min.max(max)), units.unit)
+}
+
+/// Fails if the operator pressed a key.
+pub fn check_key(session: &AxisSession) -> Result {
+    match session.operator.as_ref().is_some_and(Operator::has_any_key) {
+        true => Err(super::session::stopped(super::operator::StopRequest::Key)),
+        false => Ok(()),
+    }
+}
+
+fn move_csp(session: &mut AxisSession, goal: f64, envelope: &Envelope) -> Result {
+    let goal = goal.round();
+    let mut motion = Motion::begin(session)?;
+    while !motion.profile().is_at(goal) {
+        motion.toward(session, goal, envelope.profile())?;
+        session.check_running()?;
+        check_key(session)?;
+    }
+    Ok(())
+}
+
+fn move_pp(session: &mut AxisSession, goal: f64, envelope: &Envelope) -> Result {
+    let start = session.actual()?;
+    // Twice the time of the trapezoid.
+    let seconds =
+        (goal - start).abs() / envelope.velocity + envelope.velocity / envelope.acceleration;
+    let end_ns =
+        session.now_ns().saturating_add((seconds * 2e9) as u64 + SETTLING.as_nanos() as u64);
+    loop {
+        let end = session.cycle(Some(goal.round() as i32))?;
+        session.check_running()?;
+        check_key(session)?;
+        if session.cia402().is_target_reached(AXIS) {
+            return Ok(());
+        }
+        if end.now_ns > end_ns {
+            return Err(Failure::Rejected(format!(
+                "{}: the drive does not report that the target is reached (statusword bit 10)",
+                session.label()
+            )));
+        }
+    }
+}
+
+/// Waits until the actual position rests at the goal.
+fn settle(session: &mut AxisSession, goal: f64, tolerance: f64) -> Result {
+    let end_ns = session.now_ns().saturating_add(SETTLING.as_nanos() as u64);
+    let mut at_goal = 0;
+    while at_goal < REST_CYCLES {
+        let end = session.cycle(None)?;
+        session.check_running()?;
+        check_key(session)?;
+        let distance = (session.actual()? - goal).abs();
+        at_goal = if distance <= tolerance { at_goal + 1 } else { 0 };
+        if end.now_ns > end_ns {
+            return Err(Failure::Rejected(format!(
+                "{}: the axis is {} from its target after {} s; allowed: {}; see the following error, or \
+                 set --tolerance",
+                session.label(),
+                session.units().length_text(distance),
+                SETTLING.as_secs(),
+                session.units().length_text(tolerance),
+            )));
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,488 @@
+//! One axis under the motion guard, with a cycle of this program.
+
+use std::time::Duration;
+
+use ecan_canopen::{DriveState, OperatingMode};
+use ecan_cia402::{
+    AxisError, AxisPhase, Cia402, Cia402Config, Decision, HomingState, InputObject, TargetRejection,
+};
+use ecan_mcan_port::{Port, PortError};
+use ecan_protocol::mapping::Direction;
+use ecan_sim::ClockKind;
+
+use crate::context::{Context, Failure, Result, note};
+use crate::frames::{Channels, GatewayOptions, GatewayRequirements, Planned, Settings};
+
+use super::axis_choice::ChosenAxis;
+use super::limit_arguments::Envelope;
+use super::live_output::{LiveOutput, LivePosition};
+use super::motion_watch::MotionWatch;
+use super::operator::{Operator, StopRequest};
+use super::unit::AxisUnits;
+
+/// The only axis of a session.
+pub const AXIS: usize = 0;
+const CONFIGURE: Duration = Duration::from_secs(20);
+/// Time for the first contact and a stop, with the repetitions to a drive that does not answer.
+const STOP: Duration = Duration::from_secs(10);
+const SHUTDOWN: Duration = Duration::from_secs(15);
+/// Time for the position, beyond the drain of old targets.
+const POSITION: Duration = Duration::from_secs(5);
+/// Time beyond the enable timeout of the axis.
+const ENABLE_RESERVE: Duration = Duration::from_secs(5);
+
+/// Settings of a session.
+#[derive(Clone, Copy, Debug)]
+pub struct SessionSettings<'a> {
+    pub options: &'a GatewayOptions,
+    /// Mode of the axis; `None` configures nothing.
+    pub mode: Option<OperatingMode>,
+    /// Limits of the motion; without them nothing moves by a target.
+    pub envelope: Option<Envelope>,
+    /// Default clock of a simulation.
+    pub clock: ClockKind,
+    pub accepts_risk: bool,
+}
+
+/// End of a cycle.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct CycleEnd {
+    pub now_ns: u64,
+    pub decision: Decision,
+}
+
+/// A gateway in operation, and the axis.
+#[derive(Debug)]
+pub struct AxisSession {
+    port: Port,
+    cia402: Cia402,
+    pub operator: Option<Operator>,
+    label: String,
+    units: AxisUnits,
+    watch: Option<MotionWatch>,
+    accepts_risk: bool,
+    output: LiveOutput,
+    shown: Option<AxisPhase>,
+}
+
+impl AxisSession {
+    /// Starts the gateway of the axis; nothing is sent to the drive yet.
+    pub fn start(
+        chosen: &ChosenAxis,
+        settings: SessionSettings<'_>,
+        operator: Option<Operator>,
+        context: &Context,
+    ) -> Result<Self> {
+        let context = &chosen.context(context);
+        let file = Settings::of(settings.options)?;
+        let bus = file.open_bus(context, settings.clock)?;
+        if let Some(service) = bus.service() {
+            return Err(Failure::Master(format!(
+                "only the owner of the master moves an axis, since its motion guard checks each target; {} \
+                 holds master {}: end that program, or let it move the axis",
+                service.program(),
+                bus.master()
+            )));
+        }
+        let channel = chosen.target.channel;
+        let requirements = GatewayRequirements {
+            directions: &[Direction::RxPdo, Direction::TxPdo],
+            has_results: true,
+            ..GatewayRequirements::on(Channels::only(channel))
+        };
+        let planned = file.for_one(&bus, requirements, context.global)?;
+        let mut config = chosen.config.clone();
+        let cycle = Duration::from_nanos(planned.adapter.cycle_ns().into());
+        let motion_div = settings.envelope.map_or(1, |it| it.motion_div(cycle));
+        if let (Some(envelope), Some(mode)) = (settings.envelope, settings.mode) {
+            match mode {
+                OperatingMode::ProfilePosition => envelope.apply_pp(&mut config),
+                OperatingMode::CyclicVelocity => {
+                    envelope.apply_csv(&mut config, cycle * motion_div)
+                }
+                _ => envelope.apply_csp(&mut config, cycle * motion_div),
+            }
+            if mode == OperatingMode::CyclicVelocity {
+                config.inputs = vec![InputObject::Velocity];
+            }
+        }
+        let output = LiveOutput::start(chosen.units, !context.output.has_progress())?;
+        settings.options.real_time.apply(|line| note(line))?;
+        let is_stopped = || operator.as_ref().is_some_and(|it| it.stop_request().is_some());
+        let Planned { adapter, config: port_config, .. } = planned.clone();
+        let mut port = Port::open(bus.ecrt()?, (adapter, port_config))
+            .map_err(|error| planned.failure(error))?;
+        port.profile_warnings().iter().for_each(|warning| note(format_args!("warning: {warning}")));
+        let ready: Result<(), Option<PortError>> =
+            port.wait_ready_with(port.startup_timeout(), |port| {
+                // Single cycles may fail; the timeout ends it all.
+                drop(port.begin_cycle());
+                if is_stopped() { Err(None) } else { Ok(()) }
+            });
+        ready.map_err(|error| match error {
+            Some(error) => planned.failure(error),
+            None => Failure::Incomplete("stopped before the gateway was ready".to_owned()),
+        })?;
+        settings.options.real_time.set_timing(port.adapter_mut());
+        let table = Cia402Config { motion_div, ..Cia402Config::default() };
+        let cia402 = Cia402::new(&port, vec![config], table)
+            .map_err(|error| Failure::Usage(error.to_string()))?;
+        Ok(Self {
+            port,
+            cia402,
+            operator,
+            label: chosen.label.clone(),
+            units: chosen.units,
+            watch: settings.envelope.map(MotionWatch::new),
+            accepts_risk: settings.accepts_risk,
+            output,
+            shown: None,
+        })
+    }
+
+    pub fn cia402(&self) -> &Cia402 {
+        &self.cia402
+    }
+
+    pub fn cia402_mut(&mut self) -> &mut Cia402 {
+        &mut self.cia402
+    }
+
+    pub fn label(&self) -> &str {
+        &self.label
+    }
+
+    pub fn units(&self) -> AxisUnits {
+        self.units
+    }
+
+    pub fn is_simulated(&self) -> bool {
+        self.port.adapter().is_simulated()
+    }
+
+    /// Time of the cycle clock.
+    pub fn now_ns(&self) -> u64 {
+        self.port.adapter().clock().now_ns()
+    }
+
+    /// Time from target to target, in seconds.
+    pub fn target_period_s(&self) -> f64 {
+        self.cia402.target_period().as_secs_f64()
+    }
+
+    /// The actual position in steps.
+    pub fn actual(&self) -> Result<f64> {
+        let unknown = || Failure::Rejected(format!("{}: no actual position", self.label));
+        self.cia402.actual(AXIS).map(f64::from).ok_or_else(unknown)
+    }
+
+    /// Prints an event on standard error.
+    pub fn report(&self, text: impl std::fmt::Display) {
+        self.output.text(format!("{}: {text}", self.label));
+    }
+
+    /// Replaces the envelope of the watch, for travel relative to a position.
+    pub fn watch_envelope(&mut self, envelope: Envelope) {
+        self.watch = Some(MotionWatch::new(envelope));
+    }
+
+    /// Runs a cycle with the target of `target`, without any checks.
+    fn run_cycle(&mut self, target: Option<i32>) -> Result<CycleEnd> {
+        let mut cycle = self.port.next_cycle();
+        let now_ns = cycle.adapter().clock().now_ns();
+        self.cia402.process_rx(&mut cycle);
+        if let Some(target) = target {
+            // infallible: the axis exists
+            let _ = self.cia402.set_target(AXIS, target);
+        }
+        self.cia402.send_targets_all(&mut cycle);
+        cycle.end().map_err(Failure::master)?;
+        Ok(CycleEnd { now_ns, decision: self.cia402.decision(AXIS) })
+    }
+
+    /// Runs a cycle. Fails if the operator stops, the axis cannot follow, its target is rejected, or its motion
+    /// exceeds the limits.
+    pub fn cycle(&mut self, target: Option<i32>) -> Result<CycleEnd> {
+        let end = self.run_cycle(target)?;
+        self.show(end.now_ns);
+        if let Some(request) = self.operator.as_ref().and_then(Operator::stop_request) {
+            return Err(stopped(request));
+        }
+        if let Decision::Reject(rejection) = end.decision {
+            return Err(self.rejected(rejection));
+        }
+        self.check_motion(end.now_ns)?;
+        Ok(end)
+    }
+
+    fn rejected(&self, rejection: TargetRejection) -> Failure {
+        Failure::Rejected(format!(
+            "{}: the motion guard rejected a target: {rejection}",
+            self.label
+        ))
+    }
+
+    fn check_motion(&mut self, now_ns: u64) -> Result {
+        let is_fresh = self.cia402.actual_age(AXIS) == 0;
+        let phase = self.cia402.phase(AXIS);
+        let (Some(watch), Some(actual), true) =
+            (&mut self.watch, self.cia402.actual(AXIS), is_fresh)
+        else {
+            return Ok(());
+        };
+        let may_move = matches!(
+            phase,
+            Some(
+                AxisPhase::Running
+                    | AxisPhase::Halted
+                    | AxisPhase::Homing(_)
+                    | AxisPhase::PreparingHoming
+            )
+        );
+        if !may_move {
+            return Ok(());
+        }
+        let may_recount = matches!(
+            phase,
+            Some(
+                AxisPhase::PreparingHoming
+                    | AxisPhase::Homing(HomingState::Found | HomingState::Attained)
+            )
+        );
+        let observed = watch.observe(now_ns as f64 / 1e9, actual, may_recount);
+        let units = self.units;
+        observed.map_err(|exceeded| {
+            Failure::Rejected(format!("{}: {}", self.label, exceeded.text(&units)))
+        })
+    }
+
+    /// Shows a changed phase, and on a terminal the positions.
+    fn show(&mut self, now_ns: u64) {
+        let phase = self.cia402.phase(AXIS);
+        if phase != self.shown {
+            // Reasons of a delay change in every cycle.
+            let kind = |phase: Option<AxisPhase>| phase.map(|it| std::mem::discriminant(&it));
+            let is_news = kind(phase) != kind(self.shown)
+                && !matches!(phase, Some(AxisPhase::Reading(..) | AxisPhase::Inspecting));
+            self.shown = phase;
+            if let (Some(phase), true) = (phase, is_news) {
+                self.report(phase);
+            }
+        }
+        let has_positions = is_position(&self.cia402);
+        let position = LivePosition {
+            actual: self.cia402.actual(AXIS),
+            target: self.cia402.target(AXIS).filter(|_| has_positions),
+            following_error: self.cia402.following_error(AXIS).filter(|_| has_positions),
+        };
+        if position.actual.is_some() {
+            self.output.position(now_ns, position);
+        }
+    }
+
+    /// Runs cycles until `is_done` returns a result, at most for a time.
+    pub fn wait(
+        &mut self,
+        what: &str,
+        time: Duration,
+        mut is_done: impl FnMut(&Cia402) -> Option<Result>,
+    ) -> Result {
+        let end_ns = self.now_ns().saturating_add(time.as_nanos() as u64);
+        loop {
+            let end = self.cycle(None)?;
+            if let Some(result) = is_done(&self.cia402) {
+                return result;
+            }
+            if end.now_ns > end_ns {
+                let phase = self.phase_text();
+                return Err(Failure::Rejected(format!(
+                    "{}: not {what} after {} s: {phase}",
+                    self.label,
+                    time.as_secs()
+                )));
+            }
+        }
+    }
+
+    /// Phase and error of the axis as text.
+    pub fn phase_text(&self) -> String {
+        let phase = self.cia402.phase(AXIS).map_or_else(String::new, |it| it.to_string());
+        match self.cia402.error(AXIS) {
+            Some(error) if !matches!(error, AxisError::Held(_)) => format!("{phase} ({error})"),
+            _ => phase,
+        }
+    }
+
+    fn failed(&self, what: &str) -> Failure {
+        Failure::Rejected(format!("{}: {what}: {}", self.label, self.phase_text()))
+    }
+
+    /// Configures the drive: an enabled one is stopped first. Rejects a drive that would not stop if the host
+    /// failed.
+    pub fn configure(&mut self) -> Result {
+        // infallible: the axis exists
+        let _ = self.cia402.configure(AXIS);
+        let label = self.label.clone();
+        self.wait("configured", CONFIGURE, |cia402| match cia402.phase(AXIS) {
+            _ if cia402.is_configured(AXIS) => Some(Ok(())),
+            Some(AxisPhase::SetupFailed) => {
+                let error = cia402.error(AXIS).map_or_else(String::new, |it| it.to_string());
+                Some(Err(Failure::Rejected(format!("{label}: {error}"))))
+            }
+            _ => None,
+        })?;
+        let Some(loss) = self.cia402.host_loss(AXIS) else { return Ok(()) };
+        let text = format!("if this host fails: {}, {}", loss.reaction, loss.watch);
+        match loss.reaction.is_controlled_stop() {
+            true => self.report(text),
+            false if self.accepts_risk => self.report(format_args!("warning: {text}")),
+            false => {
+                return Err(Failure::Rejected(format!(
+                    "{}: not enabled, since its motor would not stop {text}; configure 0x1016, 0x6007 and \
+                     0x605A of the drive, or use --accept-risk",
+                    self.label
+                )));
+            }
+        }
+        Ok(())
+    }
+
+    /// Establishes the actual position, with the drive off.
+    pub fn read_position(&mut self) -> Result<f64> {
+        self.cia402.read_position(AXIS).map_err(|error| Failure::Rejected(error.to_string()))?;
+        self.wait("at a known position", POSITION, |cia402| match cia402.phase(AXIS) {
+            Some(AxisPhase::Ready) => Some(Ok(())),
+            _ => None,
+        })?;
+        self.actual()
+    }
+
+    /// Enables the drive; the axis stays at its actual position.
+    pub fn enable(&mut self) -> Result {
+        self.begin_enable()?;
+        let timeout = self.cia402.config(AXIS).map_or(POSITION, |it| it.enable_timeout);
+        let label = self.label.clone();
+        self.wait("enabled", timeout + ENABLE_RESERVE, |cia402| {
+            if cia402.is_running(AXIS) {
+                return Some(Ok(()));
+            }
+            let error = cia402.error(AXIS).filter(|error| !matches!(error, AxisError::Held(_)))?;
+            Some(Err(Failure::Rejected(format!("{label}: {error}"))))
+        })
+    }
+
+    /// Starts to enable the drive; a stop that is pending comes first.
+    pub fn begin_enable(&mut self) -> Result {
+        self.cia402.enable(AXIS).map_err(|error| Failure::Rejected(error.to_string()))
+    }
+
+    /// Returns whether the axis follows targets; fails if it left that state.
+    pub fn check_running(&self) -> Result {
+        match self.cia402.phase(AXIS) {
+            Some(AxisPhase::Running | AxisPhase::Halted) => Ok(()),
+            _ => Err(self.failed("the motion ended")),
+        }
+    }
+
+    /// Resets a fault of the drive and waits for the result.
+    pub fn reset_fault(&mut self) -> Result {
+        self.cia402.reset_fault(AXIS).map_err(|error| Failure::Rejected(error.to_string()))?;
+        let label = self.label.clone();
+        self.wait("reset", POSITION, |cia402| match (cia402.phase(AXIS), cia402.error(AXIS)) {
+            (Some(AxisPhase::ResettingFault), _) => None,
+            (_, Some(error @ AxisError::ResetFailed { .. })) => {
+                Some(Err(Failure::Rejected(format!("{label}: {error}"))))
+            }
+            (Some(AxisPhase::Fault), _) => None,
+            _ => Some(Ok(())),
+        })
+    }
+
+    /// Uploads a number from the drive; `None` without it.
+    pub fn number(&mut self, index: u16, subindex: u8) -> Option<u64> {
+        let time = Duration::from_millis(500);
+        let read = self.cia402.upload_timeout(&mut self.port, AXIS, (index, subindex), time);
+        read.ok().map(|data| crate::commands::node::node_client::unsigned(&data))
+    }
+
+    /// Stops the drive by quick stop, and waits until it is off.
+    pub fn stop(&mut self) -> Result {
+        let stopped = self.cia402.stop_all_timeout(&mut self.port, STOP, |_| {});
+        stopped.map_err(|error| Failure::Rejected(format!("{}: {error}", self.label)))?;
+        self.report(format_args!("{}{}", self.state_text(), self.position_suffix()));
+        Ok(())
+    }
+
+    /// Stops a drive that is not configured.
+    pub fn stop_only(mut self) -> Result {
+        self.stop()?;
+        match self.cia402.drive_state(AXIS) {
+            Some(_) => Ok(()),
+            None => Err(Failure::Rejected(format!(
+                "{}: no answer; check the node-ID, and remove the power of a motor that moves",
+                self.label
+            ))),
+        }
+    }
+
+    fn is_energised(&self) -> bool {
+        matches!(
+            self.cia402.drive_state(AXIS),
+            Some(
+                DriveState::OperationEnabled
+                    | DriveState::QuickStopActive
+                    | DriveState::FaultReactionActive
+            )
+        )
+    }
+
+    fn state_text(&self) -> String {
+        match self.cia402.drive_state(AXIS) {
+            Some(state) => format!("stopped, {state}"),
+            None => "no drive has answered".to_owned(),
+        }
+    }
+
+    fn position_suffix(&self) -> String {
+        let actual = self.cia402.actual(AXIS);
+        actual.map_or_else(String::new, |it| {
+            format!(", at {}", self.units.position_text(f64::from(it)))
+        })
+    }
+
+    /// Does the work of a command, then brings the axis to rest and switches it off: after an error or the loss
+    /// of the operator by quick stop, otherwise by its ramp.
+    pub fn run<T>(mut self, work: impl FnOnce(&mut Self) -> Result<T>) -> Result<T> {
+        let result = work(&mut self);
+        let stopped = match &result {
+            Ok(_) => Ok(()),
+            Err(failure) => {
+                if self.is_energised() {
+                    self.report(format_args!("quick stop: {failure}"));
+                }
+                self.stop()
+            }
+        };
+        let shutdown = self.cia402.shutdown_timeout(&mut self.port, SHUTDOWN, |_| {});
+        let shutdown = shutdown.map_err(|error| {
+            Failure::Rejected(format!("{}: {error}; remove its power if it moves", self.label))
+        });
+        if result.is_ok() && shutdown.is_ok() {
+            self.report(format_args!("off{}", self.position_suffix()));
+        }
+        match (result, stopped.and(shutdown)) {
+            (_, Err(failure)) | (Err(failure), _) => Err(failure),
+            (Ok(value), Ok(())) => Ok(value),
+        }
+    }
+}
+
+fn is_position(cia402: &Cia402) -> bool {
+    let mode = cia402.mode(AXIS);
+    matches!(mode, Some(OperatingMode::CyclicPosition | OperatingMode::ProfilePosition))
+}
+
+/// End of a motion by the operator.
+pub fn stopped(request: StopRequest) -> Failure {
+    Failure::Incomplete(format!("stopped: {}", request.text()))
+}

@@ -1,0 +1,485 @@
+//! `ecan axis tune`: response of the controllers of a drive to a step or a sweep.
+
+use std::f64::consts::{PI, TAU};
+use std::path::PathBuf;
+use std::str::FromStr;
+use std::time::Duration;
+
+use clap::{Args, ValueEnum};
+use ecan_canopen::OperatingMode;
+use ecan_cia402::Decision;
+use serde::Serialize;
+
+use crate::context::{Context, Failure, Result};
+use crate::frames::GatewayOptions;
+
+use super::axis_choice::{AxisOptions, ChosenAxis};
+use super::dead_man::{PermissionArguments, clock_kind};
+use super::enable::enable_or_explain;
+use super::frequency_point::{FrequencyPoint, frequencies};
+use super::limit_arguments::{
+    Envelope, LimitArguments, PositionBounds, parse_number, parse_positive, velocity_factor,
+};
+use super::move_axis::{check_key, check_start};
+use super::position_profile::PositionProfile;
+use super::session::{AXIS, AxisSession, SessionSettings};
+use super::step_response::{Sample, StepResponse};
+use super::tune_picture::TunePicture;
+
+pub const NOTES: &str = "\
+--step moves the target by a distance (CSP), or to a velocity and back to 0 (CSV), within the limits
+of velocity and acceleration: a larger --acceleration makes a harder step. --sweep moves it by sines
+of rising frequency from the position of the start to one side; --amplitude is peak to peak in CSP,
+the peak velocity in CSV, and is reduced where a limit requires it.
+
+Errors are target minus actual value as the host sees them: they include the delay of the
+communication, two cycles or more. Any key, Ctrl-C, a lost terminal or a closed pipe of standard
+input ends the motion by quick stop (exit status 1). At the end the drive is switched off.";
+
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
+enum TuneMode {
+    #[default]
+    Csp,
+    Csv,
+}
+
+/// `FROM..TO` in Hz.
+#[derive(Clone, Copy, Debug)]
+struct Frequencies(PositionBounds);
+
+impl FromStr for Frequencies {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let bounds: Option<PositionBounds> = text.parse().ok();
+        let bounds = bounds.filter(|it| it.min >= 0.01 && it.max <= 1_000.0);
+        bounds
+            .map(Self)
+            .ok_or_else(|| "expected FROM..TO in Hz, 0.01 to 1000, for example 0.5..20".to_owned())
+    }
+}
+
+#[derive(Debug, Args)]
+pub struct TuneArguments {
+    /// Step by this distance, in UNIT, or with CSV to this velocity, in UNIT/s
+    #[arg(long, value_name = "SIZE", value_parser = parse_number, allow_hyphen_values = true,
+          required_unless_present = "sweep", conflicts_with = "sweep")]
+    step: Option<f64>,
+    /// Sweep these frequencies, in Hz
+    #[arg(long, value_name = "FROM..TO", requires = "amplitude")]
+    sweep: Option<Frequencies>,
+    /// Amplitude of the sweep, in UNIT, or with CSV in UNIT/s; its sign is the direction
+    #[arg(long, value_name = "AMPLITUDE", value_parser = parse_number, allow_hyphen_values = true)]
+    amplitude: Option<f64>,
+    /// Frequencies of the sweep
+    #[arg(long, value_name = "N", default_value_t = 8,
+          value_parser = clap::value_parser!(u32).range(1..=100))]
+    points: u32,
+    /// Operating mode
+    #[arg(long, value_enum, default_value_t, value_name = "MODE")]
+    mode: TuneMode,
+    /// Time to record after the target is reached, in ms; with CSV also the time at the velocity
+    #[arg(long, value_name = "MS", default_value_t = 500,
+          value_parser = clap::value_parser!(u64).range(10..=60_000))]
+    settle: u64,
+    /// Tolerance of the settling time, in UNIT or UNIT/s [default: 2 % of the step]
+    #[arg(long, value_name = "TOLERANCE", value_parser = parse_positive)]
+    tolerance: Option<f64>,
+    /// Write a picture (SVG)
+    #[arg(long, value_name = "FILE")]
+    plot: Option<PathBuf>,
+    #[command(flatten)]
+    axis: AxisOptions,
+    #[command(flatten)]
+    limits: LimitArguments,
+    #[command(flatten)]
+    permission: PermissionArguments,
+    #[command(flatten)]
+    options: GatewayOptions,
+}
+
+/// Periods of a frequency that are recorded, after one that is not.
+const PERIODS: f64 = 3.0;
+/// Most samples: ten minutes at 1 ms.
+const SAMPLES: usize = 600_000;
+
+#[derive(Debug, Serialize)]
+struct TuneReport {
+    axis: String,
+    mode: &'static str,
+    /// Unit of the figures.
+    unit: String,
+    period_ms: f64,
+    samples: usize,
+    max_error: f64,
+    step: Option<StepResponse>,
+    sweep: Vec<FrequencyPoint>,
+    picture: Option<String>,
+}
+
+pub fn run(arguments: &TuneArguments, context: &Context) -> Result {
+    let TuneArguments { axis, limits, permission, options, .. } = arguments;
+    let chosen = axis.choose(options.setup.config.as_deref(), true, context)?;
+    let envelope = limits.envelope(&chosen.units, &chosen.config).map_err(Failure::Usage)?;
+    let test = Test::of(arguments, &chosen, &envelope)?;
+    let operator = permission.obtain("tune", &chosen.label, Duration::from_millis(200))?;
+    let mode = match arguments.mode {
+        TuneMode::Csp => OperatingMode::CyclicPosition,
+        TuneMode::Csv => OperatingMode::CyclicVelocity,
+    };
+    let settings = SessionSettings {
+        options,
+        mode: Some(mode),
+        envelope: Some(envelope),
+        clock: clock_kind(false),
+        accepts_risk: permission.accepts_risk(),
+    };
+    let session = AxisSession::start(&chosen, settings, Some(operator), context)?;
+    let is_simulated = session.is_simulated();
+    let (recording, points, period_s) = session.run(|session| {
+        session.configure()?;
+        let start = session.read_position()?;
+        check_start(&envelope, start, &chosen.units)?;
+        test.check_travel(start, &envelope, &chosen)?;
+        enable_or_explain(session, context)?;
+        let mut run = TestRun::new(session, &test, envelope)?;
+        let points = run.execute(session, arguments, &chosen)?;
+        Ok((run.samples, points, session.target_period_s()))
+    })?;
+    let unit = match arguments.mode {
+        TuneMode::Csp => chosen.units.unit.to_string(),
+        TuneMode::Csv => format!("{}/s", chosen.units.unit),
+    };
+    let tolerance = arguments.tolerance.map(|it| chosen.units.length(it).abs());
+    let tolerance = tolerance.unwrap_or(test.size.abs() * 0.02).max(1.0);
+    // With CSV the part until the velocity returns to 0.
+    let part = recording.get(..test.end_of_step(&recording)).unwrap_or_default();
+    let in_units = |steps: f64| chosen.units.value(steps).abs();
+    let step = test.sweep.is_none().then(|| StepResponse::of(part, tolerance)).flatten();
+    let step = step.map(|it| StepResponse {
+        overshoot: in_units(it.overshoot),
+        max_error: in_units(it.max_error),
+        rms_error: in_units(it.rms_error),
+        steady_error: chosen.units.value(it.steady_error),
+        ..it
+    });
+    let largest = recording.iter().map(|it| it.error.abs()).fold(0.0, f64::max);
+    let report = TuneReport {
+        axis: chosen.label.clone(),
+        mode: if arguments.mode == TuneMode::Csp { "CSP" } else { "CSV" },
+        unit: unit.clone(),
+        period_ms: period_s * 1e3,
+        samples: recording.len(),
+        max_error: in_units(largest),
+        step,
+        sweep: points,
+        picture: arguments.plot.as_ref().map(|it| it.display().to_string()),
+    };
+    if let Some(path) = &arguments.plot {
+        let picture = TunePicture {
+            title: format!("{}: {} {}", chosen.label, report.mode, test.name()),
+            subtitle: format!(
+                "limits {} and {} {}/s^2, target period {} ms",
+                chosen.units.velocity_text(envelope.velocity),
+                chosen.units.number(in_units(envelope.acceleration)),
+                chosen.units.unit,
+                report.period_ms
+            ),
+            quantity: if test.is_velocity { "velocity" } else { "position" },
+            unit,
+            is_velocity: test.is_velocity,
+            is_simulated,
+        };
+        picture.write(path, &recording, &chosen.units)?;
+    }
+    context.output.data(&report, |out| print(&report, &chosen, out))
+}
+
+fn print(
+    report: &TuneReport,
+    chosen: &ChosenAxis,
+    out: &mut dyn std::io::Write,
+) -> std::io::Result<()> {
+    let number = |value: f64| chosen.units.number(value);
+    let TuneReport { axis, mode, unit, .. } = report;
+    writeln!(out, "{axis}, {mode}, {} samples every {} ms", report.samples, report.period_ms)?;
+    if let Some(step) = &report.step {
+        let settling = step.settling_s.map_or_else(
+            || "not within the recorded time".to_owned(),
+            |seconds| format!("{:.0} ms after the end of the target", seconds * 1e3),
+        );
+        let overshoot =
+            format!("{} {unit} ({:.1} %)", number(step.overshoot), step.overshoot_percent);
+        let rows = [
+            ["overshoot".to_owned(), overshoot],
+            ["settling time".to_owned(), settling],
+            ["largest error".to_owned(), format!("{} {unit}", number(step.max_error))],
+            ["RMS error".to_owned(), format!("{} {unit}", number(step.rms_error))],
+            ["error at the end".to_owned(), format!("{} {unit}", number(step.steady_error))],
+        ];
+        crate::table::print(out, rows, |row| row)?;
+    }
+    if !report.sweep.is_empty() {
+        let titles = ["HZ", "AMPLITUDE", "GAIN", "PHASE", "LARGEST ERROR"];
+        crate::table::print_with_titles(out, titles, &report.sweep, |point| {
+            [
+                format!("{:.2}", point.hertz),
+                format!("{} {unit}", number(point.amplitude)),
+                format!("{:.3}", point.gain),
+                format!("{:.1} deg", point.phase_deg),
+                format!("{} {unit}", number(point.max_error)),
+            ]
+        })?;
+    }
+    match &report.picture {
+        Some(picture) => writeln!(out, "picture: {picture}"),
+        None => Ok(()),
+    }
+}
+
+/// The motion of a test, in steps and seconds.
+#[derive(Clone, Copy, Debug)]
+struct Test {
+    is_velocity: bool,
+    /// Size of the step, or amplitude of the sweep, with sign.
+    size: f64,
+    sweep: Option<(PositionBounds, u32)>,
+    /// Time at the target, in seconds.
+    settle: f64,
+}
+
+impl Test {
+    fn of(arguments: &TuneArguments, chosen: &ChosenAxis, envelope: &Envelope) -> Result<Self> {
+        let is_velocity = arguments.mode == TuneMode::Csv;
+        let size = arguments.step.or(arguments.amplitude).unwrap_or(0.0);
+        let steps = chosen.units.length(size);
+        if steps.abs() < 1.0 {
+            return Err(Failure::Usage(format!(
+                "the size {size} {} is less than a step of the position counter; set a larger one",
+                chosen.units.unit
+            )));
+        }
+        if is_velocity && steps.abs() > envelope.velocity * (1.0 + 1e-9) {
+            return Err(Failure::Usage(format!(
+                "the velocity {} is out of range; allowed: up to {}",
+                chosen.units.velocity_text(steps),
+                chosen.units.velocity_text(envelope.velocity)
+            )));
+        }
+        Ok(Self {
+            is_velocity,
+            size: steps,
+            sweep: arguments.sweep.map(|it| (it.0, arguments.points)),
+            settle: arguments.settle as f64 / 1e3,
+        })
+    }
+
+    fn name(&self) -> &'static str {
+        if self.sweep.is_some() { "sweep" } else { "step" }
+    }
+
+    /// Amplitude at a frequency within the limits: peak to peak of a position, peak of a velocity.
+    fn amplitude(&self, hertz: f64, envelope: &Envelope) -> f64 {
+        let omega = TAU * hertz;
+        let most = match self.is_velocity {
+            false => (envelope.velocity / (PI * hertz))
+                .min(2.0 * envelope.acceleration / (omega * omega)),
+            true => envelope.velocity.min(envelope.acceleration / omega),
+        };
+        self.size.abs().min(most).copysign(self.size)
+    }
+
+    /// Rejects a test that would leave the range.
+    fn check_travel(&self, start: f64, envelope: &Envelope, chosen: &ChosenAxis) -> Result {
+        let travel = match (self.is_velocity, self.sweep) {
+            (false, _) => self.size,
+            (true, None) => {
+                self.size * self.settle + self.size * self.size.abs() / envelope.acceleration
+            }
+            (true, Some((bounds, _))) => {
+                // Peak to peak of the position, at the lowest frequency.
+                self.amplitude(bounds.min, envelope) / (PI * bounds.min)
+            }
+        };
+        let end = start + travel;
+        match envelope.contains(end) {
+            true => Ok(()),
+            false => Err(Failure::Usage(format!(
+                "the test would move the axis to {}, outside the range; use a smaller size, another \
+                 direction, or a larger --range",
+                chosen.units.position_text(end)
+            ))),
+        }
+    }
+
+    /// Number of samples until a velocity step returns.
+    fn end_of_step(&self, samples: &[Sample]) -> usize {
+        if !self.is_velocity || self.sweep.is_some() {
+            return samples.len();
+        }
+        samples.iter().rposition(|it| it.target == self.size).map_or(samples.len(), |at| at + 1)
+    }
+}
+
+/// A test with its recording.
+struct TestRun {
+    test: Test,
+    envelope: Envelope,
+    samples: Vec<Sample>,
+    period_s: f64,
+    /// Units of the drive's velocity per step/s.
+    factor: f64,
+    /// Accepted targets.
+    sent: u64,
+    start: f64,
+}
+
+impl TestRun {
+    fn new(session: &AxisSession, test: &Test, envelope: Envelope) -> Result<Self> {
+        let period_s = session.target_period_s();
+        let seconds = match test.sweep {
+            Some((bounds, count)) => frequencies(bounds.min, bounds.max, count)
+                .map(|hertz| (PERIODS + 1.0) / hertz)
+                .sum(),
+            None => {
+                test.settle * 2.0
+                    + 2.0 * envelope.velocity / envelope.acceleration
+                    + test.size.abs() / envelope.velocity
+            }
+        };
+        // The cast saturates.
+        let space = (seconds / period_s) as usize + 1_000;
+        if space > SAMPLES {
+            return Err(Failure::Usage(format!(
+                "the test takes {seconds:.0} s; allowed: {:.0} s; use higher frequencies or fewer points",
+                SAMPLES as f64 * period_s
+            )));
+        }
+        let config = session.cia402().config(AXIS);
+        let start = match test.is_velocity {
+            true => 0.0,
+            false => Ok(session.cia402().target(AXIS).map(f64::from))
+                .and_then(|target| target.map_or_else(|| session.actual(), Ok))?,
+        };
+        Ok(Self {
+            test: *test,
+            envelope,
+            samples: Vec::with_capacity(space),
+            period_s,
+            factor: config.map_or(1.0, velocity_factor),
+            sent: 0,
+            start,
+        })
+    }
+
+    fn execute(
+        &mut self,
+        session: &mut AxisSession,
+        arguments: &TuneArguments,
+        chosen: &ChosenAxis,
+    ) -> Result<Vec<FrequencyPoint>> {
+        session.report(format_args!("{} begins", self.test.name()));
+        match (self.test.sweep, self.test.is_velocity) {
+            (None, false) => self.step_position(session).map(|()| Vec::new()),
+            (None, true) => self.step_velocity(session).map(|()| Vec::new()),
+            (Some((bounds, _)), _) => {
+                let all = frequencies(bounds.min, bounds.max, arguments.points);
+                all.filter_map(|hertz| self.frequency(session, hertz, chosen).transpose()).collect()
+            }
+        }
+    }
+
+    /// Sends a target in steps or steps/s, and records it when it is accepted.
+    fn send(&mut self, session: &mut AxisSession, target: f64) -> Result {
+        loop {
+            let raw = match self.test.is_velocity {
+                true => target * self.factor,
+                false => target,
+            };
+            let end = session.cycle(Some(raw.round() as i32))?;
+            session.check_running()?;
+            check_key(session)?;
+            // Otherwise the motion continues when targets are accepted again.
+            if matches!(end.decision, Decision::Target(_)) {
+                break;
+            }
+        }
+        self.sent += 1;
+        let cia402 = session.cia402();
+        let (actual, error) = match self.test.is_velocity {
+            false => (
+                cia402.actual(AXIS).map(f64::from),
+                cia402.following_error(AXIS).map(|it| it as f64),
+            ),
+            true => {
+                let velocity = cia402.inputs(AXIS).and_then(|it| it.velocity());
+                let velocity = velocity.map(|it| f64::from(it) / self.factor);
+                (velocity, velocity.map(|it| target - it))
+            }
+        };
+        if let (Some(actual), true) = (actual, self.samples.len() < self.samples.capacity()) {
+            let seconds = self.sent as f64 * self.period_s;
+            let error = error.unwrap_or(target - actual);
+            self.samples.push(Sample { seconds, target, actual, error });
+        }
+        Ok(())
+    }
+
+    fn hold(&mut self, session: &mut AxisSession, target: f64, seconds: f64) -> Result {
+        let count = (seconds / self.period_s).ceil() as u64;
+        (0..count).try_for_each(|_| self.send(session, target))
+    }
+
+    fn step_position(&mut self, session: &mut AxisSession) -> Result {
+        let goal = (self.start + self.test.size).round();
+        let mut profile = PositionProfile::at_rest(self.start);
+        self.send(session, self.start)?;
+        while !profile.is_at(goal) {
+            profile = profile.toward(goal, self.envelope.profile(), self.period_s);
+            self.send(session, profile.position())?;
+        }
+        self.hold(session, goal, self.test.settle)
+    }
+
+    fn step_velocity(&mut self, session: &mut AxisSession) -> Result {
+        let change = self.envelope.acceleration * self.period_s;
+        self.send(session, 0.0)?;
+        let mut velocity = 0.0;
+        for (goal, seconds) in [(self.test.size, self.test.settle), (0.0, self.test.settle)] {
+            while velocity != goal {
+                velocity += (goal - velocity).clamp(-change, change);
+                self.send(session, velocity)?;
+            }
+            self.hold(session, goal, seconds)?;
+        }
+        Ok(())
+    }
+
+    /// Moves by a sine for whole periods; the first is not evaluated.
+    fn frequency(
+        &mut self,
+        session: &mut AxisSession,
+        hertz: f64,
+        chosen: &ChosenAxis,
+    ) -> Result<Option<FrequencyPoint>> {
+        // Whole samples per period, so that the frequency is exact.
+        let per_period = (1.0 / (hertz * self.period_s)).round().max(8.0);
+        let hertz = 1.0 / (per_period * self.period_s);
+        let amplitude = self.test.amplitude(hertz, &self.envelope);
+        let begin = self.samples.len() + per_period as usize;
+        let count = (per_period * (PERIODS + 1.0)) as u64;
+        for nth in 1..=count {
+            let angle = TAU * (nth as f64 / per_period).fract();
+            let target = match self.test.is_velocity {
+                true => amplitude * angle.sin(),
+                false => self.start + amplitude / 2.0 * (1.0 - angle.cos()),
+            };
+            self.send(session, target)?;
+        }
+        let samples = self.samples.get(begin..).unwrap_or_default();
+        let size = chosen.units.value(amplitude).abs();
+        let point = FrequencyPoint::of(samples, hertz, size);
+        Ok(point
+            .map(|it| FrequencyPoint { max_error: chosen.units.value(it.max_error).abs(), ..it }))
+    }
+}
