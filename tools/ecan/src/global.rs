@@ -8,7 +8,7 @@ use crate::via_option::Via;
 pub const EXIT_STATUS: &str = "\
 Exit status:
   0  success, no problems found
-  1  problems found (difference or fault), not all frames sent, or not confirmed
+  1  problems found (difference or fault), not all frames sent, not confirmed, stopped
   2  invalid arguments
   3  no EtherCAT master: library, module, permission or link is missing
   4  no such slave, or several slaves and none selected

@@ -3,6 +3,8 @@
 
 mod support;
 
+mod axis;
+mod axis_terminal;
 mod bridge;
 mod bus_symptoms;
 mod capture;

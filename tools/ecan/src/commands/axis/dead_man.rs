@@ -22,6 +22,9 @@ pub struct PermissionArguments {
     /// Enable a drive whose motor would not stop if this host failed
     #[arg(long)]
     accept_risk: bool,
+    /// Reset a fault of the drive first
+    #[arg(long)]
+    reset_fault: bool,
 }
 
 impl PermissionArguments {
@@ -36,11 +39,15 @@ impl PermissionArguments {
         // A signal before this ends the program, and nothing has moved.
         confirm(
             self.yes,
-            &format!("to {what} {label}"),
+            &format!("motion of {label}"),
             format_args!("This will {what} {label}, and its motor can move. Continue?"),
             "nothing was sent",
         )?;
         Operator::watch(release)
+    }
+
+    pub fn resets_fault(&self) -> bool {
+        self.reset_fault
     }
 
     pub fn accepts_risk(&self) -> bool {

@@ -10,18 +10,19 @@ use crate::frames::GatewayOptions;
 
 use super::axis_choice::AxisOptions;
 use super::dead_man::{PermissionArguments, clock_kind};
-use super::drive_report::{self, DriveReport};
 use super::key_hold::Hold;
 use super::limit_arguments::LimitArguments;
+use super::move_axis::check_start;
 use super::operator::{InputKind, Operator};
 use super::session::{AxisSession, SessionSettings};
+use super::startup;
 
 pub const NOTES: &str = "\
 The drive is configured and enabled at its actual position, and holds it until Enter, q, Esc or
 Ctrl-C, or for --for. With --hold-key only while a key is held. When the terminal is lost or a pipe
 of standard input is closed, the drive gets a quick stop and is switched off (exit status 1).
 
-If it is not enabled, the reasons are printed, as by `ecan axis status`.";
+If it is not enabled, the error names the obstacles, as `ecan axis status` does.";
 
 #[derive(Debug, Args)]
 pub struct EnableArguments {
@@ -31,9 +32,6 @@ pub struct EnableArguments {
     limits: LimitArguments,
     #[command(flatten)]
     permission: PermissionArguments,
-    /// Reset a fault of the drive first
-    #[arg(long)]
-    reset_fault: bool,
     /// Stay enabled only while any key is held
     #[arg(long, conflicts_with = "milliseconds")]
     hold_key: bool,
@@ -69,30 +67,11 @@ pub fn run(arguments: &EnableArguments, context: &Context) -> Result {
         accepts_risk: permission.accepts_risk(),
     };
     AxisSession::start(&chosen, settings, Some(operator), context)?.run(|session| {
-        session.configure()?;
-        if arguments.reset_fault {
-            session.reset_fault()?;
-        }
-        enable_or_explain(session, context)?;
+        let start = startup::prepare(session, permission)?;
+        check_start(&envelope, start, &chosen.units)?;
+        startup::enable(session)?;
         hold(session, arguments)
     })
-}
-
-/// Enables the drive. If it is not enabled, prints the reasons that the drive reports.
-pub fn enable_or_explain(session: &mut AxisSession, context: &Context) -> Result {
-    let Err(failure) = session.enable() else { return Ok(()) };
-    // A stop by the operator needs no explanation.
-    if matches!(failure, Failure::Rejected(_)) {
-        let report = DriveReport::read(
-            session.label().to_owned(),
-            session.units(),
-            None,
-            &mut |index, subindex| Ok(session.number(index, subindex)),
-        )?;
-        let stream = &mut *context.on_stderr(true).output.stream();
-        drive_report::print_obstacles(&report, stream)?;
-    }
-    Err(failure)
 }
 
 fn hold(session: &mut AxisSession, arguments: &EnableArguments) -> Result {

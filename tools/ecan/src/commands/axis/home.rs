@@ -15,6 +15,7 @@ use super::dead_man::{PermissionArguments, clock_kind};
 use super::limit_arguments::{Envelope, LimitArguments, parse_number, parse_positive};
 use super::move_axis::check_key;
 use super::session::{AXIS, AxisSession, SessionSettings};
+use super::startup;
 
 pub const NOTES: &str = "\
 The drive generates the motion, by the method 0x6098. Speeds and acceleration are always written, so that
@@ -108,8 +109,7 @@ pub fn run(arguments: &HomeArguments, context: &Context) -> Result {
     };
     let session = AxisSession::start(&chosen, settings, Some(operator), context)?;
     let homed = session.run(|session| {
-        session.configure()?;
-        let start = session.read_position()?;
+        let start = startup::prepare(session, permission)?;
         let travel = |value: f64| (start + units.length(value)) as i32;
         let (a, b) = (travel(range.min), travel(range.max));
         session.watch_envelope(Envelope { min: a.min(b), max: a.max(b), ..envelope });

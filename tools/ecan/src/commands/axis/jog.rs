@@ -10,7 +10,7 @@ use crate::frames::GatewayOptions;
 
 use super::axis_choice::AxisOptions;
 use super::dead_man::{PermissionArguments, clock_kind};
-use super::enable::{enable_or_explain, is_commanded_end};
+use super::enable::is_commanded_end;
 use super::key_hold::Hold;
 use super::key_parser::Key;
 use super::limit_arguments::{Envelope, LimitArguments, parse_number};
@@ -19,6 +19,7 @@ use super::move_axis::{check_key, check_start};
 use super::operator::{InputKind, Operator};
 use super::position_profile::ProfileLimits;
 use super::session::{AXIS, AxisSession, SessionSettings};
+use super::startup;
 
 pub const NOTES: &str = "\
 Keys: hold Right or Up to move in positive direction, Left or Down in negative direction. The first
@@ -83,12 +84,11 @@ pub fn run(arguments: &JogArguments, context: &Context) -> Result {
         accepts_risk: permission.accepts_risk(),
     };
     AxisSession::start(&chosen, settings, Some(operator), context)?.run(|session| {
-        session.configure()?;
-        let start = session.read_position()?;
+        let start = startup::prepare(session, permission)?;
         check_start(&envelope, start, &chosen.units)?;
         match arguments.milliseconds {
             Some(ms) => {
-                enable_or_explain(session, context)?;
+                startup::enable(session)?;
                 for_time(session, (velocity, &envelope), Duration::from_millis(ms))
             }
             None => {

@@ -17,6 +17,7 @@ mod move_axis;
 mod operator;
 mod position_profile;
 mod session;
+mod startup;
 mod status;
 mod step_response;
 mod stop;

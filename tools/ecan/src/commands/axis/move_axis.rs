@@ -11,11 +11,11 @@ use crate::frames::GatewayOptions;
 
 use super::axis_choice::AxisOptions;
 use super::dead_man::{PermissionArguments, clock_kind};
-use super::enable::enable_or_explain;
 use super::limit_arguments::{Envelope, LimitArguments, parse_number, parse_positive};
 use super::motion::Motion;
 use super::operator::Operator;
 use super::session::{AXIS, AxisSession, SessionSettings};
+use super::startup;
 
 pub const NOTES: &str = "\
 The axis moves with a trapezoidal velocity. In CSP the host generates the targets within the limits;
@@ -105,15 +105,14 @@ pub fn run(arguments: &MoveArguments, context: &Context) -> Result {
     };
     let session = AxisSession::start(&chosen, settings, Some(operator), context)?;
     let moved = session.run(|session| {
-        session.configure()?;
-        let start = session.read_position()?;
+        let start = startup::prepare(session, permission)?;
         let goal = match (arguments.to, arguments.by) {
             (Some(to), _) => chosen.units.steps(to),
             (None, by) => start + chosen.units.length(by.unwrap_or(0.0)),
         };
         check_goal(&envelope, goal, &chosen.units)?;
         check_start(&envelope, start, &chosen.units)?;
-        enable_or_explain(session, context)?;
+        startup::enable(session)?;
         let tolerance = arguments.tolerance.map(|it| chosen.units.length(it).abs());
         let tolerance = tolerance.unwrap_or(envelope.velocity * 0.01).max(1.0);
         session.report(format_args!(

@@ -40,6 +40,8 @@ pub enum InputKind {
 pub enum StopRequest {
     /// SIGINT or SIGTERM.
     Signal,
+    /// SIGHUP.
+    HungUp,
     /// The terminal was closed.
     TerminalLost,
     /// The pipe of standard input was closed.
@@ -52,7 +54,8 @@ impl StopRequest {
     pub fn text(self) -> &'static str {
         match self {
             Self::Signal => "Ctrl-C or SIGTERM",
-            Self::TerminalLost => "the terminal was closed, or SIGHUP",
+            Self::HungUp => "SIGHUP",
+            Self::TerminalLost => "the terminal was closed",
             Self::InputClosed => "standard input was closed",
             Self::Key => "a key",
         }
@@ -60,7 +63,7 @@ impl StopRequest {
 
     /// Returns whether the operator is gone.
     pub fn is_lost(self) -> bool {
-        matches!(self, Self::TerminalLost | Self::InputClosed)
+        matches!(self, Self::HungUp | Self::TerminalLost | Self::InputClosed)
     }
 }
 
@@ -70,6 +73,7 @@ struct Shared {
     start: Instant,
     hold: Mutex<KeyHold<Key>>,
     is_closed: AtomicBool,
+    has_hung_up: AtomicBool,
     /// Enter, Esc, q, Ctrl-C or Ctrl-D.
     has_end_key: AtomicBool,
     /// Any key, or any byte of a stream.
@@ -145,23 +149,19 @@ impl Operator {
             start: Instant::now(),
             hold: Mutex::new(KeyHold::new(release)),
             is_closed: AtomicBool::new(false),
+            has_hung_up: AtomicBool::new(false),
             has_end_key: AtomicBool::new(false),
             has_any_key: AtomicBool::new(false),
         });
         let hung_up = shared.clone();
         let interrupt = Interrupt::install_patient_with_hang_up(move || {
-            hung_up.is_closed.store(true, Ordering::Release);
+            hung_up.has_hung_up.store(true, Ordering::Release);
         })?;
         if kind != InputKind::None {
             let descriptor = stdin().as_fd().try_clone_to_owned().map_err(Failure::Input)?;
             let (input, reader) = (File::from(descriptor), shared.clone());
             let thread = std::thread::Builder::new().name("operator".to_owned());
-            thread
-                .spawn(move || {
-                    read_keys(input, &reader);
-                    reader.is_closed.store(true, Ordering::Release);
-                })
-                .map_err(Failure::of_thread)?;
+            thread.spawn(move || read_keys(input, &Closing(reader))).map_err(Failure::of_thread)?;
         }
         Ok(Self { interrupt, shared, kind, held: Cell::new(Hold::None), _mode: mode })
     }
@@ -174,10 +174,12 @@ impl Operator {
     pub fn stop_request(&self) -> Option<StopRequest> {
         if self.shared.is_closed.load(Ordering::Acquire) {
             return Some(match self.kind {
-                InputKind::Stream => StopRequest::InputClosed,
-                // Also by SIGHUP.
-                InputKind::Terminal | InputKind::None => StopRequest::TerminalLost,
+                InputKind::Terminal => StopRequest::TerminalLost,
+                InputKind::Stream | InputKind::None => StopRequest::InputClosed,
             });
+        }
+        if self.shared.has_hung_up.load(Ordering::Acquire) {
+            return Some(StopRequest::HungUp);
         }
         self.interrupt.is_set().then_some(StopRequest::Signal)
     }
@@ -212,8 +214,17 @@ pub fn input_kind() -> InputKind {
     }
 }
 
+/// Reports the end of the reading thread, with any cause.
+struct Closing(Arc<Shared>);
+
+impl Drop for Closing {
+    fn drop(&mut self) {
+        self.0.is_closed.store(true, Ordering::Release);
+    }
+}
+
 /// Returns when the input ends: closed by the other end, or an error.
-fn read_keys(mut input: File, shared: &Shared) {
+fn read_keys(mut input: File, Closing(shared): &Closing) {
     let mut parser = KeyParser::default();
     let mut bytes = [0; 256];
     loop {

@@ -15,7 +15,6 @@ use crate::frames::GatewayOptions;
 
 use super::axis_choice::{AxisOptions, ChosenAxis};
 use super::dead_man::{PermissionArguments, clock_kind};
-use super::enable::enable_or_explain;
 use super::frequency_point::{FrequencyPoint, frequencies};
 use super::limit_arguments::{
     Envelope, LimitArguments, PositionBounds, parse_number, parse_positive, velocity_factor,
@@ -23,6 +22,7 @@ use super::limit_arguments::{
 use super::move_axis::{check_key, check_start};
 use super::position_profile::PositionProfile;
 use super::session::{AXIS, AxisSession, SessionSettings};
+use super::startup;
 use super::step_response::{Sample, StepResponse};
 use super::tune_picture::TunePicture;
 
@@ -137,11 +137,10 @@ pub fn run(arguments: &TuneArguments, context: &Context) -> Result {
     let session = AxisSession::start(&chosen, settings, Some(operator), context)?;
     let is_simulated = session.is_simulated();
     let (recording, points, period_s) = session.run(|session| {
-        session.configure()?;
-        let start = session.read_position()?;
+        let start = startup::prepare(session, permission)?;
         check_start(&envelope, start, &chosen.units)?;
         test.check_travel(start, &envelope, &chosen)?;
-        enable_or_explain(session, context)?;
+        startup::enable(session)?;
         let mut run = TestRun::new(session, &test, envelope)?;
         let points = run.execute(session, arguments, &chosen)?;
         Ok((run.samples, points, session.target_period_s()))

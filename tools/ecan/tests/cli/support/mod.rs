@@ -195,6 +195,13 @@ impl Running {
         Self::spawn(Command::new(env!("CARGO_BIN_EXE_ecan")).args(arguments))
     }
 
+    /// As [`spawn`](Self::spawn), with a pipe as standard input.
+    pub fn spawn_with_input(command: &mut Command) -> (Self, std::process::ChildStdin) {
+        let mut running = Self::spawn(command.stdin(std::process::Stdio::piped()));
+        let input = running.child.stdin.take().unwrap();
+        (running, input)
+    }
+
     pub fn spawn(command: &mut Command) -> Self {
         let mut child = command
             .env_remove("ECAN_ECRT")

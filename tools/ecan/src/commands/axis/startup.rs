@@ -1,0 +1,42 @@
+//! Startup of an axis, with the obstacles to enabling it.
+
+use ecan_cia402::AxisPhase;
+
+use crate::context::{Failure, Result};
+
+use super::dead_man::PermissionArguments;
+use super::drive_report::{self, DriveReport};
+use super::session::{AXIS, AxisSession};
+
+/// Configures the drive, resets a fault if permitted, and returns the actual position in steps.
+pub fn prepare(session: &mut AxisSession, permission: &PermissionArguments) -> Result<f64> {
+    session.configure()?;
+    if permission.resets_fault() {
+        session.reset_fault()?;
+    }
+    if session.cia402().phase(AXIS) == Some(AxisPhase::Fault) {
+        let failure = format!("{}: fault", session.label());
+        return Err(explained(session, &failure)?);
+    }
+    session.read_position()
+}
+
+/// Enables the drive. The error names the obstacles that it reports.
+pub fn enable(session: &mut AxisSession) -> Result {
+    match session.enable() {
+        // A stop by the operator needs no explanation.
+        Err(Failure::Rejected(failure)) => Err(explained(session, &failure)?),
+        result => result,
+    }
+}
+
+/// Adds the obstacles that the drive reports.
+fn explained(session: &mut AxisSession, failure: &str) -> Result<Failure> {
+    let (label, units) = (session.label().to_owned(), session.units());
+    let read = &mut |index, subindex| Ok(session.number(index, subindex));
+    let report = DriveReport::read(label, units, None, read)?;
+    let mut obstacles = Vec::new();
+    drive_report::print_obstacles(&report, &mut obstacles)?;
+    let obstacles = String::from_utf8_lossy(&obstacles);
+    Ok(Failure::Rejected(format!("{failure}\n{}", obstacles.trim_end())))
+}

@@ -1,0 +1,236 @@
+//! `ecan axis` with an operator: keys of a terminal, its loss, pipes and signals.
+
+use std::io::Write as _;
+use std::process::Command;
+use std::time::{Duration, Instant};
+
+use rustix::process::Signal;
+
+use crate::axis::{LIMITS, SCALE};
+use crate::support::terminal::{Pty, is_raw, with_answer};
+use crate::support::{Running, scenario};
+
+const RIGHT: &[u8] = b"\x1b[C";
+/// Interval of a held key.
+const REPEAT: Duration = Duration::from_millis(35);
+
+/// A program whose standard input is a terminal.
+struct Operated {
+    running: Running,
+    pty: Pty,
+}
+
+fn arguments<'a>(setting: &'a str, command: &'a str, more: &[&'a str]) -> Vec<&'a str> {
+    let start = ["--ecrt", setting, "axis", command, "--cycle-us", "2000", "--yes"];
+    [&start[..], &SCALE, &LIMITS, more].concat()
+}
+
+impl Operated {
+    fn start(command: &str, more: &[&str]) -> Self {
+        Self::spawn(&[env!("CARGO_BIN_EXE_ecan")], command, more)
+    }
+
+    /// As a session leader, which gets SIGHUP when its terminal closes.
+    fn start_leader(command: &str, more: &[&str]) -> Self {
+        Self::spawn(&["setsid", "--ctty", env!("CARGO_BIN_EXE_ecan")], command, more)
+    }
+
+    fn spawn(program: &[&str], command: &str, more: &[&str]) -> Self {
+        let pty = Pty::open((80, 24));
+        let line = [program, &arguments("sim:drives", command, more)].concat();
+        let mut command = Command::new(line[0]);
+        command.args(&line[1..]).env("TERM", "xterm").stdin(pty.stdio());
+        Self { running: Running::spawn(&mut command), pty }
+    }
+
+    fn press(&mut self, keys: &[u8]) {
+        self.pty.master.write_all(keys).unwrap();
+    }
+
+    /// Holds a key, as a terminal repeats it.
+    fn hold(&mut self, key: &[u8], time: Duration) {
+        self.press(key);
+        std::thread::sleep(Duration::from_millis(300));
+        let end = Instant::now() + time;
+        while Instant::now() < end {
+            self.press(key);
+            std::thread::sleep(REPEAT);
+        }
+    }
+
+    /// Closes the terminal.
+    fn close(self) -> Running {
+        let Self { running, pty } = self;
+        drop(pty);
+        running
+    }
+
+    /// Waits for the end: status and standard error. Checks that the terminal is restored.
+    fn end(mut self) -> (Option<i32>, String) {
+        let ended = self.running.wait();
+        assert!(!is_raw(&self.pty.terminal), "the terminal is not restored: {}", ended.1);
+        ended
+    }
+}
+
+/// Position in the last line, in degrees.
+fn last_position(errors: &str) -> f64 {
+    let line = errors.lines().rfind(|line| line.contains(", at ")).unwrap();
+    let position = line.rsplit_once(", at ").unwrap().1.trim_end_matches(" deg");
+    position.parse().unwrap_or_else(|_| panic!("{line}"))
+}
+
+#[test]
+fn held_key_moves_and_its_release_stops() {
+    let mut jog = Operated::start("jog", &[]);
+    jog.running.wait_for_error("hold Left or Right");
+    assert!(is_raw(&jog.pty.terminal));
+    jog.hold(RIGHT, Duration::from_millis(1_500));
+    jog.running.wait_for_error("key released: quick stop");
+    jog.running.wait_for_error("stopped: all axes stopped");
+    jog.press(b"q");
+    let (status, errors) = jog.end();
+    assert_eq!(status, Some(0), "{errors}");
+    assert!(last_position(&errors) > 20.0, "{errors}");
+}
+
+#[test]
+fn single_presses_enable_and_do_not_move() {
+    let mut jog = Operated::start("jog", &[]);
+    jog.running.wait_for_error("hold Left or Right");
+    for _ in 0..4 {
+        jog.press(RIGHT);
+        std::thread::sleep(Duration::from_millis(300));
+    }
+    jog.running.wait_for_error("following targets");
+    jog.running.wait_for_error("key released: quick stop");
+    jog.press(b"q");
+    let (status, errors) = jog.end();
+    assert_eq!(status, Some(0), "{errors}");
+    assert!((last_position(&errors) - 5.532).abs() < 0.01, "{errors}");
+}
+
+#[test]
+fn lost_terminal_stops_a_jog() {
+    for start in [Operated::start, Operated::start_leader] {
+        let mut jog = start("jog", &[]);
+        jog.running.wait_for_error("hold Left or Right");
+        jog.hold(RIGHT, Duration::from_millis(900));
+        jog.running.wait_for_error("following targets");
+        let mut running = jog.close();
+        let (status, errors) = running.wait();
+        assert_eq!(status, Some(1), "{errors}");
+        let reasons = ["the terminal was closed", "SIGHUP"];
+        let stopped = |it: &&str| errors.contains(&format!("quick stop: stopped: {it}"));
+        assert!(reasons.iter().any(stopped), "{errors}");
+        assert!(errors.contains("node 1 on can0: stopped, switch on disabled"), "{errors}");
+    }
+}
+
+#[test]
+fn lost_terminal_stops_a_move() {
+    let mut moving = Operated::start("move", &["--to", "90", "--velocity", "5"]);
+    moving.running.wait_for_error("moving from 5.532 deg to 90.000 deg");
+    let mut running = moving.close();
+    let (status, errors) = running.wait();
+    assert_eq!(status, Some(1), "{errors}");
+    assert!(errors.contains("the terminal was closed"), "{errors}");
+    assert!(errors.contains("stopped, switch on disabled"), "{errors}");
+    assert!(last_position(&errors) < 80.0, "{errors}");
+}
+
+#[test]
+fn any_key_stops_a_move() {
+    let mut moving = Operated::start("move", &["--to", "90", "--velocity", "5"]);
+    moving.running.wait_for_error("moving from");
+    moving.press(b" ");
+    let (status, errors) = moving.end();
+    assert_eq!(status, Some(1), "{errors}");
+    assert!(errors.contains("quick stop: stopped: a key"), "{errors}");
+    assert!(errors.contains("stopped, switch on disabled"), "{errors}");
+}
+
+#[test]
+fn enable_ends_by_enter_and_by_the_loss_of_the_terminal() {
+    let mut enabled = Operated::start("enable", &[]);
+    enabled.running.wait_for_error("enabled until Enter");
+    enabled.press(b"\r");
+    let (status, errors) = enabled.end();
+    assert_eq!(status, Some(0), "{errors}");
+    assert!((last_position(&errors) - 5.532).abs() < 0.01, "{errors}");
+    let mut enabled = Operated::start("enable", &[]);
+    enabled.running.wait_for_error("enabled until Enter");
+    let mut running = enabled.close();
+    let (status, errors) = running.wait();
+    assert_eq!(status, Some(1), "{errors}");
+    assert!(errors.contains("stopped, switch on disabled"), "{errors}");
+}
+
+#[test]
+fn enable_with_a_held_key_ends_with_its_release() {
+    let mut enabled = Operated::start("enable", &["--hold-key"]);
+    enabled.running.wait_for_error("enabled while a key is held");
+    enabled.hold(b"x", Duration::from_millis(600));
+    let (status, errors) = enabled.end();
+    assert_eq!(status, Some(0), "{errors}");
+    assert!(errors.contains("key released") && errors.contains("stopped, "), "{errors}");
+}
+
+/// A move of 17 seconds with a pipe as standard input.
+fn move_with_pipe(setting: &str) -> (Running, std::process::ChildStdin) {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_ecan"));
+    command.args(arguments(setting, "move", &["--to", "90", "--velocity", "5"]));
+    let (mut running, stdin) = Running::spawn_with_input(&mut command);
+    running.wait_for_error("moving from");
+    (running, stdin)
+}
+
+const REAL_TIME: &str = "clock = \"real\"\n[[gateway]]\n[[node]]\nkind = \"drive\"\nname = \"x\"\n\
+                         bus = \"0.0\"\nnode_id = 1\n";
+
+#[test]
+fn closed_pipe_stops_a_move() {
+    let file = scenario(REAL_TIME);
+    let setting = crate::support::setting(&file);
+    let (mut running, stdin) = move_with_pipe(&setting);
+    drop(stdin);
+    let (status, errors) = running.wait();
+    assert_eq!(status, Some(1), "{errors}");
+    assert!(errors.contains("quick stop: stopped: standard input was closed"), "{errors}");
+    assert!(errors.contains("stopped, switch on disabled"), "{errors}");
+}
+
+#[test]
+fn signals_stop_a_move() {
+    let file = scenario(REAL_TIME);
+    let setting = crate::support::setting(&file);
+    for (signal, reason) in [
+        (Signal::TERM, "Ctrl-C or SIGTERM"),
+        (Signal::INT, "Ctrl-C or SIGTERM"),
+        (Signal::HUP, "SIGHUP"),
+    ] {
+        let (mut running, _stdin) = move_with_pipe(&setting);
+        running.signal(signal);
+        let (status, errors) = running.wait();
+        assert_eq!(status, Some(1), "{errors}");
+        assert!(errors.contains(reason), "{signal:?}: {errors}");
+        assert!(errors.contains("stopped, switch on disabled"), "{errors}");
+    }
+}
+
+#[test]
+fn question_is_answered_on_the_terminal() {
+    let line =
+        [&["--ecrt", "sim:drives", "axis", "move", "--to", "10"][..], &SCALE, &LIMITS].concat();
+    let mut command = Command::new(env!("CARGO_BIN_EXE_ecan"));
+    let (status, shown) = with_answer(command.args(&line).env_remove("ECAN_ECRT"), "n\n");
+    assert_eq!(status, 2, "{shown}");
+    assert!(
+        shown.contains("This will move node 1 on can0, and its motor can move. Continue?"),
+        "{shown}"
+    );
+    assert!(
+        shown.contains("nothing was sent: not confirmed") && !shown.contains("configured"),
+        "{shown}"
+    );
+}
