@@ -304,6 +304,17 @@ fn step_has_figures_and_a_picture() {
 }
 
 #[test]
+fn picture_of_a_test_that_failed_names_the_cause() {
+    let drive = one_drive("", &fault_after(1_500, 0x8611));
+    let path = drive.path("fault.svg");
+    let sweep = ["--sweep", "0.2..1", "--amplitude", "5", "--plot", &path];
+    let message = drive.fails(5, &motion("tune", &sweep));
+    assert!(message.contains("the motion ended: fault"), "{message}");
+    let svg = drive.read("fault.svg");
+    assert!(svg.contains("quick stop: node 1 on can0: the motion ended: fault"));
+}
+
+#[test]
 fn sweep_measures_gain_and_phase() {
     for mode in ["csp", "csv"] {
         let sweep = ["--sweep", "1..16", "--amplitude", "4", "--points", "5", "--mode", mode];

@@ -31,6 +31,9 @@ fn commands_of_one(files: &Scenario) -> Vec<Vec<String>> {
         "node nmt stop --node 1",
         "node pdo --node 1",
         "node emcy --node 1",
+        "axis status --node 1",
+        "axis stop --node 1",
+        "axis move --node 1 --unit step --to 1 --max-velocity 9 --range 0..9 --yes --unattended",
     ];
     commands.map(words).to_vec()
 }

@@ -23,6 +23,8 @@ mod step_response;
 mod stop;
 mod tune;
 mod tune_picture;
+mod tune_run;
+mod tune_test;
 mod unit;
 
 use clap::{Args, Subcommand};

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use ecan_command_line::run_info::RunInfo;
-use ecan_plot::{Heading, Series, TimeFigure, TimePanel, Tone};
+use ecan_plot::{Heading, Mark, Series, TimeFigure, TimePanel, Tone};
 
 use crate::context::{Failure, Result};
 
@@ -20,13 +20,11 @@ const POINTS: usize = 4_000;
 pub struct TunePicture {
     pub title: String,
     pub subtitle: String,
-    /// `position`, `velocity`.
-    pub quantity: &'static str,
-    /// `deg`, `deg/s`.
-    pub unit: String,
     /// Samples are velocities or positions.
     pub is_velocity: bool,
     pub is_simulated: bool,
+    /// End of a motion that was not completed.
+    pub end: Option<String>,
 }
 
 impl TunePicture {
@@ -49,15 +47,22 @@ impl TunePicture {
             points: kept.iter().map(|it| (it.seconds, Some(of(it)))).collect(),
         };
         let largest = samples.iter().map(|it| it.error.abs()).fold(0.0, f64::max);
-        let (quantity, unit) = (self.quantity, &self.unit);
-        let error_name = if self.is_velocity { "velocity error" } else { "following error" };
+        let (quantity, unit, error_name) = match self.is_velocity {
+            true => ("velocity", format!("{}/s", units.unit), "velocity error"),
+            false => ("position", units.unit.to_string(), "following error"),
+        };
+        let end = samples.last().map_or(0.0, |it| it.seconds);
+        let marks = self.end.iter().map(|text| Mark { seconds: end, text: text.clone() });
+        let marks: Vec<_> = marks.collect();
         let values = TimePanel {
-            title: self.quantity.to_owned(),
+            title: quantity.to_owned(),
             y_label: format!("{quantity} [{unit}]"),
             series: vec![
                 series("target", Tone::Target, &|it| value(it.target)),
                 series("actual", Tone::Actual, &|it| value(it.actual)),
             ],
+            marks: marks.clone(),
+            has_texts: true,
             ..TimePanel::default()
         };
         let errors = TimePanel {
@@ -67,6 +72,7 @@ impl TunePicture {
             ),
             y_label: format!("error [{unit}]"),
             series: vec![series("target - actual", Tone::Difference, &|it| units.value(it.error))],
+            marks,
             ..TimePanel::default()
         };
         let heading = Heading::new(&self.title)
