@@ -383,6 +383,17 @@ fn motion_through_a_service_is_rejected_and_status_is_not() {
 }
 
 #[test]
+fn status_of_an_axis_of_a_file_is_read_through_a_service() {
+    let mut served = serve_bus(SIMULATED, &["--config", MACHINE]);
+    served.program.wait_for_error("slave 0: ready");
+    let via = ["--via", served.path.as_str(), "axis", "status", "--config", MACHINE];
+    let status = good(&[&via[..], &["--axis", "elbow"]].concat());
+    assert!(status.contains("axis elbow (node 2 on can0)"), "{status}");
+    assert!(status.contains("position         0.000 deg"), "{status}");
+    served.end();
+}
+
+#[test]
 fn arguments_of_an_axis_exclude_each_other() {
     for (arguments, expected) in [
         (&["--axis", "x"][..], "--config"),

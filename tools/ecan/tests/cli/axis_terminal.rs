@@ -1,13 +1,14 @@
 //! `ecan axis` with an operator: keys of a terminal, its loss, pipes and signals.
 
 use std::io::Write as _;
-use std::process::Command;
+use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
 use rustix::process::Signal;
 
 use crate::axis::{LIMITS, SCALE};
 use crate::support::terminal::{Pty, is_raw, with_answer};
+use crate::support::timed_reader::TimedReader;
 use crate::support::{Running, scenario};
 
 const RIGHT: &[u8] = b"\x1b[C";
@@ -233,4 +234,34 @@ fn question_is_answered_on_the_terminal() {
         shown.contains("nothing was sent: not confirmed") && !shown.contains("configured"),
         "{shown}"
     );
+}
+
+/// A terminal that stops its output, as after Ctrl-S, blocks only the thread that prints.
+#[test]
+fn blocked_terminal_does_not_delay_a_stop() {
+    let screen = Pty::open((80, 24));
+    let mut command = Command::new(env!("CARGO_BIN_EXE_ecan"));
+    let line = arguments("sim:drives", "move", &["--to", "90", "--velocity", "5"]);
+    let keys = Pty::open((80, 24));
+    command.args(&line).env("TERM", "xterm").env_remove("ECAN_ECRT");
+    command.stdin(keys.stdio()).stdout(Stdio::piped()).stderr(screen.stdio());
+    let mut child = command.spawn().unwrap();
+    let mut shown = TimedReader::new(screen.master.try_clone().unwrap());
+    shown.wait_for("moving from");
+    // Nothing more is read until the program has ended: its output fills the terminal.
+    fill(&screen.terminal);
+    drop(keys);
+    let begin = Instant::now();
+    let mut stdout = TimedReader::new(child.stdout.take().unwrap());
+    let status = stdout.end_of(&mut child);
+    assert_eq!(status.code(), Some(1));
+    assert!(begin.elapsed() < Duration::from_secs(10), "{:?}", begin.elapsed());
+}
+
+/// Fills the output buffer of a terminal.
+fn fill(terminal: &std::fs::File) {
+    let flags = rustix::fs::fcntl_getfl(terminal).unwrap();
+    rustix::fs::fcntl_setfl(terminal, flags | rustix::fs::OFlags::NONBLOCK).unwrap();
+    while rustix::io::write(terminal, &[b' '; 256]).is_ok() {}
+    rustix::fs::fcntl_setfl(terminal, flags).unwrap();
 }

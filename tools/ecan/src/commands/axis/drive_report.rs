@@ -287,7 +287,11 @@ pub fn print_obstacles(report: &DriveReport, out: &mut dyn Write) -> io::Result<
 /// Prints the whole report.
 pub fn print(report: &DriveReport, out: &mut dyn Write) -> io::Result<()> {
     let names = |is_set: bool| {
-        let bits = report.bits.iter().filter(|it| it.is_set == is_set);
+        // A bit without a meaning in CiA 402 is of interest if it is set.
+        let has_meaning = |it: &StatusBit| {
+            is_set || !(it.name.starts_with("manufacturer") || it.name.starts_with("mode bit"))
+        };
+        let bits = report.bits.iter().filter(|it| it.is_set == is_set && has_meaning(it));
         let names: Vec<_> = bits.map(|it| format!("{} ({})", it.name, it.bit)).collect();
         if names.is_empty() { "none".to_owned() } else { names.join(", ") }
     };

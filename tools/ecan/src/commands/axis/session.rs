@@ -265,8 +265,11 @@ impl AxisSession {
             let is_news = kind(phase) != kind(self.shown)
                 && !matches!(phase, Some(AxisPhase::Reading(..) | AxisPhase::Inspecting));
             self.shown = phase;
-            if let (Some(phase), true) = (phase, is_news) {
-                self.report(phase);
+            match phase.filter(|_| is_news) {
+                // Its first state is that before the start.
+                Some(AxisPhase::Homing(_)) => self.report("homing"),
+                Some(phase) => self.report(phase),
+                None => {}
             }
         }
         let has_positions = is_position(&self.cia402);

@@ -9,6 +9,7 @@ use crate::commands::node::node_client::{NodeClient, start};
 use crate::commands::node::scan_report::state_name;
 use crate::context::{Context, Failure, Result};
 use crate::frames::FrameOptions;
+use crate::via;
 
 use super::axis_choice::{AxisOptions, ChosenAxis};
 use super::drive_report::{self, DriveReport};
@@ -44,8 +45,13 @@ pub fn run(arguments: &StatusArguments, context: &Context) -> Result {
     let file = options.gateway.setup.config.as_deref();
     let chosen = axis.choose(file, false, context)?;
     let context = &chosen.context(context).on_stderr(options.capture.is_on_output());
+    let mut options = options.clone();
+    if file.is_some() && via::open(context.global, context.global.master())?.is_some() {
+        // The service has configured the gateway; the file describes the axis only.
+        options.gateway.setup.config = None;
+    }
     let has_end = !arguments.watch || arguments.seconds.is_some();
-    let link = start(options, chosen.target.channel, has_end, context)?;
+    let link = start(&options, chosen.target.channel, has_end, context)?;
     let client = NodeClient::new(link, chosen.target, SDO_TIMEOUT);
     client.run(|client| {
         let report = read(client, &chosen)?;
