@@ -267,6 +267,31 @@ fn drive_that_would_not_stop_without_the_host_is_rejected() {
 }
 
 #[test]
+fn scale_of_the_drive_and_its_limits_are_compared() {
+    let to = ["--to", "10", "--max-velocity", "90", "--range", "-100..100"];
+    let scale = ["--node", "1", "--steps-per-turn", "60000"];
+    let output = ecan(&[&DRIVES[..], &["move"], &scale, &to, &ALONE].concat());
+    let errors = String::from_utf8(output.stderr).unwrap();
+    assert!(output.status.success(), "{errors}");
+    assert!(errors.contains("warning: steps_per_turn is 60000, the drive has 65536"), "{errors}");
+    // A drive whose device file limits the positions to 20 degrees.
+    let limited = Scenario::new(
+        "[[node]]\nkind = \"drive\"\nname = \"x\"\nbus = \"0.0\"\nnode_id = 1\neds = \"x.eds\"\n",
+    );
+    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../examples/network/servo_drive.eds");
+    let text = std::fs::read_to_string(path).unwrap();
+    assert_eq!(text.matches("DefaultValue=2147483647").count(), 1, "0x607D:02");
+    limited.write("x.eds", &text.replace("DefaultValue=2147483647", "DefaultValue=3641"));
+    let message = limited.fails(2, &motion("move", &["--to", "90"]));
+    let expected = "the target 90.000 deg is outside the range -99.998..20.001 deg";
+    assert!(message.contains(expected), "{message}");
+    let output = limited.run(&motion("jog", &["--for", "5000"]));
+    let errors = String::from_utf8(output.stderr).unwrap();
+    assert!(output.status.success() && errors.contains("the end of the range"), "{errors}");
+    assert!(errors.contains("off, at 20.0") || errors.contains("off, at 19.99"), "{errors}");
+}
+
+#[test]
 fn blocked_motor_ends_the_motion() {
     let blocked = "[[fault]]\nafter_ready_ms = 1500\nkind = \"drive_blocked\"\nnode = \"x\"\nfor_ms = 60000\n";
     let drive = one_drive("", blocked);

@@ -1,6 +1,6 @@
 //! `ecan axis` with an operator: keys of a terminal, its loss, pipes and signals.
 
-use std::io::Write as _;
+use std::io::{Read as _, Write as _};
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
@@ -170,11 +170,80 @@ fn enable_ends_by_enter_and_by_the_loss_of_the_terminal() {
 #[test]
 fn enable_with_a_held_key_ends_with_its_release() {
     let mut enabled = Operated::start("enable", &["--hold-key"]);
-    enabled.running.wait_for_error("enabled while a key is held");
-    enabled.hold(b"x", Duration::from_millis(600));
+    enabled.running.wait_for_error("hold a key to enable the drive");
+    enabled.hold(b"x", Duration::from_millis(1_500));
     let (status, errors) = enabled.end();
     assert_eq!(status, Some(0), "{errors}");
-    assert!(errors.contains("key released") && errors.contains("stopped, "), "{errors}");
+    assert!(errors.contains("enabled while a key is held"), "{errors}");
+    assert!(errors.contains("key released: quick stop"), "{errors}");
+    assert!(errors.contains("stopped, switch on disabled"), "{errors}");
+}
+
+#[test]
+fn move_with_a_held_key_ends_with_its_release() {
+    let more = ["--to", "90", "--velocity", "5", "--hold-key"];
+    let mut moving = Operated::start("move", &more);
+    moving.running.wait_for_error("hold a key to enable the drive");
+    moving.hold(b"x", Duration::from_millis(1_500));
+    let (status, errors) = moving.end();
+    assert_eq!(status, Some(1), "{errors}");
+    assert!(errors.contains("moving from 5.532 deg to 90.000 deg"), "{errors}");
+    assert!(errors.contains("quick stop: stopped: the key was released"), "{errors}");
+    assert!(errors.contains("stopped, switch on disabled"), "{errors}");
+    assert!((5.5..30.0).contains(&last_position(&errors)), "{errors}");
+}
+
+/// Frames of a CAN ID on the bus, as an slcan client receives them, by their data.
+fn frames(received: &str, id: &str) -> Vec<String> {
+    let frames = received.split('\r').filter_map(|frame| frame.strip_prefix(&format!("t{id}")));
+    // The length, then the data.
+    frames.filter_map(|frame| frame.get(1..).map(str::to_owned)).collect()
+}
+
+#[test]
+fn lost_terminal_puts_a_quick_stop_on_the_bus() {
+    let file = scenario(
+        "clock = \"real\"\n[[gateway]]\n[[node]]\nkind = \"drive\"\nname = \"x\"\nbus = \"0.0\"\n\
+         node_id = 1\n[[node]]\nkind = \"bridge\"\nbus = \"0.0\"\nprotocol = \"slcan\"\n\
+         address = \"127.0.0.1\"\nport = 0\nqueue = 60000\n",
+    );
+    let setting = crate::support::setting(&file);
+    let pty = Pty::open((80, 24));
+    let mut command = Command::new(env!("CARGO_BIN_EXE_ecan"));
+    command.args(arguments(&setting, "jog", &[])).stdin(pty.stdio());
+    let mut jog = Operated { running: Running::spawn(&mut command), pty };
+    jog.running.wait_for_error(" on bus ");
+    let banner = jog.running.errors();
+    let port = banner.split("127.0.0.1:").nth(1).unwrap();
+    let port: u16 = port.split(' ').next().unwrap().parse().unwrap();
+    let mut client = std::net::TcpStream::connect(("127.0.0.1", port)).unwrap();
+    client.write_all(b"S6\rO\r").unwrap();
+    let reader = std::thread::spawn(move || {
+        let mut received = Vec::new();
+        // A reset of the connection ends it, too.
+        let _ = client.read_to_end(&mut received);
+        String::from_utf8_lossy(&received).into_owned()
+    });
+    jog.running.wait_for_error("hold Left or Right");
+    jog.hold(RIGHT, Duration::from_millis(900));
+    let mut running = jog.close();
+    let (status, errors) = running.wait();
+    assert_eq!(status, Some(1), "{errors}");
+    let received = reader.join().unwrap();
+    // Controlwords, little-endian: enable operation, then quick stop, and nothing enables again.
+    let controlwords: Vec<_> =
+        frames(&received, "201").iter().map(|it| it[..4].to_owned()).collect();
+    let enabled = controlwords.iter().rposition(|it| it == "0F00").expect("enabled");
+    let (_, after) = controlwords.split_at(enabled + 1);
+    assert_eq!(after.first().map(String::as_str), Some("0200"), "{controlwords:?}");
+    assert!(after.iter().all(|it| it == "0200" || it == "0000"), "{after:?}");
+    // Statuswords: operation enabled, at last switch on disabled. The stop itself is shorter than a period.
+    let states: Vec<_> = frames(&received, "181")
+        .iter()
+        .map(|it| u8::from_str_radix(&it[..2], 16).unwrap() & 0x6F)
+        .collect();
+    assert!(states.contains(&0x27), "{states:?}");
+    assert_eq!(states.last().map(|it| it & 0x4F), Some(0x40), "{states:?}");
 }
 
 /// A move of 17 seconds with a pipe as standard input.

@@ -5,7 +5,7 @@ use std::str::FromStr;
 
 use clap::Args;
 use ecan_canopen::{NodeAddress, NodeId};
-use ecan_cia402::{AxisConfig, Scale};
+use ecan_cia402::{AxisConfig, Scale, ScaleSource};
 
 use crate::commands::node::node_target::NodeTarget;
 use crate::config_file;
@@ -142,12 +142,16 @@ impl AxisOptions {
             // Without a scale a turn is a step.
             scale = scale.with_velocity_units(velocity);
         }
+        let scale_source = match self.steps_per_turn {
+            Some(_) => ScaleSource::Checked,
+            None => ScaleSource::Configured,
+        };
         let NodeTarget { channel, node } = target;
         let address = NodeAddress { slave: 0, channel, node };
         Ok(ChosenAxis {
             label: target.to_string(),
             target,
-            config: AxisConfig { scale, ..AxisConfig::new(address) },
+            config: AxisConfig { scale, scale_source, ..AxisConfig::new(address) },
             units: AxisUnits::new(unit, scale, 0),
             global: context.global.clone(),
         })

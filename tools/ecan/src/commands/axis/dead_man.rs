@@ -25,16 +25,32 @@ pub struct PermissionArguments {
     /// Reset a fault of the drive first
     #[arg(long)]
     reset_fault: bool,
+    #[command(flatten)]
+    keys: KeyArguments,
+    /// Move only while any key is held; `jog` always does
+    #[arg(long)]
+    hold_key: bool,
+}
+
+#[derive(Clone, Copy, Debug, Args)]
+pub struct KeyArguments {
+    /// Time without a repetition after which a key counts as released, in ms
+    #[arg(long, value_name = "MS", default_value_t = 200,
+          value_parser = clap::value_parser!(u64).range(50..=1_000))]
+    key_timeout: u64,
 }
 
 impl PermissionArguments {
     /// Rejects a motion that no operator can stop, asks for confirmation, then watches the operator.
-    pub fn obtain(&self, what: &str, label: &str, release: Duration) -> Result<Operator> {
+    pub fn obtain(&self, what: &str, label: &str) -> Result<Operator> {
         if input_kind() == InputKind::None && !self.unattended {
             return Err(Failure::Usage(format!(
                 "cannot {what} {label} unattended: standard input is neither a terminal nor a pipe, so that \
                  its end cannot stop the axis; run on a terminal, or use --unattended"
             )));
+        }
+        if self.hold_key && input_kind() != InputKind::Terminal {
+            return Err(Failure::Usage("--hold-key needs a terminal as standard input".to_owned()));
         }
         // A signal before this ends the program, and nothing has moved.
         confirm(
@@ -43,7 +59,11 @@ impl PermissionArguments {
             format_args!("This will {what} {label}, and its motor can move. Continue?"),
             "nothing was sent",
         )?;
-        Operator::watch(release)
+        Operator::watch(Duration::from_millis(self.keys.key_timeout), self.hold_key)
+    }
+
+    pub fn holds_key(&self) -> bool {
+        self.hold_key
     }
 
     pub fn resets_fault(&self) -> bool {

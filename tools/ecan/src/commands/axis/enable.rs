@@ -1,7 +1,5 @@
 //! `ecan axis enable`: the drive holds its position.
 
-use std::time::Duration;
-
 use clap::Args;
 use ecan_canopen::OperatingMode;
 
@@ -10,7 +8,6 @@ use crate::frames::GatewayOptions;
 
 use super::axis_choice::AxisOptions;
 use super::dead_man::{PermissionArguments, clock_kind};
-use super::key_hold::Hold;
 use super::limit_arguments::LimitArguments;
 use super::move_axis::check_start;
 use super::operator::{InputKind, Operator};
@@ -19,7 +16,7 @@ use super::startup;
 
 pub const NOTES: &str = "\
 The drive is configured and enabled at its actual position, and holds it until Enter, q, Esc or
-Ctrl-C, or for --for. With --hold-key only while a key is held. When the terminal is lost or a pipe
+Ctrl-C, or for --for. With --hold-key only while any key is held. When the terminal is lost or a pipe
 of standard input is closed, the drive gets a quick stop and is switched off (exit status 1).
 
 If it is not enabled, the error names the obstacles, as `ecan axis status` does.";
@@ -32,15 +29,8 @@ pub struct EnableArguments {
     limits: LimitArguments,
     #[command(flatten)]
     permission: PermissionArguments,
-    /// Stay enabled only while any key is held
-    #[arg(long, conflicts_with = "milliseconds")]
-    hold_key: bool,
-    /// Time without a repetition after which a key counts as released, in ms
-    #[arg(long, value_name = "MS", default_value_t = 200,
-          value_parser = clap::value_parser!(u64).range(50..=1_000))]
-    key_timeout: u64,
     /// Stay enabled for this time, in ms
-    #[arg(long = "for", value_name = "MS", value_parser = clap::value_parser!(u64).range(1..=3_600_000))]
+    #[arg(long = "for", conflicts_with = "hold_key", value_name = "MS", value_parser = clap::value_parser!(u64).range(1..=3_600_000))]
     milliseconds: Option<u64>,
     #[command(flatten)]
     options: GatewayOptions,
@@ -50,14 +40,10 @@ pub fn run(arguments: &EnableArguments, context: &Context) -> Result {
     let EnableArguments { axis, limits, permission, options, .. } = arguments;
     let chosen = axis.choose(options.setup.config.as_deref(), true, context)?;
     let envelope = limits.envelope(&chosen.units, &chosen.config).map_err(Failure::Usage)?;
-    let release = Duration::from_millis(arguments.key_timeout);
-    let operator = permission.obtain("enable", &chosen.label, release)?;
+    let operator = permission.obtain("enable", &chosen.label)?;
     if operator.kind() == InputKind::None && arguments.milliseconds.is_none() {
         let message = "without a terminal or a pipe `enable` needs an end; set --for";
         return Err(Failure::Usage(message.to_owned()));
-    }
-    if operator.kind() != InputKind::Terminal && arguments.hold_key {
-        return Err(Failure::Usage("--hold-key needs a terminal".to_owned()));
     }
     let settings = SessionSettings {
         options,
@@ -68,6 +54,7 @@ pub fn run(arguments: &EnableArguments, context: &Context) -> Result {
     };
     AxisSession::start(&chosen, settings, Some(operator), context)?.run(|session| {
         let start = startup::prepare(session, permission)?;
+        let envelope = session.narrowed(&envelope);
         check_start(&envelope, start, &chosen.units)?;
         startup::enable(session)?;
         hold(session, arguments)
@@ -75,7 +62,7 @@ pub fn run(arguments: &EnableArguments, context: &Context) -> Result {
 }
 
 fn hold(session: &mut AxisSession, arguments: &EnableArguments) -> Result {
-    let end = match (arguments.milliseconds, arguments.hold_key) {
+    let end = match (arguments.milliseconds, arguments.permission.holds_key()) {
         (Some(ms), _) => format!("for {ms} ms"),
         (None, true) => "while a key is held".to_owned(),
         (None, false) => "until Enter, q or Ctrl-C".to_owned(),
@@ -83,7 +70,6 @@ fn hold(session: &mut AxisSession, arguments: &EnableArguments) -> Result {
     session.report(format_args!("enabled {end}"));
     let start_ns = session.now_ns();
     let time_ns = arguments.milliseconds.map(|ms| ms * 1_000_000);
-    let mut was_held = false;
     loop {
         let now_ns = match session.cycle(None) {
             Ok(end) => end.now_ns,
@@ -92,11 +78,9 @@ fn hold(session: &mut AxisSession, arguments: &EnableArguments) -> Result {
             Err(failure) => return Err(failure),
         };
         session.check_running()?;
-        let hold = session.operator.as_ref().map_or(Hold::None, Operator::hold);
-        was_held |= matches!(hold, Hold::Held(_));
-        let is_released = arguments.hold_key && was_held && !matches!(hold, Hold::Held(_));
-        if is_released {
-            session.report("key released");
+        let operator = session.operator.as_ref();
+        if operator.is_some_and(|it| it.needs_key() && !it.has_held_key()) {
+            session.report("key released: quick stop");
             return session.stop();
         }
         let is_over = time_ns.is_some_and(|time_ns| now_ns.saturating_sub(start_ns) >= time_ns);

@@ -98,7 +98,7 @@ pub fn run(arguments: &HomeArguments, context: &Context) -> Result {
         timeout: Duration::from_secs(arguments.timeout),
         ..HomingConfig::new(arguments.method)
     };
-    let operator = permission.obtain("home", &chosen.label, Duration::from_millis(200))?;
+    let operator = permission.obtain("home", &chosen.label)?;
     let settings = SessionSettings {
         options,
         mode: Some(OperatingMode::CyclicPosition),
@@ -113,6 +113,7 @@ pub fn run(arguments: &HomeArguments, context: &Context) -> Result {
         let travel = |value: f64| (start + units.length(value)) as i32;
         let (a, b) = (travel(range.min), travel(range.max));
         session.watch_envelope(Envelope { min: a.min(b), max: a.max(b), ..envelope });
+        startup::await_key(session)?;
         session.report(format_args!("homing by method {}", arguments.method));
         let begin_ns = session.now_ns();
         home(session, homing)?;

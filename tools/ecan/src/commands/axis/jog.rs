@@ -41,10 +41,6 @@ pub struct JogArguments {
     /// Move for this time, in ms, without keys
     #[arg(long = "for", value_name = "MS", value_parser = clap::value_parser!(u64).range(1..=3_600_000))]
     milliseconds: Option<u64>,
-    /// Time without a repetition after which a key counts as released, in ms
-    #[arg(long, value_name = "MS", default_value_t = 200,
-          value_parser = clap::value_parser!(u64).range(50..=1_000))]
-    key_timeout: u64,
     #[command(flatten)]
     axis: AxisOptions,
     #[command(flatten)]
@@ -70,8 +66,7 @@ pub fn run(arguments: &JogArguments, context: &Context) -> Result {
             chosen.units.velocity_text(envelope.velocity)
         )));
     }
-    let release = Duration::from_millis(arguments.key_timeout);
-    let operator = permission.obtain("jog", &chosen.label, release)?;
+    let operator = permission.obtain("jog", &chosen.label)?;
     if arguments.milliseconds.is_none() && operator.kind() != InputKind::Terminal {
         let message = "keys need a terminal as standard input; use --for without one";
         return Err(Failure::Usage(message.to_owned()));
@@ -85,7 +80,9 @@ pub fn run(arguments: &JogArguments, context: &Context) -> Result {
     };
     AxisSession::start(&chosen, settings, Some(operator), context)?.run(|session| {
         let start = startup::prepare(session, permission)?;
+        let envelope = session.narrowed(&envelope);
         check_start(&envelope, start, &chosen.units)?;
+        let velocity = velocity.clamp(-envelope.velocity, envelope.velocity);
         match arguments.milliseconds {
             Some(ms) => {
                 startup::enable(session)?;

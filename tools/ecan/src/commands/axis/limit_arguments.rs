@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use clap::Args;
 use ecan_canopen::{OperatingMode, Step, object};
-use ecan_cia402::{AxisConfig, MotionLimits};
+use ecan_cia402::{AxisConfig, GuardLimits, MotionLimits, TargetKind};
 
 use super::position_profile::ProfileLimits;
 use super::unit::AxisUnits;
@@ -183,6 +183,31 @@ impl Envelope {
         config.standstill = config.standstill.min(config.step_limit);
     }
 
+    /// The same within the limits of the guard, which those of the drive narrow; `factor` is the
+    /// [`velocity_factor`] of the axis.
+    #[must_use]
+    pub fn within(&self, guard: &GuardLimits, target_period: Duration, factor: f64) -> Self {
+        let mut envelope = *self;
+        let bounds = guard.bounds.filter(|(low, high)| low < high);
+        match guard.kind {
+            TargetKind::Rate => {
+                let most = bounds.map(|(low, high)| f64::from(high.min(low.saturating_neg())));
+                let most = most.map(|most| most / factor.abs()).filter(|most| *most > 0.0);
+                envelope.velocity = most.map_or(self.velocity, |most| self.velocity.min(most));
+            }
+            TargetKind::Position | TargetKind::Profile | TargetKind::None => {
+                if let Some((low, high)) = bounds {
+                    (envelope.min, envelope.max) = (self.min.max(low), self.max.min(high));
+                }
+                if guard.kind == TargetKind::Position {
+                    let most = f64::from(guard.step) / target_period.as_secs_f64();
+                    envelope.velocity = self.velocity.min(most);
+                }
+            }
+        }
+        envelope
+    }
+
     /// Velocity of the drive for steps per second, at least 1.
     pub fn drive_units(&self, config: &AxisConfig, steps_per_second: f64) -> u32 {
         (steps_per_second * velocity_factor(config)).abs().floor().max(1.0) as u32
@@ -240,6 +265,23 @@ mod tests {
         assert_eq!((narrow.min, narrow.max), (0, 500));
         let error = limits(1.0, "100..200").envelope(&units(&config), &config).unwrap_err();
         assert!(error.contains("--range 100..200 deg has no position in common"), "{error}");
+    }
+
+    #[test]
+    fn limits_of_the_drive_narrow_those_of_the_command() {
+        let mut config = config();
+        let envelope = limits(90.0, "-10..10").envelope(&units(&config), &config).unwrap();
+        let period = Duration::from_millis(1);
+        envelope.apply_csp(&mut config, period);
+        let mut guard = config.guard_limits(OperatingMode::CyclicPosition, 1);
+        assert_eq!(envelope.within(&guard, period, 1.0), envelope);
+        (guard.bounds, guard.step) = (Some((-5_000, 200)), 4);
+        let narrow = envelope.within(&guard, period, 1.0);
+        assert_eq!((narrow.min, narrow.max, narrow.velocity), (-1_000, 200, 4_000.0));
+        envelope.apply_csv(&mut config, period);
+        let mut guard = config.guard_limits(OperatingMode::CyclicVelocity, 1);
+        guard.bounds = Some((-100, 90));
+        assert_eq!(envelope.within(&guard, period, 0.1).velocity, 900.0);
     }
 
     #[test]

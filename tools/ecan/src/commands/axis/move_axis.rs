@@ -14,7 +14,7 @@ use super::dead_man::{PermissionArguments, clock_kind};
 use super::limit_arguments::{Envelope, LimitArguments, parse_number, parse_positive};
 use super::motion::Motion;
 use super::operator::Operator;
-use super::session::{AXIS, AxisSession, SessionSettings};
+use super::session::{AXIS, AxisSession, SessionSettings, stopped};
 use super::startup;
 
 pub const NOTES: &str = "\
@@ -91,7 +91,7 @@ pub fn run(arguments: &MoveArguments, context: &Context) -> Result {
     if let Some(to) = arguments.to {
         check_goal(&envelope, chosen.units.steps(to), &chosen.units)?;
     }
-    let operator = permission.obtain("move", &chosen.label, Duration::from_millis(200))?;
+    let operator = permission.obtain("move", &chosen.label)?;
     let mode = match arguments.mode {
         MoveMode::Csp => OperatingMode::CyclicPosition,
         MoveMode::Pp => OperatingMode::ProfilePosition,
@@ -106,6 +106,7 @@ pub fn run(arguments: &MoveArguments, context: &Context) -> Result {
     let session = AxisSession::start(&chosen, settings, Some(operator), context)?;
     let moved = session.run(|session| {
         let start = startup::prepare(session, permission)?;
+        let envelope = session.narrowed(&envelope);
         let goal = match (arguments.to, arguments.by) {
             (Some(to), _) => chosen.units.steps(to),
             (None, by) => start + chosen.units.length(by.unwrap_or(0.0)),
@@ -178,12 +179,10 @@ fn range_text(envelope: &Envelope, units: &super::unit::AxisUnits) -> String {
     format!("{}..{} {}", units.number(min.min(max)), units.number(min.max(max)), units.unit)
 }
 
-/// Fails if the operator pressed a key.
+/// Fails if the operator pressed a key, or released the one that has to be held.
 pub fn check_key(session: &AxisSession) -> Result {
-    match session.operator.as_ref().is_some_and(Operator::has_any_key) {
-        true => Err(super::session::stopped(super::operator::StopRequest::Key)),
-        false => Ok(()),
-    }
+    let request = session.operator.as_ref().and_then(Operator::motion_request);
+    request.map_or(Ok(()), |request| Err(stopped(request)))
 }
 
 fn move_csp(session: &mut AxisSession, goal: f64, envelope: &Envelope) -> Result {

@@ -48,6 +48,8 @@ pub enum StopRequest {
     InputClosed,
     /// A key.
     Key,
+    /// The key that had to be held was released.
+    KeyReleased,
 }
 
 impl StopRequest {
@@ -58,6 +60,7 @@ impl StopRequest {
             Self::TerminalLost => "the terminal was closed",
             Self::InputClosed => "standard input was closed",
             Self::Key => "a key",
+            Self::KeyReleased => "the key was released",
         }
     }
 
@@ -129,6 +132,8 @@ pub struct Operator {
     interrupt: Interrupt,
     shared: Arc<Shared>,
     kind: InputKind,
+    /// A motion needs a held key.
+    needs_key: bool,
     /// Last state of the keys, for a cycle in which a key is being read.
     held: Cell<Hold<Key>>,
     _mode: Option<KeyMode>,
@@ -136,8 +141,8 @@ pub struct Operator {
 
 impl Operator {
     /// Watches signals, and standard input on a detached thread. `release` is the time without a repetition after
-    /// which a held key counts as released.
-    pub fn watch(release: Duration) -> Result<Self> {
+    /// which a held key counts as released. With `needs_key` motions need a held key.
+    pub fn watch(release: Duration, needs_key: bool) -> Result<Self> {
         let kind = input_kind();
         let mode = match kind {
             InputKind::Terminal => {
@@ -163,7 +168,7 @@ impl Operator {
             let thread = std::thread::Builder::new().name("operator".to_owned());
             thread.spawn(move || read_keys(input, &Closing(reader))).map_err(Failure::of_thread)?;
         }
-        Ok(Self { interrupt, shared, kind, held: Cell::new(Hold::None), _mode: mode })
+        Ok(Self { interrupt, shared, kind, needs_key, held: Cell::new(Hold::None), _mode: mode })
     }
 
     pub fn kind(&self) -> InputKind {
@@ -189,9 +194,24 @@ impl Operator {
         self.shared.has_end_key.load(Ordering::Acquire)
     }
 
-    /// Returns whether any key was pressed.
-    pub fn has_any_key(&self) -> bool {
-        self.shared.has_any_key.load(Ordering::Acquire)
+    /// Returns whether motions need a held key.
+    pub fn needs_key(&self) -> bool {
+        self.needs_key
+    }
+
+    /// Returns whether a key is held.
+    pub fn has_held_key(&self) -> bool {
+        matches!(self.hold(), Hold::Held(_))
+    }
+
+    /// The request to end a motion that continues without further keys: any key, or the release of the
+    /// one that has to be held.
+    pub fn motion_request(&self) -> Option<StopRequest> {
+        if self.needs_key {
+            return (!self.has_held_key()).then_some(StopRequest::KeyReleased);
+        }
+        let has_key = self.shared.has_any_key.load(Ordering::Acquire);
+        has_key.then_some(StopRequest::Key)
     }
 
     /// The held key. Does not block.

@@ -14,7 +14,7 @@ use crate::context::{Context, Failure, Result, note};
 use crate::frames::{Channels, GatewayOptions, GatewayRequirements, Planned, Settings};
 
 use super::axis_choice::ChosenAxis;
-use super::limit_arguments::Envelope;
+use super::limit_arguments::{Envelope, velocity_factor};
 use super::live_output::{LiveOutput, LivePosition};
 use super::motion_watch::MotionWatch;
 use super::operator::{Operator, StopRequest};
@@ -92,6 +92,8 @@ impl AxisSession {
         };
         let planned = file.for_one(&bus, requirements, context.global)?;
         let mut config = chosen.config.clone();
+        // Limits of the drive narrow those of the command.
+        config.drive.use_limits = true;
         let cycle = Duration::from_nanos(planned.adapter.cycle_ns().into());
         let motion_div = settings.envelope.map_or(1, |it| it.motion_div(cycle));
         if let (Some(envelope), Some(mode)) = (settings.envelope, settings.mode) {
@@ -179,6 +181,18 @@ impl AxisSession {
     /// Prints an event on standard error.
     pub fn report(&self, text: impl std::fmt::Display) {
         self.output.text(format!("{}: {text}", self.label));
+    }
+
+    /// The limits of a motion within those of the drive, which are read by the configuration.
+    pub fn narrowed(&self, envelope: &Envelope) -> Envelope {
+        let config = self.cia402.config(AXIS);
+        match self.cia402.guard(AXIS).zip(config) {
+            Some((guard, config)) => {
+                let period = self.cia402.target_period();
+                envelope.within(guard.limits(), period, velocity_factor(config))
+            }
+            None => *envelope,
+        }
     }
 
     /// Replaces the envelope of the watch, for travel relative to a position.
@@ -334,6 +348,9 @@ impl AxisSession {
             }
             _ => None,
         })?;
+        if let Some(finding) = self.cia402.scale_finding(AXIS) {
+            self.report(format_args!("warning: {finding}"));
+        }
         let Some(loss) = self.cia402.host_loss(AXIS) else { return Ok(()) };
         let text = format!("if this host fails: {}, {}", loss.reaction, loss.watch);
         match loss.reaction.is_controlled_stop() {

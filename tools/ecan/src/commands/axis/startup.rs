@@ -21,13 +21,29 @@ pub fn prepare(session: &mut AxisSession, permission: &PermissionArguments) -> R
     session.read_position()
 }
 
-/// Enables the drive. The error names the obstacles that it reports.
+/// Enables the drive, when a key is held if that is required. The error names the obstacles that the
+/// drive reports.
 pub fn enable(session: &mut AxisSession) -> Result {
+    await_key(session)?;
     match session.enable() {
         // A stop by the operator needs no explanation.
         Err(Failure::Rejected(failure)) => Err(explained(session, &failure)?),
         result => result,
     }
+}
+
+/// Waits for a held key, if a motion needs one.
+pub fn await_key(session: &mut AxisSession) -> Result {
+    let is_missing = |session: &AxisSession| {
+        session.operator.as_ref().is_some_and(|it| it.needs_key() && !it.has_held_key())
+    };
+    if is_missing(session) {
+        session.report("hold a key to enable the drive");
+    }
+    while is_missing(session) {
+        session.cycle(None)?;
+    }
+    Ok(())
 }
 
 /// Adds the obstacles that the drive reports.

@@ -129,7 +129,7 @@ pub fn run(arguments: &TuneArguments, context: &Context) -> Result {
         Duration::from_millis(arguments.settle),
         (&chosen, &envelope),
     )?;
-    let operator = permission.obtain("tune", &chosen.label, Duration::from_millis(200))?;
+    let operator = permission.obtain("tune", &chosen.label)?;
     let mode = match arguments.mode {
         TuneMode::Csp => OperatingMode::CyclicPosition,
         TuneMode::Csv => OperatingMode::CyclicVelocity,
@@ -146,6 +146,7 @@ pub fn run(arguments: &TuneArguments, context: &Context) -> Result {
     let (mut recording, mut period_s) = (Vec::new(), 0.0);
     let result = session.run(|session| {
         let start = startup::prepare(session, permission)?;
+        let envelope = session.narrowed(&envelope);
         check_start(&envelope, start, &chosen.units)?;
         test.check_travel(start, &envelope, &chosen)?;
         startup::enable(session)?;

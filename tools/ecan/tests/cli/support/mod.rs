@@ -231,6 +231,11 @@ impl Running {
         self.stderr.wait_for(words);
     }
 
+    /// Standard error until here.
+    pub fn errors(&self) -> String {
+        self.stderr.text()
+    }
+
     /// Closes standard output.
     pub fn close_stdout(&mut self) {
         self.stdout = None;
