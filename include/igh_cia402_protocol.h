@@ -18,6 +18,8 @@
  *          targets_refused to targets_rejected, trouble to axis_error, auto_take_up to auto_resume,
  *          take_ups to activations.
  *          Added: IGH_CIA402_MODE_VL; the modes IP, PT and VL are driven.
+ *          Added: igh_cia402_context_init_file(). igh_canopen_sdo_upload() and igh_canopen_sdo_download()
+ *          also work with axes on the Port, for nodes of their network.
  *          Added: IGH_CIA402_WAIT_NOT_DUE, _WAIT_NOT_RECEIVED, _WAIT_BACKLOG, _WAIT_TOGETHER,
  *          igh_cia402_get_host_loss(), igh_cia402_get_host_loss_text(), igh_cia402_stop_all(),
  *          igh_cia402_stop_all_timeout(), igh_cia402_all_stopped(), igh_cia402_recover(),
@@ -599,6 +601,29 @@ int igh_cia402_context_init_ex(igh_cia402_context_t *context,
                                const igh_cia402_axis_t *axes,
                                size_t axis_count,
                                const igh_cia402_settings_t *settings);
+
+/**
+ * Opens the axes and the CANopen nodes of a configuration file, `[[axis]]`, `[[node]]` and `[[bus]]`,
+ * on a Port: that of igh_mcan_port_load_config(), or another one with the same gateways and channels.
+ * Each node without an axis boots from the first cycle on, as igh_canopen.h describes; axes are
+ * configured by igh_cia402_configure_csp_all_timeout().
+ *
+ * @param context   Any content.
+ * @param port      The Port. Must not move while the axes are used.
+ * @param path      Path of the file, relative to the working directory. Its device files are relative to
+ *                  the file.
+ * @param settings  Is copied; NULL for the default ones.
+ *
+ * @usage   not rt, the cycle's thread, after igh_mcan_port_init
+ * @return  As igh_cia402_context_init(); ECAN_ERR_FILE if the file cannot be read; ECAN_ERR_CONFIG
+ *          with every fault of the file by line and column, or if a node has the node-ID of the
+ *          host's heartbeat.
+ */
+ECAN_MUST_CHECK
+int igh_cia402_context_init_file(igh_cia402_context_t *context,
+                                 igh_mcan_port_t *port,
+                                 const char *path,
+                                 const igh_cia402_settings_t *settings);
 
 /**
  * Closes the axes; the Port continues. Nothing is sent to the drives, which detect the end of the
@@ -1813,8 +1838,9 @@ int igh_cia402_sdo_poll(igh_cia402_context_t *context,
 /* ---------------------------------------------------------------------------
  * SDO transfers with any CANopen node
  *
- * For programs without axes: tools, startup of other devices. Each call runs the cycle and drops
- * other received frames.
+ * For tools, and for the startup of devices. Each call runs the cycle, with axes on the Port at their last
+ * targets; it drops other received frames. With axes, the node must be in their network, as drive, as
+ * node of its file, or by igh_canopen_add_node().
  * --------------------------------------------------------------------------- */
 
 /**
@@ -1831,9 +1857,9 @@ int igh_cia402_sdo_poll(igh_cia402_context_t *context,
  * @usage   not rt, the cycle's thread, active bus
  * @return  ECAN_OK; ECAN_ERR_SDO, with ecan_last_abort_code() if the node aborted;
  *          ECAN_ERR_TIMEOUT, ECAN_ERR_BUFFER, ECAN_ERR_CANOPEN, ECAN_ERR_SLAVE, ECAN_ERR_CHANNEL,
- *          ECAN_ERR_ARGUMENT, ECAN_ERR_MASTER; ECAN_ERR_ORDER if the bus is not active, or there
- *          are axes on the Port: use igh_cia402_sdo_upload() then; ECAN_ERR_ATTACHED on a master
- *          of another owner.
+ *          ECAN_ERR_ARGUMENT, ECAN_ERR_MASTER; ECAN_ERR_ORDER if the bus is not active;
+ *          ECAN_ERR_NODE if there are axes on the Port and the node is not in their network;
+ *          ECAN_ERR_ATTACHED on a master of another owner.
  */
 ECAN_MUST_CHECK
 int igh_canopen_sdo_upload(igh_mcan_port_t *port,

@@ -10,6 +10,7 @@
  *     igh_adapter.h             EtherCAT master: slaves, PDOs, startup SDOs, Sync0, raw process data
  *     igh_mcan_port.h           CAN and CAN FD frames through the gateways
  *     igh_cia402_protocol.h     CANopen and CiA 402 axes
+ *     igh_canopen.h             CANopen networks: nodes from a file, boot-up, services of nodes
  *
  * Separate from the layers, included by none of them:
  *
@@ -65,7 +66,7 @@
  *          The functions of this header are in libecan_mcan_host, which libecan_igh_host needs.
  *          Functions with a text have the argument `needed`, and return ECAN_ERR_BUFFER for a text that
  *          was cut. Added: ECAN_ERR_LAYOUT.
- *          Added: ECAN_MUST_CHECK.
+ *          Added: ECAN_MUST_CHECK, ECAN_ERR_NODE, ECAN_ERR_BOOT.
  *   0.1.0  First version.
  */
 #ifndef IGH_ECAN_COMMON_H
@@ -199,6 +200,10 @@ typedef enum {
      * frames are stored.
      */
     ECAN_ERR_LAYOUT = -37,
+    /** The CANopen node is not in the network of the context. */
+    ECAN_ERR_NODE = -38,
+    /** One or more mandatory nodes are not booted; ecan_last_error() names each. */
+    ECAN_ERR_BOOT = -39,
     /** An internal fault of the library. Please report it with the text of ecan_last_error(). */
     ECAN_ERR_INTERNAL = -99
 } ecan_result_t;

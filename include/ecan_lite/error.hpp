@@ -68,6 +68,8 @@ enum class errc : int {
     privilege = ECAN_ERR_PRIVILEGE,
     file = ECAN_ERR_FILE,
     layout = ECAN_ERR_LAYOUT,
+    node = ECAN_ERR_NODE,
+    boot = ECAN_ERR_BOOT,
     internal = ECAN_ERR_INTERNAL,
 };
 

@@ -139,6 +139,20 @@ impl Call {
         unsafe { pointer.as_ref() }.ok_or_else(|| self.null(name))
     }
 
+    /// Borrows a value of C; NULL is allowed for none.
+    ///
+    /// # Safety
+    /// As for [`read`](Self::read).
+    #[inline]
+    pub unsafe fn optional<'a, T>(
+        self,
+        _name: &str,
+        pointer: *const T,
+    ) -> Result<Option<&'a T>, ecan_result_t> {
+        // SAFETY: the caller's promise.
+        Ok(unsafe { pointer.as_ref() })
+    }
+
     /// Borrows an initialised value of C to change it.
     ///
     /// # Safety

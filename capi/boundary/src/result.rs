@@ -88,6 +88,10 @@ mirror! {
         /// The image has another layout_id than the profile: the device's active profile differs. Its
         /// frames are stored.
         ECAN_ERR_LAYOUT = -37 => c"the image has another layout than the profile",
+        /// The CANopen node is not in the network of the context.
+        ECAN_ERR_NODE = -38 => c"the node is not in the network",
+        /// One or more mandatory nodes are not booted; ecan_last_error() names each.
+        ECAN_ERR_BOOT = -39 => c"not every mandatory node is booted",
         /// An internal fault of the library. Please report it with the text of ecan_last_error().
         ECAN_ERR_INTERNAL = -99 => c"internal fault of the library",
     }

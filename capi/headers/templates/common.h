@@ -8,6 +8,7 @@
  *     igh_adapter.h             EtherCAT master: slaves, PDOs, startup SDOs, Sync0, raw process data
  *     igh_mcan_port.h           CAN and CAN FD frames through the gateways
  *     igh_cia402_protocol.h     CANopen and CiA 402 axes
+ *     igh_canopen.h             CANopen networks: nodes from a file, boot-up, services of nodes
  *
  * Separate from the layers, included by none of them:
  *

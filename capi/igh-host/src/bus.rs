@@ -2,6 +2,7 @@
 
 use ecan_c_boundary::Call;
 use ecan_c_boundary::result::ecan_result_t;
+use ecan_canopen::NodeConfig;
 use ecan_cia402::{Cia402, SendSummary};
 use ecan_host::{Adapter, SdoRequestId};
 use ecan_mcan_port::{Cycle, Port, PortConfig, SendTicket};
@@ -47,6 +48,9 @@ pub(crate) struct Axes {
     /// Of the last sent targets.
     pub(crate) summary: SendSummary,
     pub(crate) progress: Option<ProgressCallback>,
+    pub(crate) boot_progress: Option<ProgressCallback>,
+    /// Configuration of nodes that are added.
+    pub(crate) node: NodeConfig,
 }
 
 /// Ticket of the last frame.
@@ -215,6 +219,7 @@ impl Bus {
     pub(crate) fn add_cia402(
         &mut self,
         call: Call,
+        node: NodeConfig,
         make: impl FnOnce(&Port) -> Result<Cia402, ecan_result_t>,
     ) -> Result<u64, ecan_result_t> {
         let Layer::Port(port) = &self.layer else {
@@ -227,6 +232,8 @@ impl Bus {
             cia402: Box::new(cia402),
             summary: SendSummary::default(),
             progress: None,
+            boot_progress: None,
+            node,
         });
         Ok(self.contexts)
     }

@@ -63,23 +63,25 @@ impl StopAddress {
     }
 }
 
-/// Reports the progress of an axis to the application.
+/// Reports the progress of an axis or a node to the application.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct ProgressCallback {
     pub(crate) function:
-        unsafe extern "C-unwind" fn(user: *mut c_void, axis: usize, text: *const c_char),
+        unsafe extern "C-unwind" fn(user: *mut c_void, index: usize, text: *const c_char),
     pub(crate) user: *mut c_void,
+    /// The function that set it.
+    pub(crate) setter: &'static str,
 }
 
 // SAFETY: as for `StopCallback`.
 unsafe impl Send for ProgressCallback {}
 
 impl ProgressCallback {
-    pub(crate) fn report(&self, axis: usize, text: &CStr) {
-        let guard = UnwindGuard { callback: "igh_cia402_set_progress_callback()" };
+    pub(crate) fn report(&self, index: usize, text: &CStr) {
+        let guard = UnwindGuard { callback: self.setter };
         // SAFETY: the application gave the function for this, with this pointer; the text lives
         // until it returns.
-        unsafe { (self.function)(self.user, axis, text.as_ptr()) };
+        unsafe { (self.function)(self.user, index, text.as_ptr()) };
         std::mem::forget(guard);
     }
 }

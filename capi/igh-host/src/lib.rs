@@ -1,8 +1,8 @@
 //! libecan_igh_host: the whole SDK for C.
 //!
-//! The headers `igh_adapter.h`, `igh_mcan_port.h` and `igh_cia402_protocol.h` are generated from
-//! this crate: each source file below [`adapter`], [`mcan_port`] and [`cia402`] is a section of one
-//! of them, and its doc comments are the header's comments, written for readers of C.
+//! The headers `igh_adapter.h`, `igh_mcan_port.h`, `igh_cia402_protocol.h` and `igh_canopen.h` are generated
+//! from this crate: each source file below [`adapter`], [`mcan_port`], [`cia402`] and [`canopen`] is a section of
+//! one of them, and its doc comments are the header's comments, written for readers of C.
 //!
 //! A context of C is a few words that name a `bus` in a table of slots; they are checked before any
 //! access (`handle`).
@@ -23,6 +23,7 @@ mod port_config;
 mod standard_error;
 
 pub mod adapter;
+pub mod canopen;
 pub mod cia402;
 pub mod mcan_port;
 pub mod observer;

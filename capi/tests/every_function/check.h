@@ -8,6 +8,7 @@
 #include <string.h>
 
 #include "igh_adapter.h"
+#include "igh_canopen.h"
 #include "igh_cia402_protocol.h"
 #include "igh_mcan_port.h"
 #include "igh_observer.h"
@@ -100,6 +101,9 @@ void test_port_schedule(void);
 void test_cia402_axes(void);
 void test_cia402_motion(void);
 void test_cia402_sdo(void);
+void test_canopen_life(void);
+void test_canopen_network(void);
+void test_canopen_lss(void);
 void test_plan(void);
 void test_stop(void);
 void test_reserved(void);

@@ -95,7 +95,7 @@ static void too_early(void)
 static void unknown_numbers(void)
 {
     static const int NO_COMMANDS[] = {-1, 0, 3, 0x7F, 0x83, 0x181, 257};
-    static const int NO_MODES[] = {-1, 0, 2, 5, 11, 264};
+    static const int NO_MODES[] = {-1, 0, 5, 11, 264};
     for (size_t i = 0; i < ITEMS(NO_COMMANDS); i++) {
         BAD(ECAN_ERR_ARGUMENT, igh_cia402_send_nmt_all(&motors, NO_COMMANDS[i]));
         BAD(ECAN_ERR_ARGUMENT, igh_cia402_send_nmt(&motors, 0, NO_COMMANDS[i]));

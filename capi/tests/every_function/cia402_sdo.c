@@ -84,9 +84,12 @@ static void of_an_axis(void)
     SAME(ABORT_READ_ONLY, ecan_last_abort_code());
     BAD(ECAN_ERR_TIMEOUT, igh_cia402_sdo_upload(&motors, 1, 0x1000, 0, data, 16, &length, 100));
     SAME(0, ecan_last_abort_code());
-    BAD(ECAN_ERR_ORDER,
-        igh_canopen_sdo_upload(&port, 0, 0, 1, 0x1000, 0, data, 16, &length, 100));
-    BAD(ECAN_ERR_ORDER, igh_canopen_sdo_download(&port, 0, 0, 1, 0x1017, 0, VALUE, 2, 100));
+    GOOD(igh_canopen_sdo_upload(&port, 0, 0, 1, 0x1000, 0, data, 16, &length, 2000));
+    SAME(402, data[0] + 256 * data[1]);
+    GOOD(igh_canopen_sdo_download(&port, 0, 0, 1, 0x1017, 0, VALUE, 2, 2000));
+    BAD(ECAN_ERR_NODE,
+        igh_canopen_sdo_upload(&port, 0, 0, 2, 0x1000, 0, data, 16, &length, 100));
+    BAD(ECAN_ERR_NODE, igh_canopen_sdo_download(&port, 0, 0, 2, 0x1017, 0, VALUE, 2, 100));
 }
 
 /* Runs the cycle until the transfer is done. */

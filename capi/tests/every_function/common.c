@@ -46,12 +46,14 @@ static const struct {
     {ECAN_ERR_PRIVILEGE, "ECAN_ERR_PRIVILEGE"},
     {ECAN_ERR_FILE, "ECAN_ERR_FILE"},
     {ECAN_ERR_LAYOUT, "ECAN_ERR_LAYOUT"},
+    {ECAN_ERR_NODE, "ECAN_ERR_NODE"},
+    {ECAN_ERR_BOOT, "ECAN_ERR_BOOT"},
     {ECAN_ERR_INTERNAL, "ECAN_ERR_INTERNAL"},
 };
 
 static void codes(void)
 {
-    static const int NO_CODES[] = {1, 100, -38, -98, -100, INT32_MAX, INT32_MIN};
+    static const int NO_CODES[] = {1, 100, -40, -98, -100, INT32_MAX, INT32_MIN};
     for (size_t i = 0; i < ITEMS(CODES); i++) {
         TRUE(strcmp(ecan_result_name(CODES[i].code), CODES[i].name) == 0);
         TRUE(ecan_result_text(CODES[i].code)[0] != '\0');

@@ -91,8 +91,12 @@ static void filled_by_the_axes(igh_cia402_context_t *motors)
     igh_cia402_host_loss_info_t loss;
     igh_cia402_send_summary_t summary;
     igh_cia402_bus_load_t load;
+    igh_canopen_node_state_t node;
+    igh_canopen_boot_progress_t boot;
     size_t count;
 
+    CLEARED(node, igh_canopen_get_node_state(motors, 0, &node));
+    CLEARED(boot, igh_canopen_get_boot_progress(motors, 0, &boot));
     CLEARED(state, igh_cia402_get_axis_state(motors, 0, &state));
     CLEARED(statistics, igh_cia402_get_axis_statistics(motors, 0, &statistics));
     SAME(0, statistics.padding);
@@ -106,14 +110,18 @@ static void filled_without_a_bus(void)
 {
     static ecan_igh_config_t igh_config;
     static igh_mcan_port_config_t config;
-    static uint8_t image[128];
+    static uint8_t image[128] = {0x80};
     igh_mcan_pdo_profile_t profile;
     igh_mcan_channel_status_t status;
     igh_mcan_pdo_parse_diag_t diag;
     igh_mcan_file_fault_t fault;
     igh_mcan_rx_frame_t rx;
+    igh_canopen_lss_command_t lss;
+    igh_canopen_mpdo_t mpdo;
     size_t count;
 
+    CLEARED(lss, igh_canopen_lss_init(&lss, IGH_CANOPEN_LSS_STORE));
+    CLEARED(mpdo, igh_canopen_mpdo_decode(&mpdo, image, IGH_CANOPEN_MPDO_BYTES));
     CLEARED(status, igh_mcan_channel_status_decode(0xFFFF, &status));
     GOOD(ecan_igh_default_config(&igh_config));
     GOOD(igh_mcan_port_default_config(&config));
@@ -149,6 +157,8 @@ static void filled_by_the_application(void)
     igh_mcan_frame_stream_t stream;
     igh_mcan_schedule_settings_t schedule;
     ecan_igh_real_time_t real_time;
+    igh_canopen_mpdo_t mpdo;
+    uint8_t mpdo_bytes[IGH_CANOPEN_MPDO_BYTES];
 
     GOOD(igh_mcan_pdo_profile_default(&profile, IGH_MCAN_TXPDO, 1, 1));
     REJECTED(ECAN_ERR_ARGUMENT, profile, reserved, igh_mcan_pdo_profile_check(&profile));
@@ -174,6 +184,9 @@ static void filled_by_the_application(void)
     REJECTED(ECAN_ERR_ARGUMENT, stream, frame.reserved2, STREAM);
     REJECTED(ECAN_ERR_ARGUMENT, stream, frame.reserved3, STREAM);
     GOOD(STREAM);
+    memset(&mpdo, 0, sizeof(mpdo));
+    REJECTED(ECAN_ERR_ARGUMENT, mpdo, reserved, igh_canopen_mpdo_encode(&mpdo, mpdo_bytes));
+    GOOD(igh_canopen_mpdo_encode(&mpdo, mpdo_bytes));
     GOOD(ecan_igh_default_real_time(&real_time));
     REJECTED(ECAN_ERR_ARGUMENT, real_time, padding,
              ecan_igh_apply_real_time(&real_time, NULL, 0, NULL));
@@ -187,7 +200,11 @@ static void filled_for_the_axes(igh_mcan_port_t *port, igh_cia402_context_t *mot
     igh_cia402_axis_t axis;
     igh_cia402_settings_t settings;
     igh_cia402_homing_t homing;
+    igh_canopen_lss_command_t lss;
 
+    GOOD(igh_canopen_lss_init(&lss, IGH_CANOPEN_LSS_STORE));
+    REJECTED(ECAN_ERR_ARGUMENT, lss, reserved, igh_canopen_lss(port, 0, 0, &lss, NULL, 100));
+    REJECTED(ECAN_ERR_ARGUMENT, lss, reserved, igh_canopen_lss_start(motors, 0, 0, &lss));
     GOOD(igh_cia402_homing_init(&homing, 35));
     REJECTED(ECAN_ERR_ARGUMENT, homing, reserved, igh_cia402_home(motors, 0, &homing));
     GOOD(igh_cia402_context_deinit(motors));

@@ -121,7 +121,7 @@ impl Network {
     }
 
     /// All nodes, in the order in which they were added.
-    pub fn handles(&self) -> impl Iterator<Item = NodeHandle> + use<> {
+    pub fn handles(&self) -> impl ExactSizeIterator<Item = NodeHandle> + use<> {
         (0..self.nodes.len()).map(NodeHandle)
     }
 

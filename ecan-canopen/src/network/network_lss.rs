@@ -25,6 +25,11 @@ impl Network {
         Ok(())
     }
 
+    /// Returns whether the network has a channel. Real-time safe.
+    pub fn has_channel(&self, slave: usize, channel: u8) -> bool {
+        self.channel_index(slave, channel).is_some()
+    }
+
     /// Starts an LSS command on a channel. Real-time safe; [`lss_state`](Self::lss_state) reports its end in a later
     /// cycle. At most one LSS frame is sent per cycle and channel.
     ///

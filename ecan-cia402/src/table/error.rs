@@ -3,7 +3,7 @@
 use std::fmt;
 use std::time::Duration;
 
-use ecan_canopen::{NetworkError, NmtError, PdoMappingError, WaitError};
+use ecan_canopen::{BootProgress, NetworkError, NmtError, PdoMappingError, WaitError};
 use ecan_mcan_port::NotSchedulable;
 use thiserror::Error;
 
@@ -81,6 +81,26 @@ impl fmt::Display for AxisTimeout {
 
 impl std::error::Error for AxisTimeout {}
 
+/// Mandatory nodes that are not booted.
+#[derive(Debug, Clone, PartialEq)]
+pub struct BootTimeout {
+    /// Waiting time by the bus clock.
+    pub waited: Duration,
+    /// The nodes, with their progress.
+    pub nodes: Vec<BootProgress>,
+}
+
+impl fmt::Display for BootTimeout {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let count = self.nodes.len();
+        let nodes = if count == 1 { "node" } else { "nodes" };
+        write!(f, "{count} mandatory {nodes} not booted after {} ms", self.waited.as_millis())?;
+        self.nodes.iter().try_for_each(|node| write!(f, "\n  - {node}"))
+    }
+}
+
+impl std::error::Error for BootTimeout {}
+
 /// Errors of [`Cia402`](super::Cia402) outside the cycle.
 #[derive(Debug, Error)]
 #[non_exhaustive]
@@ -100,6 +120,9 @@ pub enum Cia402Error {
     /// Axes did not reach a state.
     #[error(transparent)]
     AxisTimeout(#[from] AxisTimeout),
+    /// Mandatory nodes are not booted.
+    #[error(transparent)]
+    BootTimeout(#[from] BootTimeout),
     /// The cycle failed while waiting.
     #[error(transparent)]
     Wait(#[from] WaitError),

@@ -28,9 +28,8 @@ impl Cia402 {
         (index, subindex): (u16, u8),
         timeout: Duration,
     ) -> Result<Vec<u8>, Cia402Error> {
-        self.transfer_timeout(port, axis, timeout, |network, node| {
-            network.start_upload(node, index, subindex)
-        })
+        let node = self.node(axis).ok_or(CommandError::NoSuchAxis { axis })?;
+        self.upload_node_timeout(port, node, (index, subindex), timeout)
     }
 
     /// Downloads an object of a drive and waits, as [`upload_timeout`](Self::upload_timeout).
@@ -45,7 +44,39 @@ impl Cia402 {
         data: &[u8],
         timeout: Duration,
     ) -> Result<(), Cia402Error> {
-        self.transfer_timeout(port, axis, timeout, |network, node| {
+        let node = self.node(axis).ok_or(CommandError::NoSuchAxis { axis })?;
+        self.download_node_timeout(port, node, (index, subindex), data, timeout)
+    }
+
+    /// As [`upload_timeout`](Self::upload_timeout), of any node of the network.
+    ///
+    /// # Errors
+    /// [`Cia402Error::Wait`].
+    pub fn upload_node_timeout(
+        &mut self,
+        port: &mut Port,
+        node: NodeHandle,
+        (index, subindex): (u16, u8),
+        timeout: Duration,
+    ) -> Result<Vec<u8>, Cia402Error> {
+        self.transfer_timeout(port, node, timeout, |network| {
+            network.start_upload(node, index, subindex)
+        })
+    }
+
+    /// As [`download_timeout`](Self::download_timeout), to any node of the network.
+    ///
+    /// # Errors
+    /// [`Cia402Error::Wait`].
+    pub fn download_node_timeout(
+        &mut self,
+        port: &mut Port,
+        node: NodeHandle,
+        (index, subindex): (u16, u8),
+        data: &[u8],
+        timeout: Duration,
+    ) -> Result<(), Cia402Error> {
+        self.transfer_timeout(port, node, timeout, |network| {
             network.start_download(node, index, subindex, data)
         })?;
         Ok(())
@@ -54,11 +85,10 @@ impl Cia402 {
     fn transfer_timeout(
         &mut self,
         port: &mut Port,
-        axis: usize,
+        node: NodeHandle,
         timeout: Duration,
-        start: impl Fn(&mut Network, NodeHandle) -> Result<(), SdoStartError>,
+        start: impl Fn(&mut Network) -> Result<(), SdoStartError>,
     ) -> Result<Vec<u8>, Cia402Error> {
-        let node = self.node(axis).ok_or(CommandError::NoSuchAxis { axis })?;
         let mut own = None;
         let ended = run_cycle_until(port, timeout, |cycle, _| {
             self.serve(cycle);
@@ -74,7 +104,7 @@ impl Cia402 {
                     }),
                 };
             }
-            match start(network, node) {
+            match start(network) {
                 Ok(()) => own = Some(network.sdo_generation(node)),
                 Err(SdoStartError::Busy) => {}
                 Err(error) => return Some(Err(error.into())),

@@ -1,20 +1,21 @@
 //! SDO transfers with any CANopen node
 //!
-//! For programs without axes: tools, startup of other devices. Each call runs the cycle and drops
-//! other received frames.
+//! For tools, and for the startup of devices. Each call runs the cycle, with axes on the Port at their last
+//! targets; it drops other received frames. With axes, the node must be in their network, as drive, as
+//! node of its file, or by igh_canopen_add_node().
 
 use std::ffi::c_void;
 
 use ecan_c_boundary::result::ecan_result_t;
 use ecan_c_boundary::{Call, pointers};
 use ecan_c_export::export;
-use ecan_canopen::{
-    Network, NetworkConfig, NodeAddress, NodeConfig, NodeHandle, NodeId, SdoConfig,
-};
+use ecan_canopen::{Network, NetworkConfig, NodeAddress, NodeConfig, NodeHandle, SdoConfig};
+use ecan_cia402::Cia402;
 use ecan_mcan_port::Port;
 
 use super::sdo::put_value;
 use crate::bus::Bus;
+use crate::canopen::node;
 use crate::errors::OrCode as _;
 use crate::handle::Entered;
 use crate::mcan_port::context::igh_mcan_port_t;
@@ -25,34 +26,35 @@ use crate::milliseconds::duration;
 const LEAST_BUFFER: usize = 1024;
 const MOST_BUFFER: usize = 1 << 24;
 
-fn network(
-    call: Call,
-    bus: &mut Entered<Bus>,
-    (slave, channel, node_id): (usize, u8, u8),
-    size: usize,
-) -> Result<(&mut Port, Network, NodeHandle), ecan_result_t> {
-    bus.run_to_end(call)?;
-    if bus.axes_mut().is_some() {
-        let text = format_args!(
-            "there are axes on this Port: transfer with igh_cia402_sdo_upload or _download"
-        );
-        return Err(call.fail(ecan_result_t::ECAN_ERR_ORDER, text));
-    }
-    let port = bus.need_port(call)?;
-    find_channel(call, port, slave, channel)?;
-    let node = NodeId::new(node_id).ok_or_else(|| {
-        call.argument("node_id", format_args!("{node_id} is out of range; allowed: 1 to 127"))
-    })?;
-    let buffer_bytes = size.clamp(LEAST_BUFFER, MOST_BUFFER);
-    let sdo = SdoConfig { buffer_bytes, ..SdoConfig::default() };
-    let mut network = Network::new(NetworkConfig::default());
-    let added = network.add_node(
-        NodeAddress { slave, channel, node },
-        NodeConfig { sdo, ..NodeConfig::default() },
-    );
-    match added {
-        Ok(handle) => Ok((port, network, handle)),
-        Err(error) => Err(call.fail(ecan_result_t::ECAN_ERR_ARGUMENT, format_args!("{error}"))),
+/// The node of a transfer.
+enum Peer<'a> {
+    /// In a network that lives as long as the call.
+    Alone(&'a mut Port, Box<Network>, NodeHandle),
+    /// In the network of the axes.
+    WithAxes(&'a mut Cia402, &'a mut Port, NodeHandle),
+}
+
+impl<'a> Peer<'a> {
+    fn new(
+        call: Call,
+        bus: &'a mut Entered<Bus>,
+        (slave, channel, node_id): (usize, u8, u8),
+        size: usize,
+    ) -> Result<Self, ecan_result_t> {
+        bus.run_to_end(call)?;
+        find_channel(call, bus.need_port(call)?, slave, channel)?;
+        let address = NodeAddress { slave, channel, node: node::node_id(call, node_id)? };
+        if bus.axes_mut().is_some() {
+            let (cia402, port) = bus.need_axes(call)?;
+            let (_, handle) = node::find(call, cia402, address)?;
+            return Ok(Self::WithAxes(cia402, port, handle));
+        }
+        let buffer_bytes = size.clamp(LEAST_BUFFER, MOST_BUFFER);
+        let sdo = SdoConfig { buffer_bytes, ..SdoConfig::default() };
+        let mut network = Box::new(Network::new(NetworkConfig::default()));
+        let config = NodeConfig { sdo, ..NodeConfig::default() };
+        let handle = network.add_node(address, config).or_code(call)?;
+        Ok(Self::Alone(bus.need_port(call)?, network, handle))
     }
 }
 
@@ -69,9 +71,9 @@ fn network(
 /// @usage   not rt, the cycle's thread, active bus
 /// @return  ECAN_OK; ECAN_ERR_SDO, with ecan_last_abort_code() if the node aborted;
 ///          ECAN_ERR_TIMEOUT, ECAN_ERR_BUFFER, ECAN_ERR_CANOPEN, ECAN_ERR_SLAVE, ECAN_ERR_CHANNEL,
-///          ECAN_ERR_ARGUMENT, ECAN_ERR_MASTER; ECAN_ERR_ORDER if the bus is not active, or there
-///          are axes on the Port: use igh_cia402_sdo_upload() then; ECAN_ERR_ATTACHED on a master
-///          of another owner.
+///          ECAN_ERR_ARGUMENT, ECAN_ERR_MASTER; ECAN_ERR_ORDER if the bus is not active;
+///          ECAN_ERR_NODE if there are axes on the Port and the node is not in their network;
+///          ECAN_ERR_ATTACHED on a master of another owner.
 #[must_use]
 #[export(call, bus bus)]
 pub fn igh_canopen_sdo_upload(
@@ -87,10 +89,15 @@ pub fn igh_canopen_sdo_upload(
     timeout_ms: u32,
 ) {
     pointers!(call, byte_room(data, size), out(length));
-    let (port, mut network, node) = network(call, bus, (slave, channel, node_id), size)?;
-    let value = network
-        .upload_blocking(port, node, (index, subindex), duration(timeout_ms))
-        .or_code(call)?;
+    let (object, timeout) = ((index, subindex), duration(timeout_ms));
+    let value = match Peer::new(call, bus, (slave, channel, node_id), size)? {
+        Peer::Alone(port, mut network, node) => {
+            network.upload_blocking(port, node, object, timeout).or_code(call)
+        }
+        Peer::WithAxes(cia402, port, node) => {
+            cia402.upload_node_timeout(port, node, object, timeout).or_code(call)
+        }
+    }?;
     put_value(call, &value, &mut data, &length)
 }
 
@@ -116,8 +123,13 @@ pub fn igh_canopen_sdo_download(
     timeout_ms: u32,
 ) {
     pointers!(call, bytes(data, size));
-    let (port, mut network, node) = network(call, bus, (slave, channel, node_id), size)?;
-    network
-        .download_blocking(port, node, (index, subindex), data, duration(timeout_ms))
-        .or_code(call)
+    let (object, timeout) = ((index, subindex), duration(timeout_ms));
+    match Peer::new(call, bus, (slave, channel, node_id), size)? {
+        Peer::Alone(port, mut network, node) => {
+            network.download_blocking(port, node, object, data, timeout).or_code(call)
+        }
+        Peer::WithAxes(cia402, port, node) => {
+            cia402.download_node_timeout(port, node, object, data, timeout).or_code(call)
+        }
+    }
 }

@@ -11,6 +11,9 @@
 //! igh_cia402_context_deinit(&motors);
 //! ```
 
+use std::ffi::{OsStr, c_char};
+use std::os::unix::ffi::OsStrExt as _;
+
 use ecan_c_boundary::result::ecan_result_t;
 use ecan_c_boundary::{Call, OutPointer, pointers};
 use ecan_c_export::export;
@@ -21,6 +24,7 @@ use super::axis::igh_cia402_axis_t;
 use super::axis_table::AxisTable;
 use super::settings::igh_cia402_settings_t;
 use crate::bus::Bus;
+use crate::canopen::node;
 use crate::entry::Context;
 use crate::errors::OrCode as _;
 use crate::handle::{self, Entered, Kind};
@@ -79,7 +83,8 @@ pub fn igh_cia402_context_init(
     axis_count: usize,
 ) {
     pointers!(call, out(context), items(axes, axis_count));
-    init(call, bus, &context, axes, |_| Ok(Cia402Config::default()))
+    let settings = |_| Ok(Cia402Config::default());
+    init(call, bus, &context, settings, |port, settings| of_table(call, port, axes, settings))
 }
 
 /// As igh_cia402_context_init(), with settings of the application.
@@ -98,27 +103,76 @@ pub fn igh_cia402_context_init_ex(
     settings: *const igh_cia402_settings_t,
 ) {
     pointers!(call, out(context), items(axes, axis_count), read(settings));
-    init(call, bus, &context, axes, |call| settings.checked(call))
+    let settings = |call| settings.checked(call);
+    init(call, bus, &context, settings, |port, settings| of_table(call, port, axes, settings))
+}
+
+/// Opens the axes and the CANopen nodes of a configuration file, `[[axis]]`, `[[node]]` and `[[bus]]`,
+/// on a Port: that of igh_mcan_port_load_config(), or another one with the same gateways and channels.
+/// Each node without an axis boots from the first cycle on, as igh_canopen.h describes; axes are
+/// configured by igh_cia402_configure_csp_all_timeout().
+///
+/// @param context   Any content.
+/// @param port      The Port. Must not move while the axes are used.
+/// @param path      Path of the file, relative to the working directory. Its device files are relative to
+///                  the file.
+/// @param settings  Is copied; NULL for the default ones.
+///
+/// @usage   not rt, the cycle's thread, after igh_mcan_port_init
+/// @return  As igh_cia402_context_init(); ECAN_ERR_FILE if the file cannot be read; ECAN_ERR_CONFIG
+///          with every fault of the file by line and column, or if a node has the node-ID of the
+///          host's heartbeat.
+#[must_use]
+#[export(call, bus bus, of port)]
+pub fn igh_cia402_context_init_file(
+    context: *mut igh_cia402_context_t,
+    port: *mut igh_mcan_port_t,
+    path: *const c_char,
+    settings: *const igh_cia402_settings_t,
+) {
+    pointers!(call, out(context), c_str(path), optional(settings));
+    let settings = |call| match settings {
+        Some(settings) => settings.checked(call),
+        None => Ok(Cia402Config::default()),
+    };
+    init(call, bus, &context, settings, |port, settings| {
+        let path = OsStr::from_bytes(path.to_bytes());
+        let axes = ecan_config_file::load_axes(path).or_code(call)?;
+        let nodes = ecan_config_file::load_nodes(path).or_code(call)?;
+        let node_config = settings.node;
+        let mut cia402 = Cia402::new(port, axes, settings).or_code(call)?;
+        for description in &nodes {
+            node::add_described(call, port, &mut cia402, description, node_config)?;
+        }
+        Ok(cia402)
+    })
+}
+
+fn of_table(
+    call: Call,
+    port: &Port,
+    axes: &[igh_cia402_axis_t],
+    settings: Cia402Config,
+) -> Result<Cia402, ecan_result_t> {
+    let table = AxisTable::read(call, axes)?;
+    let table = table.into_axes(call, |axes| axis_faults(port, axes, &settings))?;
+    Cia402::new(port, table, settings).or_code(call)
 }
 
 fn init(
     call: Call,
     bus: &mut Entered<Bus>,
     context: &OutPointer<igh_cia402_context_t>,
-    axes: &[igh_cia402_axis_t],
     settings: impl FnOnce(Call) -> Result<Cia402Config, ecan_result_t>,
+    make: impl FnOnce(&Port, Cia402Config) -> Result<Cia402, ecan_result_t>,
 ) -> Result<(), ecan_result_t> {
     // Living axes may well be those of this context, which stay.
     // SAFETY: `out` was promised that the pointer is valid.
     unsafe { bus.need_no_axes(call, context.as_ptr().cast())? };
     // SAFETY: as above.
     unsafe { handle::clear(context.as_ptr().cast()) };
-    let table = AxisTable::read(call, axes)?;
     let settings = settings(call)?;
-    let serial = bus.add_cia402(call, |port| {
-        let table = table.into_axes(call, |axes| axis_faults(port, axes, &settings))?;
-        Cia402::new(port, table, settings).or_code(call)
-    })?;
+    let serial = bus.add_cia402(call, settings.node, |port| make(port, settings))?;
     // SAFETY: as above.
     unsafe { bus.add_axes_context(context.as_ptr().cast(), serial) };
     Ok(())

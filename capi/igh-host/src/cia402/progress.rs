@@ -61,6 +61,10 @@ pub fn igh_cia402_set_progress_callback(
     user: *mut c_void,
 ) {
     if let Some(axes) = bus.axes_mut() {
-        axes.progress = callback.map(|function| ProgressCallback { function, user });
+        axes.progress = callback.map(|function| ProgressCallback {
+            function,
+            user,
+            setter: "igh_cia402_set_progress_callback()",
+        });
     }
 }

@@ -8,7 +8,7 @@ use std::ffi::c_void;
 use ecan_c_boundary::result::ecan_result_t;
 use ecan_c_boundary::{Call, OutArray, OutPointer, pointers};
 use ecan_c_export::export;
-use ecan_canopen::{Sdo, SdoStartError, WaitError};
+use ecan_canopen::{Network, NodeHandle, Sdo, SdoStartError, WaitError};
 
 use super::context::{igh_cia402_context_t, need_axis};
 use crate::errors::{self, OrCode as _};
@@ -101,7 +101,7 @@ pub fn igh_cia402_sdo_download(
     cia402.download_timeout(port, axis, (index, subindex), data, duration(timeout_ms)).or_code(call)
 }
 
-fn started(call: Call, started: Result<(), SdoStartError>) -> Result<(), ecan_result_t> {
+pub(crate) fn started(call: Call, started: Result<(), SdoStartError>) -> Result<(), ecan_result_t> {
     started.map_err(|error| match error {
         SdoStartError::Busy => {
             call.fail(ecan_result_t::ECAN_ERR_AXIS_STATE, format_args!("{error}"))
@@ -182,15 +182,26 @@ pub fn igh_cia402_sdo_poll(
     size: usize,
     length: *mut usize,
 ) {
-    use igh_cia402_sdo_state_t::*;
     pointers!(call, out(state), byte_room(data, size), out(length));
     length.set(0);
-    state.set(IGH_CIA402_SDO_IDLE as u8);
+    state.set(igh_cia402_sdo_state_t::IGH_CIA402_SDO_IDLE as u8);
     need_axis(call, cia402, axis)?;
     let Some(node) = cia402.node(axis) else { return Ok(()) };
-    let network = cia402.network();
+    poll(call, cia402.network(), node, &state, &mut data, &length)
+}
+
+/// Stores the state of the last transfer with a node, and its value.
+pub(crate) fn poll(
+    call: Call,
+    network: &Network,
+    node: NodeHandle,
+    state: &OutPointer<u8>,
+    data: &mut OutArray<u8>,
+    length: &OutPointer<usize>,
+) -> Result<(), ecan_result_t> {
+    use igh_cia402_sdo_state_t::*;
     match network.sdo_state(node) {
-        Sdo::Idle => {}
+        Sdo::Idle => state.set(IGH_CIA402_SDO_IDLE as u8),
         Sdo::Busy => state.set(IGH_CIA402_SDO_RUNNING as u8),
         Sdo::Failed(_) => {
             if let Some(failure) = network.sdo_failure(node) {
@@ -200,7 +211,7 @@ pub fn igh_cia402_sdo_poll(
         }
         _ => {
             state.set(IGH_CIA402_SDO_DONE as u8);
-            return put_value(call, network.sdo_data(node), &mut data, &length);
+            return put_value(call, network.sdo_data(node), data, length);
         }
     }
     Ok(())

@@ -302,7 +302,7 @@ fn objects_are_transferred_while_axes_run() {
 }
 
 #[test]
-fn node_is_reached_only_without_axes() {
+fn node_is_reached_without_and_with_axes() {
     let mut rig = Fixture::new();
     let port: *mut igh_mcan_port_t = &mut *rig.port;
     let mut data = [0_u8; 8];
@@ -334,7 +334,8 @@ fn node_is_reached_only_without_axes() {
         ok(rig.init());
         let with_axes =
             igh_canopen_sdo_upload(port, 0, 0, 3, 0x1000, 0, buffer, 8, &mut length, 2_000);
-        assert_eq!(with_axes, code(ECAN_ERR_ORDER), "{}", error());
+        assert_eq!(with_axes, code(ECAN_ERR_NODE), "{}", error());
+        ok(igh_canopen_sdo_upload(port, 0, 0, 2, 0x1000, 0, buffer, 8, &mut length, 2_000));
     }
     assert_eq!(u16::from_le_bytes([data[0], data[1]]), 402);
 }

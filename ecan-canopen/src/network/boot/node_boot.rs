@@ -31,6 +31,8 @@ pub struct BootProgress {
     pub name: Arc<str>,
     /// The node.
     pub address: NodeAddress,
+    /// The network is booted only with this node.
+    pub is_mandatory: bool,
     /// Its phase.
     pub phase: BootPhase,
     /// Time since the boot-up began, or its duration if it has ended.
@@ -161,6 +163,7 @@ impl NodeBoot {
         BootProgress {
             name: Arc::clone(&self.config.name),
             address: self.address,
+            is_mandatory: self.config.is_mandatory,
             phase: self.phase,
             elapsed: Duration::from_nanos(end.saturating_sub(self.begin_ns)),
             done,

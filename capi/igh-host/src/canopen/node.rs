@@ -1,0 +1,251 @@
+//! Nodes of a network
+//!
+//! The network of a context (igh_cia402_context_t) has the drives of its axes, in the order of the axis
+//! table, then the other nodes of the file of igh_cia402_context_init_file(), then those that
+//! igh_canopen_add_node() adds. `node` is the place of a node in this order, from 0.
+//!
+//! ```c
+//! igh_mcan_port_load_config(&igh_config, &mcan_config, "machine.toml", NULL, 0, NULL);
+//! ...                                              ecan_igh_init, igh_mcan_port_init, OP
+//! igh_cia402_context_init_file(&motors, &mcan, "machine.toml", NULL);
+//! if (igh_canopen_wait_booted_timeout(&motors, 30000) != ECAN_OK) puts(ecan_last_error());
+//! igh_cia402_start_up_timeout(&motors, 30000);
+//! ```
+
+use std::ffi::c_int;
+
+use ecan_c_boundary::result::ecan_result_t;
+use ecan_c_boundary::{Call, pointers};
+use ecan_c_export::export;
+use ecan_canopen::{
+    BootPhase, NetworkError, NodeAddress, NodeConfig, NodeDescription, NodeHandle, NodeId,
+};
+use ecan_cia402::Cia402;
+use ecan_mcan_port::Port;
+
+use super::boot::igh_canopen_boot_phase_t;
+use crate::cia402::context::igh_cia402_context_t;
+use crate::cia402::numbers::{self, igh_canopen_nmt_state_t};
+use crate::cia402::state_terms::igh_canopen_heartbeat_t;
+use crate::errors::OrCode as _;
+
+/// State of a CANopen node.
+#[repr(C)]
+#[derive(Clone, Copy, Debug)]
+pub struct igh_canopen_node_state_t {
+    /// Boot-up messages.
+    pub boot_ups: u32,
+    /// Timeouts of its heartbeat or of node guarding.
+    pub heartbeat_timeouts: u32,
+    /// Responses of node guarding whose toggle bit did not alternate.
+    pub guard_toggle_errors: u32,
+    /// Responses of node guarding with another NMT state than the last command leads to.
+    pub guard_state_errors: u32,
+    /// Emergency messages.
+    pub emergencies: u32,
+    /// Error code of the last emergency message; 0 for none, or after the node reset it.
+    pub error_code: u16,
+    /// Slave index of the gateway.
+    pub slave: u16,
+    /// Channel of the gateway.
+    pub channel: u8,
+    /// Node-ID.
+    pub node_id: u8,
+    /// An igh_canopen_nmt_state_t: the last one that the node reported.
+    pub nmt_state: u8,
+    /// An igh_canopen_nmt_state_t to which the last boot-up message or command leads: the only
+    /// information about a node without heartbeat.
+    pub expected_nmt_state: u8,
+    /// An igh_canopen_heartbeat_t: of its heartbeat, or of node guarding.
+    pub heartbeat: u8,
+    /// An igh_canopen_boot_phase_t.
+    pub boot_phase: u8,
+    /// Zero; for fields of later versions.
+    pub reserved: [u8; 34],
+}
+
+/// The handle of a node.
+pub(crate) fn need_node(
+    call: Call,
+    cia402: &Cia402,
+    node: usize,
+) -> Result<NodeHandle, ecan_result_t> {
+    let mut handles = cia402.network().handles();
+    let count = handles.len();
+    handles.nth(node).ok_or_else(|| {
+        let text = format_args!("there is no node {node}, the network has {count}");
+        call.fail(ecan_result_t::ECAN_ERR_NODE, text)
+    })
+}
+
+pub(crate) fn node_id(call: Call, id: u8) -> Result<NodeId, ecan_result_t> {
+    NodeId::new(id).ok_or_else(|| {
+        call.argument("node_id", format_args!("{id} is out of range; allowed: 1 to 127"))
+    })
+}
+
+fn add(
+    call: Call,
+    port: &Port,
+    cia402: &mut Cia402,
+    address: NodeAddress,
+    config: NodeConfig,
+) -> Result<NodeHandle, ecan_result_t> {
+    port.channel(address.slave, address.channel).or_code(call)?;
+    let config = NodeConfig { heartbeat_timeout: std::time::Duration::ZERO, ..config };
+    cia402.network_mut().add_node(address, config).or_code(call)
+}
+
+/// Adds a node of a file, which boots.
+pub(crate) fn add_described(
+    call: Call,
+    port: &Port,
+    cia402: &mut Cia402,
+    node: &NodeDescription,
+    config: NodeConfig,
+) -> Result<(), ecan_result_t> {
+    let boot = node.boot_config().map_err(|error| {
+        call.fail(ecan_result_t::ECAN_ERR_CONFIG, format_args!("{}: {error}", node.title()))
+    })?;
+    let handle = add(call, port, cia402, node.address, config)?;
+    cia402.network_mut().boot(handle, boot);
+    Ok(())
+}
+
+/// Returns the number of nodes of the network, drives included.
+///
+/// @usage   rt, the cycle's thread, after init
+/// @return  The number; 0 if there is no context.
+#[export(_, layer(cia402, _), or 0)]
+pub fn igh_canopen_node_count(context: *mut igh_cia402_context_t) -> usize {
+    Ok(cia402.network().handles().len())
+}
+
+/// Finds a node by its address.
+///
+/// @param slave    Slave index of the gateway.
+/// @param channel  Channel of the gateway, 0 to 3.
+/// @param node_id  Node-ID, 1 to 127.
+/// @param node     Gets the node.
+///
+/// @usage   rt, the cycle's thread, after init
+/// @return  ECAN_OK; ECAN_ERR_NODE if the network has no such node; ECAN_ERR_ARGUMENT.
+#[export(call, layer(cia402, _))]
+pub fn igh_canopen_find_node(
+    context: *mut igh_cia402_context_t,
+    slave: usize,
+    channel: u8,
+    node_id: u8,
+    node: *mut usize,
+) {
+    pointers!(call, out(node));
+    let address = NodeAddress { slave, channel, node: self::node_id(call, node_id)? };
+    node.set(find(call, cia402, address)?.0);
+}
+
+/// The place and the handle of the node at an address.
+pub(crate) fn find(
+    call: Call,
+    cia402: &Cia402,
+    address: NodeAddress,
+) -> Result<(usize, NodeHandle), ecan_result_t> {
+    let network = cia402.network();
+    let found = network.find(address).and_then(|found| {
+        let place = network.handles().position(|handle| handle == found)?;
+        Some((place, found))
+    });
+    found.ok_or_else(|| {
+        let text = format_args!(
+            "{address} is not in the network of the axes; call igh_canopen_add_node first"
+        );
+        call.fail(ecan_result_t::ECAN_ERR_NODE, text)
+    })
+}
+
+/// Adds a node that is neither in the axis table nor in the file, for SDO transfers, NMT, guarding and
+/// emergency messages. It does not boot. Its channel gets SYNC and the host's heartbeat from then on.
+///
+/// @param slave    Slave index of the gateway.
+/// @param channel  Channel of the gateway, 0 to 3, enabled.
+/// @param node_id  Node-ID, 1 to 127.
+/// @param node     Gets the node; may be NULL.
+///
+/// @usage   not rt, the cycle's thread, after init
+/// @return  ECAN_OK; ECAN_ERR_CONFIG if the network has the node already, or the host has its
+///          node-ID; ECAN_ERR_ARGUMENT.
+#[export(call, bus bus)]
+pub fn igh_canopen_add_node(
+    context: *mut igh_cia402_context_t,
+    slave: usize,
+    channel: u8,
+    node_id: u8,
+    node: *mut usize,
+) {
+    pointers!(call, optional_out(node));
+    let address = NodeAddress { slave, channel, node: self::node_id(call, node_id)? };
+    let config = bus.axes_mut().map(|axes| axes.node).unwrap_or_default();
+    let (cia402, port) = bus.need_axes(call)?;
+    add(call, port, cia402, address, config)?;
+    if let Some(node) = node {
+        node.set(find(call, cia402, address)?.0);
+    }
+}
+
+/// Gets the state of a node.
+///
+/// @usage   rt, the cycle's thread, after init
+/// @return  ECAN_OK, ECAN_ERR_NODE.
+#[export(call, layer(cia402, port), into node_state)]
+pub fn igh_canopen_get_node_state(
+    context: *mut igh_cia402_context_t,
+    node: usize,
+    node_state: *mut igh_canopen_node_state_t,
+) {
+    let handle = need_node(call, cia402, node)?;
+    let network = cia402.network();
+    let status = network.status(handle).ok_or(ecan_result_t::ECAN_ERR_INTERNAL)?;
+    let boot = network.boot_progress_of(handle, port.adapter().clock().now_ns());
+    let phase: Option<BootPhase> = boot.map(|boot| boot.phase);
+    Ok(igh_canopen_node_state_t {
+        boot_ups: status.boot_ups,
+        heartbeat_timeouts: status.heartbeat_timeouts,
+        guard_toggle_errors: status.guard_errors.toggle,
+        guard_state_errors: status.guard_errors.state,
+        emergencies: status.emcy_count,
+        error_code: status.error_code,
+        slave: u16::try_from(status.address.slave).unwrap_or(u16::MAX),
+        channel: status.address.channel,
+        node_id: status.address.node.get(),
+        nmt_state: igh_canopen_nmt_state_t::from(status.nmt_state) as u8,
+        expected_nmt_state: igh_canopen_nmt_state_t::from(status.expected_nmt_state) as u8,
+        heartbeat: igh_canopen_heartbeat_t::from(status.heartbeat) as u8,
+        boot_phase: igh_canopen_boot_phase_t::from(phase) as u8,
+        reserved: [0; 34],
+    })
+}
+
+/// Sends an NMT command to a node, with the next targets. A drive with an axis gets it by
+/// igh_cia402_send_nmt(), too.
+///
+/// @param command  An igh_canopen_nmt_t.
+///
+/// @usage   rt, the cycle's thread, after init
+/// @return  ECAN_OK; ECAN_ERR_CANOPEN if the command queue is full; ECAN_ERR_ARGUMENT, ECAN_ERR_NODE.
+#[export(call, layer(cia402, _))]
+pub fn igh_canopen_send_nmt(context: *mut igh_cia402_context_t, node: usize, command: c_int) {
+    let command = numbers::nmt_command(call, command)?;
+    let handle = need_node(call, cia402, node)?;
+    cia402.network_mut().nmt(handle, command).or_code(call)
+}
+
+impl crate::errors::Coded for NetworkError {
+    fn coded(&self) -> (ecan_result_t, u32) {
+        match self {
+            Self::Channel { .. } | Self::NoChannel { .. } => (ecan_result_t::ECAN_ERR_CHANNEL, 0),
+            Self::Guarding { .. } | Self::TimeReference { .. } => {
+                (ecan_result_t::ECAN_ERR_ARGUMENT, 0)
+            }
+            _ => (ecan_result_t::ECAN_ERR_CONFIG, 0),
+        }
+    }
+}
