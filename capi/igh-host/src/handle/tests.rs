@@ -181,6 +181,11 @@ fn cycle_thread_never_loses_to_visitors() {
     const CYCLES: u32 = 500_000;
     let mut context = NOTHING;
     assert_eq!(make(&mut context, 0), 0);
+    // Visitors make room only for the thread that has run a cycle before.
+    inside(&context, |call, entered| {
+        assert_eq!(entered.begin_cycle(call), Ok(()));
+        assert_eq!(entered.end_cycle(call), Ok(()));
+    });
     let is_done = AtomicBool::new(false);
     std::thread::scope(|scope| {
         for access in [Access::Short, Access::Short, Access::Long] {
