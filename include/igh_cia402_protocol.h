@@ -17,7 +17,13 @@
  *          _PHASE_DISABLING to _PHASE_STOPPING and _PHASE_STOPPED. Fields: refused* to rejected*,
  *          targets_refused to targets_rejected, trouble to axis_error, auto_take_up to auto_resume,
  *          take_ups to activations.
- *          Added: IGH_CIA402_MODE_VL; the modes IP, PT and VL are driven.
+ *          Added: IGH_CIA402_MODE_VL; the modes IP, PT and VL are driven, with their objects in igh_cia402_axis_t.
+ *          Added: identity (device type, revision and serial number), outputs, inputs, feed-forward, limits
+ *          and scale_source of igh_cia402_axis_t; igh_cia402_output_t and igh_cia402_input_t, the values of
+ *          the inputs and offsets in igh_cia402_axis_state_t, feed_forwards_limited;
+ *          igh_cia402_set_target_with(), igh_cia402_set_digital_outputs(), igh_cia402_arm_probe(),
+ *          igh_cia402_disarm_probe(), igh_cia402_get_probe(), igh_cia402_get_drive_limits(),
+ *          igh_cia402_get_drive_units(), igh_cia402_get_scale_text().
  *          Added: igh_cia402_context_init_file(). igh_canopen_sdo_upload() and igh_canopen_sdo_download()
  *          also work with axes on the Port, for nodes of their network.
  *          Added: IGH_CIA402_WAIT_NOT_DUE, _WAIT_NOT_RECEIVED, _WAIT_BACKLOG, _WAIT_TOGETHER,
@@ -148,6 +154,32 @@ typedef enum {
     /** It wraps within 0x607B: one step beyond range_max is range_min. */
     IGH_CIA402_RANGE_MODULO = 2
 } igh_cia402_range_t;
+
+/**
+ * Check of the revision number, in igh_cia402_axis_t.revision_check. The major revision is in the upper
+ * half of the number.
+ */
+typedef enum {
+    /** Every one. */
+    IGH_CIA402_REVISION_ANY = 0,
+    /** Exactly revision_number. */
+    IGH_CIA402_REVISION_EXACTLY = 1,
+    /** The same major revision, and at least the minor one: a compatible drive. */
+    IGH_CIA402_REVISION_COMPATIBLE = 2
+} igh_cia402_revision_t;
+
+/** Origin of the scale of an axis, in igh_cia402_axis_t.scale_source. */
+typedef enum {
+    /** steps_per_turn and velocity_units; the units of the drive are not read. */
+    IGH_CIA402_SCALE_CONFIGURED = 0,
+    /** These, compared with the units of the drive: igh_cia402_get_drive_units(). */
+    IGH_CIA402_SCALE_CHECKED = 1,
+    /**
+     * The units of the drive, which must have 0x608F; origin is that of the axis. Not with limits
+     * in rad/s.
+     */
+    IGH_CIA402_SCALE_DRIVE = 2
+} igh_cia402_scale_source_t;
 
 /**
  * Reaction of a drive to a lost heartbeat of the host (0x6007), in
@@ -434,6 +466,82 @@ typedef struct {
      * IGH_CIA402_UNCHANGED.
      */
     int32_t fault_reaction;
+    /** Device type 0x1000, if check_device_type is 1. */
+    uint32_t device_type;
+    /** Revision number 0x1018:03, if revision_check is not IGH_CIA402_REVISION_ANY. */
+    uint32_t revision_number;
+    /** Serial number 0x1018:04, if check_serial_number is 1. */
+    uint32_t serial_number;
+    /**
+     * Objects that the RPDOs carry beyond controlword and target: sum of igh_cia402_output_t, in the
+     * order of their numbers. Default 0.
+     */
+    uint32_t outputs;
+    /**
+     * Objects that the TPDOs carry beyond statusword and actual position: sum of igh_cia402_input_t,
+     * in the order of their numbers. igh_cia402_get_axis_state() has their values. Default 0.
+     */
+    uint32_t inputs;
+    /**
+     * Mask of the digital outputs 0x60FE:02, if has_output_mask is 1: a bit that is set lets the host
+     * set this output.
+     */
+    uint32_t output_mask;
+    /**
+     * Largest velocity offset 0x60B1 of igh_cia402_set_target_with(), in units of the drive's
+     * velocity; IGH_CIA402_OUTPUT_VELOCITY_OFFSET needs it. Default 0.
+     */
+    uint32_t feed_forward_velocity;
+    /** Largest change of the velocity offset per target. Default 0. */
+    uint32_t feed_forward_velocity_change;
+    /** Torque slope 0x6087 of PT, in thousandths of the rated torque per second; 0 does not write it. */
+    uint32_t torque_slope;
+    /** Smallest amount of the velocity in VL, 0x6046:01, if vl_velocity_max is not 0. */
+    uint32_t vl_velocity_min;
+    /** Largest amount of the velocity in VL, 0x6046:02; 0 does not write 0x6046. */
+    uint32_t vl_velocity_max;
+    /** Change of the velocity in VL while it accelerates, 0x6048:01; 0 does not write 0x6048. */
+    uint32_t vl_acceleration;
+    /** Change of the velocity in VL while it decelerates, 0x6049:01; 0 does not write 0x6049. */
+    uint32_t vl_deceleration;
+    /** Largest speed of the motor 0x6080, in revolutions per minute; 0 does not write it. */
+    uint32_t max_motor_speed;
+    /** Time of vl_acceleration in seconds, 0x6048:02. */
+    uint16_t vl_acceleration_s;
+    /** Time of vl_deceleration in seconds, 0x6049:02. */
+    uint16_t vl_deceleration_s;
+    /**
+     * Set-points that wait in the drive in IP, 0x60C4:02; 0 leaves it unchanged. When targets end,
+     * the drive still goes through those that wait.
+     */
+    uint16_t interpolation_buffer;
+    /** Largest torque 0x6072, in thousandths of the rated torque; 0 does not write it. */
+    uint16_t max_torque;
+    /**
+     * Largest torque offset 0x60B2 of igh_cia402_set_target_with(), in thousandths of the rated
+     * torque; IGH_CIA402_OUTPUT_TORQUE_OFFSET needs it. Default 0.
+     */
+    uint16_t feed_forward_torque;
+    /** Largest change of the torque offset per target. Default 0. */
+    uint16_t feed_forward_torque_change;
+    /** 1: 0x1000 must have this device type. Default 0. */
+    uint8_t check_device_type;
+    /** An igh_cia402_revision_t. Default IGH_CIA402_REVISION_ANY. */
+    uint8_t revision_check;
+    /** 1: 0x1018:04 must have this serial number. Default 0. */
+    uint8_t check_serial_number;
+    /** 1: the mask of the digital outputs is written. Default 0. */
+    uint8_t has_output_mask;
+    /**
+     * 1: the limits 0x6072, 0x607D and 0x6080 of the drive are read and narrow those of the axis;
+     * also done if max_torque or max_motor_speed is set. igh_cia402_get_drive_limits() returns them.
+     * Default 0.
+     */
+    uint8_t use_drive_limits;
+    /** An igh_cia402_scale_source_t. Default IGH_CIA402_SCALE_CONFIGURED. */
+    uint8_t scale_source;
+    /** Must be 0. */
+    uint8_t padding[6];
     /** Must be 0; for fields of later versions. */
     uint64_t reserved[8];
 } igh_cia402_axis_t;
@@ -932,6 +1040,170 @@ int igh_cia402_set_target_radians(igh_cia402_context_t *context, size_t axis, do
 int igh_cia402_set_target_step(igh_cia402_context_t *context, size_t axis, int32_t step);
 
 /* ---------------------------------------------------------------------------
+ * Further process data
+ *
+ * The RPDOs of an axis carry controlword and target, its TPDOs statusword and actual position.
+ * igh_cia402_axis_t.outputs and inputs add objects, also in further PDOs, which the configuration maps.
+ *
+ * axes[0].outputs = IGH_CIA402_OUTPUT_VELOCITY_OFFSET | IGH_CIA402_OUTPUT_DIGITAL_OUTPUTS;
+ * axes[0].inputs = IGH_CIA402_INPUT_VELOCITY | IGH_CIA402_INPUT_DIGITAL_INPUTS;
+ * axes[0].feed_forward_velocity = 100000;
+ * axes[0].feed_forward_velocity_change = 1000;
+ * --------------------------------------------------------------------------- */
+
+/** Object of the RPDOs of an axis beyond controlword and target. */
+typedef enum {
+    /** Velocity offset 0x60B1: feed-forward in CSP. */
+    IGH_CIA402_OUTPUT_VELOCITY_OFFSET = 1,
+    /** Torque offset 0x60B2: feed-forward in CSP and CSV. */
+    IGH_CIA402_OUTPUT_TORQUE_OFFSET = 2,
+    /** Touch probe function 0x60B8; needs IGH_CIA402_INPUT_PROBE_STATUS. */
+    IGH_CIA402_OUTPUT_PROBE_FUNCTION = 4,
+    /** Digital outputs 0x60FE:01. */
+    IGH_CIA402_OUTPUT_DIGITAL_OUTPUTS = 8,
+    /** Mode of operation 0x6060: the mode of the axis. */
+    IGH_CIA402_OUTPUT_MODE = 16
+} igh_cia402_output_t;
+
+/** Object of the TPDOs of an axis beyond statusword and actual position. */
+typedef enum {
+    /** Actual velocity 0x606C, in units of the drive's velocity. */
+    IGH_CIA402_INPUT_VELOCITY = 1,
+    /** Actual torque 0x6077, in thousandths of the rated torque. */
+    IGH_CIA402_INPUT_TORQUE = 2,
+    /** Error code 0x603F. */
+    IGH_CIA402_INPUT_ERROR_CODE = 4,
+    /** Digital inputs 0x60FD. */
+    IGH_CIA402_INPUT_DIGITAL_INPUTS = 8,
+    /** Mode display 0x6061. */
+    IGH_CIA402_INPUT_MODE_DISPLAY = 16,
+    /** Following error 0x60F4 by the drive, in steps. */
+    IGH_CIA402_INPUT_FOLLOWING_ERROR = 32,
+    /** Touch probe status 0x60B9. */
+    IGH_CIA402_INPUT_PROBE_STATUS = 64,
+    /** Position at the positive edge of touch probe 1, 0x60BA. */
+    IGH_CIA402_INPUT_PROBE_1_POSITIVE = 128,
+    /** Position at the negative edge of touch probe 1, 0x60BB. */
+    IGH_CIA402_INPUT_PROBE_1_NEGATIVE = 256,
+    /** Position at the positive edge of touch probe 2, 0x60BC. */
+    IGH_CIA402_INPUT_PROBE_2_POSITIVE = 512,
+    /** Position at the negative edge of touch probe 2, 0x60BD. */
+    IGH_CIA402_INPUT_PROBE_2_NEGATIVE = 1024,
+    /** Actual velocity 0x6044 of VL. */
+    IGH_CIA402_INPUT_VL_VELOCITY = 2048
+} igh_cia402_input_t;
+
+/**
+ * As igh_cia402_set_target(), with a feed-forward for this target, which the drive adds to the demand of
+ * its controllers. An offset whose object is not in `outputs` of the axis has no effect.
+ *
+ * The offsets are limited by the feed_forward fields of igh_cia402_axis_t and change by at most their
+ * limit per target; igh_cia402_get_axis_state() has those that were sent. They belong to this target:
+ * give them in every cycle. For a target without them they return to 0 by their changes; when the axis
+ * holds or is stopped they end at once.
+ *
+ * @param target           Raw units of the mode.
+ * @param velocity_offset  0x60B1, in units of the drive's velocity.
+ * @param torque_offset    0x60B2, in thousandths of the rated torque.
+ *
+ * @usage   rt, the cycle's thread, after init
+ */
+int igh_cia402_set_target_with(igh_cia402_context_t *context,
+                               size_t axis,
+                               int32_t target,
+                               int32_t velocity_offset,
+                               int16_t torque_offset);
+
+/**
+ * Sets the digital outputs 0x60FE:01 of a drive, in every state of the axis. They are sent in every
+ * target period, so that they also arrive after a fault of the communication path.
+ *
+ * @param outputs  The outputs; output_mask of igh_cia402_axis_t lets the host set them.
+ *
+ * @usage   rt, the cycle's thread, after init
+ * @return  ECAN_OK; ECAN_ERR_AXIS_STATE without IGH_CIA402_OUTPUT_DIGITAL_OUTPUTS in `outputs` of the
+ *          axis; ECAN_ERR_AXIS.
+ */
+int igh_cia402_set_digital_outputs(igh_cia402_context_t *context,
+                                   size_t axis,
+                                   uint32_t outputs);
+
+/* ---------------------------------------------------------------------------
+ * Touch probes
+ *
+ * A touch probe samples the actual position at edges of a signal. The axis needs
+ * IGH_CIA402_OUTPUT_PROBE_FUNCTION, IGH_CIA402_INPUT_PROBE_STATUS, and the positions in its inputs.
+ * --------------------------------------------------------------------------- */
+
+/** Trigger of a touch probe; a sum. */
+typedef enum {
+    /** Samples positive edges. */
+    IGH_CIA402_PROBE_POSITIVE = 1,
+    /** Samples negative edges. */
+    IGH_CIA402_PROBE_NEGATIVE = 2,
+    /** Samples every edge; otherwise the first one only. */
+    IGH_CIA402_PROBE_CONTINUOUS = 4,
+    /** The index pulse of the encoder, in place of the input of the probe. */
+    IGH_CIA402_PROBE_INDEX_PULSE = 8
+} igh_cia402_probe_trigger_t;
+
+/** State of a touch probe. */
+typedef struct {
+    /** Position at a positive edge since the probe was armed, in steps, if has_positive is 1. */
+    int32_t positive;
+    /** Position at a negative edge, likewise. */
+    int32_t negative;
+    /** 1 if the drive reports the probe as enabled, after the last command. */
+    uint8_t is_armed;
+    /** 1 if a position at a positive edge is stored. */
+    uint8_t has_positive;
+    /** 1 if a position at a negative edge is stored. */
+    uint8_t has_negative;
+    /** Zero; for fields of later versions. */
+    uint8_t reserved[21];
+} igh_cia402_probe_t;
+
+/**
+ * Arms a touch probe. One that is armed already is disabled first, so that a position of the last time is
+ * never taken for a new one. igh_cia402_get_probe() returns the positions.
+ *
+ * @param probe    1 or 2.
+ * @param trigger  Sum of igh_cia402_probe_trigger_t.
+ *
+ * @usage   rt, the cycle's thread, after init
+ * @return  ECAN_OK; ECAN_ERR_AXIS_STATE without IGH_CIA402_OUTPUT_PROBE_FUNCTION in `outputs` of the
+ *          axis; ECAN_ERR_ARGUMENT, ECAN_ERR_AXIS.
+ */
+int igh_cia402_arm_probe(igh_cia402_context_t *context,
+                         size_t axis,
+                         uint8_t probe,
+                         uint8_t trigger);
+
+/**
+ * Disables a touch probe.
+ *
+ * @param probe  1 or 2.
+ *
+ * @usage   rt, the cycle's thread, after init
+ * @return  As igh_cia402_arm_probe().
+ */
+int igh_cia402_disarm_probe(igh_cia402_context_t *context, size_t axis, uint8_t probe);
+
+/**
+ * Gets the state of a touch probe.
+ *
+ * @param probe        1 or 2.
+ * @param probe_state  Gets the state.
+ *
+ * @usage   rt, the cycle's thread, after init
+ * @return  ECAN_OK; ECAN_ERR_ARGUMENT, ECAN_ERR_AXIS.
+ */
+int igh_cia402_get_probe(igh_cia402_context_t *context,
+                         size_t axis,
+                         uint8_t probe,
+                         igh_cia402_probe_t *probe_state);
+
+/* ---------------------------------------------------------------------------
  * Commands to axes
  *
  * Each call starts an operation and returns; the cycle continues it, and
@@ -1390,6 +1662,19 @@ typedef struct {
     int32_t actual;
     /** Last sent target, if has_target is 1; the reference of the next one. */
     int32_t target;
+    /** Actual velocity 0x606C; this and the next fields by `inputs`. */
+    int32_t velocity;
+    /** Following error 0x60F4 by the drive, in steps. */
+    int32_t drive_following_error;
+    /** Digital inputs 0x60FD. */
+    uint32_t digital_inputs;
+    /** Velocity offset 0x60B1 that was sent last. */
+    int32_t velocity_offset;
+    /**
+     * Inputs with a value: sum of igh_cia402_input_t. A value is that of the last TPDO with the
+     * object since the configuration.
+     */
+    uint32_t inputs;
     /** Age of the actual position in cycles: 0 for this cycle, 65535 for more or never. */
     uint16_t actual_age;
     /** Last statusword of any age, if has_statusword is 1. */
@@ -1401,6 +1686,16 @@ typedef struct {
     uint16_t error_code;
     /** Slave index of the gateway. */
     uint16_t slave;
+    /** Actual torque 0x6077, in thousandths of the rated torque. */
+    int16_t torque;
+    /** Torque offset 0x60B2 that was sent last. */
+    int16_t torque_offset;
+    /** Error code 0x603F in the TPDO. */
+    uint16_t drive_error_code;
+    /** Touch probe status 0x60B9; igh_cia402_get_probe() has the positions. */
+    uint16_t probe_status;
+    /** Actual velocity 0x6044 of VL. */
+    int16_t vl_velocity;
     /** Channel of the gateway. */
     uint8_t channel;
     /** Node-ID of the drive. */
@@ -1443,8 +1738,10 @@ typedef struct {
     uint8_t is_stopped;
     /** 1 while igh_cia402_recover() continues. */
     uint8_t is_recovering;
+    /** Mode display 0x6061, as the drive reports it in the TPDO. */
+    int8_t mode_display;
     /** Zero; for fields of later versions. */
-    uint8_t reserved[27];
+    uint8_t reserved[28];
 } igh_cia402_axis_state_t;
 
 /**
@@ -1603,6 +1900,120 @@ int igh_cia402_get_host_loss_text(igh_cia402_context_t *context,
                                   size_t *needed);
 
 /* ---------------------------------------------------------------------------
+ * Limits and units of drives
+ *
+ * Read from a drive at the end of its configuration, if use_drive_limits or scale_source of
+ * igh_cia402_axis_t ask for it.
+ * --------------------------------------------------------------------------- */
+
+/** Difference between the scale of an axis and the units of its drive. */
+typedef enum {
+    /** None, or not compared. */
+    IGH_CIA402_SCALE_FINDING_NONE = 0,
+    /** The drive has no units by which the scale can be compared. */
+    IGH_CIA402_SCALE_FINDING_UNAVAILABLE = 1,
+    /** The steps per turn differ. */
+    IGH_CIA402_SCALE_FINDING_STEPS_PER_TURN = 2,
+    /** The velocity units differ. */
+    IGH_CIA402_SCALE_FINDING_VELOCITY_UNITS = 3,
+    /** Another one. */
+    IGH_CIA402_SCALE_FINDING_OTHER = 255
+} igh_cia402_scale_finding_t;
+
+/** Limits of a drive, and those in force for the targets of its axis. */
+typedef struct {
+    /** Software position limit 0x607D:01 of the drive, in steps, if has_position is 1. */
+    int32_t position_min;
+    /** Software position limit 0x607D:02. Both without effect if the first is not below the second. */
+    int32_t position_max;
+    /** Largest speed of the motor 0x6080, in revolutions per minute, if has_max_motor_speed is 1. */
+    uint32_t max_motor_speed;
+    /** In force: largest distance between consecutive targets; 0xFFFFFFFF for none. */
+    uint32_t step_limit;
+    /** In force: smallest target, if has_bounds is 1. */
+    int32_t bound_min;
+    /** In force: largest target, if has_bounds is 1. */
+    int32_t bound_max;
+    /** Largest torque 0x6072, in thousandths of the rated torque, if has_max_torque is 1. */
+    uint16_t max_torque;
+    /** 1 if the limits of the drive were read. */
+    uint8_t is_read;
+    /** 1 if the drive has 0x607D. */
+    uint8_t has_position;
+    /** 1 if the drive has 0x6080. */
+    uint8_t has_max_motor_speed;
+    /** 1 if the drive has 0x6072. */
+    uint8_t has_max_torque;
+    /** 1 if bounds are in force. */
+    uint8_t has_bounds;
+    /** Zero; for fields of later versions. */
+    uint8_t reserved[17];
+} igh_cia402_drive_limits_t;
+
+/** Units of a drive. Values of an object that the drive does not have are 0. */
+typedef struct {
+    /** Steps per turn of the shaft by 0x608F, 0x6091 and 0x6092; 0 if they are unknown. */
+    double steps_per_turn;
+    /** Units of velocity for one turn of the shaft per second, by 0x60A9; 0 if they are unknown. */
+    double velocity_units;
+    /** Encoder resolution 0x608F: increments ... */
+    uint32_t encoder_increments;
+    /** ... per motor revolutions. */
+    uint32_t encoder_revolutions;
+    /** Gear ratio 0x6091: motor revolutions ... */
+    uint32_t gear_motor;
+    /** ... per revolutions of the shaft. */
+    uint32_t gear_shaft;
+    /** Feed constant 0x6092: position units ... */
+    uint32_t feed_units;
+    /** ... per revolutions of the shaft. */
+    uint32_t feed_revolutions;
+    /** SI unit of positions 0x60A8. */
+    uint32_t position_unit;
+    /** SI unit of velocities 0x60A9. */
+    uint32_t velocity_unit;
+    /** 1 if the units were read. */
+    uint8_t is_read;
+    /** An igh_cia402_scale_finding_t; igh_cia402_get_scale_text() describes it. */
+    uint8_t finding;
+    /** Zero; for fields of later versions. */
+    uint8_t reserved[30];
+} igh_cia402_drive_units_t;
+
+/**
+ * Gets the limits of a drive, and those in force for the targets of its axis.
+ *
+ * @usage   rt, the cycle's thread, after init
+ */
+int igh_cia402_get_drive_limits(igh_cia402_context_t *context,
+                                size_t axis,
+                                igh_cia402_drive_limits_t *limits);
+
+/**
+ * Gets the units of a drive.
+ *
+ * @usage   rt, the cycle's thread, after init
+ */
+int igh_cia402_get_drive_units(igh_cia402_context_t *context,
+                               size_t axis,
+                               igh_cia402_drive_units_t *units);
+
+/**
+ * Gets the difference between the scale of an axis and the units of its drive as text: "steps_per_turn
+ * is 360, the drive has 65536" for example. Empty without a difference.
+ *
+ * @param text  See the rules for texts in igh_ecan_common.h.
+ *
+ * @usage   not rt, the cycle's thread, after init
+ * @return  ECAN_OK, ECAN_ERR_BUFFER.
+ */
+int igh_cia402_get_scale_text(igh_cia402_context_t *context,
+                              size_t axis,
+                              char *text,
+                              size_t size,
+                              size_t *needed);
+
+/* ---------------------------------------------------------------------------
  * Counters and bus load
  *
  * Counters only grow.
@@ -1658,6 +2069,8 @@ typedef struct {
     uint64_t max_following_error;
     /** Targets that the gateway reported as not sent. */
     uint64_t targets_lost;
+    /** Feed-forwards that a limit changed. */
+    uint64_t feed_forwards_limited;
     /** Faults of the drive. */
     uint64_t faults;
     /** Emergency messages. */

@@ -4,7 +4,9 @@ use std::fmt::Display;
 
 use ecan_c_boundary::result::ecan_result_t::{self, *};
 use ecan_c_boundary::{Call, last_error};
-use ecan_canopen::{NmtError, SdoFailure, SdoFault, WaitError};
+use ecan_canopen::{
+    LssFailure, LssFault, LssStartError, NetworkError, NmtError, SdoFailure, SdoFault, WaitError,
+};
 use ecan_cia402::{AxisFault, AxisFaults, Cia402Error, CommandError, ScheduleError};
 use ecan_config_file::ConfigFileError;
 use ecan_host::{CycleError, Errno, Error};
@@ -189,6 +191,36 @@ impl Coded for WaitError {
             Self::Stopped => (ECAN_ERR_STOPPED, 0),
             Self::Cycle(error) => (cycle_code(error), 0),
             _ => (ECAN_ERR_CANOPEN, 0),
+        }
+    }
+}
+
+impl Coded for LssFailure {
+    fn coded(&self) -> (ecan_result_t, u32) {
+        match self.fault {
+            LssFault::TimedOut { .. } | LssFault::NotSelected { .. } => (ECAN_ERR_TIMEOUT, 0),
+            LssFault::GatewayLost => (ECAN_ERR_NOT_READY, 0),
+            LssFault::Rejected(error) => error.coded(),
+            _ => (ECAN_ERR_CANOPEN, 0),
+        }
+    }
+}
+
+impl Coded for LssStartError {
+    fn coded(&self) -> (ecan_result_t, u32) {
+        match self {
+            Self::Busy { .. } => (ECAN_ERR_ORDER, 0),
+            Self::UnknownChannel { .. } => (ECAN_ERR_CHANNEL, 0),
+        }
+    }
+}
+
+impl Coded for NetworkError {
+    fn coded(&self) -> (ecan_result_t, u32) {
+        match self {
+            Self::Channel { .. } | Self::NoChannel { .. } => (ECAN_ERR_CHANNEL, 0),
+            Self::Guarding { .. } | Self::TimeReference { .. } => (ECAN_ERR_ARGUMENT, 0),
+            _ => (ECAN_ERR_CONFIG, 0),
         }
     }
 }

@@ -13,6 +13,9 @@ static void no_context(int code, igh_cia402_context_t *context)
     igh_cia402_axis_statistics_t statistics;
     igh_cia402_host_loss_info_t loss;
     igh_cia402_bus_load_t load;
+    igh_cia402_probe_t probe;
+    igh_cia402_drive_limits_t limits;
+    igh_cia402_drive_units_t units;
     char text[64];
     uint8_t data[8];
     uint8_t sdo_state;
@@ -37,6 +40,14 @@ static void no_context(int code, igh_cia402_context_t *context)
     BAD(code, igh_cia402_set_motion_div(context, 1));
     BAD(code, igh_cia402_set_scheduled_tx(context, 0, 0, 0));
     BAD(code, igh_cia402_set_target(context, 0, 0));
+    BAD(code, igh_cia402_set_target_with(context, 0, 0, 0, 0));
+    BAD(code, igh_cia402_set_digital_outputs(context, 0, 0));
+    BAD(code, igh_cia402_arm_probe(context, 0, 1, IGH_CIA402_PROBE_POSITIVE));
+    BAD(code, igh_cia402_disarm_probe(context, 0, 1));
+    BAD(code, igh_cia402_get_probe(context, 0, 1, &probe));
+    BAD(code, igh_cia402_get_drive_limits(context, 0, &limits));
+    BAD(code, igh_cia402_get_drive_units(context, 0, &units));
+    BAD(code, igh_cia402_get_scale_text(context, 0, text, sizeof(text), NULL));
     BAD(code, igh_cia402_set_target_radians(context, 0, 0.0));
     BAD(code, igh_cia402_set_target_step(context, 0, 0));
     BAD(code, igh_cia402_send_nmt_all(context, IGH_CANOPEN_NMT_START));

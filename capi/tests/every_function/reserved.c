@@ -214,6 +214,7 @@ static void filled_for_the_axes(igh_mcan_port_t *port, igh_cia402_context_t *mot
 #define CONTEXT igh_cia402_context_init_ex(&other, port, &axis, 1, &settings)
     REJECTED(ECAN_ERR_ARGUMENT, settings, reserved, CONTEXT);
     REJECTED(ECAN_ERR_CONFIG, axis, reserved, CONTEXT);
+    REJECTED(ECAN_ERR_CONFIG, axis, padding, CONTEXT);
     ERROR_HAS("axis 0: has a reserved field that is not 0");
     axis.further_count = 1;
     axis.further[0].index = 0x2000;

@@ -17,11 +17,8 @@
 use ecan_c_boundary::result::ecan_result_t;
 use ecan_c_boundary::{Call, mirror};
 use ecan_canopen::{
-    FastscanFilter, Lss, LssAddress, LssAddressRange, LssBitRate, LssCommand, LssFailure, LssFault,
-    LssResult, LssStartError, NodeId,
+    FastscanFilter, Lss, LssAddress, LssAddressRange, LssBitRate, LssCommand, LssResult, NodeId,
 };
-
-use crate::errors::Coded;
 
 /// Service of an LSS command.
 #[repr(C)]
@@ -289,28 +286,6 @@ impl igh_canopen_lss_command_t {
             revision: known(IGH_CANOPEN_LSS_KNOWN_REVISION_NUMBER, self.address.revision_number),
             serial: known(IGH_CANOPEN_LSS_KNOWN_SERIAL_NUMBER, self.address.serial_number),
         })
-    }
-}
-
-impl Coded for LssFailure {
-    fn coded(&self) -> (ecan_result_t, u32) {
-        match self.fault {
-            LssFault::TimedOut { .. } | LssFault::NotSelected { .. } => {
-                (ecan_result_t::ECAN_ERR_TIMEOUT, 0)
-            }
-            LssFault::GatewayLost => (ecan_result_t::ECAN_ERR_NOT_READY, 0),
-            LssFault::Rejected(error) => error.coded(),
-            _ => (ecan_result_t::ECAN_ERR_CANOPEN, 0),
-        }
-    }
-}
-
-impl Coded for LssStartError {
-    fn coded(&self) -> (ecan_result_t, u32) {
-        match self {
-            Self::Busy { .. } => (ecan_result_t::ECAN_ERR_ORDER, 0),
-            Self::UnknownChannel { .. } => (ecan_result_t::ECAN_ERR_CHANNEL, 0),
-        }
     }
 }
 

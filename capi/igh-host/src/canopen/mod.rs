@@ -2,6 +2,8 @@
 
 pub mod boot;
 mod boot_report;
+pub mod boot_terms;
+pub(crate) mod lookup;
 pub mod lss;
 pub mod lss_terms;
 pub mod mpdo;

@@ -14,16 +14,13 @@
 
 use std::ffi::c_int;
 
+use ecan_c_boundary::pointers;
 use ecan_c_boundary::result::ecan_result_t;
-use ecan_c_boundary::{Call, pointers};
 use ecan_c_export::export;
-use ecan_canopen::{
-    BootPhase, NetworkError, NodeAddress, NodeConfig, NodeDescription, NodeHandle, NodeId,
-};
-use ecan_cia402::Cia402;
-use ecan_mcan_port::Port;
+use ecan_canopen::{BootPhase, NodeAddress};
 
-use super::boot::igh_canopen_boot_phase_t;
+use super::boot_terms::igh_canopen_boot_phase_t;
+use super::lookup::{self, add, find, need_node};
 use crate::cia402::context::igh_cia402_context_t;
 use crate::cia402::numbers::{self, igh_canopen_nmt_state_t};
 use crate::cia402::state_terms::igh_canopen_heartbeat_t;
@@ -64,54 +61,6 @@ pub struct igh_canopen_node_state_t {
     pub reserved: [u8; 34],
 }
 
-/// The handle of a node.
-pub(crate) fn need_node(
-    call: Call,
-    cia402: &Cia402,
-    node: usize,
-) -> Result<NodeHandle, ecan_result_t> {
-    let mut handles = cia402.network().handles();
-    let count = handles.len();
-    handles.nth(node).ok_or_else(|| {
-        let text = format_args!("there is no node {node}, the network has {count}");
-        call.fail(ecan_result_t::ECAN_ERR_NODE, text)
-    })
-}
-
-pub(crate) fn node_id(call: Call, id: u8) -> Result<NodeId, ecan_result_t> {
-    NodeId::new(id).ok_or_else(|| {
-        call.argument("node_id", format_args!("{id} is out of range; allowed: 1 to 127"))
-    })
-}
-
-fn add(
-    call: Call,
-    port: &Port,
-    cia402: &mut Cia402,
-    address: NodeAddress,
-    config: NodeConfig,
-) -> Result<NodeHandle, ecan_result_t> {
-    port.channel(address.slave, address.channel).or_code(call)?;
-    let config = NodeConfig { heartbeat_timeout: std::time::Duration::ZERO, ..config };
-    cia402.network_mut().add_node(address, config).or_code(call)
-}
-
-/// Adds a node of a file, which boots.
-pub(crate) fn add_described(
-    call: Call,
-    port: &Port,
-    cia402: &mut Cia402,
-    node: &NodeDescription,
-    config: NodeConfig,
-) -> Result<(), ecan_result_t> {
-    let boot = node.boot_config().map_err(|error| {
-        call.fail(ecan_result_t::ECAN_ERR_CONFIG, format_args!("{}: {error}", node.title()))
-    })?;
-    let handle = add(call, port, cia402, node.address, config)?;
-    cia402.network_mut().boot(handle, boot);
-    Ok(())
-}
-
 /// Returns the number of nodes of the network, drives included.
 ///
 /// @usage   rt, the cycle's thread, after init
@@ -139,27 +88,8 @@ pub fn igh_canopen_find_node(
     node: *mut usize,
 ) {
     pointers!(call, out(node));
-    let address = NodeAddress { slave, channel, node: self::node_id(call, node_id)? };
+    let address = NodeAddress { slave, channel, node: lookup::node_id(call, node_id)? };
     node.set(find(call, cia402, address)?.0);
-}
-
-/// The place and the handle of the node at an address.
-pub(crate) fn find(
-    call: Call,
-    cia402: &Cia402,
-    address: NodeAddress,
-) -> Result<(usize, NodeHandle), ecan_result_t> {
-    let network = cia402.network();
-    let found = network.find(address).and_then(|found| {
-        let place = network.handles().position(|handle| handle == found)?;
-        Some((place, found))
-    });
-    found.ok_or_else(|| {
-        let text = format_args!(
-            "{address} is not in the network of the axes; call igh_canopen_add_node first"
-        );
-        call.fail(ecan_result_t::ECAN_ERR_NODE, text)
-    })
 }
 
 /// Adds a node that is neither in the axis table nor in the file, for SDO transfers, NMT, guarding and
@@ -182,7 +112,7 @@ pub fn igh_canopen_add_node(
     node: *mut usize,
 ) {
     pointers!(call, optional_out(node));
-    let address = NodeAddress { slave, channel, node: self::node_id(call, node_id)? };
+    let address = NodeAddress { slave, channel, node: lookup::node_id(call, node_id)? };
     let config = bus.axes_mut().map(|axes| axes.node).unwrap_or_default();
     let (cia402, port) = bus.need_axes(call)?;
     add(call, port, cia402, address, config)?;
@@ -236,16 +166,4 @@ pub fn igh_canopen_send_nmt(context: *mut igh_cia402_context_t, node: usize, com
     let command = numbers::nmt_command(call, command)?;
     let handle = need_node(call, cia402, node)?;
     cia402.network_mut().nmt(handle, command).or_code(call)
-}
-
-impl crate::errors::Coded for NetworkError {
-    fn coded(&self) -> (ecan_result_t, u32) {
-        match self {
-            Self::Channel { .. } | Self::NoChannel { .. } => (ecan_result_t::ECAN_ERR_CHANNEL, 0),
-            Self::Guarding { .. } | Self::TimeReference { .. } => {
-                (ecan_result_t::ECAN_ERR_ARGUMENT, 0)
-            }
-            _ => (ecan_result_t::ECAN_ERR_CONFIG, 0),
-        }
-    }
 }

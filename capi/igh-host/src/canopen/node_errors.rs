@@ -7,7 +7,7 @@ use ecan_c_boundary::{mirror, pointers};
 use ecan_c_export::export;
 use ecan_canopen::{EmcyRecord, ErrorHistory, HistoryEntry};
 
-use super::node::need_node;
+use super::lookup::need_node;
 use crate::cia402::context::igh_cia402_context_t;
 use crate::errors::OrCode as _;
 use crate::milliseconds::duration;

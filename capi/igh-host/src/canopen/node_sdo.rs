@@ -9,7 +9,7 @@ use std::ffi::c_void;
 use ecan_c_boundary::pointers;
 use ecan_c_export::export;
 
-use super::node::need_node;
+use super::lookup::need_node;
 use crate::cia402::context::igh_cia402_context_t;
 use crate::cia402::sdo::{igh_cia402_sdo_state_t, poll, started};
 

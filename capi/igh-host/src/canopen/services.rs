@@ -11,7 +11,7 @@ use ecan_c_boundary::result::ecan_result_t;
 use ecan_c_export::export;
 use ecan_canopen::{GuardingConfig, ParameterGroup, Step, TimeConfig, TimeReference, object};
 
-use super::node::need_node;
+use super::lookup::need_node;
 use crate::bus::Bus;
 use crate::cia402::context::igh_cia402_context_t;
 use crate::errors::OrCode as _;

@@ -7,6 +7,7 @@ use ecan_c_boundary::result::ecan_result_t::{self, *};
 use ecan_mcan_host::common::last_error::ecan_last_error;
 
 use super::boot::*;
+use super::boot_terms::*;
 use super::node::*;
 use crate::adapter::config::*;
 use crate::adapter::config_master::*;

@@ -176,6 +176,72 @@ pub struct igh_cia402_axis_t {
     /// Fault reaction, 0x605E: an igh_cia402_fault_reaction_t, or IGH_CIA402_UNCHANGED. Default
     /// IGH_CIA402_UNCHANGED.
     pub fault_reaction: i32,
+
+    /// Device type 0x1000, if check_device_type is 1.
+    pub device_type: u32,
+    /// Revision number 0x1018:03, if revision_check is not IGH_CIA402_REVISION_ANY.
+    pub revision_number: u32,
+    /// Serial number 0x1018:04, if check_serial_number is 1.
+    pub serial_number: u32,
+
+    /// Objects that the RPDOs carry beyond controlword and target: sum of igh_cia402_output_t, in the
+    /// order of their numbers. Default 0.
+    pub outputs: u32,
+    /// Objects that the TPDOs carry beyond statusword and actual position: sum of igh_cia402_input_t,
+    /// in the order of their numbers. igh_cia402_get_axis_state() has their values. Default 0.
+    pub inputs: u32,
+    /// Mask of the digital outputs 0x60FE:02, if has_output_mask is 1: a bit that is set lets the host
+    /// set this output.
+    pub output_mask: u32,
+    /// Largest velocity offset 0x60B1 of igh_cia402_set_target_with(), in units of the drive's
+    /// velocity; IGH_CIA402_OUTPUT_VELOCITY_OFFSET needs it. Default 0.
+    pub feed_forward_velocity: u32,
+    /// Largest change of the velocity offset per target. Default 0.
+    pub feed_forward_velocity_change: u32,
+
+    /// Torque slope 0x6087 of PT, in thousandths of the rated torque per second; 0 does not write it.
+    pub torque_slope: u32,
+    /// Smallest amount of the velocity in VL, 0x6046:01, if vl_velocity_max is not 0.
+    pub vl_velocity_min: u32,
+    /// Largest amount of the velocity in VL, 0x6046:02; 0 does not write 0x6046.
+    pub vl_velocity_max: u32,
+    /// Change of the velocity in VL while it accelerates, 0x6048:01; 0 does not write 0x6048.
+    pub vl_acceleration: u32,
+    /// Change of the velocity in VL while it decelerates, 0x6049:01; 0 does not write 0x6049.
+    pub vl_deceleration: u32,
+    /// Largest speed of the motor 0x6080, in revolutions per minute; 0 does not write it.
+    pub max_motor_speed: u32,
+    /// Time of vl_acceleration in seconds, 0x6048:02.
+    pub vl_acceleration_s: u16,
+    /// Time of vl_deceleration in seconds, 0x6049:02.
+    pub vl_deceleration_s: u16,
+    /// Set-points that wait in the drive in IP, 0x60C4:02; 0 leaves it unchanged. When targets end,
+    /// the drive still goes through those that wait.
+    pub interpolation_buffer: u16,
+    /// Largest torque 0x6072, in thousandths of the rated torque; 0 does not write it.
+    pub max_torque: u16,
+    /// Largest torque offset 0x60B2 of igh_cia402_set_target_with(), in thousandths of the rated
+    /// torque; IGH_CIA402_OUTPUT_TORQUE_OFFSET needs it. Default 0.
+    pub feed_forward_torque: u16,
+    /// Largest change of the torque offset per target. Default 0.
+    pub feed_forward_torque_change: u16,
+
+    /// 1: 0x1000 must have this device type. Default 0.
+    pub check_device_type: u8,
+    /// An igh_cia402_revision_t. Default IGH_CIA402_REVISION_ANY.
+    pub revision_check: u8,
+    /// 1: 0x1018:04 must have this serial number. Default 0.
+    pub check_serial_number: u8,
+    /// 1: the mask of the digital outputs is written. Default 0.
+    pub has_output_mask: u8,
+    /// 1: the limits 0x6072, 0x607D and 0x6080 of the drive are read and narrow those of the axis;
+    /// also done if max_torque or max_motor_speed is set. igh_cia402_get_drive_limits() returns them.
+    /// Default 0.
+    pub use_drive_limits: u8,
+    /// An igh_cia402_scale_source_t. Default IGH_CIA402_SCALE_CONFIGURED.
+    pub scale_source: u8,
+    /// Must be 0.
+    pub padding: [u8; 6],
     /// Must be 0; for fields of later versions.
     pub reserved: [u64; 8],
 }

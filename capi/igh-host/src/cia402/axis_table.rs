@@ -5,7 +5,7 @@ use std::fmt;
 use ecan_c_boundary::result::ecan_result_t;
 use ecan_c_boundary::{Call, RESERVED_IS_SET};
 use ecan_canopen::{
-    FaultReaction, HaltOption, IdentityCheck, NodeAddress, NodeId, NodeLossReaction, OperatingMode,
+    FaultReaction, HaltOption, NodeAddress, NodeId, NodeLossReaction, OperatingMode,
     QuickStopOption, SdoValue, Step, StopOption,
 };
 use ecan_cia402::{
@@ -15,6 +15,7 @@ use ecan_cia402::{
 use super::axis::{
     IGH_CIA402_MAX_FURTHER, IGH_CIA402_UNCHANGED, SEAL, igh_cia402_axis_t, igh_cia402_object_t,
 };
+use super::axis_options;
 use super::numbers::{igh_cia402_range_t, igh_cia402_reset_t};
 use crate::errors;
 use crate::milliseconds::{duration, milliseconds};
@@ -147,6 +148,33 @@ impl igh_cia402_axis_t {
             disable_operation: code(drive.disable_operation.map(StopOption::raw)),
             halt: code(drive.halt.map(HaltOption::raw)),
             fault_reaction: code(drive.fault_reaction.map(FaultReaction::raw)),
+            device_type: 0,
+            revision_number: 0,
+            serial_number: 0,
+            outputs: 0,
+            inputs: 0,
+            output_mask: 0,
+            feed_forward_velocity: 0,
+            feed_forward_velocity_change: 0,
+            torque_slope: 0,
+            vl_velocity_min: 0,
+            vl_velocity_max: 0,
+            vl_acceleration: 0,
+            vl_deceleration: 0,
+            max_motor_speed: 0,
+            vl_acceleration_s: 0,
+            vl_deceleration_s: 0,
+            interpolation_buffer: 0,
+            max_torque: 0,
+            feed_forward_torque: 0,
+            feed_forward_torque_change: 0,
+            check_device_type: 0,
+            revision_check: 0,
+            check_serial_number: 0,
+            has_output_mask: 0,
+            use_drive_limits: 0,
+            scale_source: 0,
+            padding: [0; 6],
             reserved: [0; 8],
         }
     }
@@ -185,14 +213,6 @@ impl igh_cia402_axis_t {
         let drive = DriveConfig {
             reset: reset.unwrap_or_default(),
             boot_timeout: duration(self.boot_timeout_ms),
-            identity: match self.check_identity {
-                0 => IdentityCheck::default(),
-                _ => IdentityCheck {
-                    vendor_id: Some(self.vendor_id),
-                    product_code: Some(self.product_code),
-                    ..IdentityCheck::default()
-                },
-            },
             expect_profile_402: self.expect_profile_402 != 0,
             heartbeat_ms: self.heartbeat_ms,
             host_heartbeat_ms: self.host_heartbeat_ms,
@@ -234,12 +254,14 @@ impl igh_cia402_axis_t {
         if self.following_window != 0 {
             settings.following_window = self.following_window;
         }
+        axis_options::apply(self, &mut settings, report);
         Some(settings)
     }
 
     fn reserved_is_set(&self) -> bool {
         let mut further = self.further.iter().take(self.further_count.into());
-        self.reserved != [0; 8] || further.any(|object| object.reserved != [0; 3])
+        let own = self.reserved != [0; 8] || self.padding != [0; 6];
+        own || further.any(|object| object.reserved != [0; 3])
     }
 
     fn scale(&self) -> Scale {
@@ -295,6 +317,7 @@ impl igh_cia402_object_t {
 #[cfg(test)]
 mod tests {
     use ecan_c_boundary::call;
+    use ecan_canopen::IdentityCheck;
     use ecan_mcan_host::common::last_error::ecan_last_error;
     use std::ffi::c_int;
 

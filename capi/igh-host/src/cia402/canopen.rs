@@ -15,7 +15,7 @@ use ecan_mcan_port::Port;
 
 use super::sdo::put_value;
 use crate::bus::Bus;
-use crate::canopen::node;
+use crate::canopen::lookup;
 use crate::errors::OrCode as _;
 use crate::handle::Entered;
 use crate::mcan_port::context::igh_mcan_port_t;
@@ -43,10 +43,10 @@ impl<'a> Peer<'a> {
     ) -> Result<Self, ecan_result_t> {
         bus.run_to_end(call)?;
         find_channel(call, bus.need_port(call)?, slave, channel)?;
-        let address = NodeAddress { slave, channel, node: node::node_id(call, node_id)? };
+        let address = NodeAddress { slave, channel, node: lookup::node_id(call, node_id)? };
         if bus.axes_mut().is_some() {
             let (cia402, port) = bus.need_axes(call)?;
-            let (_, handle) = node::find(call, cia402, address)?;
+            let (_, handle) = lookup::find(call, cia402, address)?;
             return Ok(Self::WithAxes(cia402, port, handle));
         }
         let buffer_bytes = size.clamp(LEAST_BUFFER, MOST_BUFFER);

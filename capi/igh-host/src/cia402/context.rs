@@ -24,7 +24,7 @@ use super::axis::igh_cia402_axis_t;
 use super::axis_table::AxisTable;
 use super::settings::igh_cia402_settings_t;
 use crate::bus::Bus;
-use crate::canopen::node;
+use crate::canopen::lookup;
 use crate::entry::Context;
 use crate::errors::OrCode as _;
 use crate::handle::{self, Entered, Kind};
@@ -142,7 +142,7 @@ pub fn igh_cia402_context_init_file(
         let node_config = settings.node;
         let mut cia402 = Cia402::new(port, axes, settings).or_code(call)?;
         for description in &nodes {
-            node::add_described(call, port, &mut cia402, description, node_config)?;
+            lookup::add_described(call, port, &mut cia402, description, node_config)?;
         }
         Ok(cia402)
     })

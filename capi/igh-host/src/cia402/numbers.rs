@@ -8,7 +8,7 @@ use ecan_canopen::{
     DriveState, FaultReaction, HaltOption, NmtCommand, NmtState, NodeLossReaction, OperatingMode,
     QuickStopOption, StopOption,
 };
-use ecan_cia402::NodeReset;
+use ecan_cia402::{NodeReset, ScaleSource};
 
 mirror! {
     /// An NMT command.
@@ -112,6 +112,32 @@ pub enum igh_cia402_range_t {
     IGH_CIA402_RANGE_WRAPPING = 1,
     /// It wraps within 0x607B: one step beyond range_max is range_min.
     IGH_CIA402_RANGE_MODULO = 2,
+}
+
+/// Check of the revision number, in igh_cia402_axis_t.revision_check. The major revision is in the upper
+/// half of the number.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum igh_cia402_revision_t {
+    /// Every one.
+    IGH_CIA402_REVISION_ANY = 0,
+    /// Exactly revision_number.
+    IGH_CIA402_REVISION_EXACTLY = 1,
+    /// The same major revision, and at least the minor one: a compatible drive.
+    IGH_CIA402_REVISION_COMPATIBLE = 2,
+}
+
+mirror! {
+    /// Origin of the scale of an axis, in igh_cia402_axis_t.scale_source.
+    pub enum igh_cia402_scale_source_t as ScaleSource {
+        /// steps_per_turn and velocity_units; the units of the drive are not read.
+        IGH_CIA402_SCALE_CONFIGURED = 0 => ScaleSource::Configured,
+        /// These, compared with the units of the drive: igh_cia402_get_drive_units().
+        IGH_CIA402_SCALE_CHECKED = 1 => ScaleSource::Checked,
+        /// The units of the drive, which must have 0x608F; origin is that of the axis. Not with limits
+        /// in rad/s.
+        IGH_CIA402_SCALE_DRIVE = 2 => ScaleSource::Drive,
+    }
 }
 
 mirror! {

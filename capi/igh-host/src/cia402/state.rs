@@ -5,10 +5,11 @@ use std::ffi::{c_char, c_int};
 use ecan_c_boundary::pointers;
 use ecan_c_boundary::result::ecan_result_t;
 use ecan_c_export::export;
-use ecan_cia402::{AxisStatus, Shutdown};
+use ecan_cia402::{AxisStatus, InputObject, Shutdown};
 
 use super::context::{igh_cia402_context_t, need_axis};
 use super::numbers::{igh_canopen_nmt_state_t, igh_cia402_drive_state_t};
+use super::process_data::igh_cia402_input_t;
 use super::state_terms::{
     decision_reason, igh_canopen_heartbeat_t, igh_cia402_axis_error_t, igh_cia402_decision_t,
     igh_cia402_hold_t, igh_cia402_phase_t, igh_cia402_stop_cause_t,
@@ -29,6 +30,17 @@ pub struct igh_cia402_axis_state_t {
     pub actual: i32,
     /// Last sent target, if has_target is 1; the reference of the next one.
     pub target: i32,
+    /// Actual velocity 0x606C; this and the next fields by `inputs`.
+    pub velocity: i32,
+    /// Following error 0x60F4 by the drive, in steps.
+    pub drive_following_error: i32,
+    /// Digital inputs 0x60FD.
+    pub digital_inputs: u32,
+    /// Velocity offset 0x60B1 that was sent last.
+    pub velocity_offset: i32,
+    /// Inputs with a value: sum of igh_cia402_input_t. A value is that of the last TPDO with the
+    /// object since the configuration.
+    pub inputs: u32,
     /// Age of the actual position in cycles: 0 for this cycle, 65535 for more or never.
     pub actual_age: u16,
     /// Last statusword of any age, if has_statusword is 1.
@@ -38,6 +50,16 @@ pub struct igh_cia402_axis_state_t {
     pub error_code: u16,
     /// Slave index of the gateway.
     pub slave: u16,
+    /// Actual torque 0x6077, in thousandths of the rated torque.
+    pub torque: i16,
+    /// Torque offset 0x60B2 that was sent last.
+    pub torque_offset: i16,
+    /// Error code 0x603F in the TPDO.
+    pub drive_error_code: u16,
+    /// Touch probe status 0x60B9; igh_cia402_get_probe() has the positions.
+    pub probe_status: u16,
+    /// Actual velocity 0x6044 of VL.
+    pub vl_velocity: i16,
     /// Channel of the gateway.
     pub channel: u8,
     /// Node-ID of the drive.
@@ -80,23 +102,40 @@ pub struct igh_cia402_axis_state_t {
     pub is_stopped: u8,
     /// 1 while igh_cia402_recover() continues.
     pub is_recovering: u8,
+    /// Mode display 0x6061, as the drive reports it in the TPDO.
+    pub mode_display: i8,
     /// Zero; for fields of later versions.
-    pub reserved: [u8; 27],
+    pub reserved: [u8; 28],
 }
 
 impl From<AxisStatus> for igh_cia402_axis_state_t {
     fn from(status: AxisStatus) -> Self {
-        let address = status.address;
+        let (address, inputs) = (status.address, status.inputs);
+        let has = |(mask, _, object): &(igh_cia402_input_t, &str, InputObject)| {
+            inputs.get(*object).map(|_| *mask as u32)
+        };
         Self {
             for_ms: u64::try_from(status.elapsed.as_millis()).unwrap_or(u64::MAX),
             following_error: status.following_error().unwrap_or(0),
             actual_radians: status.actual_radians().unwrap_or(0.0),
             actual: status.actual.unwrap_or(0),
             target: status.target.unwrap_or(0),
+            velocity: inputs.velocity().unwrap_or(0),
+            drive_following_error: inputs.following_error().unwrap_or(0),
+            digital_inputs: inputs.digital_inputs().unwrap_or(0),
+            velocity_offset: status.feed_forward.velocity,
+            inputs: igh_cia402_input_t::PAIRS.iter().filter_map(has).sum(),
             actual_age: status.actual_age,
             statusword: status.statusword.map_or(0, |word| word.0),
             error_code: status.error_code,
             slave: u16::try_from(address.slave).unwrap_or(u16::MAX),
+            // Its object has 16 bits.
+            torque: inputs.torque().unwrap_or(0) as i16,
+            torque_offset: status.feed_forward.torque,
+            drive_error_code: inputs.error_code().unwrap_or(0),
+            probe_status: inputs.probe_status().unwrap_or(0),
+            // Likewise.
+            vl_velocity: inputs.get(InputObject::VlVelocity).unwrap_or(0) as i16,
             channel: address.channel,
             node_id: address.node.get(),
             mode: status.mode.raw(),
@@ -118,7 +157,8 @@ impl From<AxisStatus> for igh_cia402_axis_state_t {
             stop_cause: igh_cia402_stop_cause_t::from(status.stop_cause) as u8,
             is_stopped: status.is_stopped.into(),
             is_recovering: status.is_recovering.into(),
-            reserved: [0; 27],
+            mode_display: inputs.mode_display().unwrap_or(0),
+            reserved: [0; 28],
         }
     }
 }

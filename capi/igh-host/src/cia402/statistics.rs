@@ -43,6 +43,8 @@ mirror! {
         max_following_error: u64,
         /// Targets that the gateway reported as not sent.
         targets_lost: u64,
+        /// Feed-forwards that a limit changed.
+        feed_forwards_limited: u64,
         /// Faults of the drive.
         faults: u64,
         /// Emergency messages.
