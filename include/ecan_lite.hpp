@@ -42,6 +42,7 @@
 #include "ecan_lite/error.hpp"
 #include "ecan_lite/frame.hpp"
 #include "ecan_lite/master.hpp"
+#include "ecan_lite/nodes.hpp"
 #include "ecan_lite/observer.hpp"
 #include "ecan_lite/port.hpp"
 #include "ecan_lite/real_time.hpp"

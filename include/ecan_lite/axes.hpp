@@ -6,6 +6,7 @@
 
 #include <vector>
 
+#include "nodes.hpp"
 #include "port.hpp"
 
 namespace ecan {
@@ -78,6 +79,13 @@ public:
     {
         return status(igh_cia402_set_target(context_, index_, steps));
     }
+    /** Target with a feed-forward for the drive: velocity offset 0x60B1 and torque offset 0x60B2. */
+    status set_target_with(std::int32_t steps, std::int32_t velocity_offset,
+                           std::int16_t torque_offset) noexcept
+    {
+        return status(igh_cia402_set_target_with(context_, index_, steps, velocity_offset,
+                                                 torque_offset));
+    }
     status set_target_radians(double radians) noexcept
     {
         return status(igh_cia402_set_target_radians(context_, index_, radians));
@@ -86,6 +94,28 @@ public:
     status set_target_step(std::int32_t steps) noexcept
     {
         return status(igh_cia402_set_target_step(context_, index_, steps));
+    }
+
+    // Outputs and touch probes, real-time safe.
+
+    status set_digital_outputs(std::uint32_t outputs) noexcept
+    {
+        return status(igh_cia402_set_digital_outputs(context_, index_, outputs));
+    }
+    /** Arms touch probe 1 or 2; `trigger` is a sum of igh_cia402_probe_trigger_t. */
+    status arm_probe(std::uint8_t probe, int trigger) noexcept
+    {
+        const bool fits = trigger >= 0 && trigger <= UINT8_MAX;
+        return status(igh_cia402_arm_probe(context_, index_, probe,
+                                           fits ? static_cast<std::uint8_t>(trigger) : UINT8_MAX));
+    }
+    status disarm_probe(std::uint8_t probe) noexcept
+    {
+        return status(igh_cia402_disarm_probe(context_, index_, probe));
+    }
+    status get_probe(std::uint8_t probe, igh_cia402_probe_t &state) const noexcept
+    {
+        return status(igh_cia402_get_probe(context_, index_, probe, &state));
     }
 
     // Commands. Each starts an operation, which the cycle continues.
@@ -124,6 +154,16 @@ public:
     status get_statistics(igh_cia402_axis_statistics_t &statistics) const noexcept
     {
         return status(igh_cia402_get_axis_statistics(context_, index_, &statistics));
+    }
+    /** Limits of the drive, and those in force. Real-time safe. */
+    status get_drive_limits(igh_cia402_drive_limits_t &limits) const noexcept
+    {
+        return status(igh_cia402_get_drive_limits(context_, index_, &limits));
+    }
+    /** Units of the drive. Real-time safe. */
+    status get_drive_units(igh_cia402_drive_units_t &units) const noexcept
+    {
+        return status(igh_cia402_get_drive_units(context_, index_, &units));
     }
     /** Text of the state. Not for the cycle. */
     outcome<std::string> text() const
@@ -185,6 +225,20 @@ public:
         return detail::finish_with(code, axes(code == ECAN_OK ? on.bus_ : nullptr));
     }
 
+    /**
+     * Opens the axes and nodes of a configuration file on a Port; the nodes boot from the first cycle on.
+     *
+     * @usage not rt, the cycle's thread
+     * @return As igh_cia402_context_init_file(); the message names every fault of the file.
+     */
+    static outcome<axes> open_file(port &on, const std::string &path,
+                                   const axes_settings &settings = {})
+    {
+        const int code = igh_cia402_context_init_file(detail::axes_of(on.bus_), on.raw(),
+                                                      path.c_str(), &settings.raw());
+        return detail::finish_with(code, axes(code == ECAN_OK ? on.bus_ : nullptr));
+    }
+
     axes(axes &&other) noexcept = default;
     axes &operator=(axes &&other) noexcept
     {
@@ -197,6 +251,7 @@ public:
         if (bus_) {
             detail::ignore(igh_cia402_context_deinit(&bus_->axes));
             bus_->progress = nullptr;
+            bus_->boot_progress = nullptr;
         }
     }
 
@@ -221,8 +276,52 @@ public:
             igh_cia402_set_progress_callback(raw(), detail::bus::on_progress, bus_.get()));
     }
 
+    // Nodes of the network: the drives, then those of the file, then added ones.
+
+    std::size_t node_count() const noexcept { return igh_canopen_node_count(raw()); }
+    /** A node; one that does not exist returns errc::node. */
+    node node_at(std::size_t index) noexcept { return {bus_.get(), index}; }
+    /** The node at an address, if the network has it. */
+    std::optional<node> find_node(channel_address at, std::uint8_t node_id) noexcept
+    {
+        std::size_t index = 0;
+        if (igh_canopen_find_node(raw(), at.slave, at.channel, node_id, &index) != ECAN_OK) {
+            return std::nullopt;
+        }
+        return node_at(index);
+    }
+    /** Adds a node that does not boot. Not for the cycle. */
+    outcome<node> add_node(channel_address at, std::uint8_t node_id)
+    {
+        std::size_t index = 0;
+        const int code = igh_canopen_add_node(raw(), at.slave, at.channel, node_id, &index);
+        return detail::finish_with(code, node_at(index));
+    }
+    /** State of the boot-up of all nodes. Real-time safe. */
+    igh_canopen_boot_state_t boot_state() const noexcept
+    {
+        std::uint8_t state = IGH_CANOPEN_BOOT_FAILED;
+        // it stays failed without axes
+        detail::ignore(igh_canopen_get_boot_state(raw(), &state));
+        return static_cast<igh_canopen_boot_state_t>(state);
+    }
+    /** Sets a function that wait_booted() calls with the progress of a node, as on_progress(). */
+    outcome<> on_boot(std::function<void(std::size_t node, std::string_view text)> progress)
+    {
+        if (bus_) {
+            bus_->boot_progress = std::move(progress);
+        }
+        return detail::finish(
+            igh_canopen_set_boot_callback(raw(), detail::bus::on_boot, bus_.get()));
+    }
+
     // Waiting calls: they run the cycle. Not on an attached master.
 
+    /** Waits until all mandatory nodes are booted. */
+    outcome<> wait_booted(std::chrono::milliseconds timeout)
+    {
+        return wait(igh_canopen_wait_booted_timeout, timeout);
+    }
     outcome<> configure_csp(std::chrono::milliseconds timeout)
     {
         return wait(igh_cia402_configure_csp_all_timeout, timeout);

@@ -8,6 +8,7 @@
 #include <memory>
 #include <string_view>
 
+#include "../igh_canopen.h"
 #include "../igh_cia402_protocol.h"
 #include "error.hpp"
 
@@ -22,6 +23,7 @@ struct bus {
     igh_cia402_context_t axes = {};
     std::function<bool()> stop;
     std::function<void(std::size_t, std::string_view)> progress;
+    std::function<void(std::size_t, std::string_view)> boot_progress;
 #ifndef ECAN_LITE_NO_EXCEPTIONS
     std::exception_ptr pending;
 #endif
@@ -72,6 +74,14 @@ struct bus {
         auto &self = *static_cast<bus *>(user);
         if (self.progress && !self.has_pending()) {
             self.guarded([&] { self.progress(axis, text); });
+        }
+    }
+
+    static void on_boot(void *user, std::size_t node, const char *text) noexcept
+    {
+        auto &self = *static_cast<bus *>(user);
+        if (self.boot_progress && !self.has_pending()) {
+            self.guarded([&] { self.boot_progress(node, text); });
         }
     }
 

@@ -14,6 +14,11 @@ inline namespace ECAN_LITE_STYLE {
 
 class port;
 
+namespace detail {
+/** The contexts of a Port. */
+bus_ptr bus_of(const port &on) noexcept;
+} // namespace detail
+
 /**
  * One cycle of a Port: from the received images to the images to send. Its functions are real-time safe.
  * The destructor ends the cycle, also after an exception; end() does so with a status. It keeps the
@@ -184,11 +189,19 @@ public:
 
 private:
     friend class axes;
+    friend detail::bus_ptr detail::bus_of(const port &on) noexcept;
 
     explicit port(detail::bus_ptr bus) noexcept : bus_(std::move(bus)) {}
 
     detail::bus_ptr bus_;
 };
+
+namespace detail {
+inline bus_ptr bus_of(const port &on) noexcept
+{
+    return on.bus_;
+}
+} // namespace detail
 
 } // namespace ECAN_LITE_STYLE
 } // namespace ecan

@@ -5,6 +5,7 @@
 #include <cstddef>
 #include <cstdio>
 #include <cstdlib>
+#include <string>
 
 namespace check {
 inline int failures = 0;
@@ -17,6 +18,16 @@ inline void that(bool holds, const char *what, const char *file, int line)
         failures++;
         std::fprintf(stderr, "%s:%d: %s\n", file, line, what);
     }
+}
+
+/** Creates a file with this text and returns its path. */
+inline std::string temporary_file(const char *text)
+{
+    char path[] = "/tmp/ecan_cpp_XXXXXX";
+    const int descriptor = mkstemp(path);
+    std::FILE *file = descriptor < 0 ? nullptr : fdopen(descriptor, "w");
+    that(file != nullptr && std::fputs(text, file) >= 0 && std::fclose(file) == 0, "file", path, 0);
+    return path;
 }
 
 inline int report(const char *program)

@@ -244,6 +244,80 @@ ecan::bus_config drives()
     return config;
 }
 
+/** A network of two drives, one of them without an axis, described by a file. */
+void network_boots_from_a_file()
+{
+    const std::string path = check::temporary_file(
+        "cycle_us = 1000\n[[gateway]]\nn = 3\ncan0 = { bitrate = 1_000_000 }\n"
+        "[[node]]\nname = \"arm\"\ngateway = 0\nchannel = 0\nnode = 1\n"
+        "[node.axis]\ntarget_step = 10\n"
+        "[[node]]\nname = \"pump\"\ngateway = 0\nchannel = 0\nnode = 2\n"
+        "[[node]]\nname = \"lamp\"\ngateway = 0\nchannel = 0\nnode = 99\n"
+        "boot_timeout_ms = 200\nmandatory = false\n");
+    auto config = ecan::bus_config::load(path);
+    config.set_ecrt("sim:drives").set_stepped_clock();
+    auto master = ecan::master::open(config);
+    auto port = ecan::port::open(master, config);
+    master.wait_op(10s);
+    CHECK(thrown([&] { ecan::axes::open_file(port, "/nonexistent.toml"); }) == ecan::errc::file);
+    auto axes = ecan::axes::open_file(port, path);
+    CHECK(axes.size() == 1 && axes.node_count() == 3);
+    CHECK(axes.boot_state() == IGH_CANOPEN_BOOT_RUNNING);
+    int calls = 0;
+    axes.on_boot([&](std::size_t node, std::string_view text) {
+        CHECK(node == 1 || node == 2);
+        CHECK(text.find(node == 1 ? "pump" : "lamp") != std::string_view::npos);
+        if (++calls == 2) {
+            throw std::runtime_error("enough");
+        }
+    });
+    bool is_caught = false;
+    try {
+        axes.wait_booted(20s);
+    } catch (const std::runtime_error &error) {
+        is_caught = std::string(error.what()) == "enough";
+    }
+    CHECK(is_caught);
+    axes.on_boot({});
+    axes.wait_booted(20s);
+    CHECK(axes.boot_state() == IGH_CANOPEN_BOOT_DONE);
+    auto pump = axes.find_node(CAN0, 2);
+    CHECK(pump && pump->index() == 1 && pump->progress()->is_booted());
+    CHECK(pump->boot_text().find("booted after") != std::string::npos);
+    CHECK(!axes.find_node(CAN0, 50) && !axes.node_at(3).state());
+    CHECK(axes.node_at(3).send_nmt(IGH_CANOPEN_NMT_START) == ecan::errc::node);
+    CHECK(axes.node_at(0).progress()->phase() == IGH_CANOPEN_BOOT_PHASE_NONE);
+    pump->set_guarding(100ms, 3, 2s);
+    CHECK(thrown([&] { pump->set_guarding(100ms, 0, 2s); }) == ecan::errc::argument);
+    pump->set_guarding(100s, 3, 2s);
+    pump->set_guarding(0ms, 0, 2s);
+    CHECK(pump->error_history(2s).empty());
+    pump->store_parameters(IGH_CANOPEN_PARAMETERS_ALL, 10s);
+    pump->restore_parameters(IGH_CANOPEN_PARAMETERS_ALL, 10s);
+    pump->clear_error_history(2s);
+    CHECK(pump->boot_again().ok());
+    axes.wait_booted(20s);
+    auto other = axes.add_node(CAN0, 3);
+    CHECK(other.index() == 3 && other.state()->node_id == 3);
+    ecan::lss_command selected(IGH_CANOPEN_LSS_SWITCH_GLOBAL);
+    CHECK(ecan::lss(port, CAN0, selected, 1s).outcome == IGH_CANOPEN_LSS_OUTCOME_DONE);
+    selected = ecan::lss_command(IGH_CANOPEN_LSS_IDENTIFY_NON_CONFIGURED);
+    CHECK(ecan::lss(port, CAN0, selected, 5s).outcome == IGH_CANOPEN_LSS_OUTCOME_NOT_FOUND);
+    axes.start_up(30s);
+    CHECK(axes[0].set_digital_outputs(1) == ecan::errc::axis_state);
+    CHECK(axes[0].arm_probe(1, 300) == ecan::errc::argument);
+    CHECK(axes[0].disarm_probe(1) == ecan::errc::axis_state);
+    igh_cia402_probe_t probe = {};
+    CHECK(axes[0].get_probe(1, probe).ok() && probe.is_armed == 0);
+    igh_cia402_drive_limits_t limits = {};
+    CHECK(axes[0].get_drive_limits(limits).ok() && limits.is_read == 0);
+    igh_cia402_drive_units_t units = {};
+    CHECK(axes[0].get_drive_units(units).ok() && units.is_read == 0);
+    CHECK(axes[0].set_target_with(axes[0].state()->target().value_or(0), 0, 0).ok());
+    axes.shutdown(20s);
+    std::remove(path.c_str());
+}
+
 void axes_start_move_and_stop()
 {
     const auto config = drives();
@@ -405,6 +479,7 @@ int main()
     faults_of_a_configuration_are_kept();
     objects_are_read_on_both_handles();
     axes_start_move_and_stop();
+    network_boots_from_a_file();
     observer_reads_and_commands_from_another_thread();
     faults_of_the_axis_table_are_reported();
     durations_are_rounded_up();
