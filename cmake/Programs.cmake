@@ -1,6 +1,6 @@
-# The manual's programs (15.3, 13.9) in C.
+# The manual's programs (15.3, 13.9) in C, and a network from files.
 set(_programs simple_loop canopen_sdo_probe cia402_single_axis_demo cia402_10axis_demo
-    mcan_gateway_tx_probe)
+    mcan_gateway_tx_probe canopen_network)
 
 file(GLOB _sources CONFIGURE_DEPENDS examples/c/*.c)
 foreach(_program IN LISTS _programs)
