@@ -26,7 +26,7 @@
  *          igh_cia402_get_drive_units(), igh_cia402_get_scale_text().
  *          Added: igh_cia402_context_init_file(). igh_canopen_sdo_upload() and igh_canopen_sdo_download()
  *          also work with axes on the Port, for nodes of their network.
- *          Added: IGH_CIA402_WAIT_NOT_DUE, _WAIT_NOT_RECEIVED, _WAIT_BACKLOG, _WAIT_TOGETHER,
+ *          Added: IGH_CIA402_HOLD_NOT_AT_TARGET, IGH_CIA402_WAIT_NOT_DUE, _WAIT_NOT_RECEIVED, _WAIT_BACKLOG, _WAIT_TOGETHER,
  *          igh_cia402_get_host_loss(), igh_cia402_get_host_loss_text(), igh_cia402_stop_all(),
  *          igh_cia402_stop_all_timeout(), igh_cia402_all_stopped(), igh_cia402_recover(),
  *          igh_cia402_recover_all_timeout(), igh_cia402_stop_together(),
@@ -720,7 +720,7 @@ int igh_cia402_context_init_ex(igh_cia402_context_t *context,
  * @param port      The Port. Must not move while the axes are used.
  * @param path      Path of the file, relative to the working directory. Its device files are relative to
  *                  the file.
- * @param settings  Is copied; NULL for the default ones.
+ * @param settings  Is copied; NULL for those of the table `[network]`. TIME is always that of the file.
  *
  * @usage   not rt, the cycle's thread, after igh_mcan_port_init
  * @return  As igh_cia402_context_init(); ECAN_ERR_FILE if the file cannot be read; ECAN_ERR_CONFIG
@@ -1571,6 +1571,8 @@ typedef enum {
     IGH_CIA402_HOLD_FOLLOWING_ERROR = 14,
     /** The application commanded it. */
     IGH_CIA402_HOLD_COMMANDED = 16,
+    /** TPDOs were missing, and the drive is not at its last target. */
+    IGH_CIA402_HOLD_NOT_AT_TARGET = 17,
     /** Another reason. */
     IGH_CIA402_HOLD_OTHER = 255
 } igh_cia402_hold_t;

@@ -2,7 +2,9 @@
 
 use std::time::Duration;
 
-use ecan_canopen::{HostHeartbeat, NodeDescription, NodeId, Step, object};
+use ecan_canopen::{
+    HostHeartbeat, NodeDescription, NodeId, Step, TimeConfig, TimeReference, object,
+};
 use ecan_cia402::{Cia402Config, Takeover};
 
 use crate::document::{Table, store};
@@ -14,12 +16,18 @@ pub struct NetworkSettings {
     /// Network, SYNC and takeover, for `Cia402::new`; without axes `network` is for `Network::new`,
     /// and `sync` for `Network::set_sync`.
     pub cia402: Cia402Config,
-    /// Time between two TIME messages; `None` sends none. For a `TimeConfig` with a reference to the
-    /// clock of the bus, `Network::set_time`.
+    /// Time between two TIME messages; `None` sends none.
     pub time_period: Option<Duration>,
 }
 
 impl NetworkSettings {
+    /// TIME by the system clock, for `Network::set_time` at the time `bus_ns` of the bus clock. Makes a
+    /// system call: call it outside the cycle.
+    pub fn time(&self, bus_ns: u64) -> Option<TimeConfig> {
+        let reference = || TimeReference::from_system_clock(bus_ns);
+        self.time_period.map(|period| TimeConfig { period, reference: reference() })
+    }
+
     /// The node with the SYNC counter of the network (0x1019), if it has one.
     pub(crate) fn complete(&self, mut node: NodeDescription) -> NodeDescription {
         let sync = self.cia402.sync;

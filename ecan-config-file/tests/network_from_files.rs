@@ -8,8 +8,7 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use ecan_canopen::{
-    BootPhase, BootState, Heartbeat, NodeAddress, NodeConfig, NodeHandle, NodeId, object,
-    run_cycle_until,
+    BootPhase, BootState, Heartbeat, NodeAddress, NodeHandle, NodeId, object, run_cycle_until,
 };
 use ecan_cia402::{AxisPhase, Cia402};
 use ecan_config_file::{load, load_axes, load_network_settings, load_nodes};
@@ -66,11 +65,12 @@ impl Machine {
         port.wait_ready().unwrap();
         let axes = load_axes(&path).unwrap();
         let settings = load_network_settings(&path).unwrap();
+        let node_config = settings.cia402.node;
         let mut cia402 = Cia402::new(&port, axes, settings.cia402).unwrap();
         let mut nodes = BTreeMap::new();
         for node in load_nodes(&path).unwrap() {
             let network = cia402.network_mut();
-            let handle = network.add_node(node.address, NodeConfig::default()).unwrap();
+            let handle = network.add_node(node.address, node_config).unwrap();
             network.boot(handle, node.boot_config().unwrap());
             nodes.insert(node.title(), handle);
         }

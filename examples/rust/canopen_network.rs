@@ -11,7 +11,7 @@ use std::process::ExitCode;
 use std::time::Duration;
 
 use clap::Parser;
-use ecan_canopen::{BootPhase, BootState, NodeConfig};
+use ecan_canopen::{BootPhase, BootState};
 use ecan_cia402::Cia402;
 use ecan_example_support::backend::MasterArguments;
 use ecan_example_support::{Interrupt, report_exit, wait_ready};
@@ -50,10 +50,13 @@ fn run(arguments: &Arguments) -> Result<bool, Box<dyn Error>> {
     if !wait_ready(&mut port, &interrupt)? {
         return Ok(true);
     }
+    let node_config = settings.cia402.node;
+    let time = settings.time(port.adapter().clock().now_ns());
     let mut cia402 = Cia402::new(&port, axes, settings.cia402)?;
+    cia402.network_mut().set_time(time)?;
     for node in &nodes {
         let network = cia402.network_mut();
-        let handle = network.add_node(node.address, NodeConfig::default())?;
+        let handle = network.add_node(node.address, node_config)?;
         network.boot(handle, node.boot_config()?);
     }
     println!("{} nodes, {} axes", nodes.len(), cia402.axis_count());

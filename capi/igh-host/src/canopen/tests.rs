@@ -17,8 +17,10 @@ use crate::cia402::commands::*;
 use crate::cia402::context::*;
 use crate::cia402::cycle::*;
 use crate::cia402::numbers::igh_canopen_nmt_state_t;
+use crate::cia402::settings::*;
 use crate::cia402::start_up::*;
-use crate::cia402::state::igh_cia402_all_running;
+use crate::cia402::state::*;
+use crate::cia402::state_terms::*;
 use crate::mcan_port::config::*;
 use crate::mcan_port::config_file::*;
 use crate::mcan_port::context::*;
@@ -212,6 +214,41 @@ fn machine_of_a_file_boots_and_moves() {
     assert_eq!((state.nmt_state, state.expected_nmt_state), (operational, operational));
     assert_eq!((state.slave, state.channel, state.node_id), (0, 1, 4));
     assert!(state.boot_ups >= 1);
+}
+
+/// Without settings of the application those of the file apply.
+#[test]
+fn settings_of_the_network_are_those_of_the_file() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("machine.toml");
+    let text = std::fs::read_to_string(example("machine.toml").to_str().unwrap()).unwrap();
+    let folder = example("").into_string().unwrap();
+    let text = text.replace("device_file = \"", &format!("device_file = \"{folder}"));
+    std::fs::write(&path, text + "[network]\ntarget_cycles = 2\n").unwrap();
+    let path = CString::new(path.to_str().unwrap()).unwrap();
+    let mut settings: Box<igh_cia402_settings_t> = garbage();
+    // SAFETY: the pointer is valid.
+    ok(unsafe { igh_cia402_default_settings(&mut *settings) });
+    for (settings, waits) in [(null(), 5), (&raw const *settings, 0)] {
+        let mut machine = Machine::new();
+        let (motors, port) = (machine.motors(), &raw mut *machine.port);
+        // SAFETY: the pointers are valid.
+        unsafe {
+            ok(igh_cia402_context_init_file(motors, port, path.as_ptr(), settings));
+            ok(igh_cia402_start_up_timeout(motors, 20_000));
+        }
+        let not_due = igh_cia402_wait_t::IGH_CIA402_WAIT_NOT_DUE as u8;
+        let waiting = igh_cia402_decision_t::IGH_CIA402_DECISION_WAIT as u8;
+        let mut state: Box<igh_cia402_axis_state_t> = garbage();
+        let mut seen = 0;
+        for _ in 0..10 {
+            machine.cycle();
+            // SAFETY: the pointers are valid.
+            ok(unsafe { igh_cia402_get_axis_state(machine.motors(), 0, &mut *state) });
+            seen += u32::from((state.decision, state.decision_reason) == (waiting, not_due));
+        }
+        assert_eq!(seen, waits);
+    }
 }
 
 #[test]

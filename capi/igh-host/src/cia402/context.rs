@@ -116,7 +116,7 @@ pub fn igh_cia402_context_init_ex(
 /// @param port      The Port. Must not move while the axes are used.
 /// @param path      Path of the file, relative to the working directory. Its device files are relative to
 ///                  the file.
-/// @param settings  Is copied; NULL for the default ones.
+/// @param settings  Is copied; NULL for those of the table `[network]`. TIME is always that of the file.
 ///
 /// @usage   not rt, the cycle's thread, after igh_mcan_port_init
 /// @return  As igh_cia402_context_init(); ECAN_ERR_FILE if the file cannot be read; ECAN_ERR_CONFIG
@@ -131,16 +131,19 @@ pub fn igh_cia402_context_init_file(
     settings: *const igh_cia402_settings_t,
 ) {
     pointers!(call, out(context), c_str(path), optional(settings));
+    let path = OsStr::from_bytes(path.to_bytes());
+    let network = ecan_config_file::load_network_settings(path).or_code(call)?;
     let settings = |call| match settings {
         Some(settings) => settings.checked(call),
-        None => Ok(Cia402Config::default()),
+        None => Ok(network.cia402.clone()),
     };
     init(call, bus, &context, settings, |port, settings| {
-        let path = OsStr::from_bytes(path.to_bytes());
         let axes = ecan_config_file::load_axes(path).or_code(call)?;
         let nodes = ecan_config_file::load_nodes(path).or_code(call)?;
         let node_config = settings.node;
         let mut cia402 = Cia402::new(port, axes, settings).or_code(call)?;
+        let time = network.time(port.adapter().clock().now_ns());
+        cia402.network_mut().set_time(time).or_code(call)?;
         for description in &nodes {
             lookup::add_described(call, port, &mut cia402, description, node_config)?;
         }

@@ -154,6 +154,8 @@ mirror! {
         IGH_CIA402_HOLD_FOLLOWING_ERROR = 14 => Some(HoldReason::FollowingError),
         /// The application commanded it.
         IGH_CIA402_HOLD_COMMANDED = 16 => Some(HoldReason::Commanded),
+        /// TPDOs were missing, and the drive is not at its last target.
+        IGH_CIA402_HOLD_NOT_AT_TARGET = 17 => Some(HoldReason::NotAtTarget),
         /// Another reason.
         IGH_CIA402_HOLD_OTHER = 255 => Some(_),
     }
