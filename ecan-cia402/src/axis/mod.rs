@@ -17,6 +17,7 @@ mod axis_step;
 mod axis_stop;
 pub(crate) mod command_error;
 pub(crate) mod config;
+pub(crate) mod drive_config;
 pub(crate) mod drive_limits;
 mod drive_poll;
 mod drive_status;
@@ -56,7 +57,8 @@ mod verification;
 
 pub use axis_fault::AxisFault;
 pub use command_error::CommandError;
-pub use config::{AxisConfig, DriveConfig, NodeReset, VlConfig};
+pub use config::AxisConfig;
+pub use drive_config::{DriveConfig, NodeReset, VlConfig};
 pub use drive_limits::DriveLimits;
 pub use drive_units::{DriveUnits, ScaleFinding, ScaleSource};
 pub use homing::{HomingConfig, HomingState};

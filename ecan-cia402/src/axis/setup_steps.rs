@@ -6,7 +6,8 @@ use ecan_canopen::{
     object,
 };
 
-use super::config::{AxisConfig, DriveConfig, LAST_PDO, NodeReset};
+use super::config::{AxisConfig, LAST_PDO};
+use super::drive_config::{DriveConfig, NodeReset};
 use super::drive_limits::DriveLimits;
 use super::drive_units::{DriveUnits, ScaleSource};
 use super::host_loss::StopOptions;

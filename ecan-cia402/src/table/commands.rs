@@ -60,8 +60,12 @@ impl Cia402 {
     /// # Errors
     /// A [`CommandError`].
     pub fn configure(&mut self, axis: usize) -> Result<(), CommandError> {
-        self.axis_mut(axis)?;
-        self.configure_node(axis);
+        let Self { shared_nodes, axes, network, now_ns, .. } = self;
+        let found = axes.get_mut(axis).ok_or(CommandError::NoSuchAxis { axis })?;
+        match shared_nodes.iter().find(|node| node.contains(axis)) {
+            Some(node) => node.for_each(axes, |axis| axis.configure(network, *now_ns)),
+            None => found.configure(network, *now_ns),
+        }
         Ok(())
     }
 

@@ -94,11 +94,10 @@ impl Cia402 {
         });
         self.begin_target_period();
         self.observe(cycle);
-        self.begin_shared_nodes();
-        for axis in &mut self.axes {
-            axis.step(&mut self.network, self.now_ns);
-        }
-        self.end_shared_nodes();
+        let Self { shared_nodes, axes, network, now_ns, .. } = self;
+        shared_nodes.iter_mut().for_each(|node| node.begin_cycle(axes));
+        axes.iter_mut().for_each(|axis| axis.step(network, *now_ns));
+        shared_nodes.iter().for_each(|node| node.end_cycle(axes, network, *now_ns));
         if self.is_paused {
             self.resume_channels();
         }

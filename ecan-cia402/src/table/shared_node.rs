@@ -2,7 +2,6 @@
 
 use ecan_canopen::Network;
 
-use super::cia402::Cia402;
 use crate::axis::axis::Axis;
 use crate::axis::node_share::NodeShare;
 use crate::axis::phase::AxisError;
@@ -45,14 +44,18 @@ impl SharedNode {
         self.axes.iter().filter_map(|index| axes.get(*index))
     }
 
-    fn for_each(&self, axes: &mut [Axis], mut action: impl FnMut(&mut Axis)) {
+    pub(super) fn contains(&self, index: usize) -> bool {
+        self.axes.contains(&index)
+    }
+
+    pub(super) fn for_each(&self, axes: &mut [Axis], mut action: impl FnMut(&mut Axis)) {
         for index in &self.axes {
             axes.get_mut(*index).into_iter().for_each(&mut action);
         }
     }
 
     /// Before the steps of the axes: gives the SDO client to one of them.
-    fn begin_cycle(&mut self, axes: &mut [Axis]) {
+    pub(super) fn begin_cycle(&mut self, axes: &mut [Axis]) {
         let running = self
             .axes
             .iter()
@@ -65,7 +68,7 @@ impl SharedNode {
     }
 
     /// After the steps of the axes: continues the configuration of the node.
-    fn end_cycle(&self, axes: &mut [Axis], network: &mut Network, now_ns: u64) {
+    pub(super) fn end_cycle(&self, axes: &mut [Axis], network: &mut Network, now_ns: u64) {
         if self.members(axes).any(|axis| axis.node_share.is_setup_wanted) {
             let is_pending = self.members(axes).all(|axis| axis.setup.is_pending());
             self.for_each(axes, |axis| {
@@ -115,31 +118,6 @@ impl SharedNode {
         }
         if let Some(first) = self.axes.first().and_then(|first| axes.get_mut(*first)) {
             first.configurator = configurator;
-        }
-    }
-}
-
-impl Cia402 {
-    pub(super) fn begin_shared_nodes(&mut self) {
-        for node in &mut self.shared_nodes {
-            node.begin_cycle(&mut self.axes);
-        }
-    }
-
-    pub(super) fn end_shared_nodes(&mut self) {
-        let Self { shared_nodes, axes, network, now_ns, .. } = self;
-        shared_nodes.iter().for_each(|node| node.end_cycle(axes, network, *now_ns));
-    }
-
-    /// Requests the configuration of an axis, with all axes of its node.
-    pub(super) fn configure_node(&mut self, index: usize) {
-        let Self { shared_nodes, axes, network, now_ns, .. } = self;
-        let shared = shared_nodes.iter().find(|node| node.axes.contains(&index));
-        match shared {
-            Some(node) => node.for_each(axes, |axis| axis.configure(network, *now_ns)),
-            None => {
-                axes.get_mut(index).into_iter().for_each(|axis| axis.configure(network, *now_ns));
-            }
         }
     }
 }
