@@ -4,7 +4,8 @@
 //! ```text
 //! cargo test -p ecan-cia402 --test trials                                   # 200 seeds
 //! TRIALS_FIRST=0 TRIALS_COUNT=20000 cargo test --release -p ecan-cia402 --test trials -- --nocapture
-//! TRIALS_FIRST=1234 TRIALS_COUNT=1 cargo test -p ecan-cia402 --test trials -- --nocapture    # its log
+//! TRIALS_FIRST=1234 TRIALS_COUNT=1 cargo test -p ecan-cia402 --test trials trials_violate -- --nocapture   # its log
+//! TRIALS_FIRST=1234 TRIALS_COUNT=1 cargo test -p ecan-cia402 --test trials shared -- --nocapture
 //! ```
 //!
 //! Unlike `axis_properties`, which compares targets with their limits, these trials include the
@@ -45,8 +46,15 @@ fn variable(name: &str) -> Option<u64> {
     Some(value.parse().unwrap_or_else(|_| panic!("{name}={value} is not a number")))
 }
 
-fn trial(seed: u64, level: Level) -> (Outcome, String) {
-    let run = AssertUnwindSafe(|| Trial::run(Plan::draw(seed), level));
+fn trial(seed: u64, shares_nodes: bool, level: Level) -> (Outcome, String) {
+    let run = AssertUnwindSafe(|| {
+        let plan = Some(Plan::draw(seed));
+        let plan = if shares_nodes { plan.and_then(Plan::with_shared_nodes) } else { plan };
+        match plan {
+            Some(plan) => Trial::run(plan, level),
+            None => (Outcome { seed, ..Outcome::default() }, String::new()),
+        }
+    });
     catch_unwind(run).unwrap_or_else(|cause| {
         let text = cause
             .downcast_ref::<String>()
@@ -60,8 +68,18 @@ fn trial(seed: u64, level: Level) -> (Outcome, String) {
 
 #[test]
 fn random_trials_violate_no_rule() {
+    run_trials(200, &FOUND, false);
+}
+
+/// The same machines with two axes per node where a channel has two.
+#[test]
+fn random_trials_of_shared_nodes_violate_no_rule() {
+    run_trials(100, &[], true);
+}
+
+fn run_trials(count: u64, found: &[u64], shares_nodes: bool) {
     let first = variable("TRIALS_FIRST").unwrap_or(0);
-    let count = variable("TRIALS_COUNT").unwrap_or(200);
+    let count = variable("TRIALS_COUNT").unwrap_or(count);
     let level = match variable("TRIALS_LOG").unwrap_or(u64::from(count == 1)) {
         0 => Level::Off,
         1 => Level::Events,
@@ -69,7 +87,7 @@ fn random_trials_violate_no_rule() {
     };
     let cores = std::thread::available_parallelism().map_or(1, |cores| cores.get() as u64);
     let threads = variable("TRIALS_THREADS").unwrap_or(cores).max(1);
-    let found: &[u64] = if variable("TRIALS_FIRST").is_none() { &FOUND } else { &[] };
+    let found = if variable("TRIALS_FIRST").is_none() { found } else { &[] };
     let next = AtomicUsize::new(0);
     let total = found.len() + count as usize;
     let summary = Mutex::new(Summary::default());
@@ -85,7 +103,7 @@ fn random_trials_violate_no_rule() {
                     }
                     let later = nth.checked_sub(found.len()).map(|nth| first + nth as u64);
                     let seed = later.unwrap_or_else(|| found[nth]);
-                    let (outcome, log) = trial(seed, level);
+                    let (outcome, log) = trial(seed, shares_nodes, level);
                     if level > Level::Off {
                         println!("{log}");
                     }

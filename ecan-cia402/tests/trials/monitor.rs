@@ -28,6 +28,9 @@ const INCREMENTS: i32 = 65_536;
 /// A motor that was blocked returns to its demand as fast as it can, as long as that is inside the
 /// drive's window for the following error.
 const AFTER_BLOCK_NS: u64 = 400 * MS;
+/// A further axis of the node may use its SDO server first.
+const FURTHER_AXIS_NS: u64 = 100 * MS;
+
 /// State of the path from the host to the drive.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Path {
@@ -171,7 +174,10 @@ impl AxisMonitor {
             // The tolerated SYNC periods, one in progress, and the delay of the last TPDO.
             cut_bound_ns: (u64::from(config.tpdo_timeout) + 2) * plan.sync_ns() + 6 * per_ms,
             // Established by measurement: one running SDO transfer, a read and a write.
-            services_bound_ns: 12 * per_ms + 8 * u64::from(drive.sdo_delay_us) * 1_000 + 60 * MS,
+            services_bound_ns: 12 * per_ms
+                + 8 * u64::from(drive.sdo_delay_us) * 1_000
+                + 60 * MS
+                + (plan.axes_of_node(axis).count() as u64 - 1) * FURTHER_AXIS_NS,
             state: DriveState::NotReadyToSwitchOn,
             follows: false,
             mode: None,

@@ -16,6 +16,7 @@ use ecan_sim::{
 use crate::random::Random;
 use crate::variants;
 
+mod shared_nodes;
 mod text;
 
 pub const MS: u64 = 1_000_000;

@@ -326,7 +326,10 @@ impl Trial {
 
     fn check_feed_forward(&mut self) {
         for n in 0..self.monitors.len() {
-            let sums = self.on_drive(n, |drive| *drive.targets().sums());
+            let number = usize::from(self.plan.axes[n].config.node_axis);
+            let sums = self.on_drive(n, |drive| {
+                *drive.axis(number).expect("an axis of the drive").targets().sums()
+            });
             let limits = self.plan.axes[n].config.feed_forward;
             self.monitors[n].check_feed_forward(self.now, &sums, &limits);
             self.outcome.feed_forwards += u64::from(sums.largest_offsets != (0, 0));
@@ -431,7 +434,9 @@ impl Trial {
                 let Some(drive) = world.drive_at(slave, usize::from(channel), node) else {
                     continue;
                 };
-                let trace = drive.trace();
+                let number = usize::from(plan.axes[n].config.node_axis);
+                let Some(axis) = drive.axis(number) else { continue };
+                let trace = axis.trace();
                 let records = trace.since(monitor.read_so_far());
                 monitor.observe(records, trace.recorded(), &mut log.drive(n));
             }

@@ -41,10 +41,11 @@ impl fmt::Display for Plan {
             let (config, drive) = (&axis.config, &axis.drive);
             writeln!(
                 f,
-                "axis {n}: {} {}, limit {}, bounds {:?}, window {}, ramp {}, {:?}, outputs {:?}, \
+                "axis {n}: {}{} {}, limit {}, bounds {:?}, window {}, ramp {}, {:?}, outputs {:?}, \
                  {:?}, buffer {:?}, 0x605A {:?}, resume {}, enable {} ms, friction {}, quirks: old target {}, ignores quick stop {}, \
                  missing {:04X?}",
                 axis.node_name(),
+                if config.node_axis > 0 { ", second axis," } else { "" },
                 config.mode,
                 config.step_limit,
                 config.bounds,

@@ -34,6 +34,14 @@ impl Trial {
                 self.simulation.inject(fault);
             }
             Action::DriveFault(axis, fault) => {
+                let number = self.plan.axes[axis].config.node_axis;
+                let (axis, fault) = match fault {
+                    DriveFault::Error { code } => {
+                        (axis, DriveFault::AxisError { axis: number, code })
+                    }
+                    // The motor of the first axis of the node.
+                    fault => (self.plan.axes_of_node(axis).next().unwrap_or(axis), fault),
+                };
                 if let DriveFault::Blocked { for_ms } = fault {
                     let until = now + u64::from(for_ms) * MS;
                     self.motor_blocked[axis] = until;
@@ -43,7 +51,9 @@ impl Trial {
                 self.simulation.inject(Fault::Drive { node, fault });
             }
             Action::Silent(axis, for_ms) => {
-                self.silent[axis] = now + u64::from(for_ms) * MS + 20 * MS;
+                for n in self.plan.axes_of_node(axis) {
+                    self.silent[n] = now + u64::from(for_ms) * MS + 20 * MS;
+                }
                 let node = self.plan.axes[axis].node_name();
                 self.simulation.inject(Fault::NodeSilent { node, for_ms });
             }
