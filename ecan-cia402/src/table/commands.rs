@@ -209,7 +209,8 @@ impl Cia402 {
     /// configuration, and from the very beginning: it waits for a pending stop, configures a drive
     /// that is not configured, resets a fault, enables, and resumes a halted axis.
     /// [`progress`](Self::progress) reports the steps, [`is_recovering`](Self::is_recovering) whether it
-    /// continues. Any other command to the axis ends it.
+    /// continues. Any other command to the axis ends it. The configuration is that of all axes of the node,
+    /// which stops the others.
     ///
     /// It ends without success, with the cause in [`error`](Self::error), if
     /// - a fault persists after one reset, or another one follows,

@@ -12,8 +12,23 @@ use crate::axis::setup::SetupState;
 pub(super) struct SharedNode {
     /// Indices in the table; the first one has the steps of the configuration.
     axes: Vec<usize>,
-    /// The axis that may begin SDO transfers next.
-    turn: usize,
+    turn: Turn,
+}
+
+/// The axis that may begin SDO transfers next: all in turn.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+struct Turn {
+    next: usize,
+}
+
+impl Turn {
+    /// The axis that may use the SDO client in this cycle, of `count`: the one whose transfers run, else
+    /// the next one.
+    fn holder(&mut self, running: Option<usize>, count: usize) -> usize {
+        let holder = running.unwrap_or(self.next);
+        self.next = (holder + 1) % count.max(1);
+        holder
+    }
 }
 
 impl SharedNode {
@@ -34,7 +49,7 @@ impl SharedNode {
                 axis.node_share = NodeShare { count, is_first, may_begin: false, ..share };
             }
             if is_first {
-                nodes.push(Self { axes: members, turn: 0 });
+                nodes.push(Self { axes: members, turn: Turn::default() });
             }
         }
         nodes
@@ -56,14 +71,9 @@ impl SharedNode {
 
     /// Before the steps of the axes: gives the SDO client to one of them.
     pub(super) fn begin_cycle(&mut self, axes: &mut [Axis]) {
-        let running = self
-            .axes
-            .iter()
-            .copied()
-            .find(|index| axes.get(*index).is_some_and(|axis| axis.poll.is_running()));
-        let next = self.axes.get(self.turn % self.axes.len().max(1)).copied();
-        self.turn = self.turn.wrapping_add(1);
-        let holder = running.or(next);
+        let running = self.members(axes).position(|axis| axis.poll.is_running());
+        let nth = self.turn.holder(running, self.axes.len());
+        let holder = self.axes.get(nth).copied();
         self.for_each(axes, |axis| axis.node_share.may_poll = Some(axis.index) == holder);
     }
 
@@ -118,6 +128,26 @@ impl SharedNode {
         }
         if let Some(first) = self.axes.first().and_then(|first| axes.get_mut(*first)) {
             first.configurator = configurator;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn axes_take_turns_whatever_their_transfers_take() {
+        for cycles in 1..6 {
+            let (mut turn, mut begun) = (Turn::default(), [0; 3]);
+            for _ in 0..30 {
+                let holder = turn.holder(None, 3);
+                begun[holder] += 1;
+                for _ in 0..cycles {
+                    assert_eq!(turn.holder(Some(holder), 3), holder);
+                }
+            }
+            assert_eq!(begun, [10; 3], "{cycles}");
         }
     }
 }
