@@ -123,8 +123,8 @@ fn unsuitable_files_are_rejected() {
     assert!(!std::path::Path::new(&file).exists(), "no file without values");
     served.node(&[&save[..], &["--eds", &eds]].concat());
     let message = served.node_fails(6, &[&save[..], &["--eds", &eds]].concat());
-    assert!(message.contains("the file exists; use --replace"), "{message}");
-    served.node(&[&save[..], &["--eds", &eds, "--replace"]].concat());
+    assert!(message.contains("file exists; use --force"), "{message}");
+    served.node(&[&save[..], &["--eds", &eds, "--force"]].concat());
 
     let message = served.node_fails(6, &["params", "diff", &eds, "--node", "1.4"]);
     assert!(message.contains("an EDS has no values of a node"), "{message}");

@@ -1,6 +1,7 @@
-//! `ecan node` with a node that no one here wrote: a `LocalNode` of Python's package `canopen`, on the
-//! bus of a simulated gateway by the simulator's slcan bridge.
+//! `ecan node` with Python's package `canopen`, on the bus of a simulated gateway by the simulator's
+//! slcan bridge: its `LocalNode` as a node, and its network with its own DCF tools.
 
+use std::io::{BufRead as _, BufReader, Write as _};
 use std::net::TcpListener;
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
@@ -19,34 +20,44 @@ impl Drop for Peer {
     }
 }
 
-fn start_peer(python: &str, port: u16) -> Peer {
+fn script(python: &str, name: &str, port: u16, node: u8) -> Command {
     let directory = concat!(env!("CARGO_MANIFEST_DIR"), "/../../ecan-canopen/tests/python");
-    let child = Command::new(python)
+    let mut command = Command::new(python);
+    command
         .arg("-B")
-        .arg(Path::new(directory).join("local_node.py"))
-        .args(["--port", &port.to_string(), "--node", "5"])
-        .stdin(Stdio::piped())
-        .stdout(Stdio::null())
-        .spawn();
-    Peer(child.unwrap())
+        .arg(Path::new(directory).join(name))
+        .args(["--port", &port.to_string(), "--node", &node.to_string()])
+        .stdin(Stdio::piped());
+    command
+}
+
+fn start_peer(command: &mut Command) -> Peer {
+    Peer(command.stdout(Stdio::piped()).spawn().unwrap())
 }
 
 struct Bus {
     /// Ends before its bus.
-    _peer: Peer,
+    peer: Peer,
     served: Served,
     _scenario: Scenario,
 }
 
+/// A bus with an slcan bridge, and these nodes.
+fn bridged(nodes: &str) -> (Scenario, Served, u16) {
+    let port = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
+    let bridge = format!("[[node]]\nkind = \"bridge\"\nbus = \"0.0\"\nport = {port}\n");
+    let scenario = Scenario::new(&(bridge + nodes));
+    let mut served = serve_bus(&scenario.setting(), &[]);
+    served.program.wait_for_error("slave 0: ready");
+    (scenario, served, port)
+}
+
 impl Bus {
-    /// Starts service and node, and waits until the node answers.
-    fn start(python: &str) -> Self {
-        let port = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
-        let tables = format!("[[node]]\nkind = \"bridge\"\nbus = \"0.0\"\nport = {port}\n");
-        let scenario = Scenario::new(&tables);
-        let mut served = serve_bus(&scenario.setting(), &[]);
-        served.program.wait_for_error("slave 0: ready");
-        let bus = Self { _peer: start_peer(python, port), _scenario: scenario, served };
+    /// Starts service and node 5, and waits until the node answers.
+    fn start(python: &str, name: &str, arguments: &[&str]) -> Self {
+        let (scenario, served, port) = bridged("");
+        let peer = start_peer(script(python, name, port, 5).args(arguments));
+        let bus = Self { peer, _scenario: scenario, served };
         // Each try waits for two seconds.
         let answers = |_: &u32| {
             let read = ["sdo", "read", "--node", "5", "--timeout", "1000", "0x1000"];
@@ -68,7 +79,7 @@ impl Bus {
 #[test]
 fn node_of_the_canopen_package_is_found_read_and_commanded() {
     let Some(python) = python_with(&["canopen", "can", "serial"], "canopen") else { return };
-    let bus = Bus::start(&python);
+    let bus = Bus::start(&python, "local_node.py", &[]);
     let scan = bus.node(&["scan", "--channel", "0", "--nodes", "4-6", "--timeout", "5000"]);
     let found =
         "0      can0     5     -      0x50595448  0x00000003  0x00000007  99      A node made in";
@@ -102,4 +113,118 @@ fn node_of_the_canopen_package_is_found_read_and_commanded() {
     let line = watching.line();
     let expected = "0x2310 continuous over-current at the output; error register: device profile; 01 02 03 04 05";
     assert!(line.ends_with(expected), "{line}");
+}
+
+const NETWORK: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../examples/network");
+
+/// Lines of the node until one that is `end`.
+fn lines_of(bus: &mut Bus, dcf: &str) -> Vec<String> {
+    let Peer(child) = &mut bus.peer;
+    writeln!(child.stdin.as_mut().unwrap(), "{dcf}").unwrap();
+    let mut reader = BufReader::new(child.stdout.as_mut().unwrap());
+    let mut lines = Vec::new();
+    loop {
+        let mut line = String::new();
+        assert!(reader.read_line(&mut line).unwrap() > 0, "the node ended: {lines:#?}");
+        match line.trim_end() {
+            "end" => return lines,
+            line => lines.push(line.to_owned()),
+        }
+    }
+}
+
+/// Objects with the bytes of a DCF, by the package, and of its node.
+fn values_of(lines: &[String]) -> Vec<(&str, &str, &str)> {
+    let values = lines.iter().filter_map(|line| line.strip_prefix("value "));
+    let parts = values.map(|line| line.split(' ').collect::<Vec<_>>());
+    parts.map(|it| (it[0], it[1], it[2])).collect()
+}
+
+#[test]
+fn parameters_of_a_canopen_node_are_restored_as_its_tools_read_them() {
+    let Some(python) = python_with(&["canopen", "can", "serial"], "canopen") else { return };
+    let eds = format!("{NETWORK}/gripper.eds");
+    let mut bus = Bus::start(&python, "dcf_node.py", &["--eds", &eds]);
+    let of_node = ["--node", "5", "--eds", &eds];
+    let write = |bus: &Bus, object: &str, value: &str| {
+        bus.node(&[&["sdo", "write", "--timeout", "5000"], &of_node[..], &[object, value]].concat())
+    };
+    write(&bus, "grip force", "120");
+    write(&bus, "label", "left hand, with a text of several segments");
+    let dcf = bus.served.path_of("left.dcf");
+    let saved = bus.node(&[&["params", "save", &dcf], &of_node[..]].concat());
+    let count = std::fs::read_to_string(&dcf).unwrap().matches("ParameterValue=").count();
+    assert!(saved.ends_with(&format!("left.dcf: {count} values of node 5 on can0\n")), "{saved}");
+
+    let lines = lines_of(&mut bus, &dcf);
+    let values = values_of(&lines);
+    assert_eq!(values.len(), count, "the package reads every value");
+    assert!(values.iter().all(|(_, file, node)| file == node), "{values:#?}");
+    assert!(values.contains(&("2000:00", "7800", "7800")), "{values:#?}");
+
+    write(&bus, "grip force", "33");
+    write(&bus, "label", "right");
+    let changed = lines_of(&mut bus, &dcf);
+    let differs = |it: &&(&str, &str, &str)| it.1 != it.2;
+    let differences: Vec<_> = values_of(&changed).into_iter().filter(|it| differs(&it)).collect();
+    assert_eq!(differences.iter().map(|it| it.0).collect::<Vec<_>>(), ["2000:00", "2002:00"]);
+    let capture = bus.served.path_of("restore.pcapng");
+    let restore = ["params", "restore", &dcf, "--node", "5", "--yes", "--capture", &capture];
+    let restored = bus.node(&restore);
+    assert!(restored.contains(" values verified\n"), "{restored}");
+    let lines = lines_of(&mut bus, &dcf);
+    assert!(values_of(&lines).iter().all(|(_, file, node)| file == node), "{lines:#?}");
+
+    // Every SDO frame in the log of the package is in the capture, in the same order.
+    let frames: Vec<_> = lines.iter().filter_map(|line| line.strip_prefix("frame ")).collect();
+    assert!(frames.len() > 100, "{} frames", frames.len());
+    let mut capture = &std::fs::read(&capture).unwrap()[..];
+    for frame in frames {
+        let record = socketcan(frame);
+        let at = capture.windows(record.len()).position(|bytes| bytes == record);
+        let at = at.unwrap_or_else(|| panic!("{frame} is not in the capture, or in another order"));
+        capture = &capture[at + record.len()..];
+    }
+}
+
+/// A frame `ID#DATA` as SocketCAN has it in a capture.
+fn socketcan(frame: &str) -> Vec<u8> {
+    let (id, data) = frame.split_once('#').unwrap();
+    let mut bytes = u32::from_str_radix(id, 16).unwrap().to_be_bytes().to_vec();
+    bytes.extend([(data.len() / 2) as u8, 0, 0, 0]);
+    bytes.extend(
+        (0..data.len()).step_by(2).map(|at| u8::from_str_radix(&data[at..at + 2], 16).unwrap()),
+    );
+    bytes
+}
+
+#[test]
+fn canopen_network_configures_a_drive_from_a_saved_dcf() {
+    let Some(python) = python_with(&["canopen", "can", "serial"], "canopen") else { return };
+    let eds = format!("{NETWORK}/servo_drive.eds");
+    let (_scenario, served, port) = bridged(&format!(
+        "[[node]]\nkind = \"drive\"\nname = \"x\"\nbus = \"0.0\"\nnode_id = 3\neds = \"{eds}\"\n"
+    ));
+    let of_node = ["--node", "3", "--eds", &eds];
+    let write = |object: &str, value: &str| {
+        served.node(&[&["sdo", "write"], &of_node[..], &[object, value]].concat());
+    };
+    write("following error window", "12345");
+    write("0x6083", "777000");
+    let dcf = served.path_of("x.dcf");
+    let saved = served.node(&[&["params", "save", &dcf], &of_node[..]].concat());
+    assert!(saved.contains(" values of node 3 on can0\n"), "{saved}");
+    write("following error window", "5");
+    write("0x6083", "6");
+    let diff = ["params", "diff", &dcf, "--node", "3"];
+    served.node_fails(1, &diff);
+
+    let output = script(&python, "dcf_master.py", port, 3).args(["--dcf", &dcf]).output().unwrap();
+    let errors = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "{errors}");
+    let text = String::from_utf8(output.stdout).unwrap();
+    assert!(text.starts_with("compared "), "{text}");
+    let same = served.node(&diff);
+    assert!(same.ends_with(" values compared, 0 different\n"), "{same}");
+    served.end();
 }

@@ -7,6 +7,7 @@ use std::time::Duration;
 
 use clap::Args;
 use ecan_canopen::{Commissioning, DataType, DeviceFile, SdoFault, object};
+use ecan_command_line::new_file::Existing;
 use serde::Serialize;
 
 use crate::commands::node::node_client::{NodeClient, start_for};
@@ -26,9 +27,6 @@ pub struct SaveArguments {
     target: TargetArguments,
     #[command(flatten)]
     eds: DeviceFileArguments,
-    /// Replace the file if it exists
-    #[arg(long)]
-    replace: bool,
     #[command(flatten)]
     options: FrameOptions,
 }
@@ -61,7 +59,7 @@ pub fn run(arguments: &SaveArguments, context: &Context) -> Result {
                        `device_file` of the node in --config";
         return Err(Failure::Usage(message.to_owned()));
     };
-    let mut out = create(&arguments.file, arguments.replace)?;
+    let mut out = create(&arguments.file, arguments.options.capture.existing())?;
     let link = start_for(&selected, true, context)?;
     let read = NodeClient::new(link, selected.target, SDO_TIMEOUT).run(|client| {
         identity::check(client, &device, &name)?;
@@ -169,9 +167,9 @@ impl NewFile {
 }
 
 /// Creates the file before the node is read, so that its faults are known at once.
-fn create(path: &Path, may_replace: bool) -> Result<NewFile> {
-    if path.exists() && !may_replace {
-        return Err(Failure::file("write", path, "the file exists; use --replace"));
+fn create(path: &Path, existing: Existing) -> Result<NewFile> {
+    if path.exists() && existing == Existing::Keep {
+        return Err(Failure::file("write", path, "file exists; use --force to overwrite it"));
     }
     let mut name = path.file_name().unwrap_or_default().to_owned();
     name.push(format!(".{}.part", std::process::id()));
