@@ -31,6 +31,7 @@
 
 mod axis;
 mod bus;
+mod bus_master;
 mod channel;
 mod check;
 mod compare;

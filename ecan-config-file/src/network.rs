@@ -7,8 +7,8 @@ use ecan_canopen::{
 };
 use ecan_cia402::{Cia402Config, Takeover};
 
+use crate::bus_master::MasterSource;
 use crate::document::{Table, store};
-use crate::node::MasterSource;
 
 /// Settings of the CANopen network of a configuration.
 #[derive(Clone, Debug, Default, PartialEq)]

@@ -6,6 +6,7 @@ use ecan_canopen::{BootReset, NodeId, PdoDirection, object};
 use saphyr::{LoadableYamlNode, MarkedYaml, Scalar, YamlData};
 
 use super::source::{NodeSource, ParameterSource, PdoSource, RevisionRule};
+use crate::bus_master::MasterSource;
 use crate::fault::FileFaults;
 use crate::located::Located;
 use crate::text_lines::TextLines;
@@ -35,17 +36,6 @@ const ROS_KEYS: [&str; 19] = [
     "boot",
     "time_cob_id",
 ];
-
-/// Values of the master of a bus.
-#[derive(Clone, Debug, Default)]
-pub(crate) struct MasterSource {
-    pub(crate) node: Option<NodeId>,
-    pub(crate) sync_period_us: Option<Located<u32>>,
-    pub(crate) sync_overflow: Option<Located<u8>>,
-    pub(crate) heartbeat_ms: Option<u16>,
-    /// Consumer heartbeat time of nodes that watch it, in periods.
-    pub(crate) heartbeat_multiplier: Option<f64>,
-}
 
 /// Reads the nodes of a bus on a channel, and its master.
 ///

@@ -28,7 +28,6 @@ use device_files::DeviceFiles;
 use resolve::{ResolvedNode, resolve};
 use source::{NodeSource, ParameterSource};
 
-pub(crate) use bus_yml::MasterSource;
 pub(crate) use check::{check, network};
 
 /// A node of a file, and the locations of its parts.

@@ -6,7 +6,7 @@ use ecan_canopen::{CobId, HostHeartbeat, MappingEntry, OperatingMode, PdoDirecti
 use ecan_cia402::{AxisConfig, InputObject, OutputObject, Scale};
 
 use super::resolve::{Report, ResolvedNode};
-use crate::located::Located;
+use super::source::RosAxis;
 
 /// Units of the device per SI unit if the file states none, as in ros2_canopen.
 const UNITS: f64 = 1_000.0;
@@ -19,21 +19,6 @@ const TARGETS: [u16; 5] = [
     object::INTERPOLATION_DATA,
     object::VL_TARGET_VELOCITY,
 ];
-
-/// The keys of a node that concern its axis.
-#[derive(Clone, Debug, Default)]
-pub(crate) struct RosAxis {
-    /// The driver is one of CiA 402.
-    pub(crate) is_axis: bool,
-    /// Of the position, velocity and torque interface.
-    pub(crate) modes: [Option<Located<i8>>; 3],
-    /// Units of the device per radian.
-    pub(crate) position_units: Option<f64>,
-    /// Position of the device at angle 0.
-    pub(crate) origin: Option<f64>,
-    /// Units of the device per radian per second.
-    pub(crate) velocity_units: Option<f64>,
-}
 
 /// The axis of a node whose names are resolved. Angles are in radians.
 pub(crate) fn axis(

@@ -4,7 +4,6 @@ use std::path::PathBuf;
 
 use ecan_canopen::{BootReset, ConfigurationDate, NodeId, PdoDirection};
 
-use super::ros_axis::RosAxis;
 use crate::located::Located;
 
 /// How the revision number is compared with that of the device file.
@@ -60,6 +59,21 @@ impl PdoSource {
             objects: None,
         }
     }
+}
+
+/// The keys of a node in the form of ros2_canopen that concern its axis.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct RosAxis {
+    /// The driver is one of CiA 402.
+    pub(crate) is_axis: bool,
+    /// Of the position, velocity and torque interface.
+    pub(crate) modes: [Option<Located<i8>>; 3],
+    /// Units of the device per radian.
+    pub(crate) position_units: Option<f64>,
+    /// Position of the device at angle 0.
+    pub(crate) origin: Option<f64>,
+    /// Units of the device per radian per second.
+    pub(crate) velocity_units: Option<f64>,
 }
 
 /// A node.

@@ -8,7 +8,7 @@ use std::process::{Child, Command, Stdio};
 
 use crate::serve::{Served, serve_bus};
 use crate::support::python::python_with;
-use crate::support::{Scenario, ecan, fails, good};
+use crate::support::{Scenario, ecan, ends, fails, good};
 
 /// The node's program; it ends with its standard input.
 struct Peer(Child);
@@ -226,5 +226,42 @@ fn canopen_network_configures_a_drive_from_a_saved_dcf() {
     assert!(text.starts_with("compared "), "{text}");
     let same = served.node(&diff);
     assert!(same.ends_with(" values compared, 0 different\n"), "{same}");
+    served.end();
+}
+
+#[test]
+fn lss_slave_of_durand_gets_a_node_id() {
+    let Some(python) = python_with(&["durand", "can", "serial"], "durand") else { return };
+    let (_scenario, served, port) = bridged("");
+    let directory = concat!(env!("CARGO_MANIFEST_DIR"), "/../../ecan-canopen/tests/python");
+    let mut command = Command::new(&python);
+    command.arg("-B").arg(Path::new(directory).join("responder_node.py"));
+    command.args(["--port", &port.to_string()]).stdin(Stdio::piped());
+    let mut peer = start_peer(&mut command);
+    let mut reader = BufReader::new(peer.0.stdout.take().unwrap());
+    let mut line_with = |part: &str| {
+        let mut line = String::new();
+        while !line.contains(part) {
+            line.clear();
+            assert!(reader.read_line(&mut line).unwrap() > 0, "the slave ended before {part}");
+        }
+        line.trim_end().to_owned()
+    };
+    line_with("ready");
+    let known = ["lss", "scan", "--vendor", "0x44555241", "--product", "5", "--scan-time", "150"];
+    // While it is selected it takes part in the scan, against CiA 305.
+    let scan = ends(1, &[&["--via", served.path.as_str(), "node"], &known[..]].concat());
+    let address = "0x44555241:0x5:0x80000001:4294901763";
+    assert!(scan.contains(address) && scan.ends_with("1 slave(s) without node-ID\n"), "{scan}");
+    let set = ["lss", "set-id", "9", "--address", address, "--store", "--yes", "--timeout", "3000"];
+    let printed = served.node(&set);
+    assert!(printed.ends_with(": node-ID 9, stored, booted\n"), "{printed}");
+    // Requests in its log: configure node-ID, store.
+    assert_eq!(line_with("lss 11"), "lss 1109000000000000");
+    assert!(line_with("store").ends_with(" 9"));
+    let read = ["sdo", "read", "--node", "9", "--timeout", "5000", "0x1018:4"];
+    assert!(served.node(&read).ends_with("= 4294901763 (0xFFFF0003)\n"));
+    // Before its bus.
+    drop(peer);
     served.end();
 }

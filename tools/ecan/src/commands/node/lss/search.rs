@@ -35,6 +35,8 @@ struct Scanned {
     slave: usize,
     channel: u8,
     found: Vec<JsonAddress>,
+    /// False if a slave was found twice, so that further ones are not found.
+    is_complete: bool,
 }
 
 /// Most slaves of a bus (CiA 301): a slave that does not enter the configuration state would be found
@@ -52,43 +54,45 @@ pub fn scan(arguments: &ScanArguments, context: &Context) -> Result {
     };
     let client = LssClient::start(&arguments.lss, arguments.scan_time, context)?;
     let (slave, channel) = (client.slave(), arguments.lss.channel);
-    let found = client.run(|client| {
+    let (found, is_complete) = client.run(|client| {
         let _progress = Progress::show("scanning for slaves without node-ID");
         client.release()?;
         let scanned = scan_all(client, filter, context);
         // A slave that was found is in the configuration state.
         let released = client.release();
-        if scanned.as_ref().is_ok_and(Vec::is_empty) {
+        if scanned.as_ref().is_ok_and(|it| it.0.is_empty()) {
             client.check_alive()?;
         }
         scanned.and_then(|found| released.map(|()| found))
     })?;
     let addresses = found.iter().copied().map(JsonAddress::from).collect();
-    let scanned = Scanned { slave, channel, found: addresses };
+    let scanned = Scanned { slave, channel, found: addresses, is_complete };
     context.output.data(&scanned, |out| print_scan(&found, &scanned, out))?;
-    match found.is_empty() {
-        true => Err(Failure::Incomplete("no slave without node-ID found".to_owned())),
-        false => Ok(()),
+    match found.last() {
+        None => Err(Failure::Incomplete("no slave without node-ID found".to_owned())),
+        Some(_) if is_complete => Ok(()),
+        Some(last) => Err(Failure::Incomplete(format!(
+            "the slave {last} was found twice: it takes part in the scan while selected, or two slaves \
+             have this address; configure its node-ID, then scan again"
+        ))),
     }
 }
 
+/// The slaves, and whether all were found: the last one may be found again.
 fn scan_all(
     client: &mut LssClient,
     filter: FastscanFilter,
     context: &Context,
-) -> Result<Vec<LssAddress>> {
+) -> Result<(Vec<LssAddress>, bool)> {
     let mut found: Vec<LssAddress> = Vec::new();
     while let LssResult::Address(address) = scan_one(client, filter, context)? {
-        if found.contains(&address) || found.len() >= MOST {
-            return Err(Failure::Rejected(format!(
-                "the slave {address} was found twice; either it does not enter the configuration \
-                 state, or two slaves have this address"
-            )));
+        if found.last() == Some(&address) || found.len() >= MOST {
+            return Ok((found, false));
         }
         context.output.progress(format_args!("# found {address}"));
         found.push(address);
     }
-    Ok(found)
+    Ok((found, true))
 }
 
 /// Scans for one slave, again if a response was lost or late.
