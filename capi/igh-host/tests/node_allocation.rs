@@ -93,7 +93,7 @@ fn services_of_nodes_allocate_nothing_in_the_cycle() {
     let mut units: igh_cia402_drive_units_t = zeroed();
     let mut emergency: igh_canopen_emergency_t = zeroed();
     let mut lss: igh_canopen_lss_command_t = zeroed();
-    let (mut data, mut length, mut place) = ([0_u8; 8], 0, 0);
+    let (mut data, mut length, mut number) = ([0_u8; 8], 0, 0);
     let failed = igh_canopen_boot_phase_t::IGH_CANOPEN_BOOT_PHASE_FAILED as u8;
     let (mut counted, mut failures, mut started) = (0, 0, 0);
     let port = c.port();
@@ -113,8 +113,8 @@ fn services_of_nodes_allocate_nothing_in_the_cycle() {
                     igh_canopen_get_emergencies(context, node, &mut emergency, 1, &mut length);
                 assert_eq!((found, length), (0, 0));
             }
-            assert_eq!(igh_canopen_find_node(context, 0, 0, 3, &mut place), 0);
-            let code = igh_canopen_find_node(context, 0, 0, 9, &mut place);
+            assert_eq!(igh_canopen_find_node(context, 0, 0, 3, &mut number), 0);
+            let code = igh_canopen_find_node(context, 0, 0, 9, &mut number);
             assert_eq!(code, ECAN_ERR_NODE.code());
             if cycle % 500 == 400 {
                 assert_eq!(igh_canopen_boot_again(context, 1), 0);

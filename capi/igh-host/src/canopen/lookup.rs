@@ -60,7 +60,7 @@ pub(crate) fn add_described(
     Ok(())
 }
 
-/// The place and the handle of the node at an address.
+/// The index and the handle of the node at an address.
 pub(crate) fn find(
     call: Call,
     cia402: &Cia402,
@@ -68,8 +68,8 @@ pub(crate) fn find(
 ) -> Result<(usize, NodeHandle), ecan_result_t> {
     let network = cia402.network();
     let found = network.find(address).and_then(|found| {
-        let place = network.handles().position(|handle| handle == found)?;
-        Some((place, found))
+        let index = network.handles().position(|handle| handle == found)?;
+        Some((index, found))
     });
     found.ok_or_else(|| {
         let text = format_args!(

@@ -2,7 +2,7 @@
 //!
 //! The network of a context (igh_cia402_context_t) has the drives of its axes, in the order of the axis
 //! table, then the other nodes of the file of igh_cia402_context_init_file(), then those that
-//! igh_canopen_add_node() adds. `node` is the place of a node in this order, from 0.
+//! igh_canopen_add_node() adds. `node` is the index of a node in this order, from 0.
 //!
 //! ```c
 //! igh_mcan_port_load_config(&igh_config, &mcan_config, "machine.toml", NULL, 0, NULL);
