@@ -12,7 +12,8 @@ use crate::frames::GatewayOptions;
 
 use super::axis_choice::AxisOptions;
 use super::dead_man::{PermissionArguments, clock_kind};
-use super::limit_arguments::{Envelope, LimitArguments, parse_number, parse_positive};
+use super::envelope::Envelope;
+use super::limit_arguments::{LimitArguments, parse_number, parse_positive};
 use super::move_axis::check_key;
 use super::session::{AXIS, AxisSession, SessionSettings};
 use super::startup;

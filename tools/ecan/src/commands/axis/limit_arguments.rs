@@ -2,25 +2,16 @@
 
 use std::f64::consts::TAU;
 use std::str::FromStr;
-use std::time::Duration;
 
 use clap::Args;
-use ecan_canopen::{OperatingMode, Step, object};
-use ecan_cia402::{AxisConfig, GuardLimits, MotionLimits, TargetKind};
+use ecan_canopen::OperatingMode;
+use ecan_cia402::AxisConfig;
 
-use super::position_profile::ProfileLimits;
+use super::envelope::Envelope;
 use super::unit::AxisUnits;
 
 /// Time to reach the maximum velocity without `--acceleration`, in seconds.
 const RAMP: f64 = 0.5;
-/// Steps per target period that the velocity limit should have: its resolution.
-const LEAST_STEPS: f64 = 8.0;
-/// Longest target period.
-const LONGEST_PERIOD: Duration = Duration::from_millis(20);
-/// Following error that is allowed at the maximum velocity, in seconds of motion.
-const LAG: f64 = 0.1;
-/// Smallest window of the following error, in steps.
-const LEAST_WINDOW: f64 = 100.0;
 
 /// `MIN..MAX`.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -67,17 +58,6 @@ pub struct LimitArguments {
     acceleration: Option<f64>,
 }
 
-/// Limits of a motion in steps and seconds.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Envelope {
-    /// Steps/s, above 0.
-    pub velocity: f64,
-    /// Steps/s^2, above 0.
-    pub acceleration: f64,
-    pub min: i32,
-    pub max: i32,
-}
-
 impl LimitArguments {
     /// The narrower of these limits and those of the file.
     pub fn envelope(&self, units: &AxisUnits, config: &AxisConfig) -> Result<Envelope, String> {
@@ -113,110 +93,6 @@ impl LimitArguments {
 fn is_position(mode: OperatingMode) -> bool {
     use OperatingMode as Mode;
     matches!(mode, Mode::CyclicPosition | Mode::InterpolatedPosition | Mode::ProfilePosition)
-}
-
-impl Envelope {
-    pub fn profile(&self) -> ProfileLimits {
-        ProfileLimits { velocity: self.velocity, acceleration: self.acceleration }
-    }
-
-    pub fn contains(&self, steps: f64) -> bool {
-        (f64::from(self.min)..=f64::from(self.max)).contains(&steps)
-    }
-
-    /// Cycles from target to target: few enough for smooth motion, and enough for a velocity limit of
-    /// several steps, which are whole numbers.
-    pub fn motion_div(&self, cycle: Duration) -> u32 {
-        let cycle_s = cycle.as_secs_f64().max(1e-6);
-        let most = (LONGEST_PERIOD.as_secs_f64() / cycle_s).floor().max(1.0);
-        (LEAST_STEPS / (self.velocity * cycle_s)).ceil().clamp(1.0, most) as u32
-    }
-
-    /// Configures CSP with these limits.
-    pub fn apply_csp(&self, config: &mut AxisConfig, target_period: Duration) {
-        config.mode = OperatingMode::CyclicPosition;
-        config.outputs.clear();
-        config.bounds = Some((self.min, self.max));
-        let radians = TAU / config.scale.steps().abs();
-        config.limits = MotionLimits {
-            velocity: None,
-            acceleration: Some(self.acceleration * radians),
-            jerk: config.limits.jerk,
-        };
-        config.target_step = 0;
-        let limit = (self.velocity * target_period.as_secs_f64()).ceil().max(1.0) as u32;
-        config.following_window = (self.velocity * LAG).max(LEAST_WINDOW).ceil() as u32;
-        *config = config.clone().with_step_limit(limit);
-    }
-
-    /// Configures PP with these limits in the objects of the drive.
-    pub fn apply_pp(&self, config: &mut AxisConfig) {
-        config.mode = OperatingMode::ProfilePosition;
-        config.outputs.clear();
-        config.bounds = Some((self.min, self.max));
-        config.limits = MotionLimits::default();
-        config.target_step = 0;
-        let velocity = self.drive_units(config, self.velocity);
-        let acceleration = self.drive_units(config, self.acceleration);
-        config.drive.further.extend([
-            Step::write(object::PROFILE_VELOCITY, 0, velocity),
-            Step::write(object::PROFILE_ACCELERATION, 0, acceleration),
-            Step::write(object::PROFILE_DECELERATION, 0, acceleration),
-        ]);
-    }
-
-    /// Configures CSV with these limits. The guard limits velocity and acceleration; the position has to be
-    /// watched.
-    pub fn apply_csv(&self, config: &mut AxisConfig, target_period: Duration) {
-        config.mode = OperatingMode::CyclicVelocity;
-        config.outputs.clear();
-        config.limits = MotionLimits::default();
-        config.target_step = 0;
-        let velocity = self.drive_units(config, self.velocity);
-        let most = i32::try_from(velocity).unwrap_or(i32::MAX);
-        config.bounds = Some((-most, most));
-        // Targets are rounded: their changes differ by up to one unit.
-        let change = self.acceleration * target_period.as_secs_f64() * velocity_factor(config);
-        config.step_limit = change.abs().ceil().max(1.0) as u32;
-        config.ramp = config.step_limit;
-        // Of positions, not of velocities.
-        config.standstill = config.standstill.min(config.step_limit);
-    }
-
-    /// The same within the limits of the guard, which those of the drive narrow; `factor` is the
-    /// [`velocity_factor`] of the axis.
-    #[must_use]
-    pub fn within(&self, guard: &GuardLimits, target_period: Duration, factor: f64) -> Self {
-        let mut envelope = *self;
-        let bounds = guard.bounds.filter(|(low, high)| low < high);
-        match guard.kind {
-            TargetKind::Rate => {
-                let most = bounds.map(|(low, high)| f64::from(high.min(low.saturating_neg())));
-                let most = most.map(|most| most / factor.abs()).filter(|most| *most > 0.0);
-                envelope.velocity = most.map_or(self.velocity, |most| self.velocity.min(most));
-            }
-            TargetKind::Position | TargetKind::Profile | TargetKind::None => {
-                if let Some((low, high)) = bounds {
-                    (envelope.min, envelope.max) = (self.min.max(low), self.max.min(high));
-                }
-                if guard.kind == TargetKind::Position {
-                    let most = f64::from(guard.step) / target_period.as_secs_f64();
-                    envelope.velocity = self.velocity.min(most);
-                }
-            }
-        }
-        envelope
-    }
-
-    /// Velocity of the drive for steps per second, at least 1.
-    pub fn drive_units(&self, config: &AxisConfig, steps_per_second: f64) -> u32 {
-        (steps_per_second * velocity_factor(config)).abs().floor().max(1.0) as u32
-    }
-}
-
-/// Units of the velocity of a drive for one step per second. Without a unit a drive counts steps per second.
-pub fn velocity_factor(config: &AxisConfig) -> f64 {
-    config.scale.velocity_units().map_or(1.0, |units| units / config.scale.steps())
 }
 
 #[cfg(test)]
@@ -265,47 +141,5 @@ mod tests {
         assert_eq!((narrow.min, narrow.max), (0, 500));
         let error = limits(1.0, "100..200").envelope(&units(&config), &config).unwrap_err();
         assert!(error.contains("--range 100..200 deg has no position in common"), "{error}");
-    }
-
-    #[test]
-    fn limits_of_the_drive_narrow_those_of_the_command() {
-        let mut config = config();
-        let envelope = limits(90.0, "-10..10").envelope(&units(&config), &config).unwrap();
-        let period = Duration::from_millis(1);
-        envelope.apply_csp(&mut config, period);
-        let mut guard = config.guard_limits(OperatingMode::CyclicPosition, 1);
-        assert_eq!(envelope.within(&guard, period, 1.0), envelope);
-        (guard.bounds, guard.step) = (Some((-5_000, 200)), 4);
-        let narrow = envelope.within(&guard, period, 1.0);
-        assert_eq!((narrow.min, narrow.max, narrow.velocity), (-1_000, 200, 4_000.0));
-        envelope.apply_csv(&mut config, period);
-        let mut guard = config.guard_limits(OperatingMode::CyclicVelocity, 1);
-        guard.bounds = Some((-100, 90));
-        assert_eq!(envelope.within(&guard, period, 0.1).velocity, 900.0);
-    }
-
-    #[test]
-    fn slow_axis_gets_a_longer_target_period() {
-        let envelope = |velocity| Envelope { velocity, acceleration: 1.0, min: 0, max: 1 };
-        let cycle = Duration::from_millis(1);
-        assert_eq!(envelope(100_000.0).motion_div(cycle), 1);
-        assert_eq!(envelope(1_000.0).motion_div(cycle), 8);
-        assert_eq!(envelope(1.0).motion_div(cycle), 20, "the longest period");
-        assert_eq!(envelope(1.0).motion_div(Duration::from_millis(50)), 1);
-    }
-
-    #[test]
-    fn guard_never_allows_less_than_the_profile_needs() {
-        let mut config = config();
-        let envelope = limits(90.0, "-10..10").envelope(&units(&config), &config).unwrap();
-        envelope.apply_csp(&mut config, Duration::from_millis(1));
-        assert_eq!((config.step_limit, config.bounds), (9, Some((-1_000, 1_000))));
-        assert_eq!((config.following_window, config.standstill), (900, 9));
-        let mut faults = Vec::new();
-        config.check(&mut |fault| faults.push(fault));
-        assert_eq!(faults, []);
-        envelope.apply_csv(&mut config, Duration::from_millis(1));
-        config.check(&mut |fault| faults.push(fault));
-        assert_eq!((faults, config.bounds, config.step_limit), (vec![], Some((-9_000, 9_000)), 18));
     }
 }

@@ -4,6 +4,7 @@ mod axis_choice;
 mod dead_man;
 mod drive_report;
 mod enable;
+mod envelope;
 mod frequency_point;
 mod home;
 mod jog;

@@ -2,7 +2,7 @@
 
 use thiserror::Error;
 
-use super::limit_arguments::Envelope;
+use super::envelope::Envelope;
 use super::unit::AxisUnits;
 
 /// Time over which a velocity is measured, in seconds.

@@ -14,7 +14,7 @@ use crate::context::{Context, Failure, Result, note};
 use crate::frames::{Channels, GatewayOptions, GatewayRequirements, Planned, Settings};
 
 use super::axis_choice::ChosenAxis;
-use super::limit_arguments::{Envelope, velocity_factor};
+use super::envelope::{Envelope, velocity_factor};
 use super::live_output::{LiveOutput, LivePosition};
 use super::motion_watch::MotionWatch;
 use super::operator::{Operator, StopRequest};
@@ -22,14 +22,9 @@ use super::unit::AxisUnits;
 
 /// The only axis of a session.
 pub const AXIS: usize = 0;
-const CONFIGURE: Duration = Duration::from_secs(20);
 /// Time for the first contact and a stop, with the repetitions to a drive that does not answer.
 const STOP: Duration = Duration::from_secs(10);
 const SHUTDOWN: Duration = Duration::from_secs(15);
-/// Time for the position, beyond the drain of old targets.
-const POSITION: Duration = Duration::from_secs(5);
-/// Time beyond the enable timeout of the axis.
-const ENABLE_RESERVE: Duration = Duration::from_secs(5);
 
 /// Settings of a session.
 #[derive(Clone, Copy, Debug)]
@@ -148,6 +143,10 @@ impl AxisSession {
 
     pub fn cia402_mut(&mut self) -> &mut Cia402 {
         &mut self.cia402
+    }
+
+    pub fn accepts_risk(&self) -> bool {
+        self.accepts_risk
     }
 
     pub fn label(&self) -> &str {
@@ -334,63 +333,6 @@ impl AxisSession {
         Failure::Rejected(format!("{}: {what}: {}", self.label, self.phase_text()))
     }
 
-    /// Configures the drive: an enabled one is stopped first. Rejects a drive that would not stop if the host
-    /// failed.
-    pub fn configure(&mut self) -> Result {
-        // infallible: the axis exists
-        let _ = self.cia402.configure(AXIS);
-        let label = self.label.clone();
-        self.wait("configured", CONFIGURE, |cia402| match cia402.phase(AXIS) {
-            _ if cia402.is_configured(AXIS) => Some(Ok(())),
-            Some(AxisPhase::SetupFailed) => {
-                let error = cia402.error(AXIS).map_or_else(String::new, |it| it.to_string());
-                Some(Err(Failure::Rejected(format!("{label}: {error}"))))
-            }
-            _ => None,
-        })?;
-        if let Some(finding) = self.cia402.scale_finding(AXIS) {
-            self.report(format_args!("warning: {finding}"));
-        }
-        let Some(loss) = self.cia402.host_loss(AXIS) else { return Ok(()) };
-        let text = format!("if this host fails: {}, {}", loss.reaction, loss.watch);
-        match loss.reaction.is_controlled_stop() {
-            true => self.report(text),
-            false if self.accepts_risk => self.report(format_args!("warning: {text}")),
-            false => {
-                return Err(Failure::Rejected(format!(
-                    "{}: not enabled, since its motor would not stop {text}; configure 0x1016, 0x6007 and \
-                     0x605A of the drive, or use --accept-risk",
-                    self.label
-                )));
-            }
-        }
-        Ok(())
-    }
-
-    /// Establishes the actual position, with the drive off.
-    pub fn read_position(&mut self) -> Result<f64> {
-        self.cia402.read_position(AXIS).map_err(|error| Failure::Rejected(error.to_string()))?;
-        self.wait("at a known position", POSITION, |cia402| match cia402.phase(AXIS) {
-            Some(AxisPhase::Ready) => Some(Ok(())),
-            _ => None,
-        })?;
-        self.actual()
-    }
-
-    /// Enables the drive; the axis stays at its actual position.
-    pub fn enable(&mut self) -> Result {
-        self.begin_enable()?;
-        let timeout = self.cia402.config(AXIS).map_or(POSITION, |it| it.enable_timeout);
-        let label = self.label.clone();
-        self.wait("enabled", timeout + ENABLE_RESERVE, |cia402| {
-            if cia402.is_running(AXIS) {
-                return Some(Ok(()));
-            }
-            let error = cia402.error(AXIS).filter(|error| !matches!(error, AxisError::Held(_)))?;
-            Some(Err(Failure::Rejected(format!("{label}: {error}"))))
-        })
-    }
-
     /// Starts to enable the drive; a stop that is pending comes first.
     pub fn begin_enable(&mut self) -> Result {
         self.cia402.enable(AXIS).map_err(|error| Failure::Rejected(error.to_string()))
@@ -402,20 +344,6 @@ impl AxisSession {
             Some(AxisPhase::Running | AxisPhase::Halted) => Ok(()),
             _ => Err(self.failed("the motion ended")),
         }
-    }
-
-    /// Resets a fault of the drive and waits for the result.
-    pub fn reset_fault(&mut self) -> Result {
-        self.cia402.reset_fault(AXIS).map_err(|error| Failure::Rejected(error.to_string()))?;
-        let label = self.label.clone();
-        self.wait("reset", POSITION, |cia402| match (cia402.phase(AXIS), cia402.error(AXIS)) {
-            (Some(AxisPhase::ResettingFault), _) => None,
-            (_, Some(error @ AxisError::ResetFailed { .. })) => {
-                Some(Err(Failure::Rejected(format!("{label}: {error}"))))
-            }
-            (Some(AxisPhase::Fault), _) => None,
-            _ => Some(Ok(())),
-        })
     }
 
     /// Uploads a number from the drive; `None` without it.

@@ -7,8 +7,8 @@ use ecan_cia402::Decision;
 use crate::context::{Failure, Result};
 
 use super::axis_choice::ChosenAxis;
+use super::envelope::{Envelope, velocity_factor};
 use super::frequency_point::{FrequencyPoint, frequencies};
-use super::limit_arguments::{Envelope, velocity_factor};
 use super::move_axis::check_key;
 use super::position_profile::PositionProfile;
 use super::session::{AXIS, AxisSession};

@@ -6,7 +6,8 @@ use std::time::Duration;
 use crate::context::{Failure, Result};
 
 use super::axis_choice::ChosenAxis;
-use super::limit_arguments::{Envelope, PositionBounds};
+use super::envelope::Envelope;
+use super::limit_arguments::PositionBounds;
 use super::step_response::Sample;
 
 /// The motion of a test, in steps and seconds.
