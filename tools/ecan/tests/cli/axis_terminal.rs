@@ -1,7 +1,9 @@
 //! `ecan axis` with an operator: keys of a terminal, its loss, pipes and signals.
 
 use std::io::{Read as _, Write as _};
+use std::net::TcpStream;
 use std::process::{Command, Stdio};
+use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 use rustix::process::Signal;
@@ -193,57 +195,117 @@ fn move_with_a_held_key_ends_with_its_release() {
     assert!((5.5..30.0).contains(&last_position(&errors)), "{errors}");
 }
 
-/// Frames of a CAN ID on the bus, as an slcan client receives them, by their data.
-fn frames(received: &str, id: &str) -> Vec<String> {
-    let frames = received.split('\r').filter_map(|frame| frame.strip_prefix(&format!("t{id}")));
-    // The length, then the data.
-    frames.filter_map(|frame| frame.get(1..).map(str::to_owned)).collect()
+/// A drive in real time, and an slcan bridge to its bus.
+const OBSERVED: &str = "clock = \"real\"\n[[gateway]]\n[[node]]\nkind = \"drive\"\nname = \"x\"\n\
+                        bus = \"0.0\"\nnode_id = 1\n[[node]]\nkind = \"bridge\"\nbus = \"0.0\"\n\
+                        protocol = \"slcan\"\naddress = \"127.0.0.1\"\nport = 0\nqueue = 60000\n";
+
+/// The frames of a simulated bus, as an slcan client receives them.
+struct ObservedBus(Arc<Mutex<String>>);
+
+impl ObservedBus {
+    /// Connects to the bridge that the banner of the simulation names.
+    fn connect(banner: &str) -> Self {
+        let port = banner.split("127.0.0.1:").nth(1).unwrap();
+        let port: u16 = port.split(' ').next().unwrap().parse().unwrap();
+        let mut client = TcpStream::connect(("127.0.0.1", port)).unwrap();
+        client.write_all(b"S6\rO\r").unwrap();
+        let frames = Arc::new(Mutex::new(String::new()));
+        let received = frames.clone();
+        std::thread::spawn(move || {
+            let mut bytes = [0; 4096];
+            // A reset of the connection ends it, too.
+            while let Ok(length @ 1..) = client.read(&mut bytes) {
+                received.lock().unwrap().push_str(&String::from_utf8_lossy(&bytes[..length]));
+            }
+        });
+        Self(frames)
+    }
+
+    /// Data of the frames of a CAN ID, in their order.
+    fn frames(&self, id: &str) -> Vec<String> {
+        let (received, start) = (self.0.lock().unwrap().clone(), format!("t{id}"));
+        let frames = received.split('\r').filter_map(|frame| frame.strip_prefix(&start));
+        // The length, then the data.
+        frames.filter_map(|frame| frame.get(1..).map(str::to_owned)).collect()
+    }
+
+    /// Controlwords of the drive, little-endian.
+    fn controlwords(&self) -> Vec<String> {
+        self.frames("201").iter().filter_map(|it| it.get(..4).map(str::to_owned)).collect()
+    }
+
+    /// Controlwords after the last one that enables.
+    fn after_enabling(&self) -> Vec<String> {
+        let all = self.controlwords();
+        let enabled = all.iter().rposition(|it| it == "0F00");
+        enabled.map_or_else(Vec::new, |at| all[at + 1..].to_vec())
+    }
 }
 
 #[test]
 fn lost_terminal_puts_a_quick_stop_on_the_bus() {
-    let file = scenario(
-        "clock = \"real\"\n[[gateway]]\n[[node]]\nkind = \"drive\"\nname = \"x\"\nbus = \"0.0\"\n\
-         node_id = 1\n[[node]]\nkind = \"bridge\"\nbus = \"0.0\"\nprotocol = \"slcan\"\n\
-         address = \"127.0.0.1\"\nport = 0\nqueue = 60000\n",
-    );
+    let file = scenario(OBSERVED);
     let setting = crate::support::setting(&file);
     let pty = Pty::open((80, 24));
     let mut command = Command::new(env!("CARGO_BIN_EXE_ecan"));
     command.args(arguments(&setting, "jog", &[])).stdin(pty.stdio());
     let mut jog = Operated { running: Running::spawn(&mut command), pty };
     jog.running.wait_for_error(" on bus ");
-    let banner = jog.running.errors();
-    let port = banner.split("127.0.0.1:").nth(1).unwrap();
-    let port: u16 = port.split(' ').next().unwrap().parse().unwrap();
-    let mut client = std::net::TcpStream::connect(("127.0.0.1", port)).unwrap();
-    client.write_all(b"S6\rO\r").unwrap();
-    let reader = std::thread::spawn(move || {
-        let mut received = Vec::new();
-        // A reset of the connection ends it, too.
-        let _ = client.read_to_end(&mut received);
-        String::from_utf8_lossy(&received).into_owned()
-    });
+    let bus = ObservedBus::connect(&jog.running.errors());
     jog.running.wait_for_error("hold Left or Right");
     jog.hold(RIGHT, Duration::from_millis(900));
     let mut running = jog.close();
     let (status, errors) = running.wait();
     assert_eq!(status, Some(1), "{errors}");
-    let received = reader.join().unwrap();
-    // Controlwords, little-endian: enable operation, then quick stop, and nothing enables again.
-    let controlwords: Vec<_> =
-        frames(&received, "201").iter().map(|it| it[..4].to_owned()).collect();
-    let enabled = controlwords.iter().rposition(|it| it == "0F00").expect("enabled");
-    let (_, after) = controlwords.split_at(enabled + 1);
-    assert_eq!(after.first().map(String::as_str), Some("0200"), "{controlwords:?}");
+    // Quick stop, and nothing enables again.
+    let after = bus.after_enabling();
+    assert_eq!(after.first().map(String::as_str), Some("0200"), "{:?}", bus.controlwords());
     assert!(after.iter().all(|it| it == "0200" || it == "0000"), "{after:?}");
     // Statuswords: operation enabled, at last switch on disabled. The stop itself is shorter than a period.
-    let states: Vec<_> = frames(&received, "181")
+    let states: Vec<_> = bus
+        .frames("181")
         .iter()
         .map(|it| u8::from_str_radix(&it[..2], 16).unwrap() & 0x6F)
         .collect();
     assert!(states.contains(&0x27), "{states:?}");
     assert_eq!(states.last().map(|it| it & 0x4F), Some(0x40), "{states:?}");
+}
+
+/// A terminal that stops its output, as after Ctrl-S, blocks only the thread that prints.
+#[test]
+fn blocked_terminal_does_not_delay_a_stop() {
+    let file = scenario(OBSERVED);
+    let setting = crate::support::setting(&file);
+    let (keys, screen) = (Pty::open((80, 24)), Pty::open((80, 24)));
+    let mut command = Command::new(env!("CARGO_BIN_EXE_ecan"));
+    command.args(arguments(&setting, "move", &["--to", "90", "--velocity", "5"]));
+    command.env("TERM", "xterm").env_remove("ECAN_ECRT");
+    command.stdin(keys.stdio()).stdout(Stdio::null()).stderr(screen.stdio());
+    let mut child = command.spawn().unwrap();
+    let mut shown = TimedReader::new(screen.master.try_clone().unwrap());
+    shown.wait_for(" on bus ");
+    let bus = ObservedBus::connect(&shown.text());
+    shown.wait_for("moving from");
+    // Nothing more is read: the output fills the terminal.
+    fill(&screen.terminal);
+    drop(keys);
+    let begin = Instant::now();
+    while bus.after_enabling().first().is_none_or(|it| it != "0200") {
+        assert!(begin.elapsed() < Duration::from_secs(10), "{:?}", bus.controlwords());
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    // Its messages are printed when the terminal continues.
+    let status = shown.end_of(&mut child);
+    assert_eq!(status.code(), Some(1));
+}
+
+/// Fills the output buffer of a terminal.
+fn fill(terminal: &std::fs::File) {
+    let flags = rustix::fs::fcntl_getfl(terminal).unwrap();
+    rustix::fs::fcntl_setfl(terminal, flags | rustix::fs::OFlags::NONBLOCK).unwrap();
+    while rustix::io::write(terminal, &[b' '; 256]).is_ok() {}
+    rustix::fs::fcntl_setfl(terminal, flags).unwrap();
 }
 
 /// A move of 17 seconds with a pipe as standard input.
@@ -303,34 +365,4 @@ fn question_is_answered_on_the_terminal() {
         shown.contains("nothing was sent: not confirmed") && !shown.contains("configured"),
         "{shown}"
     );
-}
-
-/// A terminal that stops its output, as after Ctrl-S, blocks only the thread that prints.
-#[test]
-fn blocked_terminal_does_not_delay_a_stop() {
-    let screen = Pty::open((80, 24));
-    let mut command = Command::new(env!("CARGO_BIN_EXE_ecan"));
-    let line = arguments("sim:drives", "move", &["--to", "90", "--velocity", "5"]);
-    let keys = Pty::open((80, 24));
-    command.args(&line).env("TERM", "xterm").env_remove("ECAN_ECRT");
-    command.stdin(keys.stdio()).stdout(Stdio::piped()).stderr(screen.stdio());
-    let mut child = command.spawn().unwrap();
-    let mut shown = TimedReader::new(screen.master.try_clone().unwrap());
-    shown.wait_for("moving from");
-    // Nothing more is read until the program has ended: its output fills the terminal.
-    fill(&screen.terminal);
-    drop(keys);
-    let begin = Instant::now();
-    let mut stdout = TimedReader::new(child.stdout.take().unwrap());
-    let status = stdout.end_of(&mut child);
-    assert_eq!(status.code(), Some(1));
-    assert!(begin.elapsed() < Duration::from_secs(10), "{:?}", begin.elapsed());
-}
-
-/// Fills the output buffer of a terminal.
-fn fill(terminal: &std::fs::File) {
-    let flags = rustix::fs::fcntl_getfl(terminal).unwrap();
-    rustix::fs::fcntl_setfl(terminal, flags | rustix::fs::OFlags::NONBLOCK).unwrap();
-    while rustix::io::write(terminal, &[b' '; 256]).is_ok() {}
-    rustix::fs::fcntl_setfl(terminal, flags).unwrap();
 }
