@@ -4,6 +4,10 @@
 //! table, then the other nodes of the file of igh_cia402_context_init_file(), then those that
 //! igh_canopen_add_node() adds. `node` is the index of a node in this order, from 0.
 //!
+//! The process data of nodes without an axis belong to the application: it reads their TPDOs by
+//! igh_cia402_process_rx_ex() and sends their RPDOs by igh_mcan_port_send_can(), before
+//! igh_cia402_send_targets_all(), which sends SYNC.
+//!
 //! ```c
 //! igh_mcan_port_load_config(&igh_config, &mcan_config, "machine.toml", NULL, 0, NULL);
 //! ...                                              ecan_igh_init, igh_mcan_port_init, OP

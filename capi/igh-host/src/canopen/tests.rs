@@ -3,6 +3,7 @@
 use std::ffi::{CStr, CString, c_char, c_int, c_void};
 use std::ptr::{from_mut, null, null_mut};
 
+use ecan_c_boundary::frames::igh_mcan_rx_frame_t;
 use ecan_c_boundary::result::ecan_result_t::{self, *};
 use ecan_mcan_host::common::last_error::ecan_last_error;
 
@@ -13,6 +14,7 @@ use crate::adapter::config::*;
 use crate::adapter::config_master::*;
 use crate::adapter::context::*;
 use crate::adapter::simulation::*;
+use crate::cia402::canopen::igh_canopen_sdo_upload;
 use crate::cia402::commands::*;
 use crate::cia402::context::*;
 use crate::cia402::cycle::*;
@@ -25,6 +27,7 @@ use crate::mcan_port::config::*;
 use crate::mcan_port::config_file::*;
 use crate::mcan_port::context::*;
 use crate::mcan_port::cycle::*;
+use crate::mcan_port::send::igh_mcan_port_send_can;
 
 const GRIPPER: usize = 2;
 
@@ -287,6 +290,48 @@ fn node_boots_again_in_the_cycle() {
         ok(igh_canopen_boot_again(motors, IGH_CANOPEN_ALL_NODES));
         ok(igh_canopen_wait_booted_timeout(motors, 20_000));
     }
+}
+
+#[test]
+fn process_data_of_a_node_belong_to_the_application() {
+    let eds = example("servo_drive.eds");
+    let text = format!(
+        "cycle_us = 2000\n[[gateway]]\nn = 4\ncan0 = {{ bitrate = 1_000_000 }}\n\
+         can1 = {{ bitrate = 500_000 }}\n\
+         [[node]]\ngateway = 0\nchannel = 0\nnode = 2\ndevice_file = {eds:?}\n\
+         [[node.rpdo]]\nnumber = 1\ntransmission = 1\nobjects = [\"Target torque\"]\n\
+         [[node.tpdo]]\nnumber = 1\ntransmission = 1\nobjects = [\"Statusword\"]\n"
+    );
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("network.toml");
+    std::fs::write(&path, text).unwrap();
+    let mut machine = Machine::of_file(&CString::new(path.to_str().unwrap()).unwrap());
+    let motors = machine.motors();
+    let port: *mut igh_mcan_port_t = &mut *machine.port;
+    let mut frames: [igh_mcan_rx_frame_t; 8] = *garbage();
+    let (mut received, torque) = (0, 77_u16.to_le_bytes());
+    let (mut data, mut length) = ([0_u8; 2], 0);
+    // SAFETY: the pointers are valid.
+    unsafe {
+        ok(igh_canopen_wait_booted_timeout(motors, 20_000));
+        for _ in 0..200 {
+            let mut count = 0;
+            ok(igh_mcan_port_wait_next_cycle(port));
+            ok(igh_mcan_port_cycle_begin(port));
+            ok(igh_cia402_process_rx_ex(motors, frames.as_mut_ptr(), 8, &mut count));
+            ok(igh_mcan_port_send_can(port, 0, 0, 0x202, 0, torque.as_ptr(), 2));
+            ok(igh_cia402_send_targets_all(motors));
+            ok(igh_mcan_port_cycle_end(port));
+            let is_status = |frame: &&igh_mcan_rx_frame_t| {
+                (frame.slave, frame.channel, frame.can_id) == (0, 0, 0x182)
+            };
+            received += frames[..count].iter().filter(is_status).count();
+        }
+        let buffer = data.as_mut_ptr().cast::<c_void>();
+        ok(igh_canopen_sdo_upload(port, 0, 0, 2, 0x6071, 0, buffer, 2, &mut length, 2_000));
+    }
+    assert_eq!((length, data), (2, torque));
+    assert!(received > 150, "{received}");
 }
 
 /// A machine with one gripper of another maker, and a second one that does not exist.
