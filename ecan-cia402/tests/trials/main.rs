@@ -41,6 +41,9 @@ use run::Trial;
 /// 4640, 5780: two targets were lost in a bus-off that no image of the gateway showed in time.
 const FOUND: [u64; 3] = [3913, 4640, 5780];
 
+/// The same with axes of shared nodes. 5346: two targets were lost in a bus-off behind damaged images.
+const FOUND_SHARED: [u64; 1] = [5346];
+
 fn variable(name: &str) -> Option<u64> {
     let value = std::env::var(name).ok()?;
     Some(value.parse().unwrap_or_else(|_| panic!("{name}={value} is not a number")))
@@ -74,7 +77,7 @@ fn random_trials_violate_no_rule() {
 /// The same machines with two axes per node where a channel has two.
 #[test]
 fn random_trials_of_shared_nodes_violate_no_rule() {
-    run_trials(100, &[], true);
+    run_trials(100, &FOUND_SHARED, true);
 }
 
 fn run_trials(count: u64, found: &[u64], shares_nodes: bool) {

@@ -40,6 +40,9 @@ pub struct Trial {
     /// Images that each gateway has missed around a pulse of Sync0.
     outputs_missed: Vec<u64>,
     channel_blocked: Vec<(usize, u8, u64)>,
+    /// Channels that are bus-off, and gateways whose images are damaged, until then, ns.
+    bus_offs: Vec<(usize, u8, u64)>,
+    images_damaged: Vec<(usize, u64)>,
     silent: Vec<u64>,
     /// End of a blocked motor.
     motor_blocked: Vec<u64>,
@@ -113,6 +116,8 @@ impl Trial {
             slave_blocked: vec![0; plan.gateways],
             outputs_missed: vec![0; plan.gateways],
             channel_blocked: Vec::new(),
+            bus_offs: Vec::new(),
+            images_damaged: Vec::new(),
             silent: vec![0; axes],
             motor_blocked: vec![0; axes],
             retry_at: 0,

@@ -39,7 +39,8 @@ const RELEASE_NS: u64 = 40 * MS;
 /// waits in its controller. SAFETY.md states both bounds.
 pub const RELEASED: f64 = 1.0;
 pub const RELEASED_BY_BUS: f64 = 2.0;
-/// Targets that a bus-off which is longer than a target period loses before the host is informed.
+/// Targets that a bus-off loses before the host is informed: one that is longer than a target period, or
+/// that no image reports since they are damaged.
 pub const LOST_IN_BUS_OFF: f64 = 2.0;
 /// 0x6081 of the simulated drive: a tenth of its maximum velocity.
 const PROFILE_VELOCITY: f64 = 655_360.0;

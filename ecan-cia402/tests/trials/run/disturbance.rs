@@ -25,6 +25,7 @@ impl Trial {
         match action {
             Action::Fault(fault) => {
                 self.disturbs(&fault);
+                self.note_unreported_bus_off();
                 for (monitor, axis) in self.monitors.iter_mut().zip(&self.plan.axes) {
                     let until = self.slave_blocked[axis.config.address.slave];
                     if until > now {
@@ -151,7 +152,9 @@ impl Trial {
             Fault::Gateway { gateway, fault } => {
                 let ns = match fault {
                     GatewayFault::TornTxPdo { images } | GatewayFault::CrcErrorTxPdo { images } => {
-                        (u64::from(images) + 4) * cycle
+                        let ns = (u64::from(images) + 4) * cycle;
+                        self.images_damaged.push((gateway, now + ns));
+                        ns
                     }
                     GatewayFault::ServiceStall { ms: stall } => ms(stall) + 4 * cycle + 5 * MS,
                     GatewayFault::AlError { .. } => 10 * cycle + 20 * MS,
@@ -162,15 +165,8 @@ impl Trial {
                 }
             }
             Fault::BusOff { gateway, channel } => {
-                // The host is informed when the channel may be back already.
-                if self.plan.target_ns() < BUS_OFF_NS {
-                    for (monitor, axis) in self.monitors.iter_mut().zip(&self.plan.axes) {
-                        let address = axis.config.address;
-                        if (address.slave, usize::from(address.channel)) == (gateway, channel) {
-                            monitor.releasing(now + 10 * cycle + 20 * MS, LOST_IN_BUS_OFF);
-                        }
-                    }
-                }
+                let until = now + 10 * cycle + 20 * MS;
+                self.bus_offs.push((gateway, channel as u8, until));
                 self.channel_blocked.push((gateway, channel as u8, now + 10 * cycle + 20 * MS));
             }
             Fault::ErrorFrames { gateway, channel, frames } => {
@@ -184,6 +180,27 @@ impl Trial {
                 self.channel_blocked.push((gateway, channel as u8, until));
             }
             _ => {}
+        }
+    }
+
+    /// The channel may be back before an image reports its bus-off: that loses more than one target.
+    fn note_unreported_bus_off(&mut self) {
+        let now = self.now;
+        let is_long = self.plan.target_ns() < BUS_OFF_NS;
+        for (monitor, axis) in self.monitors.iter_mut().zip(&self.plan.axes) {
+            let address = axis.config.address;
+            let is_damaged = self
+                .images_damaged
+                .iter()
+                .any(|(slave, until)| *slave == address.slave && now <= *until);
+            for (slave, channel, until) in &self.bus_offs {
+                if (*slave, *channel) == (address.slave, address.channel)
+                    && now <= *until
+                    && (is_long || is_damaged)
+                {
+                    monitor.releasing(*until, LOST_IN_BUS_OFF);
+                }
+            }
         }
     }
 }
