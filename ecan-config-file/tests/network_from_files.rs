@@ -10,7 +10,7 @@ use std::time::Duration;
 use ecan_canopen::{
     BootPhase, BootState, Heartbeat, NodeAddress, NodeHandle, NodeId, object, run_cycle_until,
 };
-use ecan_cia402::{AxisPhase, Cia402};
+use ecan_cia402::{AxisPhase, Cia402, Shutdown};
 use ecan_config_file::{load, load_axes, load_network_settings, load_nodes};
 use ecan_mcan_port::Port;
 use ecan_sim::{
@@ -342,4 +342,9 @@ fn drives_without_heartbeat_are_guarded() {
         "the other one is guarded"
     );
     assert!(!machine.cia402.is_running(0) && machine.cia402.is_running(1));
+
+    // The end of the host is no event for a drive that was released.
+    machine.cia402.begin_shutdown();
+    machine.run_until("the shutdown", |cia402| cia402.shutdown_state() == Shutdown::Done);
+    assert_eq!(machine.object(drives[1], object::LIFE_TIME_FACTOR, 0), Some(0));
 }
