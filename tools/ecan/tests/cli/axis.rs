@@ -194,6 +194,7 @@ fn jog_moves_for_its_time_and_stops_at_the_range() {
     );
     let errors = String::from_utf8(output.stderr).unwrap();
     assert!(output.status.success(), "{errors}");
+    assert!(errors.starts_with("SIMULATED: no EtherCAT master, no hardware."), "{errors}");
     // Half a second of ramp each way at up to 30 deg/s: 180 deg/s^2.
     let end = errors.lines().last().unwrap();
     let position: f64 = end.rsplit_once("at ").unwrap().1.trim_end_matches(" deg").parse().unwrap();
@@ -292,6 +293,16 @@ fn scale_of_the_drive_and_its_limits_are_compared() {
 }
 
 #[test]
+fn drive_that_moves_too_fast_is_stopped() {
+    // By this unit the drive gets three times the velocity and acceleration.
+    let wrong = ["--mode", "pp", "--to", "95", "--velocity-units", "196608"];
+    let message = drives_fail(5, "move", &wrong);
+    assert!(message.contains("the actual velocity is "), "{message}");
+    assert!(message.contains("deg/s; allowed: 90.000 deg/s"), "{message}");
+    assert!(message.contains("stopped, switch on disabled"), "{message}");
+}
+
+#[test]
 fn blocked_motor_ends_the_motion() {
     let blocked = "[[fault]]\nafter_ready_ms = 1500\nkind = \"drive_blocked\"\nnode = \"x\"\nfor_ms = 60000\n";
     let drive = one_drive("", blocked);
@@ -324,6 +335,13 @@ fn step_has_figures_and_a_picture() {
     let velocity = drives_json("tune", &["--mode", "csv", "--step", "-60", "--settle", "300"]);
     assert_eq!(velocity["unit"], "deg/s");
     assert!(velocity["step"]["overshoot_percent"].as_f64().unwrap() < 5.0, "{velocity}");
+    // Without feed-forward the drive lags by velocity / gain: 90 / 60 degrees more.
+    let soft = one_drive("motor = { position_gain = 60, feed_forward = 0 }\n", "");
+    let json = ["--json"];
+    let lagging = soft.good(&[&json[..], &motion("tune", &step[..4])].concat());
+    let lagging: Value = serde_json::from_str(&lagging).unwrap();
+    let lag = lagging["step"]["max_error"].as_f64().unwrap();
+    assert!((lag - figure("max_error") - 1.5).abs() < 0.1, "{lagging}");
     let message = drives_fail(6, "tune", &["--step", "1", "--plot", "/none/step.svg"]);
     assert!(message.contains("cannot write /none/step.svg"), "{message}");
 }
