@@ -158,6 +158,12 @@ fn motion_outside_the_range_is_rejected() {
         ["--node", "1", "--unit", "step", "--max-velocity", "90", "--range", "0..900", "--to", "5"];
     let message = fails(2, &[&DRIVES[..], &["move"], &far, &ALONE].concat());
     assert!(message.contains("the actual position 1007 step is outside the range"), "{message}");
+    // An overshoot of an earlier motion is led back.
+    let near = ["--node", "1", "--unit", "step", "--max-velocity", "900", "--range", "0..1000"];
+    let back = [&["--json"], &DRIVES[..], &["move", "--to", "900"], &near, &ALONE].concat();
+    let moved: Value = serde_json::from_str(&good(&back)).unwrap();
+    assert_eq!(moved["start"], 1_007.0, "{moved}");
+    assert!((moved["end"].as_f64().unwrap() - 900.0).abs() < 10.0, "{moved}");
     let message = drives_fail(2, "tune", &["--step", "120"]);
     assert!(message.contains("would move the axis to 125.532 deg, outside"), "{message}");
     let message = drives_fail(2, "jog", &["--velocity", "91", "--for", "10"]);

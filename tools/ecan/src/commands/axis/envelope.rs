@@ -12,6 +12,10 @@ use super::position_profile::ProfileLimits;
 const LEAST_STEPS: f64 = 8.0;
 /// Longest target period.
 const LONGEST_PERIOD: Duration = Duration::from_millis(20);
+/// Distance beyond the range that is tolerated, in seconds of motion at the maximum velocity.
+const OVERSHOOT: f64 = 0.05;
+/// Noise of an actual position, in steps.
+pub const NOISE: f64 = 20.0;
 /// Following error that is allowed at the maximum velocity, in seconds of motion.
 const LAG: f64 = 0.1;
 /// Smallest window of the following error, in steps.
@@ -33,8 +37,20 @@ impl Envelope {
         ProfileLimits { velocity: self.velocity, acceleration: self.acceleration }
     }
 
+    /// Returns whether a target is in the range.
     pub fn contains(&self, steps: f64) -> bool {
         (f64::from(self.min)..=f64::from(self.max)).contains(&steps)
+    }
+
+    /// Returns whether an actual position is in the range, or beyond it by overshoot and noise.
+    pub fn admits(&self, steps: f64) -> bool {
+        let tolerance = self.tolerance();
+        (f64::from(self.min) - tolerance..=f64::from(self.max) + tolerance).contains(&steps)
+    }
+
+    /// Overshoot and noise of an actual position, in steps.
+    pub fn tolerance(&self) -> f64 {
+        self.velocity * OVERSHOOT + NOISE
     }
 
     /// Cycles from target to target: few enough for smooth motion, and enough for a velocity limit of
@@ -163,6 +179,14 @@ mod tests {
         let mut guard = config.guard_limits(OperatingMode::CyclicVelocity, 1);
         guard.bounds = Some((-100, 90));
         assert_eq!(envelope.within(&guard, period, 0.1).velocity, 900.0);
+    }
+
+    #[test]
+    fn actual_position_may_overshoot_the_range() {
+        // 50 ms at 9,000 step/s, and noise.
+        assert!(ENVELOPE.admits(1_470.0) && !ENVELOPE.admits(1_471.0));
+        assert!(ENVELOPE.admits(-1_470.0) && !ENVELOPE.admits(-1_471.0));
+        assert!(ENVELOPE.contains(1_000.0) && !ENVELOPE.contains(1_001.0));
     }
 
     #[test]

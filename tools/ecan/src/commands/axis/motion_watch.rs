@@ -2,17 +2,13 @@
 
 use thiserror::Error;
 
-use super::envelope::Envelope;
+use super::envelope::{Envelope, NOISE};
 use super::unit::AxisUnits;
 
 /// Time over which a velocity is measured, in seconds.
 const WINDOW: f64 = 0.05;
 /// Velocity that is too fast, in maximum velocities.
 const TOO_FAST: f64 = 1.5;
-/// Distance beyond the range that is tolerated, in seconds of motion at the maximum velocity.
-const OVERSHOOT: f64 = 0.05;
-/// Noise of the position, in steps.
-const NOISE: f64 = 20.0;
 
 /// Actual motion beyond the limits.
 #[derive(Clone, Copy, Debug, PartialEq, Error)]
@@ -72,14 +68,14 @@ impl MotionWatch {
         let Envelope { velocity, min, max, .. } = self.envelope;
         let mut travelled = i64::from(position) - self.recounted;
         if let (Some(last), true) = (self.last, may_recount)
-            && (travelled - last).unsigned_abs() as f64 > velocity * OVERSHOOT + NOISE
+            && (travelled - last).unsigned_abs() as f64 > self.envelope.tolerance()
         {
             self.recounted += travelled - last;
             travelled = last;
             self.since = None;
         }
         self.last = Some(travelled);
-        let tolerance = (velocity * OVERSHOOT + NOISE) as i64;
+        let tolerance = self.envelope.tolerance() as i64;
         let (min, max) = (i64::from(min), i64::from(max));
         if !(min - tolerance..=max + tolerance).contains(&travelled) {
             return Err(Exceeded::Range { position: travelled, min, max });

@@ -163,9 +163,9 @@ fn check_goal(envelope: &Envelope, goal: f64, units: &super::unit::AxisUnits) ->
     }
 }
 
-/// Rejects a motion that would start outside the range.
+/// Rejects a motion that would start outside the range, by more than an overshoot.
 pub fn check_start(envelope: &Envelope, start: f64, units: &super::unit::AxisUnits) -> Result {
-    match envelope.contains(start) {
+    match envelope.admits(start) {
         true => Ok(()),
         false => Err(Failure::Usage(format!(
             "the actual position {} is outside the range {}; extend --range",
