@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use ecan_protocol::image::Schedule;
 
-use super::guarding::GuardingConfig;
+use super::guarding_config::GuardingConfig;
 use super::node_action::Step;
 use crate::{NodeId, object};
 

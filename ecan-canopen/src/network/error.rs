@@ -6,7 +6,7 @@ use ecan_host::CycleError;
 use thiserror::Error;
 
 use super::address::NodeAddress;
-use super::guarding::GuardingConfig;
+use super::guarding_config::GuardingConfig;
 use super::lss::{LssFailure, LssStartError};
 use super::sdo_error::{SdoFailure, SdoStartError};
 use super::step_failure::StepFailure;

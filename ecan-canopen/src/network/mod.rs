@@ -8,6 +8,7 @@ mod emcy_log;
 mod error;
 mod frame_sink;
 mod guarding;
+mod guarding_config;
 mod heartbeat;
 mod lss;
 #[expect(clippy::module_inception, reason = "a file has the name of its main type")]
@@ -33,7 +34,8 @@ pub use config::{
 };
 pub use emcy_log::{EMCY_DEPTH, EmcyLog, EmcyRecord};
 pub use error::{NetworkError, NmtError, WaitError};
-pub use guarding::{GuardErrors, GuardingConfig};
+pub use guarding::GuardErrors;
+pub use guarding_config::GuardingConfig;
 pub use heartbeat::Heartbeat;
 pub use lss::{
     Lss, LssCommand, LssConfig, LssFailure, LssFault, LssMaster, LssResult, LssStartError,

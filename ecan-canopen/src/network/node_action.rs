@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use ecan_protocol::sequence;
 
-use super::guarding::GuardingConfig;
+use super::guarding_config::GuardingConfig;
 use crate::{NmtCommand, NmtState};
 
 /// One step of the configuration of a node: object access, or a [`NodeAction`].

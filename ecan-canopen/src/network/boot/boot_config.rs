@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use super::identity::IdentityCheck;
 use super::parameter::ParameterSet;
-use crate::network::guarding::GuardingConfig;
+use crate::network::guarding_config::GuardingConfig;
 use crate::network::node_action::Step;
 
 /// Reset of a node at the start of its boot-up.

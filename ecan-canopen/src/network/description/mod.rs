@@ -2,6 +2,7 @@
 
 mod cob_id_check;
 mod load_check;
+mod network_check;
 mod network_description;
 mod network_fault;
 mod node_description;
