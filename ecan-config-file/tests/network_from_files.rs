@@ -343,7 +343,7 @@ fn drives_without_heartbeat_are_guarded() {
     );
     assert!(!machine.cia402.is_running(0) && machine.cia402.is_running(1));
 
-    // The end of the host is no event for a drive that was released.
+    // A released drive does not react to the end of the host.
     machine.cia402.begin_shutdown();
     machine.run_until("the shutdown", |cia402| cia402.shutdown_state() == Shutdown::Done);
     assert_eq!(machine.object(drives[1], object::LIFE_TIME_FACTOR, 0), Some(0));
