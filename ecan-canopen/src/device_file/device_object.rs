@@ -89,11 +89,6 @@ impl DeviceObject {
         }
     }
 
-    /// Name of a sub-object of a compact description that gives none.
-    pub(super) fn compact_name(&self, subindex: u8) -> String {
-        format!("{}{subindex}", self.name)
-    }
-
     /// Number of sub-objects if a compact description can hold the object: apart from name, value,
     /// denotation and reference, all sub-objects must be alike.
     pub(super) fn compact_size(&self) -> Option<u8> {
@@ -125,4 +120,9 @@ impl DeviceObject {
         let has_count = self.entry(0) == Some(&Self::compact_count(self.index, count));
         (has_count && (1..=count).all(is_alike)).then_some(count)
     }
+}
+
+/// Name of a sub-object of a compact description that gives none.
+pub(super) fn compact_name(object: &str, subindex: u8) -> String {
+    format!("{object}{subindex}")
 }

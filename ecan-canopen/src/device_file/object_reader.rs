@@ -7,7 +7,7 @@ use alloc::vec::Vec;
 
 use super::data_type::DataType;
 use super::deviation::FileProblem;
-use super::device_object::DeviceObject;
+use super::device_object::{DeviceObject, compact_name};
 use super::entry_reader::{EntryPlace, EntryReader};
 use super::ini::{Line, Section};
 use super::object_entry::ObjectEntry;
@@ -135,8 +135,8 @@ pub(super) fn read_object(
         let place = EntryPlace { index, subindex, object_type, inherited };
         object.insert(reader.read(&mut section, place));
     }
-    add_to(&mut object, sections, reader, rest);
     object.is_compact = compact.is_some();
+    add_to(&mut object, sections, reader, rest);
     object.is_compact = object.compact_size().is_some();
     object
 }
@@ -277,7 +277,7 @@ fn read_compact(
     object.extra = core::mem::take(&mut entry.extra);
     object.insert(DeviceObject::compact_count(index, count));
     for subindex in 1..=count {
-        let name = object.compact_name(subindex);
+        let name = compact_name(&object.name, subindex);
         object.insert(ObjectEntry { subindex, name, ..entry.clone() });
     }
     object
@@ -299,12 +299,17 @@ fn add_to(
         rest.extend([names, values, denotations, references].into_iter().flatten());
         return;
     }
-    // Sections of sub-objects have their own names.
-    if object
-        .entries()
-        .all(|entry| entry.subindex == 0 || entry.name == object.compact_name(entry.subindex))
-    {
-        each(names, object, reader, |entry, line, _| entry.name = line.value);
+    // A sub-object with a section has its name there.
+    let common = object.name.clone();
+    let is_unnamed = |entry: &ObjectEntry| {
+        entry.subindex == 0 || entry.name == compact_name(&common, entry.subindex)
+    };
+    if object.is_compact || object.entries().all(is_unnamed) {
+        each(names, object, reader, |entry, line, _| {
+            if is_unnamed(entry) {
+                entry.name = line.value;
+            }
+        });
     } else {
         rest.extend(names);
     }

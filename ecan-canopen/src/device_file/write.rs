@@ -8,7 +8,7 @@ use core::fmt::Display;
 
 use super::device_file::DeviceFile;
 use super::device_module::{DeviceModule, SubExtension};
-use super::device_object::DeviceObject;
+use super::device_object::{DeviceObject, compact_name};
 use super::object_entry::ObjectEntry;
 use super::object_list::{LISTS, list_of};
 use super::object_type::ObjectType;
@@ -179,7 +179,7 @@ fn write_compact(prefix: &str, object: &DeviceObject, count: u8, out: &mut Outpu
     write_entry(&shared, out);
     out.entries(&object.extra);
     let subs = || object.entries().filter(|entry| entry.subindex > 0);
-    if subs().any(|entry| entry.name != object.compact_name(entry.subindex)) {
+    if subs().any(|entry| entry.name != compact_name(&object.name, entry.subindex)) {
         write_column(prefix, object, "Name", subs().map(|entry| Some(entry.name.clone())), out);
     }
     let value = |entry: &ObjectEntry| {

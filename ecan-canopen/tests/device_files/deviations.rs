@@ -443,6 +443,13 @@ fn compact_object_with_own_sub_object_is_expanded() {
     assert_eq!(object.entry(2).unwrap().data_type, DataType::Unsigned32);
     assert_eq!(object.entry(1).unwrap().parameter_value(node(1)), Some(DataValue::Signed(5)));
     assert_eq!(read(&file.write()), file);
+    // Its section says no more than the compact description, so that the object remains compact.
+    let text = format!("{SMALL}[2101sub2]\nParameterName=z\n[2101Name]\n1=x\n2=y\n");
+    let file = read(&text);
+    let names = [1, 2].map(|sub| file.entry(0x2101, sub).unwrap().name.clone());
+    assert_eq!(names, ["x", "z"]);
+    assert_eq!(file.other_sections, []);
+    assert_eq!(read(&file.write()), file);
     let text = SMALL.to_owned() + "[2101Name]\nNrOfEntries=2\n1=x\n7=y\n";
     let file = read(&text);
     assert_eq!(file.entry(0x2101, 1).unwrap().name, "x");
