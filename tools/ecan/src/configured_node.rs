@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use ecan_canopen::{NetworkDescription, NodeDescription};
+use ecan_canopen::{NetworkDescription, NodeDescription, NodeId};
 use ecan_mcan_port::Config;
 
 use crate::config_file;
@@ -68,9 +68,9 @@ impl ConfiguredNodes {
     }
 
     /// The node on a channel of the only gateway of the file; `None` for a file with several.
-    pub fn of_only_gateway(&self, channel: u8, node: u8) -> Option<&NodeDescription> {
+    pub fn of_only_gateway(&self, channel: u8, node: NodeId) -> Option<&NodeDescription> {
         let is_it =
-            |it: &&NodeDescription| it.address.channel == channel && it.address.node.get() == node;
+            |it: &&NodeDescription| (it.address.channel, it.address.node) == (channel, node);
         self.network.nodes.iter().find(is_it).filter(|_| self.config.adapter.slaves.len() == 1)
     }
 
@@ -86,7 +86,7 @@ impl ConfiguredNodes {
             (alias, 0) => Ok(Some(SlaveChoice::Alias(alias))),
             (alias, position) => Err(Failure::Usage(format!(
                 "gateway {gateway} of {} is {position} after alias {alias}; select it with --slave, \
-                 and the node by CHANNEL.ID",
+                 and the node by its node-ID without --config",
                 self.path.display()
             ))),
         }

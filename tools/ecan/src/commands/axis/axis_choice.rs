@@ -1,54 +1,19 @@
 //! Selection of an axis, and its configuration.
 
 use std::path::Path;
-use std::str::FromStr;
 
 use clap::Args;
-use ecan_canopen::{NodeAddress, NodeId};
+use ecan_canopen::NodeAddress;
 use ecan_cia402::{AxisConfig, Scale, ScaleSource};
 
-use crate::commands::node::node_target::NodeTarget;
+use crate::commands::node::node_target::{NodeIdArgument, NodeTarget};
 use crate::config_file;
+use crate::configured_node::ConfiguredNodes;
 use crate::context::{Context, Failure, GlobalOptions, Result};
 use crate::frames::parse_channel;
-use crate::slave_choice::SlaveChoice;
 
 use super::limit_arguments::parse_number;
 use super::unit::{AxisUnits, Unit};
-
-/// Node-ID of a drive, with or without its channel.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-struct DriveAddress {
-    channel: Option<u8>,
-    node: NodeId,
-}
-
-impl FromStr for DriveAddress {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, Self::Err> {
-        let (channel, node) = match text.split_once('.') {
-            Some((channel, node)) => (Some(parse_channel(channel)?), node),
-            None => (None, text),
-        };
-        let node = crate::value::parse_unsigned(node).and_then(|it| u8::try_from(it).ok());
-        let wrong = || "expected a node-ID, 1 to 127, or CHANNEL.ID, for example 0.5".to_owned();
-        Ok(Self { channel, node: node.and_then(NodeId::new).ok_or_else(wrong)? })
-    }
-}
-
-impl DriveAddress {
-    /// The drive on its channel, else on this one, else on channel 0.
-    fn target(self, channel: Option<u8>) -> Result<NodeTarget, String> {
-        let Self { channel: own, node } = self;
-        match (own, channel) {
-            (Some(one), Some(other)) if one != other => {
-                Err(format!("--node {one}.{node} and --channel {other} name different channels"))
-            }
-            (own, channel) => Ok(NodeTarget { channel: own.or(channel).unwrap_or(0), node }),
-        }
-    }
-}
 
 /// Options that select one axis: of a file, or a node.
 #[derive(Clone, Debug, Args)]
@@ -58,7 +23,7 @@ pub struct AxisOptions {
     axis: Option<String>,
     /// Node-ID of the drive, 1 to 127, or CHANNEL.ID
     #[arg(long, value_name = "ID", required_unless_present = "axis", conflicts_with = "config")]
-    node: Option<DriveAddress>,
+    node: Option<NodeIdArgument>,
     /// CAN channel, 0 to 3 [default: 0]
     #[arg(long, value_name = "N", value_parser = parse_channel, conflicts_with = "config")]
     channel: Option<u8>,
@@ -114,11 +79,11 @@ impl AxisOptions {
 
     fn of_node(
         &self,
-        node: DriveAddress,
+        node: NodeIdArgument,
         needs_scale: bool,
         context: &Context,
     ) -> Result<ChosenAxis> {
-        let target = node.target(self.channel).map_err(Failure::Usage)?;
+        let target = node.on(self.channel)?;
         let steps = match (self.steps_per_turn, self.unit) {
             (Some(steps), _) => steps,
             (None, Unit::Step) => 1.0,
@@ -158,7 +123,7 @@ impl AxisOptions {
     }
 
     fn of_file(&self, path: &Path, axis: &str, context: &Context) -> Result<ChosenAxis> {
-        let file = config_file::read(path)?;
+        let file = ConfiguredNodes::load(path)?;
         let axes = ecan_config_file::load_axes(path).map_err(config_file::failure)?;
         let names = ecan_config_file::load_axis_names(path).map_err(config_file::failure)?;
         let index = find(axis, &names).map_err(|error| {
@@ -173,21 +138,8 @@ impl AxisOptions {
         })?;
         context.global.without_slave("the axis determines its gateway")?;
         let mut global = context.global.clone();
-        global.master = Some(config_file::master(&file, context.global));
-        if let (Some(slave), true) =
-            (file.adapter.slaves.get(config.address.slave), file.adapter.slaves.len() > 1)
-        {
-            global.slave = Some(match (slave.alias, slave.position) {
-                (0, position) => SlaveChoice::Position(position.into()),
-                (alias, 0) => SlaveChoice::Alias(alias),
-                (alias, position) => {
-                    return Err(Failure::Usage(format!(
-                        "the gateway of axis {axis} is {position} after alias {alias}, which cannot be \
-                         selected alone; use --slave, --node and --steps-per-turn without --config"
-                    )));
-                }
-            });
-        }
+        global.master = Some(config_file::master(file.config(), context.global));
+        global.slave = file.slave_of(config.address.slave)?;
         config.address.slave = 0;
         let NodeAddress { channel, node, .. } = config.address;
         let target = NodeTarget { channel, node };
@@ -229,20 +181,6 @@ fn list(names: &[Option<String>]) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn drive_may_name_its_channel() {
-        let parse = |text: &str| text.parse::<DriveAddress>();
-        let on = |text: &str, channel| parse(text).unwrap().target(channel);
-        let expected = |channel, node| NodeTarget { channel, node: NodeId::new(node).unwrap() };
-        assert_eq!(on("5", None), Ok(expected(0, 5)));
-        assert_eq!(on("5", Some(3)), Ok(expected(3, 5)));
-        assert_eq!(on("2.0x7F", Some(2)), Ok(expected(2, 127)));
-        assert!(on("2.5", Some(1)).unwrap_err().contains("different channels"));
-        for wrong in ["0", "128", "4.1", "1.", "", "1.2.3", "-1", "elbow"] {
-            assert!(parse(wrong).is_err(), "{wrong}");
-        }
-    }
 
     #[test]
     fn axis_is_found_by_name_or_index() {

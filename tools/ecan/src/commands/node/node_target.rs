@@ -16,10 +16,47 @@ use crate::frames::{FrameOptions, parse_channel};
 use crate::slave_choice::SlaveChoice;
 use crate::via;
 
-/// A node-ID, channel and node-ID with a dot, or a name of a configuration file.
+/// Node-ID with or without its channel: `5`, `0.5`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct NodeIdArgument {
+    channel: Option<u8>,
+    node: NodeId,
+}
+
+impl FromStr for NodeIdArgument {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        let (channel, node) = match text.split_once('.') {
+            Some((channel, node)) => (Some(parse_channel(channel)?), node),
+            None => (None, text),
+        };
+        let node = crate::value::parse_unsigned(node).and_then(|it| u8::try_from(it).ok());
+        let wrong = || "expected a node-ID, 1 to 127, or CHANNEL.ID, for example 0.5".to_owned();
+        Ok(Self { channel, node: node.and_then(NodeId::new).ok_or_else(wrong)? })
+    }
+}
+
+impl NodeIdArgument {
+    /// The node: on the channel of the argument, else on this one, else on channel 0.
+    ///
+    /// # Errors
+    /// Both channels are stated, and differ.
+    pub fn on(self, channel: Option<u8>) -> Result<NodeTarget> {
+        let Self { channel: own, node } = self;
+        match (own, channel) {
+            (Some(one), Some(other)) if one != other => Err(Failure::Usage(format!(
+                "--node {one}.{node} and --channel {other} name different channels"
+            ))),
+            (own, channel) => Ok(NodeTarget { channel: own.or(channel).unwrap_or(0), node }),
+        }
+    }
+}
+
+/// A node-ID, or a name of a configuration file.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum NodeArgument {
-    Id { channel: Option<u8>, node: NodeId },
+    Id(NodeIdArgument),
     Name(String),
 }
 
@@ -27,25 +64,12 @@ impl FromStr for NodeArgument {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, Self::Err> {
-        match parse_id(text) {
+        match text.parse() {
+            Ok(id) => Ok(Self::Id(id)),
             Err(_) if text.starts_with(char::is_alphabetic) => Ok(Self::Name(text.to_owned())),
-            parsed => parsed,
+            Err(wrong) => Err(format!("{wrong}; a name starts with a letter")),
         }
     }
-}
-
-fn parse_id(text: &str) -> Result<NodeArgument, String> {
-    let (channel, node) = match text.split_once('.') {
-        Some((channel, node)) => (Some(parse_channel(channel)?), node),
-        None => (None, text),
-    };
-    let node = crate::value::parse_unsigned(node).and_then(|it| u8::try_from(it).ok());
-    let node = node.and_then(NodeId::new);
-    let wrong = || {
-        "expected a node-ID, 1 to 127, CHANNEL.ID, for example 0.5, or a name of --config"
-            .to_owned()
-    };
-    Ok(NodeArgument::Id { channel, node: node.ok_or_else(wrong)? })
 }
 
 /// Options that select one node.
@@ -90,8 +114,7 @@ impl PositionalTarget {
 }
 
 impl NodeArgument {
-    /// The node: on the channel of the argument, else on this one, else on channel 0; or the one of
-    /// the configuration file with this name.
+    /// The node, as [`NodeIdArgument::on`], or the one of the configuration file with this name.
     ///
     /// # Errors
     /// The file cannot be used or has no such node; options contradict each other.
@@ -104,11 +127,11 @@ impl NodeArgument {
         let file =
             options.gateway.setup.config.as_deref().map(ConfiguredNodes::load).transpose()?;
         match (self, file) {
-            (Self::Id { channel: of_node, node }, file) => {
-                let target = target(*of_node, *node, channel).map_err(Failure::Usage)?;
-                let by_file =
-                    |it: &ConfiguredNodes| it.of_only_gateway(target.channel, node.get()).cloned();
-                let description = file.as_ref().and_then(by_file);
+            (Self::Id(node), file) => {
+                let target = node.on(channel)?;
+                let NodeTarget { channel, node } = target;
+                let description =
+                    file.as_ref().and_then(|it| it.of_only_gateway(channel, node)).cloned();
                 SelectedNode::new(target, description, None, file, options, context)
             }
             (Self::Name(name), None) => Err(Failure::Usage(format!(
@@ -129,15 +152,6 @@ impl NodeArgument {
                 SelectedNode::new(target, Some(found), slave, Some(file), options, context)
             }
         }
-    }
-}
-
-fn target(of_node: Option<u8>, node: NodeId, channel: Option<u8>) -> Result<NodeTarget, String> {
-    match (of_node, channel) {
-        (Some(one), Some(other)) if one != other => {
-            Err(format!("--node {one}.{node} and --channel {other} name different channels"))
-        }
-        (of_node, channel) => Ok(NodeTarget { channel: of_node.or(channel).unwrap_or(0), node }),
     }
 }
 
@@ -208,20 +222,27 @@ mod tests {
 
     #[test]
     fn node_may_name_its_channel() {
-        let parse = |text: &str| text.parse::<NodeArgument>();
-        let on = |text: &str, channel| match parse(text).unwrap() {
-            NodeArgument::Id { channel: own, node } => target(own, node, channel),
-            NodeArgument::Name(name) => panic!("{name}"),
+        let on = |text: &str, channel| {
+            assert!(matches!(text.parse(), Ok(NodeArgument::Id(_))), "{text}");
+            text.parse::<NodeIdArgument>().unwrap().on(channel)
         };
-        let expected = |channel, node| NodeTarget { channel, node: NodeId::new(node).unwrap() };
-        assert_eq!(on("5", None), Ok(expected(0, 5)));
-        assert_eq!(on("2.0x7F", None), Ok(expected(2, 127)));
-        assert_eq!(on("can1.3", None), Ok(expected(1, 3)));
-        for wrong in ["0", "128", "4.1", "1.", "", "1.2.3", "-1"] {
-            assert!(parse(wrong).is_err(), "{wrong}");
+        for (text, channel, expected) in [
+            ("5", None, (0, 5)),
+            ("5", Some(3), (3, 5)),
+            ("2.0x7F", None, (2, 127)),
+            ("2.5", Some(2), (2, 5)),
+            ("can1.3", None, (1, 3)),
+        ] {
+            let target = on(text, channel).unwrap();
+            assert_eq!((target.channel, target.node.get()), expected, "{text}");
         }
-        assert_eq!(on("2.5", Some(2)), Ok(expected(2, 5)));
-        assert!(on("2.5", Some(1)).unwrap_err().contains("different channels"));
+        let Err(Failure::Usage(message)) = on("2.5", Some(1)) else { panic!("accepted") };
+        assert!(message.contains("different channels"), "{message}");
+        for wrong in ["0", "128", "4.1", "1.", "", "1.2.3", "-1"] {
+            assert!(wrong.parse::<NodeIdArgument>().is_err(), "{wrong}");
+            assert!(wrong.parse::<NodeArgument>().is_err(), "{wrong}");
+        }
+        assert!("elbow".parse::<NodeIdArgument>().is_err());
     }
 
     #[test]
