@@ -1,14 +1,13 @@
 //! `ecan axis` with an operator: keys of a terminal, its loss, pipes and signals.
 
-use std::io::{Read as _, Write as _};
-use std::net::TcpStream;
+use std::io::Write as _;
 use std::process::{Command, Stdio};
-use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 use rustix::process::Signal;
 
 use crate::axis::{LIMITS, SCALE};
+use crate::support::observed_bus::ObservedBus;
 use crate::support::terminal::{Pty, is_raw, with_answer};
 use crate::support::timed_reader::TimedReader;
 use crate::support::{Running, scenario};
@@ -196,51 +195,20 @@ fn move_with_a_held_key_ends_with_its_release() {
 }
 
 /// A drive in real time, and an slcan bridge to its bus.
-const OBSERVED: &str = "clock = \"real\"\n[[gateway]]\n[[node]]\nkind = \"drive\"\nname = \"x\"\n\
+pub const OBSERVED: &str = "clock = \"real\"\n[[gateway]]\n[[node]]\nkind = \"drive\"\nname = \"x\"\n\
                         bus = \"0.0\"\nnode_id = 1\n[[node]]\nkind = \"bridge\"\nbus = \"0.0\"\n\
                         protocol = \"slcan\"\naddress = \"127.0.0.1\"\nport = 0\nqueue = 60000\n";
 
-/// The frames of a simulated bus, as an slcan client receives them.
-struct ObservedBus(Arc<Mutex<String>>);
+/// Controlwords of the drive, little-endian.
+fn controlwords(bus: &ObservedBus) -> Vec<String> {
+    bus.frames("201").iter().filter_map(|it| it.get(..4).map(str::to_owned)).collect()
+}
 
-impl ObservedBus {
-    /// Connects to the bridge that the banner of the simulation names.
-    fn connect(banner: &str) -> Self {
-        let port = banner.split("127.0.0.1:").nth(1).unwrap();
-        let port: u16 = port.split(' ').next().unwrap().parse().unwrap();
-        let mut client = TcpStream::connect(("127.0.0.1", port)).unwrap();
-        client.write_all(b"S6\rO\r").unwrap();
-        let frames = Arc::new(Mutex::new(String::new()));
-        let received = frames.clone();
-        std::thread::spawn(move || {
-            let mut bytes = [0; 4096];
-            // A reset of the connection ends it, too.
-            while let Ok(length @ 1..) = client.read(&mut bytes) {
-                received.lock().unwrap().push_str(&String::from_utf8_lossy(&bytes[..length]));
-            }
-        });
-        Self(frames)
-    }
-
-    /// Data of the frames of a CAN ID, in their order.
-    fn frames(&self, id: &str) -> Vec<String> {
-        let (received, start) = (self.0.lock().unwrap().clone(), format!("t{id}"));
-        let frames = received.split('\r').filter_map(|frame| frame.strip_prefix(&start));
-        // The length, then the data.
-        frames.filter_map(|frame| frame.get(1..).map(str::to_owned)).collect()
-    }
-
-    /// Controlwords of the drive, little-endian.
-    fn controlwords(&self) -> Vec<String> {
-        self.frames("201").iter().filter_map(|it| it.get(..4).map(str::to_owned)).collect()
-    }
-
-    /// Controlwords after the last one that enables.
-    fn after_enabling(&self) -> Vec<String> {
-        let all = self.controlwords();
-        let enabled = all.iter().rposition(|it| it == "0F00");
-        enabled.map_or_else(Vec::new, |at| all[at + 1..].to_vec())
-    }
+/// Controlwords after the last one that enables.
+fn after_enabling(bus: &ObservedBus) -> Vec<String> {
+    let all = controlwords(bus);
+    let enabled = all.iter().rposition(|it| it == "0F00");
+    enabled.map_or_else(Vec::new, |at| all[at + 1..].to_vec())
 }
 
 #[test]
@@ -259,8 +227,8 @@ fn lost_terminal_puts_a_quick_stop_on_the_bus() {
     let (status, errors) = running.wait();
     assert_eq!(status, Some(1), "{errors}");
     // Quick stop, and nothing enables again.
-    let after = bus.after_enabling();
-    assert_eq!(after.first().map(String::as_str), Some("0200"), "{:?}", bus.controlwords());
+    let after = after_enabling(&bus);
+    assert_eq!(after.first().map(String::as_str), Some("0200"), "{:?}", controlwords(&bus));
     assert!(after.iter().all(|it| it == "0200" || it == "0000"), "{after:?}");
     // Statuswords: operation enabled, at last switch on disabled. The stop itself is shorter than a period.
     let states: Vec<_> = bus
@@ -291,8 +259,8 @@ fn blocked_terminal_does_not_delay_a_stop() {
     fill(&screen.terminal);
     drop(keys);
     let begin = Instant::now();
-    while bus.after_enabling().first().is_none_or(|it| it != "0200") {
-        assert!(begin.elapsed() < Duration::from_secs(10), "{:?}", bus.controlwords());
+    while after_enabling(&bus).first().is_none_or(|it| it != "0200") {
+        assert!(begin.elapsed() < Duration::from_secs(10), "{:?}", controlwords(&bus));
         std::thread::sleep(Duration::from_millis(5));
     }
     // Its messages are printed when the terminal continues.

@@ -4,6 +4,7 @@
 mod support;
 
 mod axis;
+mod axis_of_file;
 mod axis_terminal;
 mod bridge;
 mod bus_symptoms;

@@ -5,6 +5,7 @@ use std::path::Path;
 use clap::Args;
 use ecan_canopen::NodeAddress;
 use ecan_cia402::{AxisConfig, Scale, ScaleSource};
+use ecan_config_file::NetworkSettings;
 
 use crate::commands::node::node_target::{NodeIdArgument, NodeTarget};
 use crate::config_file;
@@ -48,6 +49,8 @@ pub struct ChosenAxis {
     pub target: NodeTarget,
     /// As in the file, or the defaults; its slave is the only gateway of the command.
     pub config: AxisConfig,
+    /// Table `[network]` of the file, or the defaults.
+    pub network: NetworkSettings,
     pub units: AxisUnits,
     /// Options that select the gateway of the axis.
     pub global: GlobalOptions,
@@ -117,6 +120,7 @@ impl AxisOptions {
             label: target.to_string(),
             target,
             config: AxisConfig { scale, scale_source, ..AxisConfig::new(address) },
+            network: NetworkSettings::default(),
             units: AxisUnits::new(unit, scale, 0),
             global: context.global.clone(),
         })
@@ -125,6 +129,8 @@ impl AxisOptions {
     fn of_file(&self, path: &Path, axis: &str, context: &Context) -> Result<ChosenAxis> {
         let file = ConfiguredNodes::load(path)?;
         let axes = ecan_config_file::load_axes(path).map_err(config_file::failure)?;
+        let network =
+            ecan_config_file::load_network_settings(path).map_err(config_file::failure)?;
         let names = ecan_config_file::load_axis_names(path).map_err(config_file::failure)?;
         let index = find(axis, &names).map_err(|error| {
             Failure::Usage(format!(
@@ -150,6 +156,7 @@ impl AxisOptions {
             target,
             units: AxisUnits::new(self.unit, config.scale, origin),
             config,
+            network,
             global,
         })
     }

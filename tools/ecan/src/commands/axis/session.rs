@@ -4,7 +4,8 @@ use std::time::Duration;
 
 use ecan_canopen::{DriveState, OperatingMode};
 use ecan_cia402::{
-    AxisError, AxisPhase, Cia402, Cia402Config, Decision, HomingState, InputObject, TargetRejection,
+    AxisError, AxisPhase, Cia402, Cia402Config, Decision, HomingState, InputObject, Takeover,
+    TargetRejection,
 };
 use ecan_mcan_port::{Port, PortError};
 use ecan_protocol::mapping::Direction;
@@ -90,14 +91,18 @@ impl AxisSession {
         // Limits of the drive narrow those of the command.
         config.drive.use_limits = true;
         let cycle = Duration::from_nanos(planned.adapter.cycle_ns().into());
-        let motion_div = settings.envelope.map_or(1, |it| it.motion_div(cycle));
+        let table = Cia402Config {
+            motion_div: settings.envelope.map_or(1, |it| it.motion_div(cycle)),
+            // An adopted drive would stay enabled without the operator's command.
+            takeover: Takeover::Stop,
+            ..chosen.network.cia402.clone()
+        };
+        let target_period = cycle * table.target_cycles();
         if let (Some(envelope), Some(mode)) = (settings.envelope, settings.mode) {
             match mode {
                 OperatingMode::ProfilePosition => envelope.apply_pp(&mut config),
-                OperatingMode::CyclicVelocity => {
-                    envelope.apply_csv(&mut config, cycle * motion_div)
-                }
-                _ => envelope.apply_csp(&mut config, cycle * motion_div),
+                OperatingMode::CyclicVelocity => envelope.apply_csv(&mut config, target_period),
+                _ => envelope.apply_csp(&mut config, target_period),
             }
             if mode == OperatingMode::CyclicVelocity {
                 config.inputs = vec![InputObject::Velocity];
@@ -121,9 +126,11 @@ impl AxisSession {
             None => Failure::Incomplete("stopped before the gateway was ready".to_owned()),
         })?;
         settings.options.real_time.set_timing(port.adapter_mut());
-        let table = Cia402Config { motion_div, ..Cia402Config::default() };
-        let cia402 = Cia402::new(&port, vec![config], table)
+        let mut cia402 = Cia402::new(&port, vec![config], table)
             .map_err(|error| Failure::Usage(error.to_string()))?;
+        let time = chosen.network.time(port.adapter().clock().now_ns());
+        let set = cia402.network_mut().set_time(time);
+        set.map_err(|error| Failure::Usage(error.to_string()))?;
         Ok(Self {
             port,
             cia402,

@@ -2,6 +2,7 @@
 
 pub mod application;
 pub mod client;
+pub mod observed_bus;
 pub mod on_screen;
 pub mod python;
 pub mod terminal;
