@@ -10,6 +10,7 @@ use serde::Serialize;
 use crate::context::{Context, Failure, Output, Result, Tone};
 use crate::frames::FrameOptions;
 
+use super::live_view::LiveViewArguments;
 use super::node_client::{NodeClient, start_for};
 use super::node_target::{JsonTarget, PositionalTarget};
 use super::object_value::error_text;
@@ -24,13 +25,8 @@ pub struct EmcyArguments {
     /// Then print the emergency messages of the node as they arrive
     #[arg(long)]
     watch: bool,
-    /// With --watch: exit after this number of messages, at least 1
-    #[arg(short = 'n', long, value_name = "COUNT", requires = "watch",
-          value_parser = clap::value_parser!(u64).range(1..))]
-    count: Option<u64>,
-    /// With --watch: exit if no message arrives for this time, in ms
-    #[arg(short = 'T', long, value_name = "MS", requires = "watch")]
-    timeout: Option<u64>,
+    #[command(flatten)]
+    view: LiveViewArguments,
     #[command(flatten)]
     options: FrameOptions,
 }
@@ -70,12 +66,12 @@ const SDO_TIMEOUT: Duration = Duration::from_millis(500);
 pub fn run(arguments: &EmcyArguments, context: &Context) -> Result {
     let context = &context.on_stderr(arguments.options.capture.is_on_output());
     let selected = arguments.target.select(&arguments.options, context)?;
-    let has_end = !arguments.watch || arguments.count.is_some() || arguments.timeout.is_some();
+    let has_end = !arguments.watch || arguments.view.has_end();
     let link = start_for(&selected, has_end, context)?;
     NodeClient::new(link, selected.target, SDO_TIMEOUT).run(|client| {
         let history = read(client, arguments.clear)?;
         context.output.data(&history, |out| print(&history, &context.output, out))?;
-        if arguments.watch { watch(arguments, client, context) } else { Ok(()) }
+        if arguments.watch { watch(arguments.view, client, context) } else { Ok(()) }
     })
 }
 
@@ -132,11 +128,9 @@ fn print(history: &History, output: &Output, out: &mut dyn std::io::Write) -> st
     Ok(())
 }
 
-fn watch(arguments: &EmcyArguments, client: &mut NodeClient, context: &Context) -> Result {
-    let start_ns = client.link.service.now_ns();
-    let timeout_ns = arguments.timeout.map(|ms| ms.saturating_mul(1_000_000));
+fn watch(arguments: LiveViewArguments, client: &mut NodeClient, context: &Context) -> Result {
+    let mut view = arguments.start(client.link.service.now_ns());
     let node = client.target().node;
-    let (mut last_ns, mut printed) = (start_ns, 0);
     loop {
         let mut messages = Vec::new();
         let cycle = client.cycle(|it| {
@@ -144,31 +138,26 @@ fn watch(arguments: &EmcyArguments, client: &mut NodeClient, context: &Context) 
                 messages.extend(Emcy::parse(it.frame.frame.data()).map(|emcy| (it.time_ns, emcy)));
             }
         });
-        let now_ns = match cycle {
-            Ok(now_ns) => now_ns,
-            // The user ends it.
-            Err(Failure::Incomplete(_)) if arguments.count.is_none() => return Ok(()),
-            Err(failure) => return Err(failure),
-        };
+        let Some(now_ns) = view.after_cycle(cycle)? else { return Ok(()) };
         for (time_ns, emcy) in messages {
-            last_ns = time_ns;
+            view.receive(time_ns);
             let message = Message {
-                seconds: time_ns.saturating_sub(start_ns) as f64 / 1e9,
+                seconds: view.seconds(time_ns),
                 code: emcy.code,
                 text: error_text(emcy.code),
                 error_register: emcy.register.0,
                 manufacturer: emcy.manufacturer,
             };
             print_message(&message, context)?;
-            printed += 1;
-            if Some(printed) == arguments.count {
+            if view.count_line() {
                 return Ok(());
             }
         }
-        if timeout_ns.is_some_and(|limit| now_ns.saturating_sub(last_ns) >= limit) {
-            return match arguments.count {
+        if view.has_timed_out(now_ns) {
+            return match view.count {
                 Some(count) => Err(Failure::Incomplete(format!(
-                    "{printed} of {count} emergency messages received"
+                    "{} of {count} emergency messages received",
+                    view.printed
                 ))),
                 None => Ok(()),
             };

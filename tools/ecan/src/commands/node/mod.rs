@@ -4,6 +4,7 @@ mod bit_rate_search;
 mod device_type;
 mod emcy;
 mod info;
+mod live_view;
 mod lss;
 mod motion_objects;
 mod nmt;

@@ -10,6 +10,7 @@ use serde::Serialize;
 use crate::context::{Context, Failure, Result};
 use crate::frames::FrameOptions;
 
+use super::live_view::LiveViewArguments;
 use super::node_client::{NodeClient, start_for};
 use super::node_link::Observed;
 use super::node_target::PositionalTarget;
@@ -26,13 +27,8 @@ pub struct PdoArguments {
     /// Print the values of each PDO on the bus whenever they change
     #[arg(long)]
     watch: bool,
-    /// With --watch: exit after this number of lines, at least 1
-    #[arg(short = 'n', long, value_name = "COUNT", requires = "watch",
-          value_parser = clap::value_parser!(u64).range(1..))]
-    count: Option<u64>,
-    /// With --watch: exit if no PDO is received for this time, in ms
-    #[arg(short = 'T', long, value_name = "MS", requires = "watch")]
-    timeout: Option<u64>,
+    #[command(flatten)]
+    view: LiveViewArguments,
     #[command(flatten)]
     options: FrameOptions,
 }
@@ -62,12 +58,12 @@ pub fn run(arguments: &PdoArguments, context: &Context) -> Result {
     let selected = arguments.target.select(&arguments.options, context)?;
     let target = selected.target;
     let names = ObjectNames::of(&arguments.eds, &selected)?;
-    let has_end = !arguments.watch || arguments.count.is_some() || arguments.timeout.is_some();
+    let has_end = !arguments.watch || arguments.view.has_end();
     let link = start_for(&selected, has_end, context)?;
     NodeClient::new(link, target, SDO_TIMEOUT).run(|client| {
         let pdos = pdo_table::read(client, &names)?;
         if arguments.watch {
-            return watch(arguments, client, &pdos, &names, context);
+            return watch(arguments.view, client, &pdos, &names, context);
         }
         context.output.data(&pdos, |out| match pdos.is_empty() {
             true => writeln!(out, "{target} has no PDO"),
@@ -78,15 +74,13 @@ pub fn run(arguments: &PdoArguments, context: &Context) -> Result {
 
 /// Prints changed PDOs until the user stops, or the options end it.
 fn watch(
-    arguments: &PdoArguments,
+    arguments: LiveViewArguments,
     client: &mut NodeClient,
     pdos: &[NodePdo],
     names: &ObjectNames,
     context: &Context,
 ) -> Result {
-    let start_ns = client.link.service.now_ns();
-    let timeout_ns = arguments.timeout.map(|ms| ms.saturating_mul(1_000_000));
-    let (mut last_ns, mut printed) = (start_ns, 0);
+    let mut view = arguments.start(client.link.service.now_ns());
     let mut known: HashMap<usize, Vec<u8>> = HashMap::new();
     loop {
         let mut received: Vec<Observed> = Vec::new();
@@ -97,32 +91,25 @@ fn watch(
                 received.push(*it);
             }
         });
-        let now_ns = match cycle {
-            Ok(now_ns) => now_ns,
-            // The user ends it.
-            Err(Failure::Incomplete(_)) if arguments.count.is_none() => return Ok(()),
-            Err(failure) => return Err(failure),
-        };
+        let Some(now_ns) = view.after_cycle(cycle)? else { return Ok(()) };
         for it in received {
             let frame = it.frame.frame;
             let is_it = |pdo: &NodePdo| pdo.is_sent_with(frame.as_ref().id());
             let Some(nth) = pdos.iter().position(is_it) else { continue };
             let (Some(pdo), false) = (pdos.get(nth), frame.as_ref().is_remote()) else { continue };
-            last_ns = it.time_ns;
+            view.receive(it.time_ns);
             if known.get(&nth).is_some_and(|data| data == frame.data()) {
                 continue;
             }
             known.insert(nth, frame.data().to_vec());
-            let seconds = it.time_ns.saturating_sub(start_ns) as f64 / 1e9;
-            print_live(pdo, frame.data(), seconds, names, context)?;
-            printed += 1;
-            if Some(printed) == arguments.count {
+            print_live(pdo, frame.data(), view.seconds(it.time_ns), names, context)?;
+            if view.count_line() {
                 return Ok(());
             }
         }
-        if timeout_ns.is_some_and(|limit| now_ns.saturating_sub(last_ns) >= limit) {
+        if view.has_timed_out(now_ns) {
             let target = client.target();
-            return match arguments.count.unwrap_or(1) > printed {
+            return match view.count.unwrap_or(1) > view.printed {
                 true => Err(Failure::Incomplete(format!(
                     "no further PDO of {target} received; a node sends PDOs in the state \
                      operational: `ecan node info` shows it"
