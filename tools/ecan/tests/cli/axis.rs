@@ -205,6 +205,11 @@ fn jog_moves_for_its_time_and_stops_at_the_range() {
     let end = errors.lines().last().unwrap();
     let position: f64 = end.rsplit_once("at ").unwrap().1.trim_end_matches(" deg").parse().unwrap();
     assert!((position - (5.532 - 30.0)).abs() < 1.0, "{errors}");
+    let end = drives_json("jog", &["--velocity", "-30", "--for", "1000"]);
+    assert!((end["position"].as_f64().unwrap() - position).abs() < 0.01, "{end}");
+    assert_eq!((&end["unit"], &end["state"]), (&"deg".into(), &"switch on disabled".into()));
+    let held = drives_json("enable", &["--for", "100"]);
+    assert!((held["position"].as_f64().unwrap() - 5.532).abs() < 0.001, "{held}");
     let output =
         ecan(&[&["--ecrt", "sim:drives"], &motion("jog", &["--for", "10000"])[..]].concat());
     let errors = String::from_utf8(output.stderr).unwrap();
@@ -235,6 +240,11 @@ fn stop_is_confirmed_by_the_drive() {
     let errors = String::from_utf8(output.stderr).unwrap();
     assert!(output.status.success(), "{errors}");
     assert!(errors.contains("node 1 on can0: stopped, switch on disabled"), "{errors}");
+    let end: Value =
+        serde_json::from_str(&good(&[&["--json"], &DRIVES[..], &["stop", "--node", "1"]].concat()))
+            .unwrap();
+    assert_eq!(end["axis"], "node 1 on can0", "{end}");
+    assert_eq!(end["state"], "switch on disabled", "{end}");
     let message = fails(5, &[&DRIVES[..], &["stop", "--node", "77"]].concat());
     assert!(message.contains("node 77 on can0: no answer; check the node-ID"), "{message}");
 }

@@ -52,13 +52,15 @@ pub fn run(arguments: &EnableArguments, context: &Context) -> Result {
         clock: clock_kind(arguments.milliseconds.is_none()),
         accepts_risk: permission.accepts_risk(),
     };
-    AxisSession::start(&chosen, settings, Some(operator), context)?.run(|session| {
+    let session = AxisSession::start(&chosen, settings, Some(operator), context)?;
+    let end = session.run_to_end(|session| {
         let start = startup::prepare(session, permission)?;
         let envelope = session.narrowed(&envelope);
         check_start(&envelope, start, &chosen.units)?;
         startup::enable(session)?;
         hold(session, arguments)
-    })
+    })?;
+    end.print(context)
 }
 
 fn hold(session: &mut AxisSession, arguments: &EnableArguments) -> Result {

@@ -79,7 +79,8 @@ pub fn run(arguments: &JogArguments, context: &Context) -> Result {
         clock: clock_kind(arguments.milliseconds.is_none()),
         accepts_risk: permission.accepts_risk(),
     };
-    AxisSession::start(&chosen, settings, Some(operator), context)?.run(|session| {
+    let session = AxisSession::start(&chosen, settings, Some(operator), context)?;
+    let end = session.run_to_end(|session| {
         let start = startup::prepare(session, permission)?;
         let envelope = session.narrowed(&envelope);
         check_start(&envelope, start, &chosen.units)?;
@@ -97,7 +98,8 @@ pub fn run(arguments: &JogArguments, context: &Context) -> Result {
                 jog.by_keys(session)
             }
         }
-    })
+    })?;
+    end.print(context)
 }
 
 /// End of the range in a direction.

@@ -10,6 +10,7 @@ use ecan_cia402::{
 use ecan_mcan_port::{Port, PortError};
 use ecan_protocol::mapping::Direction;
 use ecan_sim::ClockKind;
+use serde::Serialize;
 
 use crate::context::{Context, Failure, Result, note};
 use crate::frames::{Channels, GatewayOptions, GatewayRequirements, Planned, Settings};
@@ -45,6 +46,24 @@ pub struct SessionSettings<'a> {
 pub struct CycleEnd {
     pub now_ns: u64,
     pub decision: Decision,
+}
+
+/// The axis after a command, at rest.
+#[derive(Debug, Serialize)]
+pub struct AxisEnd {
+    axis: String,
+    /// State of the drive.
+    state: Option<String>,
+    unit: String,
+    /// `None` if the drive was not configured, so that it sent no position.
+    position: Option<f64>,
+}
+
+impl AxisEnd {
+    /// Prints it as JSON; without `--json` the messages of the session have stated it.
+    pub fn print(&self, context: &Context) -> Result {
+        context.output.data(self, |_| Ok(()))
+    }
 }
 
 /// A gateway in operation, and the axis.
@@ -369,10 +388,10 @@ impl AxisSession {
     }
 
     /// Stops a drive that is not configured.
-    pub fn stop_only(mut self) -> Result {
+    pub fn stop_only(mut self) -> Result<AxisEnd> {
         self.stop()?;
         match self.cia402.drive_state(AXIS) {
-            Some(_) => Ok(()),
+            Some(_) => Ok(self.end()),
             None => Err(Failure::Rejected(format!(
                 "{}: no answer; check the node-ID, and remove the power of a motor that moves",
                 self.label
@@ -408,7 +427,27 @@ impl AxisSession {
     /// Does the work of a command, then brings the axis to rest and switches it off: after an error or the loss
     /// of the operator by quick stop, otherwise by its ramp.
     pub fn run<T>(mut self, work: impl FnOnce(&mut Self) -> Result<T>) -> Result<T> {
-        let result = work(&mut self);
+        self.run_and_stop(work)
+    }
+
+    /// As [`run`](Self::run), for a command whose result is the axis at its end.
+    pub fn run_to_end(mut self, work: impl FnOnce(&mut Self) -> Result) -> Result<AxisEnd> {
+        self.run_and_stop(work)?;
+        Ok(self.end())
+    }
+
+    fn end(&self) -> AxisEnd {
+        let actual = self.cia402.actual(AXIS);
+        AxisEnd {
+            axis: self.label.clone(),
+            state: self.cia402.drive_state(AXIS).map(|state| state.to_string()),
+            unit: self.units.unit.to_string(),
+            position: actual.map(|steps| self.units.position(steps.into())),
+        }
+    }
+
+    fn run_and_stop<T>(&mut self, work: impl FnOnce(&mut Self) -> Result<T>) -> Result<T> {
+        let result = work(self);
         let stopped = match &result {
             Ok(_) => Ok(()),
             Err(failure) => {

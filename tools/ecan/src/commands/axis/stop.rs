@@ -35,5 +35,5 @@ pub fn run(arguments: &StopArguments, context: &Context) -> Result {
         clock: ClockKind::Stepped,
         accepts_risk: true,
     };
-    AxisSession::start(&chosen, settings, None, context)?.stop_only()
+    AxisSession::start(&chosen, settings, None, context)?.stop_only()?.print(context)
 }
