@@ -19,10 +19,10 @@ use ecan_mcan_port::{ChannelConfig, GatewayConfig, Port, PortConfig};
 use ecan_protocol::object::AbortCode;
 use ecan_sim::{
     Backend, BridgeProtocol, BridgeSpec, ClockKind, DriveConfig, DriveFault, DriveSpec, Fault,
-    GatewaySpec, NodeKind, NodeSpec, Scenario, SimOptions, Simulation,
+    GatewaySpec, NodeKind, NodeSpec, RealTimeRunner, Scenario, SimOptions, Simulation,
 };
 
-use ecan_sim_bridge::bridges;
+use ecan_sim_bridge::{BridgeInfo, bridges};
 use python_peer::{PATIENCE, Peer, python};
 
 /// Cycle of the master.
@@ -35,6 +35,42 @@ fn open(scenario: Scenario, clock: ClockKind) -> Backend {
         ..SimOptions::default()
     };
     ecan_sim::open_scenario(scenario, &options).unwrap()
+}
+
+/// The node `drive` and a bridge on bus 0.0, in real time.
+struct DriveAndBridge {
+    _runner: RealTimeRunner,
+    simulation: Simulation,
+    bridge: BridgeInfo,
+}
+
+impl DriveAndBridge {
+    fn new(drive: DriveSpec) -> Self {
+        let node = |name: &str, kind| NodeSpec {
+            name: name.to_owned(),
+            bus: "0.0".to_owned(),
+            kind,
+            bitrate: Some(500_000),
+            data_bitrate: None,
+            physical_layer: None,
+        };
+        let scenario = Scenario {
+            gateways: vec![GatewaySpec::at(0)],
+            nodes: vec![
+                node("drive", NodeKind::Drive(Box::new(drive))),
+                node("bridge", NodeKind::Bridge(BridgeSpec::default())),
+            ],
+            ..Scenario::default()
+        };
+        let simulation = open(scenario, ClockKind::Real).simulation.unwrap();
+        let runner = simulation.keep_running().unwrap();
+        let (_, bridge) = bridges(&simulation).remove(0);
+        Self { _runner: runner, simulation, bridge }
+    }
+
+    fn port(&self) -> u16 {
+        self.bridge.address().port()
+    }
 }
 
 /// A master with one gateway and a CANopen client for one node.
@@ -217,35 +253,17 @@ fn python_can_exchanges_frames_through_two_protocols() {
 fn python_402_master_drives_the_simulated_drive() {
     let Some(python) = python() else { return };
     let drive = NodeId::new(7).unwrap();
-    let node = |name: &str, kind| NodeSpec {
-        name: name.to_owned(),
-        bus: "0.0".to_owned(),
-        kind,
-        bitrate: Some(500_000),
-        data_bitrate: None,
-        physical_layer: None,
-    };
     let settings = DriveSpec { config: DriveConfig::new(drive), eds: None };
-    let scenario = Scenario {
-        gateways: vec![GatewaySpec::at(0)],
-        nodes: vec![
-            node("drive", NodeKind::Drive(Box::new(settings))),
-            node("bridge", NodeKind::Bridge(BridgeSpec::default())),
-        ],
-        ..Scenario::default()
-    };
-    let simulation = open(scenario, ClockKind::Real).simulation.unwrap();
-    let _runner = simulation.keep_running().unwrap();
-    let bridge = bridges(&simulation)[0].1.clone();
-    let arguments = [("port", bridge.address().port()), ("node", u16::from(drive.get()))];
+    let peers = DriveAndBridge::new(settings);
+    let arguments = [("port", peers.port()), ("node", u16::from(drive.get()))];
     let mut peer = Peer::start(&python, "drive_master.py", &arguments);
     assert_eq!(peer.wait_line(), "ask fault");
     let fault = DriveFault::Error { code: 0x2310 };
-    simulation.inject(Fault::Drive { node: "drive".to_owned(), fault });
+    peers.simulation.inject(Fault::Drive { node: "drive".to_owned(), fault });
     peer.answer();
     assert_eq!(peer.wait_line(), "passed");
-    assert_eq!(bridge.statistics().dropped_to_bus, 0);
-    assert_eq!(bridge.statistics().dropped_to_clients, 0);
+    assert_eq!(peers.bridge.statistics().dropped_to_bus, 0);
+    assert_eq!(peers.bridge.statistics().dropped_to_clients, 0);
 }
 
 /// The package configures a drive that is made from the same file, of which it reads the DCF that is
@@ -265,28 +283,10 @@ fn python_configures_the_simulated_drive_by_dcf() {
     std::fs::write(&eds, defaults.write()).unwrap();
     std::fs::write(&dcf, file.write()).unwrap();
 
-    let node = |name: &str, kind| NodeSpec {
-        name: name.to_owned(),
-        bus: "0.0".to_owned(),
-        kind,
-        bitrate: Some(500_000),
-        data_bitrate: None,
-        physical_layer: None,
-    };
     let settings = DriveSpec { config: DriveConfig::new(drive), eds: Some(eds) };
-    let scenario = Scenario {
-        gateways: vec![GatewaySpec::at(0)],
-        nodes: vec![
-            node("drive", NodeKind::Drive(Box::new(settings))),
-            node("bridge", NodeKind::Bridge(BridgeSpec::default())),
-        ],
-        ..Scenario::default()
-    };
-    let simulation = open(scenario, ClockKind::Real).simulation.unwrap();
-    let _runner = simulation.keep_running().unwrap();
-    let bridge = bridges(&simulation)[0].1.clone();
+    let peers = DriveAndBridge::new(settings);
     let arguments = [
-        ("port", bridge.address().port().to_string()),
+        ("port", peers.port().to_string()),
         ("node", drive.to_string()),
         ("dcf", dcf.display().to_string()),
     ];
@@ -294,7 +294,7 @@ fn python_configures_the_simulated_drive_by_dcf() {
     let parameters: Vec<_> =
         file.entries().filter(|entry| entry.parameter.is_some()).cloned().collect();
     assert_eq!(peer.wait_line(), format!("compared {}", parameters.len()));
-    simulation.with_world(|world| {
+    peers.simulation.with_world(|world| {
         let drive_node = world.drive("drive").unwrap();
         for entry in &parameters {
             let expected = entry.parameter_value(drive).unwrap().to_integer().unwrap();

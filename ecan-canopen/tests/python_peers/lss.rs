@@ -7,55 +7,36 @@ use ecan_canopen::{
     NodeId, SdoFault, TimeConfig, TimeOfDay, TimeReference,
 };
 use ecan_protocol::object::AbortCode;
-use ecan_sim::{
-    BridgeSpec, ClockKind, DriveConfig, DriveSpec, GatewaySpec, NodeKind, NodeSpec, Scenario,
-};
-use ecan_sim_bridge::bridges;
+use ecan_sim::{BridgeSpec, DriveConfig, DriveSpec, GatewaySpec, Scenario};
 
 use crate::python_peer::{PATIENCE, Peer, python};
-use crate::{CYCLE, Client, aborted, open};
+use crate::{CYCLE, Client, DriveAndBridge, aborted};
 
 /// The package's LSS master in front of our drive without node-ID.
 #[test]
 fn python_lss_master_configures_the_simulated_drive() {
     let Some(python) = python() else { return };
-    let node = |name: &str, kind| NodeSpec {
-        name: name.to_owned(),
-        bus: "0.0".to_owned(),
-        kind,
-        bitrate: Some(500_000),
-        data_bitrate: None,
-        physical_layer: None,
-    };
     let mut config = DriveConfig { serial: 77, ..DriveConfig::new(NodeId::new(1).unwrap()) };
     config.quirks.without_node_id = true;
     config.quirks.missing = vec![0x1016, 0x1017];
-    let scenario = Scenario {
-        gateways: vec![GatewaySpec::at(0)],
-        nodes: vec![
-            node("drive", NodeKind::Drive(Box::new(DriveSpec { config, eds: None }))),
-            node("bridge", NodeKind::Bridge(BridgeSpec::default())),
-        ],
-        ..Scenario::default()
-    };
-    let simulation = open(scenario, ClockKind::Real).simulation.unwrap();
-    let _runner = simulation.keep_running().unwrap();
-    let bridge = bridges(&simulation)[0].1.clone();
-    let arguments = [("port", bridge.address().port()), ("node", 42)];
+    let peers = DriveAndBridge::new(DriveSpec { config, eds: None });
+    let arguments = [("port", peers.port()), ("node", 42)];
     let mut peer = Peer::start(&python, "lss_master.py", &arguments);
     assert_eq!(peer.wait_line(), "ask time");
     let sent = TimeOfDay::new(15_668, 49_500_250);
     let begun = Instant::now();
-    let received = || simulation.with_world(|world| world.drive("drive").unwrap().time_of_day());
+    let received =
+        || peers.simulation.with_world(|world| world.drive("drive").unwrap().time_of_day());
     while received() != sent {
         assert!(begun.elapsed() < PATIENCE, "TIME does not arrive: {:?}", received());
         std::thread::sleep(CYCLE);
     }
     peer.answer();
     assert_eq!(peer.wait_line(), "passed");
-    let active = simulation.with_world(|world| world.drive("drive").unwrap().active_node_id());
+    let active =
+        peers.simulation.with_world(|world| world.drive("drive").unwrap().active_node_id());
     assert_eq!(active, NodeId::new(42));
-    assert_eq!(bridge.statistics().dropped_to_clients, 0);
+    assert_eq!(peers.bridge.statistics().dropped_to_clients, 0);
 }
 
 /// Our LSS master in front of a slave that logs each request after its response.

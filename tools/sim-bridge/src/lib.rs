@@ -14,11 +14,11 @@ mod bridge_node;
 use std::any::Any;
 use std::error::Error;
 
-use ecan_bridge::BridgeInfo;
 use ecan_sim::{BridgeSpec, Node, Simulation};
 
 pub use attached::{Bridge, BridgeError, attach};
 pub use bridge_node::BridgeNode;
+pub use ecan_bridge::BridgeInfo;
 
 /// Makes the bridge of a scenario; it listens at once.
 ///
