@@ -83,7 +83,8 @@ pub fn igh_cia402_context_init(
     axis_count: usize,
 ) {
     pointers!(call, out(context), items(axes, axis_count));
-    let settings = |_| Ok(Cia402Config::default());
+    prepare(call, bus, &context)?;
+    let settings = Cia402Config::default();
     init(call, bus, &context, settings, |port, settings| of_table(call, port, axes, settings))
 }
 
@@ -103,7 +104,8 @@ pub fn igh_cia402_context_init_ex(
     settings: *const igh_cia402_settings_t,
 ) {
     pointers!(call, out(context), items(axes, axis_count), read(settings));
-    let settings = |call| settings.checked(call);
+    prepare(call, bus, &context)?;
+    let settings = settings.checked(call)?;
     init(call, bus, &context, settings, |port, settings| of_table(call, port, axes, settings))
 }
 
@@ -131,11 +133,12 @@ pub fn igh_cia402_context_init_file(
     settings: *const igh_cia402_settings_t,
 ) {
     pointers!(call, out(context), c_str(path), optional(settings));
+    prepare(call, bus, &context)?;
     let path = OsStr::from_bytes(path.to_bytes());
     let network = ecan_config_file::load_network_settings(path).or_code(call)?;
-    let settings = |call| match settings {
-        Some(settings) => settings.checked(call),
-        None => Ok(network.cia402.clone()),
+    let settings = match settings {
+        Some(settings) => settings.checked(call)?,
+        None => network.cia402.clone(),
     };
     init(call, bus, &context, settings, |port, settings| {
         let axes = ecan_config_file::load_axes(path).or_code(call)?;
@@ -162,21 +165,30 @@ fn of_table(
     Cia402::new(port, table, settings).or_code(call)
 }
 
-fn init(
+/// Rejects a Port that has axes, and clears the context for new ones.
+fn prepare(
     call: Call,
     bus: &mut Entered<Bus>,
     context: &OutPointer<igh_cia402_context_t>,
-    settings: impl FnOnce(Call) -> Result<Cia402Config, ecan_result_t>,
-    make: impl FnOnce(&Port, Cia402Config) -> Result<Cia402, ecan_result_t>,
 ) -> Result<(), ecan_result_t> {
     // Living axes may well be those of this context, which stay.
     // SAFETY: `out` was promised that the pointer is valid.
     unsafe { bus.need_no_axes(call, context.as_ptr().cast())? };
     // SAFETY: as above.
     unsafe { handle::clear(context.as_ptr().cast()) };
-    let settings = settings(call)?;
+    Ok(())
+}
+
+/// Adds axes to a context that was prepared.
+fn init(
+    call: Call,
+    bus: &mut Entered<Bus>,
+    context: &OutPointer<igh_cia402_context_t>,
+    settings: Cia402Config,
+    make: impl FnOnce(&Port, Cia402Config) -> Result<Cia402, ecan_result_t>,
+) -> Result<(), ecan_result_t> {
     let serial = bus.add_cia402(call, settings.node, |port| make(port, settings))?;
-    // SAFETY: as above.
+    // SAFETY: `out` was promised that the pointer is valid.
     unsafe { bus.add_axes_context(context.as_ptr().cast(), serial) };
     Ok(())
 }
