@@ -26,7 +26,8 @@ extern "C" {
  *
  * The network of a context (igh_cia402_context_t) has the drives of its axes, in the order of the axis
  * table, then the other nodes of the file of igh_cia402_context_init_file(), then those that
- * igh_canopen_add_node() adds. `node` is the index of a node in this order, from 0.
+ * igh_canopen_add_node() adds. `node` is the index of a node in this order, from 0. A drive with several
+ * axes is one node: `node` is not the index of an axis then, igh_canopen_find_node() returns it.
  *
  * The process data of nodes without an axis belong to the application: it reads their TPDOs by
  * igh_cia402_process_rx_ex() and sends their RPDOs by igh_mcan_port_send_can(), before

@@ -18,6 +18,9 @@
  *          targets_refused to targets_rejected, trouble to axis_error, auto_take_up to auto_resume,
  *          take_ups to activations.
  *          Added: IGH_CIA402_MODE_VL; the modes IP, PT and VL are driven, with their objects in igh_cia402_axis_t.
+ *          Added: several axes of a node, COB-IDs and node guarding: node_axis, rpdo_cob_ids, tpdo_cob_ids,
+ *          guard_time_ms and life_time_factor of igh_cia402_axis_t; IGH_CIA402_HOST_WATCH_GUARDED. pdo_number is a
+ *          uint16_t.
  *          Added: identity (device type, revision and serial number), outputs, inputs, feed-forward, limits
  *          and scale_source of igh_cia402_axis_t; igh_cia402_output_t and igh_cia402_input_t, the values of
  *          the inputs and offsets in igh_cia402_axis_state_t, feed_forwards_limited;
@@ -284,6 +287,9 @@ typedef enum {
 /** Most additional objects of an axis. */
 #define IGH_CIA402_MAX_FURTHER 16
 
+/** Most PDOs of an axis with own COB-IDs in one direction. */
+#define IGH_CIA402_MAX_PDOS 8
+
 /** An object that the configuration of a drive writes. */
 typedef struct {
     /** Value; signed for a signed object. */
@@ -315,8 +321,13 @@ typedef struct {
     uint8_t node_id;
     /** An igh_cia402_mode_t; it determines the process data. Default IGH_CIA402_MODE_CSP. */
     int8_t mode;
-    /** Number of the RPDO and the TPDO, 1 to 4. Default 1. */
-    uint8_t pdo_number;
+    /**
+     * Axis of the node, 0 to 7, for a drive with several: its objects are 0x800 further for each. The axes
+     * of a node are rows of the table with the same address, each with PDOs of its own. reset, the identity,
+     * expect_profile_402, the heartbeats, guarding and silence_other_tpdos must be equal in all of them.
+     * Default 0.
+     */
+    uint8_t node_axis;
     /**
      * 1: in CSP, the axis becomes active again automatically after a hold in which its drive
      * stayed enabled. Default 0: only igh_cia402_enable() does that. A drive that left Operation
@@ -415,7 +426,7 @@ typedef struct {
     uint32_t product_code;
     /**
      * Heartbeat of the drive, 0x1017, in milliseconds; the host counts it as lost after three and
-     * a half periods. 0 disables it. Default 100.
+     * a half periods. 0 disables it. Not used with guard_time_ms. Default 100.
      */
     uint16_t heartbeat_ms;
     /**
@@ -540,8 +551,31 @@ typedef struct {
     uint8_t use_drive_limits;
     /** An igh_cia402_scale_source_t. Default IGH_CIA402_SCALE_CONFIGURED. */
     uint8_t scale_source;
+    /**
+     * Multiple of guard_time_ms without response or request after which the host and the drive react,
+     * 1 to 255 (0x100D), if guard_time_ms is not 0. Default 0.
+     */
+    uint8_t life_time_factor;
     /** Must be 0. */
-    uint8_t padding[6];
+    uint8_t padding;
+    /**
+     * Time between two requests of node guarding, 1 to 65535 ms (0x100C): in place of heartbeat_ms, for a
+     * drive without heartbeat. The drive detects by the requests that the host has stopped. Default 0:
+     * none.
+     */
+    uint16_t guard_time_ms;
+    /**
+     * Number of the first RPDO and of the first TPDO, 1 to 512; further ones have the next numbers. Numbers
+     * above 4 need COB-IDs. Default 1.
+     */
+    uint16_t pdo_number;
+    /**
+     * COB-IDs of the RPDOs in the order of their numbers, 0x181 to 0x57F, one for each; the others are 0.
+     * Default all 0: those of the predefined connection set.
+     */
+    uint16_t rpdo_cob_ids[IGH_CIA402_MAX_PDOS];
+    /** COB-IDs of the TPDOs, as rpdo_cob_ids. */
+    uint16_t tpdo_cob_ids[IGH_CIA402_MAX_PDOS];
     /** Must be 0; for fields of later versions. */
     uint64_t reserved[8];
 } igh_cia402_axis_t;
@@ -1809,6 +1843,8 @@ typedef enum {
     IGH_CIA402_HOST_WATCH_NO_ENTRY = 2,
     /** By 0x1016, after watch_ms without a heartbeat. */
     IGH_CIA402_HOST_WATCH_ACTIVE = 3,
+    /** By life guarding, after watch_ms without a request of the host. */
+    IGH_CIA402_HOST_WATCH_GUARDED = 4,
     /** Another one. */
     IGH_CIA402_HOST_WATCH_OTHER = 255
 } igh_cia402_host_watch_t;
@@ -1853,8 +1889,8 @@ typedef enum {
  */
 typedef struct {
     /**
-     * Time without a heartbeat of the host after which the drive reacts, in milliseconds, if
-     * `watch` is IGH_CIA402_HOST_WATCH_ACTIVE; else 0.
+     * Time without a heartbeat or a guarding request of the host after which the drive reacts, in
+     * milliseconds, if `watch` is IGH_CIA402_HOST_WATCH_ACTIVE or IGH_CIA402_HOST_WATCH_GUARDED; else 0.
      */
     uint32_t watch_ms;
     /** Deceleration in units of the drive, if has_deceleration is 1. */

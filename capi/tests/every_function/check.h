@@ -102,6 +102,7 @@ void test_cia402_axes(void);
 void test_cia402_motion(void);
 void test_cia402_sdo(void);
 void test_cia402_further(void);
+void test_cia402_node_axes(void);
 void test_canopen_life(void);
 void test_canopen_network(void);
 void test_canopen_lss(void);

@@ -244,6 +244,7 @@ static void tables(igh_mcan_port_t *port)
     FAULTY(mode, 5);
     FAULTY(pdo_number, 0);
     FAULTY(pdo_number, 5);
+    FAULTY(node_axis, 8);
     FAULTY(range, 3);
     FAULTY(range, IGH_CIA402_RANGE_MODULO);
     FAULTY(steps_per_turn, 0.0);

@@ -104,7 +104,7 @@ static void identity(void)
     FAULTY(scale_source, 3);
     FAULTY(outputs, 0x20);
     FAULTY(inputs, 0x1000);
-    FAULTY(padding[5], 1);
+    FAULTY(padding, 1);
     /* A feed-forward needs its limits, a touch probe its status. */
     FAULTY(outputs, IGH_CIA402_OUTPUT_VELOCITY_OFFSET);
     FAULTY(outputs, IGH_CIA402_OUTPUT_PROBE_FUNCTION);

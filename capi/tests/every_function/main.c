@@ -21,6 +21,7 @@ int main(void)
     test_cia402_motion();
     test_cia402_sdo();
     test_cia402_further();
+    test_cia402_node_axes();
     test_canopen_life();
     test_canopen_network();
     test_canopen_lss();

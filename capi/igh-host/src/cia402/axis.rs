@@ -22,6 +22,9 @@ pub const IGH_CIA402_UNCHANGED: i32 = 2_147_483_647;
 /// Most additional objects of an axis.
 pub const IGH_CIA402_MAX_FURTHER: usize = 16;
 
+/// Most PDOs of an axis with own COB-IDs in one direction.
+pub const IGH_CIA402_MAX_PDOS: usize = 8;
+
 /// Marks a filled axis.
 pub(super) const SEAL: u64 = 0x6563_616e_5f61_7873;
 
@@ -59,8 +62,11 @@ pub struct igh_cia402_axis_t {
     pub node_id: u8,
     /// An igh_cia402_mode_t; it determines the process data. Default IGH_CIA402_MODE_CSP.
     pub mode: i8,
-    /// Number of the RPDO and the TPDO, 1 to 4. Default 1.
-    pub pdo_number: u8,
+    /// Axis of the node, 0 to 7, for a drive with several: its objects are 0x800 further for each. The axes
+    /// of a node are rows of the table with the same address, each with PDOs of its own. reset, the identity,
+    /// expect_profile_402, the heartbeats, guarding and silence_other_tpdos must be equal in all of them.
+    /// Default 0.
+    pub node_axis: u8,
 
     /// 1: in CSP, the axis becomes active again automatically after a hold in which its drive
     /// stayed enabled. Default 0: only igh_cia402_enable() does that. A drive that left Operation
@@ -141,7 +147,7 @@ pub struct igh_cia402_axis_t {
     pub product_code: u32,
 
     /// Heartbeat of the drive, 0x1017, in milliseconds; the host counts it as lost after three and
-    /// a half periods. 0 disables it. Default 100.
+    /// a half periods. 0 disables it. Not used with guard_time_ms. Default 100.
     pub heartbeat_ms: u16,
     /// Time after which the drive counts the host as lost, 0x1016:01, in milliseconds; 0 does not
     /// write the object. Default 250.
@@ -240,8 +246,23 @@ pub struct igh_cia402_axis_t {
     pub use_drive_limits: u8,
     /// An igh_cia402_scale_source_t. Default IGH_CIA402_SCALE_CONFIGURED.
     pub scale_source: u8,
+    /// Multiple of guard_time_ms without response or request after which the host and the drive react,
+    /// 1 to 255 (0x100D), if guard_time_ms is not 0. Default 0.
+    pub life_time_factor: u8,
     /// Must be 0.
-    pub padding: [u8; 6],
+    pub padding: u8,
+    /// Time between two requests of node guarding, 1 to 65535 ms (0x100C): in place of heartbeat_ms, for a
+    /// drive without heartbeat. The drive detects by the requests that the host has stopped. Default 0:
+    /// none.
+    pub guard_time_ms: u16,
+    /// Number of the first RPDO and of the first TPDO, 1 to 512; further ones have the next numbers. Numbers
+    /// above 4 need COB-IDs. Default 1.
+    pub pdo_number: u16,
+    /// COB-IDs of the RPDOs in the order of their numbers, 0x181 to 0x57F, one for each; the others are 0.
+    /// Default all 0: those of the predefined connection set.
+    pub rpdo_cob_ids: [u16; IGH_CIA402_MAX_PDOS],
+    /// COB-IDs of the TPDOs, as rpdo_cob_ids.
+    pub tpdo_cob_ids: [u16; IGH_CIA402_MAX_PDOS],
     /// Must be 0; for fields of later versions.
     pub reserved: [u64; 8],
 }

@@ -1,9 +1,12 @@
-//! Further settings of an axis of C: identity, process data, feed-forward, modes, limits.
+//! Further settings of an axis of C: identity, process data, COB-IDs, guarding, feed-forward, modes, limits.
 
-use ecan_canopen::{IdentityCheck, RevisionCheck};
+use ecan_canopen::{GuardingConfig, IdentityCheck, RevisionCheck};
 use ecan_cia402::{
-    AxisConfig, FeedForwardLimits, InputObject, OutputObject, ScaleSource, VlConfig,
+    AxisConfig, FeedForwardLimits, InputObject, OutputObject, PdoCobIds, ScaleSource, VlConfig,
 };
+use ecan_protocol::can::CanId;
+
+use crate::milliseconds::duration;
 
 use super::axis::igh_cia402_axis_t;
 use super::numbers::{igh_cia402_revision_t, igh_cia402_scale_source_t};
@@ -36,7 +39,12 @@ pub(super) fn apply(
         Some(source) => config.scale_source = source,
         None => report("scale_source", axis.scale_source.into()),
     }
+    config.cob_ids = PdoCobIds {
+        rpdos: cob_ids("rpdo_cob_ids", &axis.rpdo_cob_ids, report),
+        tpdos: cob_ids("tpdo_cob_ids", &axis.tpdo_cob_ids, report),
+    };
     let drive = &mut config.drive;
+    drive.guarding = guarding(axis);
     drive.identity = identity(axis, report);
     drive.output_mask = (axis.has_output_mask != 0).then_some(axis.output_mask);
     drive.interpolation_buffer = given(axis.interpolation_buffer);
@@ -49,6 +57,28 @@ pub(super) fn apply(
     drive.max_torque = given(axis.max_torque);
     drive.max_motor_speed = given(axis.max_motor_speed);
     drive.use_limits = axis.use_drive_limits != 0;
+}
+
+/// COB-IDs up to the last one that is given.
+fn cob_ids(field: &str, ids: &[u16], report: &mut dyn FnMut(&str, i64)) -> Vec<CanId> {
+    let count = ids.iter().rposition(|id| *id != 0).map_or(0, |last| last + 1);
+    let can_id = |id: &u16| {
+        let can_id = CanId::standard(*id).ok().filter(|_| *id != 0);
+        if can_id.is_none() {
+            report(field, (*id).into());
+        }
+        can_id
+    };
+    ids.iter().take(count).filter_map(can_id).collect()
+}
+
+/// Node guarding if one of its values is given; a missing one is a fault that Rust finds.
+fn guarding(axis: &igh_cia402_axis_t) -> Option<GuardingConfig> {
+    let guarding = GuardingConfig {
+        guard_time: duration(axis.guard_time_ms.into()),
+        life_time_factor: axis.life_time_factor,
+    };
+    (axis.guard_time_ms != 0 || axis.life_time_factor != 0).then_some(guarding)
 }
 
 fn identity(axis: &igh_cia402_axis_t, report: &mut dyn FnMut(&str, i64)) -> IdentityCheck {
@@ -87,7 +117,7 @@ fn given<T: Default + PartialEq>(value: T) -> Option<T> {
 mod tests {
     use ecan_canopen::{NodeAddress, NodeId};
 
-    use super::super::axis::igh_cia402_axis_init;
+    use super::super::axis::{IGH_CIA402_MAX_PDOS, igh_cia402_axis_init};
     use super::super::process_data::{igh_cia402_input_t, igh_cia402_output_t};
     use super::*;
 
@@ -131,12 +161,23 @@ mod tests {
         (axis.vl_deceleration, axis.vl_deceleration_s) = (200, 2);
         (axis.max_torque, axis.max_motor_speed, axis.use_drive_limits) = (1500, 4000, 1);
         axis.scale_source = igh_cia402_scale_source_t::IGH_CIA402_SCALE_DRIVE as u8;
+        (axis.guard_time_ms, axis.life_time_factor) = (100, 3);
+        axis.rpdo_cob_ids[0] = 0x301;
+        axis.tpdo_cob_ids[..2].copy_from_slice(&[0x381, 0x382]);
         let mut expected = config();
         expected.outputs = vec![OutputObject::TorqueOffset, OutputObject::DigitalOutputs];
         expected.inputs = vec![InputObject::Velocity, InputObject::VlVelocity];
         expected.feed_forward =
             FeedForwardLimits { velocity: 1, velocity_change: 2, torque: 3, torque_change: 4 };
         expected.scale_source = ScaleSource::Drive;
+        expected.cob_ids = PdoCobIds {
+            rpdos: vec![CanId::standard(0x301).unwrap()],
+            tpdos: [0x381, 0x382].map(|id| CanId::standard(id).unwrap()).to_vec(),
+        };
+        expected.drive.guarding = Some(GuardingConfig {
+            guard_time: std::time::Duration::from_millis(100),
+            life_time_factor: 3,
+        });
         expected.drive.identity = IdentityCheck {
             device_type: Some(0x0002_0192),
             vendor_id: Some(7),
@@ -162,12 +203,28 @@ mod tests {
     }
 
     #[test]
+    fn cob_ids_of_all_objects_fit() {
+        let config = AxisConfig {
+            outputs: OutputObject::ALL.to_vec(),
+            inputs: InputObject::ALL.to_vec(),
+            ..config()
+        };
+        let layout = config.layout();
+        assert!(layout.rpdo_count() <= IGH_CIA402_MAX_PDOS);
+        assert!(layout.tpdo_count() <= IGH_CIA402_MAX_PDOS);
+    }
+
+    #[test]
     fn unknown_numbers_are_reported() {
         let mut axis = axis();
         (axis.outputs, axis.inputs) = (0x20, 0x1000);
         (axis.revision_check, axis.scale_source) = (3, 4);
+        (axis.rpdo_cob_ids[1], axis.tpdo_cob_ids[0]) = (0x202, 0x800);
         let (_, faults) = applied(&axis);
         let fields: Vec<_> = faults.iter().map(|(field, _)| field.as_str()).collect();
-        assert_eq!(fields, ["outputs", "inputs", "scale_source", "revision_check"]);
+        let expected =
+            ["outputs", "inputs", "scale_source", "rpdo_cob_ids", "tpdo_cob_ids", "revision_check"];
+        assert_eq!(fields, expected);
+        assert_eq!((faults[3].1, faults[4].1), (0, 0x800));
     }
 }

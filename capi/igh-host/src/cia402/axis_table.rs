@@ -13,7 +13,8 @@ use ecan_cia402::{
 };
 
 use super::axis::{
-    IGH_CIA402_MAX_FURTHER, IGH_CIA402_UNCHANGED, SEAL, igh_cia402_axis_t, igh_cia402_object_t,
+    IGH_CIA402_MAX_FURTHER, IGH_CIA402_MAX_PDOS, IGH_CIA402_UNCHANGED, SEAL, igh_cia402_axis_t,
+    igh_cia402_object_t,
 };
 use super::axis_options;
 use super::numbers::{igh_cia402_range_t, igh_cia402_reset_t};
@@ -104,7 +105,7 @@ impl igh_cia402_axis_t {
             channel,
             node_id,
             mode: settings.mode.raw(),
-            pdo_number: u8::try_from(settings.pdo_number).unwrap_or(u8::MAX),
+            node_axis: settings.node_axis,
             auto_resume: settings.auto_resume.into(),
             range: igh_cia402_range_t::IGH_CIA402_RANGE_LINEAR as u8,
             range_min: 0,
@@ -174,7 +175,12 @@ impl igh_cia402_axis_t {
             has_output_mask: 0,
             use_drive_limits: 0,
             scale_source: 0,
-            padding: [0; 6],
+            life_time_factor: 0,
+            padding: 0,
+            guard_time_ms: 0,
+            pdo_number: settings.pdo_number,
+            rpdo_cob_ids: [0; IGH_CIA402_MAX_PDOS],
+            tpdo_cob_ids: [0; IGH_CIA402_MAX_PDOS],
             reserved: [0; 8],
         }
     }
@@ -246,7 +252,8 @@ impl igh_cia402_axis_t {
             drain_images: self.drain_images,
             auto_resume: self.auto_resume != 0,
             enable_timeout: duration(self.enable_timeout_ms),
-            pdo_number: self.pdo_number.into(),
+            node_axis: self.node_axis,
+            pdo_number: self.pdo_number,
             drive,
             ..AxisConfig::new(NodeAddress { slave, channel, node: node? })
         }
@@ -260,7 +267,7 @@ impl igh_cia402_axis_t {
 
     fn reserved_is_set(&self) -> bool {
         let mut further = self.further.iter().take(self.further_count.into());
-        let own = self.reserved != [0; 8] || self.padding != [0; 6];
+        let own = self.reserved != [0; 8] || self.padding != 0;
         own || further.any(|object| object.reserved != [0; 3])
     }
 
@@ -371,6 +378,7 @@ mod tests {
     fn every_field_arrives() {
         let mut axis = axis(0);
         axis.mode = OperatingMode::CyclicVelocity.raw();
+        (axis.node_axis, axis.pdo_number) = (2, 300);
         (axis.range, axis.range_min, axis.range_max) = (2, -5, 7);
         (axis.has_bounds, axis.bound_min, axis.bound_max) = (1, -3, 3);
         (axis.steps_per_turn, axis.origin) = (4096.0, 11);
@@ -413,7 +421,9 @@ mod tests {
             ..DriveConfig::default()
         };
         let expected = AxisConfig {
+            node_axis: 2,
             mode: OperatingMode::CyclicVelocity,
+            pdo_number: 300,
             range: PositionRange::Modulo { min: -5, max: 7 },
             bounds: Some((-3, 3)),
             scale: Scale::steps_per_turn(4096.0).with_origin(11),

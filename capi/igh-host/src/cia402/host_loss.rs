@@ -20,6 +20,8 @@ mirror! {
         IGH_CIA402_HOST_WATCH_NO_ENTRY = 2 => HostWatch::NoEntry,
         /// By 0x1016, after watch_ms without a heartbeat.
         IGH_CIA402_HOST_WATCH_ACTIVE = 3 => HostWatch::Active(_),
+        /// By life guarding, after watch_ms without a request of the host.
+        IGH_CIA402_HOST_WATCH_GUARDED = 4 => HostWatch::Guarded(_),
         /// Another one.
         IGH_CIA402_HOST_WATCH_OTHER = 255 => _,
     }
@@ -68,8 +70,8 @@ mirror! {
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct igh_cia402_host_loss_info_t {
-    /// Time without a heartbeat of the host after which the drive reacts, in milliseconds, if
-    /// `watch` is IGH_CIA402_HOST_WATCH_ACTIVE; else 0.
+    /// Time without a heartbeat or a guarding request of the host after which the drive reacts, in
+    /// milliseconds, if `watch` is IGH_CIA402_HOST_WATCH_ACTIVE or IGH_CIA402_HOST_WATCH_GUARDED; else 0.
     pub watch_ms: u32,
     /// Deceleration in units of the drive, if has_deceleration is 1.
     pub deceleration: u32,
@@ -90,7 +92,9 @@ pub struct igh_cia402_host_loss_info_t {
 
 fn info(loss: &HostLoss) -> igh_cia402_host_loss_info_t {
     let watch_ms = match loss.watch {
-        HostWatch::Active(time) => u32::try_from(time.as_millis()).unwrap_or(u32::MAX),
+        HostWatch::Active(time) | HostWatch::Guarded(time) => {
+            u32::try_from(time.as_millis()).unwrap_or(u32::MAX)
+        }
         _ => 0,
     };
     let ramp = match loss.reaction {
