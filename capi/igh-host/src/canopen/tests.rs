@@ -334,6 +334,38 @@ fn process_data_of_a_node_belong_to_the_application() {
     assert!(received > 150, "{received}");
 }
 
+/// The gripper of the example takes its RPDO, and sends its TPDO, with SYNC.
+#[test]
+fn gripper_of_the_example_follows_sync() {
+    let mut machine = Machine::of_example();
+    let motors = machine.motors();
+    let port: *mut igh_mcan_port_t = &mut *machine.port;
+    let mut frames: [igh_mcan_rx_frame_t; 16] = *garbage();
+    let (mut received, force) = (0, 300_u16.to_le_bytes());
+    let (mut data, mut length) = ([0_u8; 2], 0);
+    // SAFETY: the pointers are valid.
+    unsafe {
+        ok(igh_canopen_wait_booted_timeout(motors, 20_000));
+        for _ in 0..200 {
+            let mut count = 0;
+            ok(igh_mcan_port_wait_next_cycle(port));
+            ok(igh_mcan_port_cycle_begin(port));
+            ok(igh_cia402_process_rx_ex(motors, frames.as_mut_ptr(), 16, &mut count));
+            ok(igh_mcan_port_send_can(port, 0, 1, 0x204, 0, force.as_ptr(), 2));
+            ok(igh_cia402_send_targets_all(motors));
+            ok(igh_mcan_port_cycle_end(port));
+            let is_jaw = |frame: &&igh_mcan_rx_frame_t| {
+                (frame.slave, frame.channel, frame.can_id) == (0, 1, 0x184)
+            };
+            received += frames[..count].iter().filter(is_jaw).count();
+        }
+        let buffer = data.as_mut_ptr().cast::<c_void>();
+        ok(igh_canopen_sdo_upload(port, 0, 1, 4, 0x2000, 0, buffer, 2, &mut length, 2_000));
+    }
+    assert_eq!((length, data), (2, force));
+    assert!((190..=201).contains(&received), "{received}");
+}
+
 /// A machine with one gripper of another maker, and a second one that does not exist.
 const WRONG: &str = r#"
     cycle_us = 2000

@@ -76,7 +76,7 @@ fn saved_values_are_compared_and_restored() {
     let restored = served.node(&gripper("restore", &file, &["--yes"]));
     assert!(restored.starts_with(&format!("{file} to node 4 on can1: ")), "{restored}");
     // Of a PDO only as many mapped objects are written as it has.
-    assert!(restored.ends_with(": 25 writes, 18 values verified\n"), "{restored}");
+    assert!(restored.ends_with(": 26 writes, 19 values verified\n"), "{restored}");
     assert_eq!(served.node(&gripper("diff", &file, &[])), same);
     assert_eq!(
         served.node(&["sdo", "read", "--node", "1.4", "--eds", &eds, "label"]),
