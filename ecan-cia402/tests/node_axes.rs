@@ -269,4 +269,9 @@ fn axes_of_a_node_must_fit_together() {
     let count = AxisFault::CobIdCount { found: 2, count: 1 };
     assert_eq!(cob_ids(&[0x301, 0x302]), [(1, count)]);
     assert_eq!(cob_ids(&[0x181]), [(1, AxisFault::SameCobId { cob_id: id(0x181), other: 0 })]);
+    let same_pdo = faults(|axis| {
+        axis.cob_ids = PdoCobIds { rpdos: vec![id(0x501)], tpdos: vec![id(0x481)] };
+        axis.pdo_number = 1;
+    });
+    assert_eq!(same_pdo, [(1, AxisFault::SamePdo { number: 1, other: 0 })]);
 }

@@ -42,18 +42,29 @@ pub enum AxisFault {
         count: usize,
     },
     /// Other services have the CAN ID.
-    #[error("COB-ID {cob_id} is out of range for a PDO; allowed: 0x181 to 0x57F")]
+    #[error("COB-ID 0x{:03X} is out of range for a PDO; allowed: 0x181 to 0x57F", cob_id.raw())]
     CobId {
         /// The invalid COB-ID.
         cob_id: CanId,
     },
     /// Two PDOs on a channel have the same COB-ID.
     #[error(
-        "COB-ID {cob_id} is that of a PDO of axis {other} already; choose another PDO number, or cob_ids"
+        "COB-ID 0x{:03X} is that of a PDO of axis {other} already; choose another PDO number, or cob_ids",
+        cob_id.raw()
     )]
     SameCobId {
         /// The COB-ID.
         cob_id: CanId,
+        /// Index of the other axis.
+        other: usize,
+    },
+    /// Two axes of a node have the same PDO.
+    #[error(
+        "PDO {number} is one of axis {other} of the same node already; choose another PDO number"
+    )]
+    SamePdo {
+        /// The number.
+        number: u16,
         /// Index of the other axis.
         other: usize,
     },
@@ -287,7 +298,7 @@ pub enum AxisFault {
         direction: Direction,
     },
     /// Two axes have the same axis of a drive.
-    #[error("{address} is the drive of axis {other} already")]
+    #[error("{address} is the drive of axis {other} already; set another node_axis")]
     SameNode {
         /// The drive.
         address: NodeAddress,

@@ -11,7 +11,7 @@ use super::drive_config::DriveConfig;
 use super::drive_units::ScaleSource;
 use super::input_object::InputObject;
 use super::motion_limits::MotionLimits;
-use super::node_axis::MOST_AXES;
+use super::node_axis::{MOST_AXES, axis_index};
 use super::output_object::OutputObject;
 use super::pdo_cob_ids::PdoCobIds;
 use super::pdo_layout::{PdoLayout, TargetObject};
@@ -166,6 +166,12 @@ impl AxisConfig {
     pub fn with_node_axis(mut self, axis: u8, pdo_number: u16) -> Self {
         (self.node_axis, self.pdo_number) = (axis, pdo_number);
         self
+    }
+
+    /// Index of an object of the axis in its node, by its index for the first axis (0x6000 to 0x67FF). Other
+    /// objects belong to the node and keep their index.
+    pub fn object_index(&self, index: u16) -> u16 {
+        axis_index(self.node_axis, index)
     }
 
     /// CAN ID of an RPDO of the axis, 0 is the first.

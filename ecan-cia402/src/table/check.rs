@@ -1,5 +1,6 @@
 //! Checks of an axis table against its Port.
 
+use std::ops::Range;
 use std::time::Duration;
 
 use ecan_mcan_port::Port;
@@ -57,23 +58,8 @@ fn examine<'a>(
             report(AxisFault::TargetPeriod { period_ns });
         }
         check_address(port, axis, &mut report);
+        axis_conflicts(axis, &earlier, &mut report);
         let address = axis.address;
-        let of_node = || earlier.iter().filter(|(_, earlier)| earlier.address == address);
-        if let Some((other, _)) = of_node().find(|(_, it)| it.node_axis == axis.node_axis) {
-            report(AxisFault::SameNode { address, other: *other });
-        } else if let Some((other, _)) = of_node().find(|(_, it)| !it.shares_node_settings(axis)) {
-            report(AxisFault::NodeSettings { address, other: *other });
-        }
-        for (other, earlier) in &earlier {
-            let channel = |axis: &AxisConfig| (axis.address.slave, axis.address.channel);
-            if channel(earlier) == channel(axis)
-                && (earlier.address, earlier.node_axis) != (address, axis.node_axis)
-                && let Some(cob_id) = pdo_ids(axis).find(|id| pdo_ids(earlier).any(|it| it == *id))
-            {
-                report(AxisFault::SameCobId { cob_id, other: *other });
-                break;
-            }
-        }
         if config.network.host_heartbeat.is_some_and(|host| host.node == address.node) {
             report(AxisFault::HostNode { address });
         }
@@ -85,6 +71,57 @@ fn examine<'a>(
         }
     }
     limited
+}
+
+/// Reports the faults of an axis with earlier ones of its table, each with its index: the same axis of a
+/// node, different settings of a node, PDO numbers of a node and COB-IDs of a channel that are used twice.
+/// [`axis_faults`] reports these, too; for tools that have no Port.
+pub fn axis_conflicts(
+    axis: &AxisConfig,
+    earlier: &[(usize, &AxisConfig)],
+    report: &mut dyn FnMut(AxisFault),
+) {
+    let address = axis.address;
+    let of_node = || earlier.iter().filter(|(_, earlier)| earlier.address == address);
+    if let Some((other, _)) = of_node().find(|(_, it)| it.node_axis == axis.node_axis) {
+        report(AxisFault::SameNode { address, other: *other });
+    } else if let Some((other, _)) = of_node().find(|(_, it)| !it.shares_node_settings(axis)) {
+        report(AxisFault::NodeSettings { address, other: *other });
+    }
+    for (other, earlier) in earlier {
+        let channel = |axis: &AxisConfig| (axis.address.slave, axis.address.channel);
+        if channel(earlier) == channel(axis)
+            && (earlier.address, earlier.node_axis) != (address, axis.node_axis)
+            && let Some(cob_id) = pdo_ids(axis).find(|id| pdo_ids(earlier).any(|it| it == *id))
+        {
+            return report(AxisFault::SameCobId { cob_id, other: *other });
+        }
+    }
+    for (other, earlier) in of_node().filter(|(_, it)| it.node_axis != axis.node_axis) {
+        if let Some(number) = first_common(rpdos(axis), rpdos(earlier))
+            .or_else(|| first_common(tpdos(axis), tpdos(earlier)))
+        {
+            return report(AxisFault::SamePdo { number, other: *other });
+        }
+    }
+}
+
+/// Numbers of the RPDOs of an axis, from the first to one beyond the last.
+fn rpdos(axis: &AxisConfig) -> Range<usize> {
+    let first = usize::from(axis.pdo_number);
+    first..first + axis.layout().rpdo_count()
+}
+
+/// As [`rpdos`], of the TPDOs.
+fn tpdos(axis: &AxisConfig) -> Range<usize> {
+    let first = usize::from(axis.pdo_number);
+    first..first + axis.layout().tpdo_count()
+}
+
+fn first_common(one: Range<usize>, other: Range<usize>) -> Option<u16> {
+    let first = one.start.max(other.start);
+    let is_common = first < one.end.min(other.end);
+    u16::try_from(first).ok().filter(|_| is_common)
 }
 
 /// CAN IDs of the PDOs of an axis.

@@ -17,7 +17,7 @@ mod shutdown;
 mod stop_together;
 mod table_config;
 
-pub use check::axis_faults;
+pub use check::{axis_conflicts, axis_faults};
 pub use cia402::Cia402;
 pub use cycle::SendSummary;
 pub use error::{AxisFaults, AxisTimeout, BootTimeout, Cia402Error, ScheduleError};
