@@ -3,7 +3,9 @@
 use std::time::Duration;
 
 use ecan_canopen::{NodeAddress, NodeId, OperatingMode};
-use ecan_cia402::{AxisConfig, AxisFault, DriveConfig, MotionLimit, PositionRange, ScaleSource};
+use ecan_cia402::{
+    AxisConfig, AxisFault, DriveConfig, MotionLimit, PositionRange, ScaleSource, axis_conflicts,
+};
 use ecan_mcan_port::Config;
 use ecan_protocol::mapping::{CHANNELS, Direction};
 
@@ -37,15 +39,24 @@ const SCALE_SOURCES: [(&str, ScaleSource); 3] = [
     ("drive", ScaleSource::Drive),
 ];
 
+/// An axis of a file.
+pub(crate) struct FileAxis {
+    pub(crate) config: AxisConfig,
+    /// Path of its table, or of the key that names its file.
+    pub(crate) path: String,
+}
+
 /// Reads an axis; `None` if it has no valid address.
-pub(crate) fn read(mut table: Table<'_, '_>) -> Option<AxisConfig> {
+pub(crate) fn read(mut table: Table<'_, '_>) -> Option<FileAxis> {
     let address = read_address(&mut table);
     // In a node its keys are those of the node.
     let mut network = DriveConfig::default();
     drive::read_network(&mut table, &mut network);
-    let mut axis = read_at(table, address)?;
+    let mut axis = read_at(table, address, 0)?;
     let DriveConfig { reset, boot_timeout, heartbeat_ms, guarding, .. } = network;
-    axis.drive = DriveConfig { reset, boot_timeout, heartbeat_ms, guarding, ..axis.drive };
+    let drive = &mut axis.config.drive;
+    (drive.reset, drive.boot_timeout) = (reset, boot_timeout);
+    (drive.heartbeat_ms, drive.guarding) = (heartbeat_ms, guarding);
     Some(axis)
 }
 
@@ -58,14 +69,16 @@ fn read_address(table: &mut Table<'_, '_>) -> Option<NodeAddress> {
     Some(NodeAddress { slave, channel, node: NodeId::new(u8::try_from(node).ok()?)? })
 }
 
-/// Reads the axis of a node.
+/// Reads an axis of a node; `node_axis` is its default.
 pub(crate) fn read_at(
     mut table: Table<'_, '_>,
     address: Option<NodeAddress>,
-) -> Option<AxisConfig> {
+    node_axis: u8,
+) -> Option<FileAxis> {
     // All keys are read, so that each wrong one is reported.
     let mut axis =
         AxisConfig::new(address.unwrap_or(NodeAddress { slave: 0, channel: 0, node: NodeId::MAX }));
+    axis.node_axis = table.unsigned("node_axis", (0, 7)).unwrap_or(node_axis);
     store(&mut axis.mode, table.word("mode", &MODES));
     read_scale(&mut table, &mut axis);
     axis.limits.velocity = table.float("max_velocity_rad_s");
@@ -85,7 +98,8 @@ pub(crate) fn read_at(
     read_tolerances(&mut table, &mut axis);
     process_data::read(&mut table, &mut axis);
     drive::read(&mut table, &mut axis.drive);
-    address.map(|_| axis)
+    let path = table.own_path().to_owned();
+    address.map(|_| FileAxis { config: axis, path })
 }
 
 /// The range of the counter, and what the guard tolerates.
@@ -137,51 +151,46 @@ fn read_bounds(table: &mut Table<'_, '_>) -> Option<(i32, i32)> {
     min.zip(max)
 }
 
-/// Checks the axes, each alone and with the gateways, and reports their faults to the document.
-pub(crate) fn check(document: &Document<'_>, config: &Config, axes: &[Option<AxisConfig>]) {
-    let axes = axes.iter().enumerate().filter_map(|(at, axis)| Some((at, axis.as_ref()?)));
-    let mut addresses: Vec<(usize, NodeAddress)> = Vec::new();
-    for (at, axis) in axes {
+/// Checks the axes, each alone, with the earlier ones and with the gateways, and reports their faults to
+/// the document.
+pub(crate) fn check(document: &Document<'_>, config: &Config, axes: &[Option<FileAxis>]) {
+    let mut earlier: Vec<(usize, &AxisConfig)> = Vec::new();
+    for (at, file_axis) in axes.iter().enumerate() {
+        let Some(FileAxis { config: axis, path }) = file_axis else { continue };
         let paths =
-            |keys: &[&str]| keys.iter().map(|key| format!("axis[{at}].{key}")).collect::<Vec<_>>();
-        axis.check(&mut |fault| {
-            document.semantic_fault(&paths(keys(&fault)), format!("axis {at}: {fault}"));
-        });
-        let NodeAddress { slave, channel, .. } = axis.address;
-        match config.port.gateways.get(slave) {
-            None => {
-                let reason = format!("axis {at}: gateway {slave} is not in the file");
-                document.semantic_fault(&paths(&["gateway"]), reason);
-            }
-            Some(gateway) => {
-                let channels = &gateway.channels;
-                if !channels.get(usize::from(channel)).is_some_and(Option::is_some) {
-                    let reason = format!(
-                        "axis {at}: channel {channel} of gateway {slave} is not enabled; add its \
-                         table can{channel}"
-                    );
-                    document.semantic_fault(&paths(&["channel"]), reason);
-                } else if let Some(direction) =
-                    Direction::ALL.into_iter().find(|it| !gateway.carries(*it, channel))
-                {
-                    let reason = format!(
-                        "axis {at}: channel {channel} of gateway {slave} is not among the \
-                         `channels` of the {direction}; an axis needs both directions"
-                    );
-                    document.semantic_fault(&paths(&["channel"]), reason);
-                }
-            }
+            |keys: &[&str]| keys.iter().map(|key| format!("{path}.{key}")).collect::<Vec<_>>();
+        let mut report = |fault: AxisFault| {
+            document.semantic_fault(&paths(keys(&fault, axis)), format!("axis {at}: {fault}"));
+        };
+        axis.check(&mut report);
+        axis_conflicts(axis, &earlier, &mut report);
+        if let Some((key, reason)) = channel_fault(config, axis.address, at) {
+            document.semantic_fault(&paths(&[key]), reason);
         }
-        if let Some((other, _)) = addresses.iter().find(|(_, address)| *address == axis.address) {
-            let reason = format!("axis {at}: {} is axis {other}, too", axis.address);
-            document.semantic_fault(&paths(&["node"]), reason);
-        }
-        addresses.push((at, axis.address));
+        earlier.push((at, axis));
     }
 }
 
+/// Key and text of the fault of an axis whose channel cannot be used.
+fn channel_fault(
+    config: &Config,
+    NodeAddress { slave, channel, .. }: NodeAddress,
+    at: usize,
+) -> Option<(&'static str, String)> {
+    let Some(gateway) = config.port.gateways.get(slave) else {
+        return Some(("gateway", format!("axis {at}: gateway {slave} is not in the file")));
+    };
+    let text = if !gateway.channels.get(usize::from(channel)).is_some_and(Option::is_some) {
+        format!("is not enabled; add its table can{channel}")
+    } else {
+        let direction = Direction::ALL.into_iter().find(|it| !gateway.carries(*it, channel))?;
+        format!("is not among the `channels` of the {direction}; an axis needs both directions")
+    };
+    Some(("channel", format!("axis {at}: channel {channel} of gateway {slave} {text}")))
+}
+
 /// Keys that a fault may come from, the most likely one first.
-fn keys(fault: &AxisFault) -> &'static [&'static str] {
+fn keys(fault: &AxisFault, axis: &AxisConfig) -> &'static [&'static str] {
     let limit_key = |limit: &MotionLimit| -> &'static [&'static str] {
         match limit {
             MotionLimit::Velocity => &["max_velocity_rad_s"],
@@ -196,7 +205,23 @@ fn keys(fault: &AxisFault) -> &'static [&'static str] {
         AxisFault::TargetStep { .. } => &["target_step", "step_limit"],
         AxisFault::Standstill { .. } => &["standstill", "step_limit"],
         AxisFault::Window { .. } => &["following_window", "step_limit"],
-        AxisFault::PdoNumber { .. } => &["pdo_number"],
+        AxisFault::PdoNumber { .. } | AxisFault::SamePdo { .. } => {
+            &["pdo_number", "rpdo_cob_ids", "tpdo_cob_ids"]
+        }
+        AxisFault::CobIdCount { found, .. } if *found == axis.cob_ids.rpdos.len() => {
+            &["rpdo_cob_ids"]
+        }
+        AxisFault::CobId { cob_id } | AxisFault::SameCobId { cob_id, .. }
+            if axis.cob_ids.rpdos.contains(cob_id) =>
+        {
+            &["rpdo_cob_ids"]
+        }
+        AxisFault::CobIdCount { .. } | AxisFault::CobId { .. } => &["tpdo_cob_ids"],
+        AxisFault::SameCobId { cob_id, .. } if axis.cob_ids.tpdos.contains(cob_id) => {
+            &["tpdo_cob_ids"]
+        }
+        AxisFault::SameCobId { .. } => &["pdo_number", "node", "rpdo_cob_ids", "tpdo_cob_ids"],
+        AxisFault::SameNode { .. } | AxisFault::NodeAxis { .. } => &["node_axis", "node"],
         AxisFault::PdoCount { .. } => &["inputs", "outputs", "pdo_number"],
         AxisFault::OutputMode { .. } | AxisFault::ProbeStatus => &["outputs", "mode"],
         AxisFault::FeedForwardLimit { .. } => &["feed_forward", "outputs"],

@@ -2,10 +2,10 @@
 
 use std::time::Duration;
 
-use ecan_cia402::AxisConfig;
 use ecan_host::{AdapterConfig, ClockSource, DcSync, MAX_SLAVES, MAX_STARTUP_STEPS};
 use ecan_mcan_port::{MAX_FILTERS, PortConfig};
 
+use crate::axis::FileAxis;
 use crate::document::{Table, store};
 use crate::included_profile::IncludedProfile;
 use crate::network::{NetworkSettings, NetworkTable};
@@ -21,7 +21,7 @@ const INDEX_MAX: u32 = 0xFFFF;
 pub(crate) struct Bus {
     pub(crate) config: Config,
     /// `None` for an axis without a valid address.
-    pub(crate) axes: Vec<Option<AxisConfig>>,
+    pub(crate) axes: Vec<Option<FileAxis>>,
     pub(crate) profiles: Vec<IncludedProfile>,
     pub(crate) service: ServiceSettings,
     pub(crate) network: NetworkSettings,

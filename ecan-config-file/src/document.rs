@@ -188,7 +188,13 @@ impl<'t, 'i> Table<'t, 'i> {
         }
     }
 
-    fn path(&self, key: &str) -> String {
+    /// Path of this table in the file.
+    pub(crate) fn own_path(&self) -> &str {
+        &self.path
+    }
+
+    /// Path of a key in the file.
+    pub(crate) fn path(&self, key: &str) -> String {
         if self.path.is_empty() { key.to_owned() } else { format!("{}.{key}", self.path) }
     }
 
@@ -376,14 +382,8 @@ impl<'t, 'i> Table<'t, 'i> {
     /// A list of two integers from `min` to `max`.
     pub(crate) fn pair(&mut self, key: &'static str, (min, max): (u32, u32)) -> Option<(u32, u32)> {
         let value = self.value(key)?.get_ref();
-        let numbers: Option<Vec<_>> = value.as_array().map(|array| {
-            let numbers = array.iter().map(|it| it.get_ref().as_integer().and_then(integer));
-            let in_range =
-                |number| u32::try_from(number?).ok().filter(|it| (min..=max).contains(it));
-            numbers.map(in_range).collect()
-        });
-        match numbers.as_deref() {
-            Some([Some(first), Some(last)]) => Some((*first, *last)),
+        match integers(value, (min, max)).as_deref() {
+            Some([first, last]) => Some((*first, *last)),
             _ => {
                 self.fault(
                     key,
@@ -392,6 +392,20 @@ impl<'t, 'i> Table<'t, 'i> {
                 None
             }
         }
+    }
+
+    /// A list of integers from `min` to `max`.
+    pub(crate) fn unsigned_list(
+        &mut self,
+        key: &'static str,
+        (min, max): (u32, u32),
+    ) -> Option<Vec<u32>> {
+        let value = self.value(key)?.get_ref();
+        let numbers = integers(value, (min, max));
+        if numbers.is_none() {
+            self.fault(key, format!("`{key}` must be an array of integers from {min} to {max}"));
+        }
+        numbers
     }
 
     /// An integer from `min` to `max`, which fits `T`.
@@ -579,6 +593,14 @@ pub(crate) fn store<T>(target: &mut T, value: Option<T>) {
 fn integer(number: &DeInteger<'_>) -> Option<i64> {
     let digits = number.as_str().replace('_', "");
     i64::from_str_radix(digits.trim_start_matches('+'), number.radix()).ok()
+}
+
+/// The integers of an array; `None` for another value, or with an integer out of range.
+fn integers(value: &DeValue<'_>, (min, max): (u32, u32)) -> Option<Vec<u32>> {
+    let numbers = value.as_array()?.iter().map(|it| integer(it.get_ref().as_integer()?));
+    numbers
+        .map(|number| u32::try_from(number?).ok().filter(|it| (min..=max).contains(it)))
+        .collect()
 }
 
 fn kind(value: &DeValue<'_>) -> &'static str {

@@ -131,7 +131,7 @@ pub fn parse_with(bytes: &[u8], texts: BTreeMap<String, String>) -> Result<Confi
 /// # Errors
 /// Every fault of the file, with line and column.
 pub fn parse_axes(bytes: &[u8]) -> Result<Vec<AxisConfig>, FileFaults> {
-    Ok(read(bytes, Includes::None)?.axes.into_iter().flatten().collect())
+    Ok(read(bytes, Includes::None)?.axes.into_iter().flatten().map(|it| it.config).collect())
 }
 
 /// No configuration is larger; the path may be a device, or a log by mistake.
@@ -161,22 +161,29 @@ pub fn load(path: impl AsRef<Path>) -> Result<Config, ConfigFileError> {
 /// # Errors
 /// [`ConfigFileError`]: the file cannot be read, or every fault of it, with line and column.
 pub fn load_axes(path: impl AsRef<Path>) -> Result<Vec<AxisConfig>, ConfigFileError> {
-    Ok(load_bus(path.as_ref())?.axes.into_iter().flatten().collect())
+    Ok(load_bus(path.as_ref())?.axes.into_iter().flatten().map(|it| it.config).collect())
 }
 
 /// Reads the names of the axes of [`load_axes`], in the same order: those of their nodes. `None` for an
-/// axis without a node, or of a node without a name; several axes of a node have the same name.
+/// axis without a node, or of a node without a name. An axis of a node with several has its number in the
+/// node, too: `gantry/0`, `gantry/1`.
 ///
 /// # Errors
 /// [`ConfigFileError`]: the file cannot be read, or every fault of it, with line and column.
 pub fn load_axis_names(path: impl AsRef<Path>) -> Result<Vec<Option<String>>, ConfigFileError> {
     let Bus { axes, nodes, .. } = load_bus(path.as_ref())?;
-    let name = |axis: AxisConfig| {
+    let axes: Vec<AxisConfig> = axes.into_iter().flatten().map(|it| it.config).collect();
+    let name = |axis: &AxisConfig| {
         let mut nodes = nodes.iter().map(|it| &it.node.description);
-        let node = nodes.find(|node| node.address == axis.address)?;
-        (!node.name.is_empty()).then(|| node.name.clone())
+        let name = &nodes.find(|node| node.address == axis.address)?.name;
+        let is_shared = axes.iter().filter(|it| it.address == axis.address).count() > 1;
+        match name.as_str() {
+            "" => None,
+            name if is_shared => Some(format!("{name}/{}", axis.node_axis)),
+            name => Some(name.to_owned()),
+        }
     };
-    Ok(axes.into_iter().flatten().map(name).collect())
+    Ok(axes.iter().map(name).collect())
 }
 
 /// Reads the CANopen nodes of a configuration with their device files, in the order of the file, for

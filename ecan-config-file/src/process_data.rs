@@ -1,6 +1,7 @@
 //! Process data of an axis of a file.
 
 use ecan_cia402::{AxisConfig, InputObject, OutputObject};
+use ecan_protocol::can::CanId;
 
 use crate::document::{Table, store};
 
@@ -27,9 +28,11 @@ pub(crate) const OUTPUTS: [(&str, OutputObject); 5] = [
     ("mode", OutputObject::Mode),
 ];
 
-/// Reads the objects of the PDOs, and the limits of the feed-forward.
+/// Reads the PDOs with their objects, and the limits of the feed-forward.
 pub(crate) fn read(table: &mut Table<'_, '_>, axis: &mut AxisConfig) {
-    store(&mut axis.pdo_number, table.unsigned("pdo_number", (1, 4)));
+    store(&mut axis.pdo_number, table.unsigned("pdo_number", (1, 512)));
+    axis.cob_ids.rpdos = read_cob_ids(table, "rpdo_cob_ids");
+    axis.cob_ids.tpdos = read_cob_ids(table, "tpdo_cob_ids");
     axis.inputs = read_objects(table, "inputs", &INPUTS);
     axis.outputs = read_objects(table, "outputs", &OUTPUTS);
     if let Some(mut limits) = table.table("feed_forward") {
@@ -40,6 +43,12 @@ pub(crate) fn read(table: &mut Table<'_, '_>, axis: &mut AxisConfig) {
         store(&mut target.torque, limits.unsigned("torque", (0, 0x7FFF)));
         store(&mut target.torque_change, limits.unsigned("torque_change", (0, 0x7FFF)));
     }
+}
+
+/// COB-IDs of PDOs; the check of the axis reports those that a PDO cannot have.
+fn read_cob_ids(table: &mut Table<'_, '_>, key: &'static str) -> Vec<CanId> {
+    let ids = table.unsigned_list(key, (0, 0x7FF)).unwrap_or_default();
+    ids.into_iter().filter_map(|id| CanId::standard(u16::try_from(id).ok()?).ok()).collect()
 }
 
 fn read_objects<T: Copy + PartialEq>(

@@ -25,3 +25,18 @@ fn axis_without_a_named_node_has_no_name() {
     assert_eq!(names, [None, None, Some("z".to_owned())]);
     assert!(load_axis_names(directory.path().join("none.toml")).is_err());
 }
+
+#[test]
+fn axes_of_a_node_have_its_name_and_their_number() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("cell.toml");
+    let text = "[[gateway]]\nn = 4\ncan0 = { bitrate = 500000 }\n\
+                [[node]]\nname = \"gantry\"\ngateway = 0\nchannel = 0\nnode = 3\n\
+                [[node.axis]]\n[[node.axis]]\nnode_axis = 2\npdo_number = 2\n\
+                [[node]]\ngateway = 0\nchannel = 0\nnode = 4\n\
+                [[node.axis]]\n[[node.axis]]\npdo_number = 2\n";
+    std::fs::write(&path, text).unwrap();
+    let names = load_axis_names(&path).unwrap_or_else(|error| panic!("{error}"));
+    let name = |name: &str| Some(name.to_owned());
+    assert_eq!(names, [name("gantry/0"), name("gantry/2"), None, None]);
+}

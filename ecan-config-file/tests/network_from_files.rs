@@ -290,6 +290,56 @@ fn nodes_boot_in_parallel_with_axes() {
 }
 
 #[test]
+fn axes_of_a_node_start_from_a_file() {
+    let mut scenario = ecan_sim::drives(1, 4);
+    for node in &mut scenario.nodes {
+        if let NodeKind::Drive(drive) = &mut node.kind {
+            drive.config.axes = 2;
+        }
+    }
+    let text = gateways(1)
+        + "[[node]]\nname = \"gantry\"\ngateway = 0\nchannel = 0\nnode = 1\n\
+           [[node.axis]]\nsteps_per_turn = 65536\n\
+           [[node.axis]]\nsteps_per_turn = 65536\npdo_number = 65\nrpdo_cob_ids = [0x341]\n\
+           tpdo_cob_ids = [0x2C1]\n\
+           [[axis]]\ngateway = 0\nchannel = 1\nnode = 2\n\
+           [[axis]]\ngateway = 0\nchannel = 1\nnode = 2\nnode_axis = 1\npdo_number = 2\n";
+    let mut machine = Machine::new(scenario, &text);
+    assert!(machine.nodes.is_empty());
+    machine.configure();
+    machine.cia402.read_position_all().unwrap();
+    machine.run_until("positions", |cia402| {
+        cia402.progress_all().all(|it| it.phase == AxisPhase::Ready)
+    });
+    machine.cia402.enable_all().unwrap();
+    machine.run_until("enabling", |cia402| cia402.all_running());
+    let drive = |channel, node| NodeAddress { slave: 0, channel, node: NodeId::new(node).unwrap() };
+    let (gantry, other) = (drive(0, 1), drive(1, 2));
+    assert_eq!(machine.object(gantry, 0x1440, 1), Some(0x341));
+    assert_eq!(machine.object(gantry, 0x1640, 2), Some(0x687A_0020));
+    assert_eq!(machine.object(other, 0x1601, 2), Some(0x687A_0020));
+
+    // One axis of each node moves by its targets, the others stay. Tables `[[axis]]` come first.
+    let moved = [false, true, true, false];
+    let start = [0, 1, 2, 3].map(|axis| machine.cia402.actual(axis).unwrap());
+    machine.run_until("the motion", |cia402| {
+        let mut is_there = true;
+        for axis in (0..4).filter(|axis| moved[*axis]) {
+            let target = start[axis] + 300;
+            cia402.set_target(axis, target).unwrap();
+            is_there &= cia402.actual(axis).is_some_and(|it| it.abs_diff(target) <= 5);
+        }
+        is_there
+    });
+    let drives = [(other, 0x6064), (other, 0x6864), (gantry, 0x6064), (gantry, 0x6864)];
+    for (((address, index), start), is_moved) in drives.into_iter().zip(start).zip(moved) {
+        let distance = machine.object(address, index, 0).unwrap() - i64::from(start);
+        let expected = if is_moved { 295..=305 } else { -5..=5 };
+        assert!(expected.contains(&distance), "{address}, 0x{index:04X}: {distance}");
+    }
+}
+
+#[test]
 fn drives_without_heartbeat_are_guarded() {
     let mut scenario = ecan_sim::drives(1, 4);
     for node in &mut scenario.nodes {

@@ -9,9 +9,10 @@ use ecan_canopen::{
 };
 use ecan_cia402::{
     AxisConfig, DriveConfig, FeedForwardLimits, InputObject, MotionLimits, NodeReset, OutputObject,
-    PositionRange, Scale, ScaleSource, VlConfig,
+    PdoCobIds, PositionRange, Scale, ScaleSource, VlConfig,
 };
 use ecan_config_file::{EXAMPLE, load_axes, parse, parse_axes};
+use ecan_protocol::can::CanId;
 
 const TWO_CHANNELS: &str = "[[gateway]]\nn = 3\ncan0 = { bitrate = 1_000_000 }\n\
                             can1 = { bitrate = 1_000_000 }\n";
@@ -171,7 +172,11 @@ channel = 0
             "axis 3: the jerk limit cannot be kept in mode PP; set it by the objects of the drive",
         ),
         (30, 14, "`min_target` needs `max_target`"),
-        (34, 8, "axis 4: node 1 (slave 0, channel 1) is axis 3, too"),
+        (
+            34,
+            8,
+            "axis 4: node 1 (slave 0, channel 1) is the drive of axis 3 already; set another node_axis",
+        ),
         (35, 15, "`target_step` = 3000000000 is out of range; allowed: -2147483648 to 2147483647"),
         (36, 1, "`gateway` is missing: the index of its gateway in the file"),
         (36, 1, "`node` is missing: the node-ID of the drive, 1 to 127"),
@@ -324,4 +329,52 @@ heartbeat_ms = 10
     has(26, "need a configured scale");
     has(28, "touch probe function 0x60B8 is mapped without the status");
     has(34, "unknown key `heartbeat_ms`");
+}
+
+#[test]
+fn axes_of_a_drive_have_their_own_pdos() {
+    let axis = "[[axis]]\ngateway = 0\nchannel = 1\nnode = 7\n";
+    let text = format!(
+        "{TWO_CHANNELS}{axis}{axis}node_axis = 1\npdo_number = 65\ninputs = [\"velocity\", \"torque\"]\n\
+         rpdo_cob_ids = [0x301]\ntpdo_cob_ids = [0x281, 0x381]\n"
+    );
+    let axes = parse_axes(text.as_bytes()).unwrap_or_else(|faults| panic!("{faults}"));
+    let first =
+        AxisConfig::new(NodeAddress { slave: 0, channel: 1, node: NodeId::new(7).unwrap() });
+    let id = |raw| CanId::standard(raw).unwrap();
+    let second = AxisConfig {
+        inputs: vec![InputObject::Velocity, InputObject::Torque],
+        cob_ids: PdoCobIds { rpdos: vec![id(0x301)], tpdos: vec![id(0x281), id(0x381)] },
+        ..first.clone().with_node_axis(1, 65)
+    };
+    assert_eq!(axes, [first, second]);
+}
+
+#[test]
+fn axes_of_a_drive_that_do_not_fit_together_are_reported() {
+    let axis = "[[axis]]\ngateway = 0\nchannel = 1\nnode = 7\n";
+    let fault = |keys: &str| {
+        let text = format!("{TWO_CHANNELS}{axis}{axis}{keys}");
+        let faults = parse_axes(text.as_bytes()).unwrap_err().0;
+        assert_eq!(faults.len(), 1, "{keys}: {faults:?}");
+        (faults[0].line - 12, faults[0].reason.clone())
+    };
+    let has = |keys: &str, line: usize, part: &str| {
+        let (at, reason) = fault(keys);
+        assert!(at == line && reason.contains(part), "line {at}: {reason}");
+    };
+    has("node_axis = 8", 1, "`node_axis` = 8 is out of range; allowed: 0 to 7");
+    has("node_axis = 0", 1, "is the drive of axis 0 already; set another node_axis");
+    has("node_axis = 1", 0, "axis 1: COB-ID 0x207 is that of a PDO of axis 0 already");
+    has("node_axis = 1\npdo_number = 5", 2, "PDO number 5 is out of range; allowed: 1 to 4");
+    let ids = "rpdo_cob_ids = [0x301]\ntpdo_cob_ids = [0x281]\n";
+    let second = format!("node_axis = 1\n{ids}");
+    has(&format!("{second}pdo_number = 1"), 4, "PDO 1 is one of axis 0 of the same node already");
+    has(&format!("{second}pdo_number = 513"), 4, "out of range; allowed: 1 to 512");
+    let second = format!("pdo_number = 65\n{second}");
+    has(&second.replace("0x301", "0x581"), 3, "COB-ID 0x581 is out of range for a PDO");
+    has(&second.replace("0x281", "0x281, 0x282"), 4, "2 COB-IDs are given for 1 PDOs");
+    has(&second.replace("0x281", "0x187"), 4, "COB-ID 0x187 is that of a PDO of axis 0 already");
+    has(&second.replace("0x281", "-1"), 4, "`tpdo_cob_ids` must be an array of integers");
+    has(&format!("{second}heartbeat_ms = 20"), 0, "differ from those of axis 0");
 }

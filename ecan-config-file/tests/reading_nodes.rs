@@ -8,7 +8,7 @@ use ecan_canopen::{
     NetworkConfig, NodeAddress, NodeDescription, NodeId, OperatingMode, PdoDirection, PdoMapping,
     RevisionCheck, TransmissionType,
 };
-use ecan_cia402::{AxisConfig, InputObject, NodeReset, OutputObject, Scale, Takeover};
+use ecan_cia402::{AxisConfig, DriveConfig, InputObject, NodeReset, OutputObject, Scale, Takeover};
 use ecan_config_file::{
     ConfigFileError, NetworkSettings, load, load_axes, load_network, load_network_settings,
     load_nodes,
@@ -195,6 +195,94 @@ fn axes_of_nodes_are_in_the_axis_table() {
     let mut second = AxisConfig::new(address(1, 2)).with_step_limit(77);
     second.drive.reset = NodeReset::Communication;
     assert_eq!(axes, [AxisConfig::new(address(0, 1)), second]);
+}
+
+/// A node with two axes and a PDO of its own.
+const SHARED: &str = r#"[[node]]
+gateway = 0
+channel = 1
+node = 2
+name = "gantry"
+heartbeat_ms = 70
+[[node.tpdo]]
+number = 4
+cob_id = 0x333
+transmission = 255
+objects = ["0x603F"]
+[[node.axis]]
+mode = "csv"
+[[node.axis]]
+pdo_number = 2
+step_limit = 88
+"#;
+
+/// The device file of the servo drive with a second axis: its objects are 0x800 further.
+fn two_axes() -> String {
+    let first = SERVO.find("[6007]").unwrap();
+    let shifted = SERVO[first..].lines().map(|line| {
+        let index = line.strip_prefix("[6").and_then(|it| it.get(..3));
+        match index.and_then(|it| u16::from_str_radix(it, 16).ok()) {
+            Some(index) => format!("[{:X}{}\n", 0x6800 + index, &line[5..]),
+            None => format!("{line}\n"),
+        }
+    });
+    SERVO.to_owned() + &shifted.collect::<String>()
+}
+
+#[test]
+fn axes_of_a_node_share_its_settings() {
+    let shared =
+        SHARED.replace("heartbeat_ms = 70", "heartbeat_ms = 70\ndevice_file = \"servo.eds\"");
+    let servo = two_axes();
+    let files = [("cell.toml", &*format!("{GATEWAY}{shared}")), ("servo.eds", &servo)];
+    let directory = directory(&files);
+    let path = directory.path().join("cell.toml");
+    let axes = load_axes(&path).unwrap_or_else(|error| panic!("{error}"));
+    let [first, second] = &axes[..] else { panic!("{axes:?}") };
+    assert_eq!((first.node_axis, first.pdo_number), (0, 1));
+    assert_eq!((first.mode, first.drive.heartbeat_ms), (OperatingMode::CyclicVelocity, 70));
+    assert!(!first.drive.further.is_empty(), "the PDO of the node is mapped once");
+    let mut expected = AxisConfig::new(address(1, 2)).with_node_axis(1, 2).with_step_limit(88);
+    expected.drive = DriveConfig { further: Vec::new(), ..first.drive.clone() };
+    assert_eq!(*second, expected);
+
+    let network = load_network(&path).unwrap();
+    let [gantry] = &network.nodes[..] else { panic!("{network:?}") };
+    let pdos: Vec<_> = gantry.pdos.iter().map(|it| (it.number, it.entries[0].index)).collect();
+    assert_eq!(pdos, [(4, 0x603F), (1, 0x6040), (1, 0x6041), (2, 0x6840), (2, 0x6841)]);
+    assert!(load_nodes(&path).unwrap().is_empty(), "the axis table configures it");
+}
+
+#[test]
+fn faults_of_axes_of_a_node_are_reported_at_their_keys() {
+    let shared = SHARED.replace("objects = [\"0x603F\"]\n", "enabled = false\n");
+    let found = |text: &str| faults(text);
+    let one = |change: &str, line: usize, part: &str| {
+        let found = found(&shared.replace("pdo_number = 2", change));
+        assert!(
+            found.len() == 1 && found[0].0 == line && found[0].1.contains(part),
+            "line {line}: {part}: {found:#?}"
+        );
+    };
+    // Each is reported once, though the check of the network finds some of them, too.
+    one("pdo_number = 1", 15, "axis 1: COB-ID 0x202 is that of a PDO of axis 0 already");
+    let ids = "rpdo_cob_ids = [0x301]\ntpdo_cob_ids = [0x282]\n";
+    one(&format!("{ids}pdo_number = 1"), 17, "axis 1: PDO 1 is one of axis 0 of the same node");
+    one(&format!("{}pdo_number = 65", ids.replace("0x282", "0x182")), 16, "COB-ID 0x182 is that");
+    one(
+        "pdo_number = 2\nnode_axis = 0",
+        16,
+        "is the drive of axis 0 already; set another node_axis",
+    );
+    one("pdo_number = 2\nhost_heartbeat_ms = 9", 14, "the settings of node 2");
+    one("pdo_number = 2\nramp = -1", 16, "`ramp` = -1 is out of range");
+    // The node's own PDO, and objects that the device does not have.
+    let own = shared.replace("number = 4", "number = 2").replace("enabled = false", "");
+    assert!(found(&own).iter().any(|it| it.1.contains("TPDO 2 is described twice")), "{own}");
+    let text = shared.replace("heartbeat_ms = 70", "device_file = \"servo.eds\"");
+    let single = faults_with(&text, &[("servo.eds", SERVO)]);
+    assert!(single.iter().all(|it| it.0 == 4), "{single:#?}");
+    assert!(single[0].1.contains("the device file has no object 0x6840:00"), "{single:#?}");
 }
 
 #[test]

@@ -1,14 +1,15 @@
 //! Check of all nodes of a file together.
 
 use ecan_canopen::{
-    ChannelDescription, NetworkDescription, NetworkFault, NetworkFaultKind, NodeDescription,
-    Parameter, PdoMapping, PdoName, Subject,
+    ChannelDescription, NetworkDescription, NetworkFault, NetworkFaultKind, NodeAddress,
+    NodeDescription, Parameter, PdoMapping, PdoName, Subject,
 };
 use ecan_cia402::{AxisConfig, Cia402Config};
 use ecan_mcan_port::Config;
 
 use super::FileNode;
 use super::resolve::ResolvedNode;
+use crate::axis::FileAxis;
 use crate::document::Document;
 use crate::network::NetworkSettings;
 
@@ -17,11 +18,11 @@ pub(crate) fn network(
     config: &Config,
     settings: &NetworkSettings,
     nodes: &[FileNode],
-    axes: &[Option<AxisConfig>],
+    axes: &[Option<FileAxis>],
 ) -> NetworkDescription {
     let Cia402Config { network, sync, .. } = &settings.cia402;
     let mut descriptions: Vec<_> = nodes.iter().map(|it| it.node.description.clone()).collect();
-    for axis in axes.iter().flatten() {
+    for FileAxis { config: axis, .. } in axes.iter().flatten() {
         let nth = descriptions.iter().position(|node| node.address == axis.address);
         let nth = nth.unwrap_or_else(|| {
             descriptions.push(NodeDescription::new(axis.address));
@@ -52,7 +53,7 @@ pub(crate) fn check(
     config: &Config,
     settings: &NetworkSettings,
     nodes: &[FileNode],
-    axes: &[Option<AxisConfig>],
+    axes: &[Option<FileAxis>],
 ) {
     if nodes.is_empty() {
         return;
@@ -63,6 +64,9 @@ pub(crate) fn check(
             document.semantic_fault(&[channel_path(&kind)], kind.to_string());
             continue;
         };
+        if is_of_axes(&kind, &node.node.description, axes) {
+            continue;
+        }
         let text = match concerned.len() {
             1 => format!("{}: {kind}", node.node.description.title()),
             _ => kind.to_string(),
@@ -73,6 +77,25 @@ pub(crate) fn check(
             None => (at, text),
         };
         document.push(at, text);
+    }
+}
+
+/// Returns whether a fault is one between axes, which their check reports.
+fn is_of_axes(kind: &NetworkFaultKind, node: &NodeDescription, axes: &[Option<FileAxis>]) -> bool {
+    match kind {
+        NetworkFaultKind::DuplicatePdo { pdo } => {
+            let is_it = |it: &PdoMapping| (it.direction, it.number) == (pdo.direction, pdo.number);
+            !node.pdos.iter().any(is_it)
+        }
+        NetworkFaultKind::Collision { id, .. } => {
+            let channel = |address: NodeAddress| (address.slave, address.channel);
+            let sends = |axis: &AxisConfig| {
+                channel(axis.address) == channel(node.address)
+                    && (0..axis.layout().tpdo_count()).any(|nth| axis.tpdo_id(nth) == *id)
+            };
+            axes.iter().flatten().filter(|it| sends(&it.config)).count() > 1
+        }
+        _ => false,
     }
 }
 

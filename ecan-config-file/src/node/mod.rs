@@ -11,6 +11,7 @@ mod table;
 use std::io;
 use std::path::Path;
 use std::rc::Rc;
+use std::sync::Arc;
 
 use ecan_canopen::{
     BootConfig, BootReset, HeartbeatConsumer, HostHeartbeat, NodeDescription, object,
@@ -18,7 +19,7 @@ use ecan_canopen::{
 use ecan_cia402::{AxisConfig, DriveConfig, NodeReset};
 use ecan_protocol::mapping::CHANNELS;
 
-use crate::axis;
+use crate::axis::{self, FileAxis};
 use crate::document::{Includes, Table};
 use crate::fault::FileFaults;
 use crate::located::Located;
@@ -58,7 +59,7 @@ impl BusFile {
 /// Reads the nodes; those with an axis add it to `axes`.
 pub(crate) fn read_all(
     root: &mut Table<'_, '_>,
-    axes: &mut Vec<Option<AxisConfig>>,
+    axes: &mut Vec<Option<FileAxis>>,
     network: &mut NetworkTable,
     cycle_ns: u32,
 ) -> Vec<FileNode> {
@@ -81,12 +82,14 @@ pub(crate) fn read_all(
             }
         });
         let address = node.as_ref().map(|it| it.description.address);
-        let own = table.one_or_more("axis").into_iter();
-        let mut own: Vec<_> = own.map(|axis| axis::read_at(axis, address)).collect();
-        if let (Some(node), Some(Some(axis))) = (&node, own.first_mut()) {
-            // An invalid PDO or value is a fault of the check.
-            if let Ok(boot) = node.description.boot_config() {
-                configure_drive(&mut axis.drive, boot);
+        let own = table.one_or_more("axis").into_iter().zip(0..=u8::MAX);
+        let mut own: Vec<_> = own.map(|(axis, nth)| axis::read_at(axis, address, nth)).collect();
+        // An invalid PDO or value is a fault of the check.
+        if let Some(mut boot) = node.as_ref().and_then(|it| it.description.boot_config().ok()) {
+            for axis in own.iter_mut().flatten() {
+                configure_drive(&mut axis.config.drive, &boot);
+                // Once for the node.
+                boot.steps.clear();
             }
         }
         let has_axis = !own.is_empty();
@@ -100,7 +103,7 @@ pub(crate) fn read_all(
 }
 
 /// The axis configures its drive as the boot-up of the node would.
-fn configure_drive(drive: &mut DriveConfig, boot: BootConfig) {
+fn configure_drive(drive: &mut DriveConfig, boot: &BootConfig) {
     drive.reset = match boot.reset {
         BootReset::None => NodeReset::None,
         BootReset::Communication => NodeReset::Communication,
@@ -110,8 +113,8 @@ fn configure_drive(drive: &mut DriveConfig, boot: BootConfig) {
     drive.identity = boot.identity;
     drive.heartbeat_ms = boot.heartbeat_ms;
     drive.guarding = boot.guarding;
-    drive.parameters = boot.parameters;
-    drive.further.extend(boot.steps);
+    drive.parameters = Arc::clone(&boot.parameters);
+    drive.further.extend(&boot.steps);
 }
 
 fn included(includes: &Includes, path: &Path) -> Result<Vec<u8>, String> {
@@ -130,7 +133,7 @@ fn read_bus(
     mut table: Table<'_, '_>,
     files: &mut DeviceFiles<'_>,
     can_read: bool,
-    axes: &mut Vec<Option<AxisConfig>>,
+    axes: &mut Vec<Option<FileAxis>>,
     (network, cycle_ns): (&mut NetworkTable, u32),
 ) -> Vec<FileNode> {
     let slave = table.required("gateway", "the index of its gateway in the file", (0, 0xFFFF));
@@ -183,9 +186,9 @@ fn read_bus(
             node.pdos.clear();
             // An invalid PDO or value is a fault of the check.
             if let Ok(boot) = node.description.boot_config() {
-                configure_drive(&mut axis.drive, boot);
+                configure_drive(&mut axis.drive, &boot);
             }
-            axes.push(Some(axis));
+            axes.push(Some(FileAxis { config: axis, path: table.path("file") }));
         }
         nodes.push(FileNode { node, bus: Some(Rc::clone(&bus)), has_axis });
     }
