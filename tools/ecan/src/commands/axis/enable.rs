@@ -4,14 +4,11 @@ use clap::Args;
 use ecan_canopen::OperatingMode;
 
 use crate::context::{Context, Failure, Result};
-use crate::frames::GatewayOptions;
 
-use super::axis_choice::AxisOptions;
-use super::dead_man::{PermissionArguments, clock_kind};
-use super::limit_arguments::LimitArguments;
+use super::motion_arguments::MotionArguments;
 use super::move_axis::check_start;
 use super::operator::{InputKind, Operator};
-use super::session::{AxisSession, SessionSettings};
+use super::session::AxisSession;
 use super::startup;
 
 pub const NOTES: &str = "\
@@ -23,38 +20,27 @@ If it is not enabled, the error names the obstacles, as `ecan axis status` does.
 
 #[derive(Debug, Args)]
 pub struct EnableArguments {
-    #[command(flatten)]
-    axis: AxisOptions,
-    #[command(flatten)]
-    limits: LimitArguments,
-    #[command(flatten)]
-    permission: PermissionArguments,
     /// Stay enabled for this time, in ms
     #[arg(long = "for", conflicts_with = "hold_key", value_name = "MS", value_parser = clap::value_parser!(u64).range(1..=3_600_000))]
     milliseconds: Option<u64>,
     #[command(flatten)]
-    options: GatewayOptions,
+    motion: MotionArguments,
 }
 
 pub fn run(arguments: &EnableArguments, context: &Context) -> Result {
-    let EnableArguments { axis, limits, permission, options, .. } = arguments;
-    let chosen = axis.choose(options.setup.config.as_deref(), true, context)?;
-    let envelope = limits.envelope(&chosen.units, &chosen.config).map_err(Failure::Usage)?;
-    let operator = permission.obtain("enable", &chosen.label)?;
+    let motion = &arguments.motion;
+    let chosen = motion.choose(context)?;
+    let envelope = motion.envelope(&chosen)?;
+    let operator = motion.permission.obtain("enable", &chosen.label)?;
     if operator.kind() == InputKind::None && arguments.milliseconds.is_none() {
         let message = "without a terminal or a pipe `enable` needs an end; set --for";
         return Err(Failure::Usage(message.to_owned()));
     }
-    let settings = SessionSettings {
-        options,
-        mode: Some(OperatingMode::CyclicPosition),
-        envelope: Some(envelope),
-        clock: clock_kind(arguments.milliseconds.is_none()),
-        accepts_risk: permission.accepts_risk(),
-    };
+    let is_interactive = arguments.milliseconds.is_none();
+    let settings = motion.settings(OperatingMode::CyclicPosition, envelope, is_interactive);
     let session = AxisSession::start(&chosen, settings, Some(operator), context)?;
     let end = session.run_to_end(|session| {
-        let start = startup::prepare(session, permission)?;
+        let start = startup::prepare(session, &motion.permission)?;
         let envelope = session.narrowed(&envelope);
         check_start(&envelope, start, &chosen.units)?;
         startup::enable(session)?;
@@ -64,7 +50,7 @@ pub fn run(arguments: &EnableArguments, context: &Context) -> Result {
 }
 
 fn hold(session: &mut AxisSession, arguments: &EnableArguments) -> Result {
-    let end = match (arguments.milliseconds, arguments.permission.holds_key()) {
+    let end = match (arguments.milliseconds, arguments.motion.permission.holds_key()) {
         (Some(ms), _) => format!("for {ms} ms"),
         (None, true) => "while a key is held".to_owned(),
         (None, false) => "until Enter, q or Ctrl-C".to_owned(),

@@ -8,14 +8,12 @@ use ecan_cia402::{AxisError, AxisPhase, HomingConfig};
 use serde::Serialize;
 
 use crate::context::{Context, Failure, Result};
-use crate::frames::GatewayOptions;
 
-use super::axis_choice::AxisOptions;
-use super::dead_man::{PermissionArguments, clock_kind};
 use super::envelope::Envelope;
-use super::limit_arguments::{LimitArguments, parse_number, parse_positive};
+use super::limit_arguments::{parse_number, parse_positive};
+use super::motion_arguments::MotionArguments;
 use super::move_axis::check_key;
-use super::session::{AXIS, AxisSession, SessionSettings};
+use super::session::{AXIS, AxisSession};
 use super::startup;
 
 pub const NOTES: &str = "\
@@ -45,13 +43,7 @@ pub struct HomeArguments {
           value_parser = clap::value_parser!(u64).range(1..=3_600))]
     timeout: u64,
     #[command(flatten)]
-    axis: AxisOptions,
-    #[command(flatten)]
-    limits: LimitArguments,
-    #[command(flatten)]
-    permission: PermissionArguments,
-    #[command(flatten)]
-    options: GatewayOptions,
+    motion: MotionArguments,
 }
 
 #[derive(Debug, Serialize)]
@@ -64,13 +56,13 @@ struct Homed {
 }
 
 pub fn run(arguments: &HomeArguments, context: &Context) -> Result {
-    let HomeArguments { axis, limits, permission, options, .. } = arguments;
-    let chosen = axis.choose(options.setup.config.as_deref(), true, context)?;
+    let motion = &arguments.motion;
+    let chosen = motion.choose(context)?;
     let units = chosen.units;
     // Positions before the homing mean nothing; velocity and acceleration do.
     let mut unbounded = chosen.config.clone();
     unbounded.bounds = None;
-    let envelope = limits.envelope(&units, &unbounded).map_err(Failure::Usage)?;
+    let envelope = motion.limits.envelope(&units, &unbounded).map_err(Failure::Usage)?;
     let switch_speed =
         arguments.switch_speed.map_or(envelope.velocity, |it| units.length(it).abs());
     let zero_speed = arguments.zero_speed.map_or(switch_speed / 10.0, |it| units.length(it).abs());
@@ -83,7 +75,7 @@ pub fn run(arguments: &HomeArguments, context: &Context) -> Result {
             )));
         }
     }
-    let range = limits.range();
+    let range = motion.limits.range();
     if range.min > 0.0 || range.max < 0.0 {
         return Err(Failure::Usage(format!(
             "--range {}..{} of `home` is relative to the start; must include 0",
@@ -99,18 +91,13 @@ pub fn run(arguments: &HomeArguments, context: &Context) -> Result {
         timeout: Duration::from_secs(arguments.timeout),
         ..HomingConfig::new(arguments.method)
     };
-    let operator = permission.obtain("home", &chosen.label)?;
-    let settings = SessionSettings {
-        options,
-        mode: Some(OperatingMode::CyclicPosition),
-        // The counter after homing is anywhere.
-        envelope: Some(Envelope { min: i32::MIN, max: i32::MAX, ..envelope }),
-        clock: clock_kind(false),
-        accepts_risk: permission.accepts_risk(),
-    };
+    let operator = motion.permission.obtain("home", &chosen.label)?;
+    // The counter after homing is anywhere.
+    let anywhere = Envelope { min: i32::MIN, max: i32::MAX, ..envelope };
+    let settings = motion.settings(OperatingMode::CyclicPosition, anywhere, false);
     let session = AxisSession::start(&chosen, settings, Some(operator), context)?;
     let homed = session.run(|session| {
-        let start = startup::prepare(session, permission)?;
+        let start = startup::prepare(session, &motion.permission)?;
         let travel = |value: f64| (start + units.length(value)) as i32;
         let (a, b) = (travel(range.min), travel(range.max));
         session.watch_envelope(Envelope { min: a.min(b), max: a.max(b), ..envelope });

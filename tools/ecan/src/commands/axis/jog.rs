@@ -6,20 +6,18 @@ use clap::Args;
 use ecan_canopen::OperatingMode;
 
 use crate::context::{Context, Failure, Result};
-use crate::frames::GatewayOptions;
 
-use super::axis_choice::AxisOptions;
-use super::dead_man::{PermissionArguments, clock_kind};
 use super::enable::is_commanded_end;
 use super::envelope::Envelope;
 use super::key_hold::Hold;
 use super::key_parser::Key;
-use super::limit_arguments::{LimitArguments, parse_number};
+use super::limit_arguments::parse_number;
 use super::motion::Motion;
+use super::motion_arguments::MotionArguments;
 use super::move_axis::{check_key, check_start};
 use super::operator::{InputKind, Operator};
 use super::position_profile::ProfileLimits;
-use super::session::{AXIS, AxisSession, SessionSettings};
+use super::session::{AXIS, AxisSession};
 use super::startup;
 
 pub const NOTES: &str = "\
@@ -43,19 +41,13 @@ pub struct JogArguments {
     #[arg(long = "for", value_name = "MS", value_parser = clap::value_parser!(u64).range(1..=3_600_000))]
     milliseconds: Option<u64>,
     #[command(flatten)]
-    axis: AxisOptions,
-    #[command(flatten)]
-    limits: LimitArguments,
-    #[command(flatten)]
-    permission: PermissionArguments,
-    #[command(flatten)]
-    options: GatewayOptions,
+    motion: MotionArguments,
 }
 
 pub fn run(arguments: &JogArguments, context: &Context) -> Result {
-    let JogArguments { axis, limits, permission, options, .. } = arguments;
-    let chosen = axis.choose(options.setup.config.as_deref(), true, context)?;
-    let envelope = limits.envelope(&chosen.units, &chosen.config).map_err(Failure::Usage)?;
+    let motion = &arguments.motion;
+    let chosen = motion.choose(context)?;
+    let envelope = motion.envelope(&chosen)?;
     let velocity = match arguments.velocity {
         None => envelope.velocity,
         Some(velocity) => chosen.units.length(velocity),
@@ -67,21 +59,16 @@ pub fn run(arguments: &JogArguments, context: &Context) -> Result {
             chosen.units.velocity_text(envelope.velocity)
         )));
     }
-    let operator = permission.obtain("jog", &chosen.label)?;
+    let operator = motion.permission.obtain("jog", &chosen.label)?;
     if arguments.milliseconds.is_none() && operator.kind() != InputKind::Terminal {
         let message = "keys need a terminal as standard input; use --for without one";
         return Err(Failure::Usage(message.to_owned()));
     }
-    let settings = SessionSettings {
-        options,
-        mode: Some(OperatingMode::CyclicPosition),
-        envelope: Some(envelope),
-        clock: clock_kind(arguments.milliseconds.is_none()),
-        accepts_risk: permission.accepts_risk(),
-    };
+    let is_interactive = arguments.milliseconds.is_none();
+    let settings = motion.settings(OperatingMode::CyclicPosition, envelope, is_interactive);
     let session = AxisSession::start(&chosen, settings, Some(operator), context)?;
     let end = session.run_to_end(|session| {
-        let start = startup::prepare(session, permission)?;
+        let start = startup::prepare(session, &motion.permission)?;
         let envelope = session.narrowed(&envelope);
         check_start(&envelope, start, &chosen.units)?;
         let velocity = velocity.clamp(-envelope.velocity, envelope.velocity);

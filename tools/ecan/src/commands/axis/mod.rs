@@ -13,6 +13,7 @@ mod key_parser;
 mod limit_arguments;
 mod live_output;
 mod motion;
+mod motion_arguments;
 mod motion_watch;
 mod move_axis;
 mod operator;

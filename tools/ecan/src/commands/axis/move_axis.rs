@@ -7,15 +7,13 @@ use ecan_canopen::OperatingMode;
 use serde::Serialize;
 
 use crate::context::{Context, Failure, Result};
-use crate::frames::GatewayOptions;
 
-use super::axis_choice::AxisOptions;
-use super::dead_man::{PermissionArguments, clock_kind};
 use super::envelope::Envelope;
-use super::limit_arguments::{LimitArguments, parse_number, parse_positive};
+use super::limit_arguments::{parse_number, parse_positive};
 use super::motion::Motion;
+use super::motion_arguments::MotionArguments;
 use super::operator::Operator;
-use super::session::{AXIS, AxisSession, SessionSettings, stopped};
+use super::session::{AXIS, AxisSession, stopped};
 use super::startup;
 
 pub const NOTES: &str = "\
@@ -50,13 +48,7 @@ pub struct MoveArguments {
     #[arg(long, value_name = "TOLERANCE", value_parser = parse_positive)]
     tolerance: Option<f64>,
     #[command(flatten)]
-    axis: AxisOptions,
-    #[command(flatten)]
-    limits: LimitArguments,
-    #[command(flatten)]
-    permission: PermissionArguments,
-    #[command(flatten)]
-    options: GatewayOptions,
+    motion: MotionArguments,
 }
 
 #[derive(Debug, Serialize)]
@@ -75,9 +67,9 @@ const SETTLING: Duration = Duration::from_secs(3);
 const REST_CYCLES: u32 = 20;
 
 pub fn run(arguments: &MoveArguments, context: &Context) -> Result {
-    let MoveArguments { axis, limits, permission, options, .. } = arguments;
-    let chosen = axis.choose(options.setup.config.as_deref(), true, context)?;
-    let envelope = limits.envelope(&chosen.units, &chosen.config).map_err(Failure::Usage)?;
+    let motion = &arguments.motion;
+    let chosen = motion.choose(context)?;
+    let envelope = motion.envelope(&chosen)?;
     let envelope = match arguments.velocity.map(|it| chosen.units.length(it).abs()) {
         Some(velocity) if velocity > envelope.velocity => {
             return Err(Failure::Usage(format!(
@@ -92,21 +84,15 @@ pub fn run(arguments: &MoveArguments, context: &Context) -> Result {
     if let Some(to) = arguments.to {
         check_goal(&envelope, chosen.units.steps(to), &chosen.units)?;
     }
-    let operator = permission.obtain("move", &chosen.label)?;
+    let operator = motion.permission.obtain("move", &chosen.label)?;
     let mode = match arguments.mode {
         MoveMode::Csp => OperatingMode::CyclicPosition,
         MoveMode::Pp => OperatingMode::ProfilePosition,
     };
-    let settings = SessionSettings {
-        options,
-        mode: Some(mode),
-        envelope: Some(envelope),
-        clock: clock_kind(false),
-        accepts_risk: permission.accepts_risk(),
-    };
+    let settings = motion.settings(mode, envelope, false);
     let session = AxisSession::start(&chosen, settings, Some(operator), context)?;
     let moved = session.run(|session| {
-        let start = startup::prepare(session, permission)?;
+        let start = startup::prepare(session, &motion.permission)?;
         let envelope = session.narrowed(&envelope);
         let goal = match (arguments.to, arguments.by) {
             (Some(to), _) => chosen.units.steps(to),

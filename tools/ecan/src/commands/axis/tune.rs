@@ -9,14 +9,13 @@ use ecan_canopen::OperatingMode;
 use serde::Serialize;
 
 use crate::context::{Context, Failure, Result};
-use crate::frames::GatewayOptions;
 
-use super::axis_choice::{AxisOptions, ChosenAxis};
-use super::dead_man::{PermissionArguments, clock_kind};
+use super::axis_choice::ChosenAxis;
 use super::frequency_point::FrequencyPoint;
-use super::limit_arguments::{LimitArguments, PositionBounds, parse_number, parse_positive};
+use super::limit_arguments::{PositionBounds, parse_number, parse_positive};
+use super::motion_arguments::MotionArguments;
 use super::move_axis::check_start;
-use super::session::{AxisSession, SessionSettings};
+use super::session::AxisSession;
 use super::startup;
 use super::step_response::StepResponse;
 use super::tune_picture::TunePicture;
@@ -95,13 +94,7 @@ pub struct TuneArguments {
     #[arg(long, value_name = "FILE")]
     plot: Option<PathBuf>,
     #[command(flatten)]
-    axis: AxisOptions,
-    #[command(flatten)]
-    limits: LimitArguments,
-    #[command(flatten)]
-    permission: PermissionArguments,
-    #[command(flatten)]
-    options: GatewayOptions,
+    motion: MotionArguments,
 }
 
 #[derive(Debug, Serialize)]
@@ -119,9 +112,9 @@ struct TuneReport {
 }
 
 pub fn run(arguments: &TuneArguments, context: &Context) -> Result {
-    let TuneArguments { axis, limits, permission, options, .. } = arguments;
-    let chosen = axis.choose(options.setup.config.as_deref(), true, context)?;
-    let envelope = limits.envelope(&chosen.units, &chosen.config).map_err(Failure::Usage)?;
+    let motion = &arguments.motion;
+    let chosen = motion.choose(context)?;
+    let envelope = motion.envelope(&chosen)?;
     let test = TuneTest::of(
         arguments.mode == TuneMode::Csv,
         arguments.step.or(arguments.amplitude).unwrap_or(0.0),
@@ -129,23 +122,17 @@ pub fn run(arguments: &TuneArguments, context: &Context) -> Result {
         Duration::from_millis(arguments.settle),
         (&chosen, &envelope),
     )?;
-    let operator = permission.obtain("tune", &chosen.label)?;
+    let operator = motion.permission.obtain("tune", &chosen.label)?;
     let mode = match arguments.mode {
         TuneMode::Csp => OperatingMode::CyclicPosition,
         TuneMode::Csv => OperatingMode::CyclicVelocity,
     };
-    let settings = SessionSettings {
-        options,
-        mode: Some(mode),
-        envelope: Some(envelope),
-        clock: clock_kind(false),
-        accepts_risk: permission.accepts_risk(),
-    };
+    let settings = motion.settings(mode, envelope, false);
     let session = AxisSession::start(&chosen, settings, Some(operator), context)?;
     let is_simulated = session.is_simulated();
     let (mut recording, mut period_s) = (Vec::new(), 0.0);
     let result = session.run(|session| {
-        let start = startup::prepare(session, permission)?;
+        let start = startup::prepare(session, &motion.permission)?;
         let envelope = session.narrowed(&envelope);
         check_start(&envelope, start, &chosen.units)?;
         test.check_travel(start, &envelope, &chosen)?;
