@@ -323,9 +323,9 @@ typedef struct {
     int8_t mode;
     /**
      * Axis of the node, 0 to 7, for a drive with several: its objects are 0x800 further for each. The axes
-     * of a node are rows of the table with the same address, each with PDOs of its own. reset, the identity,
-     * expect_profile_402, the heartbeats, guarding and silence_other_tpdos must be equal in all of them.
-     * Default 0.
+     * of a node are rows of the table with the same address, each with PDOs of its own. reset,
+     * boot_timeout_ms, the identity, expect_profile_402, the heartbeats, guarding and silence_other_tpdos
+     * must be equal in all of them. Default 0.
      */
     uint8_t node_axis;
     /**

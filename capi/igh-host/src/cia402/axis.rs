@@ -63,9 +63,9 @@ pub struct igh_cia402_axis_t {
     /// An igh_cia402_mode_t; it determines the process data. Default IGH_CIA402_MODE_CSP.
     pub mode: i8,
     /// Axis of the node, 0 to 7, for a drive with several: its objects are 0x800 further for each. The axes
-    /// of a node are rows of the table with the same address, each with PDOs of its own. reset, the identity,
-    /// expect_profile_402, the heartbeats, guarding and silence_other_tpdos must be equal in all of them.
-    /// Default 0.
+    /// of a node are rows of the table with the same address, each with PDOs of its own. reset,
+    /// boot_timeout_ms, the identity, expect_profile_402, the heartbeats, guarding and silence_other_tpdos
+    /// must be equal in all of them. Default 0.
     pub node_axis: u8,
 
     /// 1: in CSP, the axis becomes active again automatically after a hold in which its drive
