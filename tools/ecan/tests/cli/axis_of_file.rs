@@ -8,7 +8,7 @@ use serde_json::Value;
 use crate::axis::LIMITS;
 use crate::axis_terminal::OBSERVED;
 use crate::support::observed_bus::ObservedBus;
-use crate::support::{Running, Scenario, ecan, scenario, setting};
+use crate::support::{Running, Scenario, ecan, fails, good, scenario, setting};
 
 const AXIS: &str = "[[axis]]\ngateway = 0\nchannel = 0\nnode = 1\nsteps_per_turn = 65536\n";
 const ALONE: [&str; 4] = ["--axis", "0", "--yes", "--unattended"];
@@ -113,4 +113,86 @@ fn axis_of_a_file_has_the_gateway_of_the_file() {
         assert_eq!(output.status.code(), Some(2), "{errors}");
         assert!(errors.contains(expected), "{errors}");
     }
+}
+
+/// A drive with two axes that does not have some objects.
+fn two_axes(missing: &str) -> Scenario {
+    Scenario::new(&format!(
+        "[[node]]\nkind = \"drive\"\nname = \"x\"\nbus = \"0.0\"\nnode_id = 1\naxes = 2\n\
+         quirks = {{ missing = {missing} }}\n"
+    ))
+}
+
+/// A file with both axes of the drive.
+const SHARED: &str = "[[gateway]]\nn = 4\ncan0 = { bitrate = 500000 }\n\
+    [[node]]\nname = \"gantry\"\ngateway = 0\nchannel = 0\nnode = 1\n\
+    [[node.axis]]\nsteps_per_turn = 65536\n\
+    [[node.axis]]\nsteps_per_turn = 65536\npdo_number = 65\n\
+    rpdo_cob_ids = [0x341]\ntpdo_cob_ids = [0x2C1]\n";
+
+#[test]
+fn axis_of_a_drive_with_several_is_moved() {
+    // The first axis has neither the target of CSP nor the velocity of PP.
+    let drive = two_axes("[0x607A, 0x6081]");
+    let setting = drive.setting();
+    let file = scenario(SHARED);
+    let path = file.path().display().to_string();
+    let of_node = ["--node", "1", "--steps-per-turn", "65536", "--node-axis"];
+    let of_file = ["--config", &path, "--axis"];
+    let limits = [&["--yes", "--unattended", "--to", "30"][..], &LIMITS].concat();
+    let arguments = |mode: &'static str| {
+        [&["--json", "--ecrt", &setting, "axis", "move", "--mode", mode], &limits[..]].concat()
+    };
+    for mode in ["csp", "pp"] {
+        for (axis, label) in [
+            ([&of_node[..], &["1"]].concat(), "axis 1 of node 1 on can0"),
+            ([&of_file[..], &["gantry/1"]].concat(), "axis gantry/1 (node 1 on can0)"),
+        ] {
+            let moved = good(&[&arguments(mode)[..], &axis].concat());
+            let report: Value = serde_json::from_str(&moved).unwrap();
+            assert_eq!(report["axis"], label);
+            assert!((report["end"].as_f64().unwrap() - 30.0).abs() < 0.05, "{mode}: {report}");
+        }
+        for axis in [[&of_node[..], &["0"]].concat(), [&of_file[..], &["gantry/0"]].concat()] {
+            let message = fails(5, &[&arguments(mode)[..], &axis].concat());
+            assert!(message.contains("node 1 on can0"), "{message}");
+        }
+    }
+}
+
+#[test]
+fn status_of_an_axis_reads_its_objects() {
+    let drive = two_axes("[0x6864]");
+    let setting = drive.setting();
+    let status = ["--ecrt", &setting, "axis", "status", "--node", "1", "--node-axis"];
+    let first = good(&[&status[..], &["0"]].concat());
+    assert!(first.contains("position         0 step"), "{first}");
+    let second = good(&[&status[..], &["1"]].concat());
+    assert!(second.contains("axis 1 of node 1 on can0"), "{second}");
+    assert!(second.contains("position         not reported"), "{second}");
+    let message = fails(5, &[&status[..], &["2"]].concat());
+    assert!(message.contains("no statusword 0x7041"), "{message}");
+    let message = fails(2, &[&status[..], &["8"]].concat());
+    assert!(message.contains("--node-axis"), "{message}");
+}
+
+#[test]
+fn obstacles_to_enabling_are_read_from_the_axis() {
+    // The first axis is in fault, the second one is enabled too late.
+    let drive = Scenario::new(
+        "[[node]]\nkind = \"drive\"\nname = \"x\"\nbus = \"0.0\"\nnode_id = 1\naxes = 2\n\
+         enable_ms = 60000\n\
+         [[fault]]\nafter_ready_ms = 1\nkind = \"drive_error\"\nnode = \"x\"\ncode = 0x7121\n",
+    );
+    let setting = drive.setting();
+    let obstacles = |axis: &str| {
+        let enable = ["--ecrt", &setting, "axis", "enable", "--node", "1", "--node-axis", axis];
+        let options = ["--steps-per-turn", "65536", "--for", "10", "--yes", "--unattended"];
+        fails(5, &[&enable[..], &options, &LIMITS].concat())
+    };
+    let fault = "the drive is in fault: error code 0x7121 motor blocked";
+    let (first, second) = (obstacles("0"), obstacles("1"));
+    assert!(first.contains(fault), "{first}");
+    assert!(second.contains("axis 1 of node 1 on can0: "), "{second}");
+    assert!(second.contains("  1. ") && !second.contains(fault), "{second}");
 }

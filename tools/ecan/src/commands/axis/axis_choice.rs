@@ -28,6 +28,10 @@ pub struct AxisOptions {
     /// CAN channel, 0 to 3 [default: 0]
     #[arg(long, value_name = "N", value_parser = parse_channel, conflicts_with = "config")]
     channel: Option<u8>,
+    /// Axis of a drive with several, 0 to 7
+    #[arg(long, value_name = "N", default_value_t, conflicts_with = "config",
+          value_parser = clap::value_parser!(u8).range(0..=7))]
+    node_axis: u8,
     /// Steps of the position counter per turn of the axis; below 0 reverses the direction
     #[arg(long, value_name = "STEPS", value_parser = parse_number, allow_hyphen_values = true,
           conflicts_with = "config")]
@@ -117,9 +121,17 @@ impl AxisOptions {
         let NodeTarget { channel, node } = target;
         let address = NodeAddress { slave: 0, channel, node };
         Ok(ChosenAxis {
-            label: target.to_string(),
+            label: match self.node_axis {
+                0 => target.to_string(),
+                axis => format!("axis {axis} of {target}"),
+            },
             target,
-            config: AxisConfig { scale, scale_source, ..AxisConfig::new(address) },
+            config: AxisConfig {
+                node_axis: self.node_axis,
+                scale,
+                scale_source,
+                ..AxisConfig::new(address)
+            },
             network: NetworkSettings::default(),
             units: AxisUnits::new(unit, scale, 0),
             global: context.global.clone(),

@@ -87,11 +87,13 @@ impl Envelope {
         config.target_step = 0;
         let velocity = self.drive_units(config, self.velocity);
         let acceleration = self.drive_units(config, self.acceleration);
-        config.drive.further.extend([
-            Step::write(object::PROFILE_VELOCITY, 0, velocity),
-            Step::write(object::PROFILE_ACCELERATION, 0, acceleration),
-            Step::write(object::PROFILE_DECELERATION, 0, acceleration),
-        ]);
+        let limits = [
+            (object::PROFILE_VELOCITY, velocity),
+            (object::PROFILE_ACCELERATION, acceleration),
+            (object::PROFILE_DECELERATION, acceleration),
+        ]
+        .map(|(index, value)| Step::write(config.object_index(index), 0, value));
+        config.drive.further.extend(limits);
     }
 
     /// Configures CSV with these limits. The guard limits velocity and acceleration; the position has to be
@@ -162,6 +164,17 @@ mod tests {
         let mut config = AxisConfig::new(NodeAddress { slave: 0, channel: 0, node });
         config.scale = Scale::steps_per_turn(36_000.0);
         config
+    }
+
+    #[test]
+    fn profile_of_an_axis_is_written_to_its_objects() {
+        let mut config = config().with_node_axis(2, 1);
+        ENVELOPE.apply_pp(&mut config);
+        let steps: Vec<_> = config.drive.further.iter().map(|it| it.action.to_string()).collect();
+        let has = |nth: usize, part: &str| assert!(steps[nth].contains(part), "{steps:?}");
+        has(0, "0x7081:00");
+        has(1, "0x7083:00");
+        has(2, "0x7084:00");
     }
 
     #[test]

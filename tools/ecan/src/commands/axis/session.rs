@@ -372,8 +372,9 @@ impl AxisSession {
         }
     }
 
-    /// Uploads a number from the drive; `None` without it.
+    /// Uploads a number of the axis from the drive, by its index for the first axis; `None` without it.
     pub fn number(&mut self, index: u16, subindex: u8) -> Option<u64> {
+        let index = self.cia402.config(AXIS)?.object_index(index);
         let time = Duration::from_millis(500);
         let read = self.cia402.upload_timeout(&mut self.port, AXIS, (index, subindex), time);
         read.ok().map(|data| crate::commands::node::node_client::unsigned(&data))

@@ -65,9 +65,11 @@ pub fn run(arguments: &StatusArguments, context: &Context) -> Result {
 
 fn read(client: &mut NodeClient, chosen: &ChosenAxis) -> Result<DriveReport> {
     // A node without a statusword is not a drive.
-    let Some(_) = client.number(object::STATUSWORD, 0)? else {
+    let statusword = chosen.config.object_index(object::STATUSWORD);
+    let Some(_) = client.number(statusword, 0)? else {
         return Err(Failure::Rejected(format!(
-            "{} has no statusword 0x6041: it is not a drive (CiA 402); `ecan node info` shows the node",
+            "{} has no statusword 0x{statusword:04X}: it is not a drive (CiA 402), or has fewer axes; \
+             `ecan node info` shows the node",
             chosen.label
         )));
     };
@@ -78,7 +80,7 @@ fn read(client: &mut NodeClient, chosen: &ChosenAxis) -> Result<DriveReport> {
     }
     let state = client.state().map(state_name);
     DriveReport::read(chosen.label.clone(), chosen.units, state, &mut |index, subindex| {
-        client.number(index, subindex)
+        client.number(chosen.config.object_index(index), subindex)
     })
 }
 
