@@ -265,3 +265,18 @@ proptest! {
         }
     }
 }
+
+/// The image with the last target is lost. The feed-forward of the target before moves the axis on, and
+/// its motor is blocked there, more than a step from the target that the drive holds.
+#[test]
+fn axis_that_a_feed_forward_moved_on_gets_no_large_step() {
+    let events = [
+        (Event::ErrorFrames(1), 11),
+        (Event::LostFrames(LossDirection::Outward, 4), 2),
+        (Event::Blocked(0, 88), 40),
+    ];
+    let forwards = [(433, 0), (17_468, 0), (26_351, 7), (25, 19_797), (70_545, -15_373)]
+        .map(|(velocity, torque)| FeedForward { velocity, torque });
+    let fixture = Fixture::single(extended_table()).started();
+    run(fixture, &events, |fixture, nth| travel(fixture, &forwards, nth)).unwrap();
+}

@@ -35,7 +35,8 @@ const READINGS: u8 = 2;
 ///    statusword reports Operation Enabled, the fresh position of that cycle is
 ///    [`Decision::First`]; after it is sent, the axis is `Running`. An axis whose drive was enabled
 ///    all the time gets its `First` at once, unless it is further than `step` from the last
-///    target: then the drive must be switched off and enabled again
+///    target, after a reason on the path also from the one before, since the last may be lost: then
+///    the drive must be switched off and enabled again
 ///    ([`WaitReason::HoldsOldTarget`]).
 ///
 /// **Running**. A target is sent if
@@ -98,6 +99,8 @@ pub struct MotionGuard {
     decided: Option<i32>,
     /// The last target sent since the drive was seen not enabled: the one that it holds.
     held: Option<i32>,
+    /// The one sent before: the drive holds it if the last image was lost.
+    held_before: Option<i32>,
     last_sent: Option<i32>,
     /// The axis held for a reason on the path: the drive may not have received its last targets.
     has_lost_targets: bool,
@@ -125,6 +128,7 @@ impl MotionGuard {
             was_following: false,
             decided: None,
             held: None,
+            held_before: None,
             last_sent: None,
             has_lost_targets: false,
             rest: None,
@@ -307,7 +311,7 @@ impl MotionGuard {
         };
         self.is_enabled = input.drive.state == Some(DriveState::OperationEnabled);
         if !self.is_enabled {
-            self.held = None;
+            (self.held, self.held_before) = (None, None);
         }
         self.hindrance = match self.state {
             GuardState::Draining | GuardState::Reading => {
@@ -461,9 +465,11 @@ impl MotionGuard {
             TargetKind::Rate => PositionRange::Linear,
             TargetKind::Profile | TargetKind::None => return false,
         };
-        self.held.is_some_and(|held| {
-            range.distance(held, first).unsigned_abs() > u64::from(self.limits.step)
-        })
+        let before = self.held_before.filter(|_| self.has_lost_targets);
+        self.held
+            .into_iter()
+            .chain(before)
+            .any(|held| range.distance(held, first).unsigned_abs() > u64::from(self.limits.step))
     }
 
     fn check(&self, last: i32, next: i32) -> Result<(), TargetRejection> {
@@ -504,7 +510,7 @@ impl MotionGuard {
         let Some(target) = self.decided.take() else { return };
         self.waits = Some(WaitReason::Spent);
         self.last_sent = Some(target);
-        self.held = Some(target);
+        self.held_before = self.held.replace(target);
         self.has_lost_targets = false;
         self.rest = None;
         match self.state {

@@ -358,6 +358,30 @@ fn drive_with_a_far_target_is_not_activated_enabled() {
     assert_eq!(cycle(&mut guard, &good(0), None), Decision::First(0));
 }
 
+/// The last target may be lost. The drive then holds the one before, which is further from a motor that
+/// a feed-forward moved on.
+#[test]
+fn drive_that_may_hold_an_earlier_target_is_not_activated_enabled() {
+    let first = |is_lost: bool, position| {
+        let mut guard = running(0);
+        cycle(&mut guard, &good(0), Some(100));
+        cycle(&mut guard, &good(0), Some(200));
+        let mut lost = good(0);
+        lost.path.target_lost = is_lost;
+        cycle(&mut guard, &lost, None);
+        guard.hold();
+        guard.activate();
+        let mut decisions = (0..8).map(|_| cycle(&mut guard, &good(position), None));
+        let is_answer = |it: &Decision| {
+            it.target().is_some() || *it == Decision::Wait(WaitReason::HoldsOldTarget)
+        };
+        decisions.find(is_answer).unwrap()
+    };
+    assert_eq!(first(true, 200), Decision::First(200), "a step from the target before");
+    assert_eq!(first(false, 201), Decision::First(201), "the last target was received");
+    assert_eq!(first(true, 201), Decision::Wait(WaitReason::HoldsOldTarget));
+}
+
 #[test]
 fn drive_without_follow_bit_keeps_running() {
     let mut guard = MotionGuard::new(LIMITS);
