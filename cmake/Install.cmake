@@ -16,7 +16,7 @@ if(TARGET ecan_igh_host)
 endif()
 install(FILES API.md CHANGELOG.md LICENSE-APACHE LICENSE-MIT DESTINATION ${CMAKE_INSTALL_DOCDIR})
 # In the layout of the repository, in which they refer to each other.
-install(DIRECTORY docs DESTINATION ${CMAKE_INSTALL_DOCDIR} FILES_MATCHING PATTERN "*.md")
+install(DIRECTORY docs DESTINATION ${CMAKE_INSTALL_DOCDIR} FILES_MATCHING PATTERN "*.md" PATTERN "*.svg")
 install(DIRECTORY examples/python DESTINATION ${CMAKE_INSTALL_DOCDIR}/examples
     FILES_MATCHING PATTERN "*.py")
 install(FILES wireshark/README.md wireshark/ecan_pdo.lua DESTINATION ${CMAKE_INSTALL_DOCDIR}/wireshark)
