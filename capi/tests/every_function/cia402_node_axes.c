@@ -140,7 +140,7 @@ static void faults(void)
     FAULTY("PDO number 513 is out of range", pdo_number, 513);
     FAULTY("invalid value 2048 for `rpdo_cob_ids`", rpdo_cob_ids[0], 0x800);
     FAULTY("invalid value 0 for `tpdo_cob_ids`", tpdo_cob_ids[2], 0x282);
-    FAULTY("COB-ID 201 is that of a PDO of axis 0", rpdo_cob_ids[0], 0x201);
+    FAULTY("COB-ID 0x201 is that of a PDO of axis 0", rpdo_cob_ids[0], 0x201);
     FAULTY("COB-ID", tpdo_cob_ids[0], 0x581);
     FAULTY("COB-ID", tpdo_cob_ids[1], 0x282);
     FAULTY("guard", guard_time_ms, 20);
