@@ -428,7 +428,7 @@ impl Device {
         let (true, Some(id)) = (self.network.communicates(), valid_pdo_id(raw)) else {
             return self.emergency.waiting.clear();
         };
-        let inhibit = self.objects.number(object::EMCY_INHIBIT, 0).unwrap_or(0).max(0) as u64;
+        let inhibit = self.objects.unsigned16(object::EMCY_INHIBIT, 0);
         while let Some(emcy) = self.emergency.due(self.now, inhibit * 100_000) {
             send(&self.config, out, id, &emcy.to_bytes());
         }

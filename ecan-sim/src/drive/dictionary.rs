@@ -128,6 +128,12 @@ impl Dictionary {
         }
     }
 
+    /// Number of 16 bits without sign, as times have; the nearest one for an object of another type, and
+    /// 0 if it does not exist.
+    pub(super) fn unsigned16(&self, index: u16, subindex: u8) -> u64 {
+        self.number(index, subindex).unwrap_or(0).clamp(0, u16::MAX.into()) as u64
+    }
+
     /// Sets a number without access check; excess bits are cut off.
     pub(super) fn put(&mut self, slot: Slot, raw: u64) {
         if let Some(object) = self.objects.get_mut(usize::from(slot.0))

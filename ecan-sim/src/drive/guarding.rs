@@ -23,7 +23,7 @@ impl Guarding {
 
     /// Reads the life time; a new one runs from the next request.
     pub(super) fn load(&mut self, objects: &Dictionary) {
-        let number = |index| objects.number(index, 0).unwrap_or(0).max(0) as u64;
+        let number = |index| objects.unsigned16(index, 0);
         let life_ms = number(object::GUARD_TIME) * number(object::LIFE_TIME_FACTOR);
         let life_ns = life_ms * 1_000_000;
         if life_ns != self.life_ns {

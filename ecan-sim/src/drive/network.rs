@@ -55,7 +55,7 @@ impl Network {
     }
 
     pub(super) fn load(&mut self, now: u64, objects: &Dictionary) {
-        let ms = objects.number(object::PRODUCER_HEARTBEAT, 0).unwrap_or(0).max(0) as u64;
+        let ms = objects.unsigned16(object::PRODUCER_HEARTBEAT, 0);
         self.producer_ns = ms * 1_000_000;
         self.heartbeat_at = (ms > 0).then(|| now.saturating_add(self.producer_ns));
         self.load_watches(objects);

@@ -103,6 +103,7 @@ impl Parameters {
         let max_profile_velocity = rate(object::MAX_PROFILE_VELOCITY, fastest);
         let low = number(object::SOFTWARE_POSITION_LIMIT, 1);
         let high = number(object::SOFTWARE_POSITION_LIMIT, 2);
+        let time = |index| or(index, 0).clamp(0, u16::MAX.into()) as u64 * 1_000_000;
         let homing_speed = |subindex| match number(object::HOMING_SPEEDS, subindex) {
             Some(value) if value > 0 => (value as f64).min(fastest),
             _ => fastest / 100.0,
@@ -116,9 +117,9 @@ impl Parameters {
             halt: HaltOption::from_raw(option(object::HALT_OPTION, 1)),
             fault_reaction: FaultReaction::from_raw(option(object::FAULT_REACTION_OPTION, 2)),
             following_window: or(object::FOLLOWING_ERROR_WINDOW, i64::from(u32::MAX)) as u32,
-            following_time: or(object::FOLLOWING_ERROR_TIME, 0) as u64 * 1_000_000,
+            following_time: time(object::FOLLOWING_ERROR_TIME),
             position_window: or(object::POSITION_WINDOW, 100) as u32,
-            position_window_time: or(object::POSITION_WINDOW_TIME, 0) as u64 * 1_000_000,
+            position_window_time: time(object::POSITION_WINDOW_TIME),
             velocity_window: or(object::VELOCITY_WINDOW, 1_000) as f64,
             max_torque: or(object::MAX_TORQUE, i64::from(u16::MAX)) as u16,
             max_motor_speed: or(object::MAX_MOTOR_SPEED, i64::from(u32::MAX)) as u32,

@@ -116,7 +116,7 @@ impl ReceivePdo {
             synchronous: kind.is_some_and(TransmissionType::is_synchronous),
             mapping,
             waiting: None,
-            timer_ns: get(5).max(0) as u64 * 1_000_000,
+            timer_ns: objects.unsigned16(communication, 5) * 1_000_000,
             deadline: None,
         }
     }
@@ -170,8 +170,8 @@ impl TransmitPdo {
             kind: TransmissionType::from_raw(get(2) as u8)
                 .unwrap_or(TransmissionType::EventProfile),
             mapping,
-            inhibit_ns: get(3).max(0) as u64 * 100_000,
-            timer_ns: get(5).max(0) as u64 * 1_000_000,
+            inhibit_ns: objects.unsigned16(communication, 3) * 100_000,
+            timer_ns: objects.unsigned16(communication, 5) * 1_000_000,
             sync_start,
             syncs: None,
             last: None,

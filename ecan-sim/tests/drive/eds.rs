@@ -309,6 +309,32 @@ fn module_without_motor_exchanges_process_data() {
     assert_eq!(fixture.read(0x1018, 4), Ok(1));
 }
 
+/// Objects of times with a wrong type and values that no time can have.
+#[test]
+fn times_beyond_their_range_are_the_longest() {
+    let time = |name: &str| {
+        format!(
+            "[{name}]\nParameterName=t{name}\nDataType=0x1B\nAccessType=rw\n\
+                 DefaultValue=0x7FFFFFFFFFFFFFFF\n"
+        )
+    };
+    let names =
+        ["1015", "1017", "100C", "100D", "1800sub3", "1800sub5", "1400sub5", "6066", "6068"];
+    let mut text = MODULE.to_owned();
+    for name in names {
+        // The first section with a name counts.
+        text.insert_str(0, &time(name));
+    }
+    let mut fixture = Fixture::cold(read(&text));
+    fixture.pass_ms(50);
+    fixture.nmt(NmtCommand::Start);
+    fixture.lines();
+    fixture.pass_ms(65_000);
+    assert_eq!(fixture.lines(), []);
+    fixture.pass_ms(600);
+    assert!(fixture.lines().contains(&(0x705, vec![5])), "a heartbeat after 65,535 ms");
+}
+
 #[test]
 fn module_without_motor_reports_lost_host_and_runs_on() {
     let mut fixture = Fixture::cold(read(&MODULE.replace(
