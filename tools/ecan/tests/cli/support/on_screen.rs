@@ -77,10 +77,21 @@ impl OnScreen {
         let mut buffer = [0; 4096];
         while !fits(self) {
             let master = self.master.as_mut().unwrap();
-            assert!(is_ready(&*master, deadline), "no {what}:\n{}", self.screen());
+            if !is_ready(&*master, deadline) {
+                panic!("no {what}:\n{}\n{}", self.screen(), self.stopped());
+            }
             let length = master.read(&mut buffer).unwrap();
             self.screen.process(&buffer[..length]);
         }
+    }
+
+    /// Kills the program; returns its status if it had ended before, and its standard error.
+    fn stopped(&mut self) -> String {
+        let status = self.child.try_wait().unwrap();
+        let _ = self.child.kill();
+        let mut errors = String::new();
+        self.child.stderr.take().unwrap().read_to_string(&mut errors).unwrap();
+        format!("status {status:?}, standard error:\n{errors}")
     }
 
     /// Reads until the screen contains a text.
