@@ -12,6 +12,8 @@
 #![allow(clippy::missing_safety_doc, reason = "the header states the rules for all pointers")]
 
 mod bus;
+#[cfg(test)]
+mod c_caller;
 mod callback;
 mod encoded;
 mod entry;

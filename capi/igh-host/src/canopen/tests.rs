@@ -4,8 +4,7 @@ use std::ffi::{CStr, CString, c_char, c_int, c_void};
 use std::ptr::{from_mut, null, null_mut};
 
 use ecan_c_boundary::frames::igh_mcan_rx_frame_t;
-use ecan_c_boundary::result::ecan_result_t::{self, *};
-use ecan_mcan_host::common::last_error::ecan_last_error;
+use ecan_c_boundary::result::ecan_result_t::*;
 
 use super::boot::*;
 use super::boot_terms::*;
@@ -14,6 +13,7 @@ use crate::adapter::config::*;
 use crate::adapter::config_master::*;
 use crate::adapter::context::*;
 use crate::adapter::simulation::*;
+use crate::c_caller::{code, error, garbage, ok};
 use crate::cia402::canopen::igh_canopen_sdo_upload;
 use crate::cia402::commands::*;
 use crate::cia402::context::*;
@@ -30,29 +30,6 @@ use crate::mcan_port::cycle::*;
 use crate::mcan_port::send::igh_mcan_port_send_can;
 
 const GRIPPER: usize = 2;
-
-fn code(result: ecan_result_t) -> c_int {
-    result.code()
-}
-
-fn error() -> String {
-    // SAFETY: the text ends with NUL and is not changed before it was copied.
-    unsafe { CStr::from_ptr(ecan_last_error()) }.to_str().unwrap().to_owned()
-}
-
-#[track_caller]
-fn ok(code: c_int) {
-    assert_eq!(code, 0, "{}", error());
-}
-
-fn garbage<T>() -> Box<T> {
-    let mut buffer = Box::<T>::new_uninit();
-    // SAFETY: valid for this number of bytes; used for structs of integers only.
-    unsafe {
-        buffer.as_mut_ptr().cast::<u8>().write_bytes(0xA5, size_of::<T>());
-        buffer.assume_init()
-    }
-}
 
 fn example(name: &str) -> CString {
     let root = concat!(env!("CARGO_MANIFEST_DIR"), "/../../examples/network");
@@ -118,6 +95,43 @@ impl Machine {
             ok(igh_cia402_send_targets_all(self.motors()));
             ok(igh_mcan_port_cycle_end(&mut *self.port));
         }
+    }
+
+    /// Sends an RPDO in each of 200 cycles; returns the number of TPDOs.
+    fn exchange_pdos(&mut self, channel: u8, (rpdo, data): (u32, [u8; 2]), tpdo: u32) -> usize {
+        let (motors, port) = (self.motors(), &raw mut *self.port);
+        let mut frames: [igh_mcan_rx_frame_t; 16] = *garbage();
+        let mut received = 0;
+        for _ in 0..200 {
+            let mut count = 0;
+            // SAFETY: the pointers are valid.
+            unsafe {
+                ok(igh_mcan_port_wait_next_cycle(port));
+                ok(igh_mcan_port_cycle_begin(port));
+                ok(igh_cia402_process_rx_ex(motors, frames.as_mut_ptr(), 16, &mut count));
+                ok(igh_mcan_port_send_can(port, 0, channel, rpdo, 0, data.as_ptr(), 2));
+                ok(igh_cia402_send_targets_all(motors));
+                ok(igh_mcan_port_cycle_end(port));
+            }
+            let is_tpdo = |frame: &&igh_mcan_rx_frame_t| {
+                (frame.slave, frame.channel, frame.can_id) == (0, channel, tpdo)
+            };
+            received += frames[..count].iter().filter(is_tpdo).count();
+        }
+        received
+    }
+
+    /// Reads an object of two bytes.
+    fn upload(&mut self, channel: u8, node: u8, index: u16) -> [u8; 2] {
+        let (mut data, mut length) = ([0_u8; 2], 0);
+        let buffer = data.as_mut_ptr().cast::<c_void>();
+        let port = &raw mut *self.port;
+        // SAFETY: the pointers are valid.
+        ok(unsafe {
+            igh_canopen_sdo_upload(port, 0, channel, node, index, 0, buffer, 2, &mut length, 2_000)
+        });
+        assert_eq!(length, 2);
+        data
     }
 
     fn boot_state(&mut self) -> u8 {
@@ -307,30 +321,11 @@ fn process_data_of_a_node_belong_to_the_application() {
     std::fs::write(&path, text).unwrap();
     let mut machine = Machine::of_file(&CString::new(path.to_str().unwrap()).unwrap());
     let motors = machine.motors();
-    let port: *mut igh_mcan_port_t = &mut *machine.port;
-    let mut frames: [igh_mcan_rx_frame_t; 8] = *garbage();
-    let (mut received, torque) = (0, 77_u16.to_le_bytes());
-    let (mut data, mut length) = ([0_u8; 2], 0);
-    // SAFETY: the pointers are valid.
-    unsafe {
-        ok(igh_canopen_wait_booted_timeout(motors, 20_000));
-        for _ in 0..200 {
-            let mut count = 0;
-            ok(igh_mcan_port_wait_next_cycle(port));
-            ok(igh_mcan_port_cycle_begin(port));
-            ok(igh_cia402_process_rx_ex(motors, frames.as_mut_ptr(), 8, &mut count));
-            ok(igh_mcan_port_send_can(port, 0, 0, 0x202, 0, torque.as_ptr(), 2));
-            ok(igh_cia402_send_targets_all(motors));
-            ok(igh_mcan_port_cycle_end(port));
-            let is_status = |frame: &&igh_mcan_rx_frame_t| {
-                (frame.slave, frame.channel, frame.can_id) == (0, 0, 0x182)
-            };
-            received += frames[..count].iter().filter(is_status).count();
-        }
-        let buffer = data.as_mut_ptr().cast::<c_void>();
-        ok(igh_canopen_sdo_upload(port, 0, 0, 2, 0x6071, 0, buffer, 2, &mut length, 2_000));
-    }
-    assert_eq!((length, data), (2, torque));
+    // SAFETY: the pointer is valid.
+    ok(unsafe { igh_canopen_wait_booted_timeout(motors, 20_000) });
+    let torque = 77_u16.to_le_bytes();
+    let received = machine.exchange_pdos(0, (0x202, torque), 0x182);
+    assert_eq!(machine.upload(0, 2, 0x6071), torque);
     assert!(received > 150, "{received}");
 }
 
@@ -339,30 +334,11 @@ fn process_data_of_a_node_belong_to_the_application() {
 fn gripper_of_the_example_follows_sync() {
     let mut machine = Machine::of_example();
     let motors = machine.motors();
-    let port: *mut igh_mcan_port_t = &mut *machine.port;
-    let mut frames: [igh_mcan_rx_frame_t; 16] = *garbage();
-    let (mut received, force) = (0, 300_u16.to_le_bytes());
-    let (mut data, mut length) = ([0_u8; 2], 0);
-    // SAFETY: the pointers are valid.
-    unsafe {
-        ok(igh_canopen_wait_booted_timeout(motors, 20_000));
-        for _ in 0..200 {
-            let mut count = 0;
-            ok(igh_mcan_port_wait_next_cycle(port));
-            ok(igh_mcan_port_cycle_begin(port));
-            ok(igh_cia402_process_rx_ex(motors, frames.as_mut_ptr(), 16, &mut count));
-            ok(igh_mcan_port_send_can(port, 0, 1, 0x204, 0, force.as_ptr(), 2));
-            ok(igh_cia402_send_targets_all(motors));
-            ok(igh_mcan_port_cycle_end(port));
-            let is_jaw = |frame: &&igh_mcan_rx_frame_t| {
-                (frame.slave, frame.channel, frame.can_id) == (0, 1, 0x184)
-            };
-            received += frames[..count].iter().filter(is_jaw).count();
-        }
-        let buffer = data.as_mut_ptr().cast::<c_void>();
-        ok(igh_canopen_sdo_upload(port, 0, 1, 4, 0x2000, 0, buffer, 2, &mut length, 2_000));
-    }
-    assert_eq!((length, data), (2, force));
+    // SAFETY: the pointer is valid.
+    ok(unsafe { igh_canopen_wait_booted_timeout(motors, 20_000) });
+    let force = 300_u16.to_le_bytes();
+    let received = machine.exchange_pdos(1, (0x204, force), 0x184);
+    assert_eq!(machine.upload(1, 4, 0x2000), force);
     assert!((190..=201).contains(&received), "{received}");
 }
 

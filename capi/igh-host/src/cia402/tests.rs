@@ -4,8 +4,8 @@ use std::ffi::{CStr, c_char, c_int, c_void};
 use std::ptr::{from_mut, null, null_mut};
 
 use ecan_c_boundary::frames::igh_mcan_rx_frame_t;
-use ecan_c_boundary::result::ecan_result_t::{self, *};
-use ecan_mcan_host::common::last_error::{ecan_last_abort_code, ecan_last_error};
+use ecan_c_boundary::result::ecan_result_t::*;
+use ecan_mcan_host::common::last_error::ecan_last_abort_code;
 
 use super::axis::*;
 use super::canopen::*;
@@ -25,36 +25,13 @@ use crate::adapter::config::*;
 use crate::adapter::config_master::*;
 use crate::adapter::context::*;
 use crate::adapter::simulation::*;
+use crate::c_caller::{code, error, garbage, ok};
 use crate::mcan_port::config::*;
 use crate::mcan_port::config_channel::*;
 use crate::mcan_port::context::*;
 use crate::mcan_port::cycle::*;
 
 const AXES: usize = 2;
-
-fn code(result: ecan_result_t) -> c_int {
-    result.code()
-}
-
-fn error() -> String {
-    // SAFETY: the text ends with NUL and is not changed before it was copied.
-    unsafe { CStr::from_ptr(ecan_last_error()) }.to_str().unwrap().to_owned()
-}
-
-#[track_caller]
-fn ok(code: c_int) {
-    assert_eq!(code, 0, "{}", error());
-}
-
-/// Bytes as a C program finds them on its stack.
-fn garbage<T>() -> Box<T> {
-    let mut buffer = Box::<T>::new_uninit();
-    // SAFETY: valid for this number of bytes; used for structs of integers only.
-    unsafe {
-        buffer.as_mut_ptr().cast::<u8>().write_bytes(0xA5, size_of::<T>());
-        buffer.assume_init()
-    }
-}
 
 /// A bus in operation, in places that do not move.
 struct Fixture {

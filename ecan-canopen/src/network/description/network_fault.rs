@@ -73,7 +73,7 @@ pub enum NetworkFaultKind {
         /// Bit rate of the channel in bit/s.
         bitrate: u32,
     },
-    /// The PDO is invalid by itself.
+    /// The PDO is invalid, without regard to others.
     #[error("{pdo}: {error}")]
     Pdo {
         /// The PDO.

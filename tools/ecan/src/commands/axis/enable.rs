@@ -6,7 +6,6 @@ use ecan_canopen::OperatingMode;
 use crate::context::{Context, Failure, Result};
 
 use super::motion_arguments::MotionArguments;
-use super::move_axis::check_start;
 use super::operator::{InputKind, Operator};
 use super::session::AxisSession;
 use super::startup;
@@ -40,9 +39,7 @@ pub fn run(arguments: &EnableArguments, context: &Context) -> Result {
     let settings = motion.settings(OperatingMode::CyclicPosition, envelope, is_interactive);
     let session = AxisSession::start(&chosen, settings, Some(operator), context)?;
     let end = session.run_to_end(|session| {
-        let start = startup::prepare(session, &motion.permission)?;
-        let envelope = session.narrowed(&envelope);
-        check_start(&envelope, start, &chosen.units)?;
+        startup::prepare_within(session, &motion.permission, &envelope)?;
         startup::enable(session)?;
         hold(session, arguments)
     })?;
@@ -62,7 +59,7 @@ fn hold(session: &mut AxisSession, arguments: &EnableArguments) -> Result {
         let now_ns = match session.cycle(None) {
             Ok(end) => end.now_ns,
             // The usual end.
-            Err(Failure::Incomplete(_)) if is_commanded_end(session) => return Ok(()),
+            Err(Failure::Incomplete(_)) if session.is_commanded_end() => return Ok(()),
             Err(failure) => return Err(failure),
         };
         session.check_running()?;
@@ -76,10 +73,4 @@ fn hold(session: &mut AxisSession, arguments: &EnableArguments) -> Result {
             return Ok(());
         }
     }
-}
-
-/// Returns whether the operator ended the command by a signal, and is not lost.
-pub fn is_commanded_end(session: &AxisSession) -> bool {
-    let request = session.operator.as_ref().and_then(Operator::stop_request);
-    request.is_some_and(|request| !request.is_lost())
 }

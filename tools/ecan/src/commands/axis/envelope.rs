@@ -7,6 +7,7 @@ use ecan_canopen::{OperatingMode, Step, object};
 use ecan_cia402::{AxisConfig, GuardLimits, MotionLimits, TargetKind};
 
 use super::position_profile::ProfileLimits;
+use super::unit::AxisUnits;
 
 /// Steps per target period that the velocity limit should have: its resolution.
 const LEAST_STEPS: f64 = 8.0;
@@ -46,6 +47,12 @@ impl Envelope {
     pub fn admits(&self, steps: f64) -> bool {
         let tolerance = self.tolerance();
         (f64::from(self.min) - tolerance..=f64::from(self.max) + tolerance).contains(&steps)
+    }
+
+    /// The range of positions in the unit of the axis.
+    pub fn text(&self, units: &AxisUnits) -> String {
+        let (min, max) = (units.position(self.min.into()), units.position(self.max.into()));
+        format!("{}..{} {}", units.number(min.min(max)), units.number(min.max(max)), units.unit)
     }
 
     /// Overshoot and noise of an actual position, in steps.

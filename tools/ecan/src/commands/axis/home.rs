@@ -12,7 +12,6 @@ use crate::context::{Context, Failure, Result};
 use super::envelope::Envelope;
 use super::limit_arguments::{parse_number, parse_positive};
 use super::motion_arguments::MotionArguments;
-use super::move_axis::check_key;
 use super::session::{AXIS, AxisSession};
 use super::startup;
 
@@ -129,7 +128,7 @@ fn home(session: &mut AxisSession, homing: HomingConfig) -> Result {
     session.cia402_mut().home(AXIS, homing).map_err(|error| rejected(&error))?;
     loop {
         session.cycle(None)?;
-        check_key(session)?;
+        session.check_key()?;
         let cia402 = session.cia402();
         let is_busy = matches!(
             cia402.phase(AXIS),

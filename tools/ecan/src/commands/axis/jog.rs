@@ -7,14 +7,12 @@ use ecan_canopen::OperatingMode;
 
 use crate::context::{Context, Failure, Result};
 
-use super::enable::is_commanded_end;
 use super::envelope::Envelope;
 use super::key_hold::Hold;
 use super::key_parser::Key;
 use super::limit_arguments::parse_number;
 use super::motion::Motion;
 use super::motion_arguments::MotionArguments;
-use super::move_axis::{check_key, check_start};
 use super::operator::{InputKind, Operator};
 use super::position_profile::ProfileLimits;
 use super::session::{AXIS, AxisSession};
@@ -68,9 +66,7 @@ pub fn run(arguments: &JogArguments, context: &Context) -> Result {
     let settings = motion.settings(OperatingMode::CyclicPosition, envelope, is_interactive);
     let session = AxisSession::start(&chosen, settings, Some(operator), context)?;
     let end = session.run_to_end(|session| {
-        let start = startup::prepare(session, &motion.permission)?;
-        let envelope = session.narrowed(&envelope);
-        check_start(&envelope, start, &chosen.units)?;
+        let (_, envelope) = startup::prepare_within(session, &motion.permission, &envelope)?;
         let velocity = velocity.clamp(-envelope.velocity, envelope.velocity);
         match arguments.milliseconds {
             Some(ms) => {
@@ -111,7 +107,7 @@ fn for_time(
     loop {
         let end = motion.toward(session, goal, limits)?;
         session.check_running()?;
-        check_key(session)?;
+        session.check_key()?;
         if motion.profile().is_at(goal) {
             session.report("the end of the range is reached");
             return Ok(());
@@ -165,7 +161,7 @@ impl Jog {
             };
             match end {
                 Ok(_) => {}
-                Err(Failure::Incomplete(_)) if is_commanded_end(session) => return Ok(()),
+                Err(Failure::Incomplete(_)) if session.is_commanded_end() => return Ok(()),
                 Err(failure) => return Err(failure),
             }
             let operator = session.operator.as_ref();

@@ -12,9 +12,9 @@ use super::envelope::Envelope;
 use super::limit_arguments::{parse_number, parse_positive};
 use super::motion::Motion;
 use super::motion_arguments::MotionArguments;
-use super::operator::Operator;
-use super::session::{AXIS, AxisSession, stopped};
+use super::session::{AXIS, AxisSession};
 use super::startup;
+use super::unit::AxisUnits;
 
 pub const NOTES: &str = "\
 The axis moves with a trapezoidal velocity. In CSP the host generates the targets within the limits;
@@ -92,14 +92,12 @@ pub fn run(arguments: &MoveArguments, context: &Context) -> Result {
     let settings = motion.settings(mode, envelope, false);
     let session = AxisSession::start(&chosen, settings, Some(operator), context)?;
     let moved = session.run(|session| {
-        let start = startup::prepare(session, &motion.permission)?;
-        let envelope = session.narrowed(&envelope);
+        let (start, envelope) = startup::prepare_within(session, &motion.permission, &envelope)?;
         let goal = match (arguments.to, arguments.by) {
             (Some(to), _) => chosen.units.steps(to),
             (None, by) => start + chosen.units.length(by.unwrap_or(0.0)),
         };
         check_goal(&envelope, goal, &chosen.units)?;
-        check_start(&envelope, start, &chosen.units)?;
         startup::enable(session)?;
         let tolerance = arguments.tolerance.map(|it| chosen.units.length(it).abs());
         let tolerance = tolerance.unwrap_or(envelope.velocity * 0.01).max(1.0);
@@ -138,38 +136,15 @@ pub fn run(arguments: &MoveArguments, context: &Context) -> Result {
     })
 }
 
-fn check_goal(envelope: &Envelope, goal: f64, units: &super::unit::AxisUnits) -> Result {
+fn check_goal(envelope: &Envelope, goal: f64, units: &AxisUnits) -> Result {
     match envelope.contains(goal.round()) {
         true => Ok(()),
         false => Err(Failure::Usage(format!(
             "the target {} is outside the range {}; move less far, or extend --range",
             units.position_text(goal),
-            range_text(envelope, units)
+            envelope.text(units)
         ))),
     }
-}
-
-/// Rejects a motion that would start outside the range, by more than an overshoot.
-pub fn check_start(envelope: &Envelope, start: f64, units: &super::unit::AxisUnits) -> Result {
-    match envelope.admits(start) {
-        true => Ok(()),
-        false => Err(Failure::Usage(format!(
-            "the actual position {} is outside the range {}; extend --range",
-            units.position_text(start),
-            range_text(envelope, units)
-        ))),
-    }
-}
-
-fn range_text(envelope: &Envelope, units: &super::unit::AxisUnits) -> String {
-    let (min, max) = (units.position(envelope.min.into()), units.position(envelope.max.into()));
-    format!("{}..{} {}", units.number(min.min(max)), units.number(min.max(max)), units.unit)
-}
-
-/// Fails if the operator pressed a key, or released the one that has to be held.
-pub fn check_key(session: &AxisSession) -> Result {
-    let request = session.operator.as_ref().and_then(Operator::motion_request);
-    request.map_or(Ok(()), |request| Err(stopped(request)))
 }
 
 fn move_csp(session: &mut AxisSession, goal: f64, envelope: &Envelope) -> Result {
@@ -178,7 +153,7 @@ fn move_csp(session: &mut AxisSession, goal: f64, envelope: &Envelope) -> Result
     while !motion.profile().is_at(goal) {
         motion.toward(session, goal, envelope.profile())?;
         session.check_running()?;
-        check_key(session)?;
+        session.check_key()?;
     }
     Ok(())
 }
@@ -193,7 +168,7 @@ fn move_pp(session: &mut AxisSession, goal: f64, envelope: &Envelope) -> Result 
     loop {
         let end = session.cycle(Some(goal.round() as i32))?;
         session.check_running()?;
-        check_key(session)?;
+        session.check_key()?;
         if session.cia402().is_target_reached(AXIS) {
             return Ok(());
         }
@@ -213,7 +188,7 @@ fn settle(session: &mut AxisSession, goal: f64, tolerance: f64) -> Result {
     while at_goal < REST_CYCLES {
         let end = session.cycle(None)?;
         session.check_running()?;
-        check_key(session)?;
+        session.check_key()?;
         let distance = (session.actual()? - goal).abs();
         at_goal = if distance <= tolerance { at_goal + 1 } else { 0 };
         if end.now_ns > end_ns {

@@ -208,6 +208,18 @@ impl AxisSession {
         self.output.text(format!("{}: {text}", self.label));
     }
 
+    /// Fails if the operator pressed a key, or released the one that has to be held.
+    pub fn check_key(&self) -> Result {
+        let request = self.operator.as_ref().and_then(Operator::motion_request);
+        request.map_or(Ok(()), |request| Err(stopped(request)))
+    }
+
+    /// Returns whether the operator ended the command by a signal, and is not lost.
+    pub fn is_commanded_end(&self) -> bool {
+        let request = self.operator.as_ref().and_then(Operator::stop_request);
+        request.is_some_and(|request| !request.is_lost())
+    }
+
     /// The limits of a motion within those of the drive, which are read by the configuration.
     pub fn narrowed(&self, envelope: &Envelope) -> Envelope {
         let config = self.cia402.config(AXIS);

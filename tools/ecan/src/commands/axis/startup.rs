@@ -8,6 +8,7 @@ use crate::context::{Failure, Result};
 
 use super::dead_man::PermissionArguments;
 use super::drive_report::{self, DriveReport};
+use super::envelope::Envelope;
 use super::session::{AXIS, AxisSession};
 
 const CONFIGURE: Duration = Duration::from_secs(20);
@@ -27,6 +28,26 @@ pub fn prepare(session: &mut AxisSession, permission: &PermissionArguments) -> R
         return Err(explained(session, &failure)?);
     }
     read_position(session)
+}
+
+/// As [`prepare`], for a motion within limits: returns also those that the drive leaves of them. Rejects an
+/// axis that is outside the range by more than an overshoot.
+pub fn prepare_within(
+    session: &mut AxisSession,
+    permission: &PermissionArguments,
+    envelope: &Envelope,
+) -> Result<(f64, Envelope)> {
+    let start = prepare(session, permission)?;
+    let envelope = session.narrowed(envelope);
+    let units = session.units();
+    match envelope.admits(start) {
+        true => Ok((start, envelope)),
+        false => Err(Failure::Usage(format!(
+            "the actual position {} is outside the range {}; extend --range",
+            units.position_text(start),
+            envelope.text(&units)
+        ))),
+    }
 }
 
 /// Enables the drive, when a key is held if that is required. The error names the obstacles that the

@@ -14,7 +14,6 @@ use super::axis_choice::ChosenAxis;
 use super::frequency_point::FrequencyPoint;
 use super::limit_arguments::{PositionBounds, parse_number, parse_positive};
 use super::motion_arguments::MotionArguments;
-use super::move_axis::check_start;
 use super::session::AxisSession;
 use super::startup;
 use super::step_response::StepResponse;
@@ -132,9 +131,7 @@ pub fn run(arguments: &TuneArguments, context: &Context) -> Result {
     let is_simulated = session.is_simulated();
     let (mut recording, mut period_s) = (Vec::new(), 0.0);
     let result = session.run(|session| {
-        let start = startup::prepare(session, &motion.permission)?;
-        let envelope = session.narrowed(&envelope);
-        check_start(&envelope, start, &chosen.units)?;
+        let (start, envelope) = startup::prepare_within(session, &motion.permission, &envelope)?;
         test.check_travel(start, &envelope, &chosen)?;
         startup::enable(session)?;
         period_s = session.target_period_s();

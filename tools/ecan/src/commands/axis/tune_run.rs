@@ -9,7 +9,6 @@ use crate::context::{Failure, Result};
 use super::axis_choice::ChosenAxis;
 use super::envelope::{Envelope, velocity_factor};
 use super::frequency_point::{FrequencyPoint, frequencies};
-use super::move_axis::check_key;
 use super::position_profile::PositionProfile;
 use super::session::{AXIS, AxisSession};
 use super::step_response::Sample;
@@ -96,7 +95,7 @@ impl TuneRun {
             };
             let end = session.cycle(Some(raw.round() as i32))?;
             session.check_running()?;
-            check_key(session)?;
+            session.check_key()?;
             // Otherwise the motion continues when targets are accepted again.
             if matches!(end.decision, Decision::Target(_)) {
                 break;

@@ -1,4 +1,4 @@
-//! End of a live view: `--count` and `--timeout` beside `--watch`.
+//! End of a live view (`--watch`) by `--count` and `--timeout`.
 
 use clap::Args;
 
