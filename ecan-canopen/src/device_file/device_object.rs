@@ -97,7 +97,8 @@ impl DeviceObject {
             return None;
         }
         let first = self.entry(1)?;
-        let has_own_parts = first.flags != self.flags
+        let has_own_parts = first.object_type != ObjectType::Var
+            || first.flags != self.flags
             || !first.upload_file.is_empty()
             || !first.download_file.is_empty()
             || !first.extra.is_empty();

@@ -52,6 +52,42 @@ fn line() -> impl Strategy<Value = String> {
     prop_oneof![2 => section, 5 => (key, value).prop_map(|(key, value)| format!("{key}={value}"))]
 }
 
+/// Lines of an object that describes one to three sub-objects together, and of sections that change
+/// them.
+fn compact_object() -> impl Strategy<Value = Vec<String>> {
+    let sections = prop_oneof![
+        "\\[2000sub[0-3]\\]",
+        "\\[2000(Name|Value|Denotation|ParamRefd|ObjectLinks)\\]"
+    ];
+    let entry = prop_oneof![
+        "ObjectType=[025789]",
+        "AccessType=(ro|rw|wo)|PDOMapping=[01]|ObjFlags=[0-3]",
+        "(LowLimit|DefaultValue|ParameterValue)=[0-9]",
+        "(ParameterName|Denotation|ParamRefd|UploadFile|[a-z])=[a-z]{0,2}",
+        "(NrOfEntries|[1-4])=(2000sub[1-4]|2000[1-4]|[a-z]{1,2}|[0-9])",
+    ];
+    let own = prop::collection::vec(entry.clone(), 0..4);
+    let section = (sections, prop::collection::vec(entry, 0..4));
+    (1..=3_u8, own, prop::collection::vec(section, 0..4)).prop_map(|(count, own, sections)| {
+        let mut lines = vec![format!("[2000]\nCompactSubObj={count}\nDataType=7")];
+        lines.extend(own);
+        for (name, entries) in sections {
+            lines.push(name);
+            lines.extend(entries);
+        }
+        lines
+    })
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(3000))]
+
+    #[test]
+    fn compact_object_is_written_and_read(lines in compact_object()) {
+        is_written_and_read(lines.join("\n").as_bytes());
+    }
+}
+
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(1000))]
 
