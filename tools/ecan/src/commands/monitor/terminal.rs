@@ -190,6 +190,10 @@ impl Drawing {
         let restored = Restored;
         let mut terminal = ratatui::try_init()?;
         let outcome = self.draw_all(&mut terminal);
+        if terminal.show_cursor().is_err() {
+            // The terminal is closed, and dropping this would print that on standard error.
+            std::mem::forget(terminal);
+        }
         drop(restored);
         outcome
     }
