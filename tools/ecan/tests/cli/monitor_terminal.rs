@@ -97,3 +97,18 @@ fn fast_keys_are_not_lost() {
     let (status, errors) = monitor.end();
     assert_eq!(status.code(), Some(0), "{errors}");
 }
+
+#[test]
+fn key_during_a_change_of_size_is_not_lost() {
+    let mut monitor = OnScreen::start((100, 40), &MONITOR);
+    monitor.wait_for(KEYS);
+    for columns in (90..110).rev() {
+        monitor.resize((columns, 40));
+        monitor.press(b"p");
+        monitor.wait_for("PAUSED");
+        monitor.press(b"p");
+        monitor.wait_until("continued view", |it| !it.screen().contains("PAUSED"));
+    }
+    monitor.press(b"q");
+    assert_eq!(monitor.end().0.code(), Some(0));
+}

@@ -1,5 +1,5 @@
 use clap::ValueEnum;
-use ratatui::crossterm::event::{KeyCode, KeyEvent, KeyEventKind, KeyModifiers};
+use crossterm::event::{KeyCode, KeyEvent, KeyEventKind, KeyModifiers};
 
 use ecan_protocol::mapping::CHANNELS;
 

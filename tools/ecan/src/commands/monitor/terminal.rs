@@ -6,9 +6,9 @@ use std::sync::mpsc::{Receiver, SyncSender, TryRecvError, channel, sync_channel}
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
+use crossterm::event::{self, Event};
 use ecan_command_line::interrupt::Interrupt;
 use ratatui::Frame;
-use ratatui::crossterm::event::{self, Event};
 
 use crate::context::{Failure, FullScreen, Output, Result};
 
@@ -28,6 +28,8 @@ const OBSERVATIONS: usize = 3;
 const WINDOW_NS: u64 = 1_000_000_000;
 /// Maximum time of waiting for a key before the next drawing.
 const FRAME: Duration = Duration::from_millis(100);
+/// As short as possible: without any time, no key is found.
+const NEXT_KEY: Duration = Duration::from_millis(1);
 /// Time limit for the end of the drawing, which blocks if its terminal is blocked.
 const END: Duration = Duration::from_secs(1);
 const LOOK: Duration = Duration::from_millis(5);
@@ -240,7 +242,7 @@ impl Drawing {
                         Action::None => {}
                     }
                 }
-                is_waiting = event::poll(Duration::ZERO)?;
+                is_waiting = event::poll(NEXT_KEY)?;
             }
         }
     }

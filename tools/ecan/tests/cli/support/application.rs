@@ -77,7 +77,8 @@ impl Application {
             port.wait_ready().unwrap();
             let service = port.serve(config).unwrap();
             let mut state = start(&mut port);
-            ready.send(()).unwrap();
+            // The service has a state after the first cycle.
+            let mut before_first = Some(ready);
             loop {
                 match receiver.try_recv() {
                     Ok(command) => command(&mut port, &service),
@@ -87,6 +88,9 @@ impl Application {
                 let mut cycle = port.next_cycle();
                 work(&mut state, &mut cycle);
                 cycle.finish();
+                if let Some(ready) = before_first.take() {
+                    ready.send(()).unwrap();
+                }
             }
         });
         is_ready.recv().unwrap();

@@ -3,10 +3,11 @@
 use std::fs::File;
 use std::io::{Read as _, Write as _};
 use std::num::NonZero;
-use std::os::fd::AsFd;
+use std::os::fd::{AsFd, OwnedFd};
 use std::process::{Child, Command, ExitStatus, Stdio};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
+use rustix::event::{PollFd, PollFlags, poll};
 use rustix::fs::{Mode, OFlags};
 use rustix::io::Errno;
 use rustix::process::{Pid, PidfdFlags, Signal, kill_process, pidfd_open};
@@ -14,6 +15,8 @@ use rustix::termios::tcsetwinsize;
 
 use super::terminal::{Pty, is_raw, winsize};
 use super::timed_reader::{LIMIT, is_readable};
+
+const LAST_OUTPUT: Duration = Duration::from_secs(5);
 
 /// Program on a terminal.
 pub struct OnScreen {
@@ -76,13 +79,28 @@ impl OnScreen {
         let deadline = Instant::now() + LIMIT;
         let mut buffer = [0; 4096];
         while !fits(self) {
-            let master = self.master.as_mut().unwrap();
-            if !is_ready(&*master, deadline) {
+            if !self.has_output(deadline) {
                 panic!("no {what}:\n{}\n{}", self.screen(), self.stopped());
             }
+            let master = self.master.as_mut().unwrap();
             let length = master.read(&mut buffer).unwrap();
             self.screen.process(&buffer[..length]);
         }
+    }
+
+    /// Waits for output; `false` without any until the deadline or the end of the program.
+    fn has_output(&self, deadline: Instant) -> bool {
+        let master = self.master.as_ref().unwrap();
+        let process = self.process();
+        let mut ends = [PollFd::new(master, PollFlags::IN), PollFd::new(&process, PollFlags::IN)];
+        let left = deadline.saturating_duration_since(Instant::now());
+        poll(&mut ends, Some(&left.try_into().unwrap())).unwrap();
+        // The last output may become readable after the end of the program.
+        ends[0].revents().contains(PollFlags::IN) || is_ready(master, Instant::now() + LAST_OUTPUT)
+    }
+
+    fn process(&self) -> OwnedFd {
+        pidfd_open(Pid::from_child(&self.child), PidfdFlags::empty()).unwrap()
     }
 
     /// Kills the program; returns its status if it had ended before, and its standard error.
@@ -142,8 +160,7 @@ impl OnScreen {
 
     /// Waits for the exit: status and standard error.
     pub fn end(&mut self) -> (ExitStatus, String) {
-        let process = pidfd_open(Pid::from_child(&self.child), PidfdFlags::empty()).unwrap();
-        let is_over = is_ready(&process, Instant::now() + LIMIT);
+        let is_over = is_ready(self.process(), Instant::now() + LIMIT);
         assert!(is_over, "it does not end:\n{}", self.screen());
         let mut errors = String::new();
         self.child.stderr.take().unwrap().read_to_string(&mut errors).unwrap();
