@@ -12,6 +12,7 @@ use crate::log::DriveLog;
 use crate::plan::{AxisPlan, MS, Plan};
 use crate::report::{Finding, Kind, StopSample};
 use crate::sdk::Class;
+use crate::variants;
 
 mod motion;
 mod stop;
@@ -87,6 +88,7 @@ pub struct AxisMonitor {
     /// Deviation of the velocity by the feed-forward, increments per second.
     feed_forward: f64,
     target_ns: f64,
+    service_period_ns: f64,
     friction: f64,
     may_coast: bool,
     /// Longest time until a stop takes effect at the drive.
@@ -165,6 +167,7 @@ impl AxisMonitor {
             feed_forward: motion::feed_forward_deviation(config, plan.target_ns() as f64),
             standstill: config.standstill,
             target_ns: plan.target_ns() as f64,
+            service_period_ns: variants::service_period_ns(&plan.variants),
             friction: f64::from(drive.motor.friction),
             may_coast: config.drive.quick_stop == Some(QuickStopOption::Disable),
             // The call may follow the send of its cycle; then the image, the gateway and the bus

@@ -55,6 +55,12 @@ fn supports(axes: &[AxisPlan], is_scheduled: bool, (variant, alternative): &Choi
     }
 }
 
+/// Period of gateways that serve their frames on a clock of their own; 0 for others.
+pub fn service_period_ns(choices: &[Choice]) -> f64 {
+    let period = choices.iter().find(|(variant, _)| variant.key == "service_period_us");
+    period.map_or(0.0, |(_, alternative)| alternative.value.parse::<f64>().unwrap() * 1e3)
+}
+
 /// The configurations of such gateways.
 pub fn gateway_configs(choices: &[Choice], count: usize) -> Vec<GatewayModelConfig> {
     let text = format!("[[gateway]]\n{}", toml(choices)).repeat(count);

@@ -25,7 +25,11 @@ const LATE_NS: u64 = 40 * MS;
 /// A target takes effect when its SYNC arrives. Other frames on the bus shift it: with four axes on a
 /// channel by up to eight frames of 130 us. The drive begins its interpolation where it is, so a
 /// target that comes earlier by this time than one period makes the motion faster.
+///
+/// A gateway that serves its frames on a clock of its own shifts them by up to its period, too.
 const SYNC_JITTER_NS: f64 = 0.35e6;
+/// The same in the times of targets, in target periods.
+const TARGET_JITTER: f64 = 0.35;
 /// Noise of one increment of a target, per controller period.
 const ROUNDING: f64 = 2_000.0;
 /// The following error of the motor may change by this time of motion at the limit: it cannot
@@ -106,7 +110,7 @@ impl AxisMonitor {
         match self.mode {
             Some(OperatingMode::CyclicPosition | OperatingMode::InterpolatedPosition) => {
                 let limit = self.step_limit / (self.target_ns / 1e9);
-                let jitter = 1.0 + SYNC_JITTER_NS / self.target_ns;
+                let jitter = 1.0 + (SYNC_JITTER_NS + self.service_period_ns) / self.target_ns;
                 let late = if at < self.late_until { late_overshoot(self.target_ns) } else { 0.0 };
                 let together = 1.0 + self.released(at);
                 let most =
@@ -257,9 +261,10 @@ impl AxisMonitor {
         {
             self.late_until = at + LATE_NS;
         }
+        let jitter = TARGET_JITTER + self.service_period_ns / self.target_ns;
         // Compared with each of the last targets: one limit per target and per period since then.
         for (nth, (then, target)) in self.targets.iter().rev().enumerate() {
-            let periods = ((at - then) as f64 / self.target_ns + 0.35).floor();
+            let periods = ((at - then) as f64 / self.target_ns + jitter).floor();
             // A target that was sent when the path broke is lost before the host can detect it:
             // the next one makes its step, too.
             let more = self.released(*then).max(self.released(at));
