@@ -11,8 +11,8 @@ use ecan_protocol::object::AbortCode;
 use ecan_sim::{Fault, SdoDirection, SdoEffect, SdoRule};
 use support::stops::{
     HostHeartbeat, QUICK, RATE_AND_PROFILE_MODES, RETURN_MS, SPEED, Trace, accelerate,
-    assert_runs_again, assert_stays_stopped, at_speed, config, drives, open, replace_owner, state,
-    table, velocity,
+    assert_runs_again, assert_stays_stopped, at_speed, at_speed_with, config, drives, open,
+    replace_owner, state, table, velocity,
 };
 
 /// COB-IDs of SYNC and of the heartbeat of the host, by which a drive continues.
@@ -174,4 +174,37 @@ fn drive_that_opens_its_brake_at_the_takeover_is_switched_off() {
     fixture.until(500, Cia402::all_stopped);
     fixture.steps(200);
     assert_eq!(state(&fixture), DriveState::SwitchOnDisabled);
+}
+
+/// Lost responses of the position do not make a drive absent that reported that it is enabled.
+#[test]
+fn enabled_drive_whose_position_is_not_answered_is_stopped() {
+    // Four attempts of the first owner, which finds the drive off, and four of the next one.
+    let rule = SdoRule {
+        index: object::POSITION_ACTUAL,
+        subindex: None,
+        direction: SdoDirection::Read,
+        effect: SdoEffect::Silence,
+        times: Some(8),
+    };
+    for is_configured in [false, true] {
+        let mode = OperatingMode::CyclicVelocity;
+        let scenario = drives(|drive| drive.quirks.sdo_rules.push(rule));
+        let mut fixture = at_speed_with(open(scenario, mode, HostHeartbeat::Off), mode);
+        replace_owner(&mut fixture, mode, HostHeartbeat::Off);
+        if is_configured {
+            fixture.cia402.configure(0).unwrap();
+        }
+        let trace = Trace::of(&mut fixture);
+        println!("configured {is_configured}: {trace}");
+        // The first attempt ends after 100 ms.
+        trace.assert_rest(2.0 * RETURN_MS, QUICK).assert_no_coasting();
+        if is_configured {
+            fixture.until(2_000, |cia402| cia402.phase(0) == Some(AxisPhase::Standby));
+            assert_runs_again(&mut fixture);
+        } else {
+            fixture.until(1_000, Cia402::all_stopped);
+            assert_eq!(state(&fixture), DriveState::SwitchOnDisabled);
+        }
+    }
 }

@@ -151,7 +151,9 @@ impl Axis {
             TakeoverState::Inspecting { since_ns } => {
                 let since_ns = *since_ns;
                 let is_absent = self.poll.unanswered() >= GONE_ATTEMPTS;
-                if is_answered {
+                // Of an attempt that was not answered to its end, the statusword may have arrived.
+                let needs_stop = !self.poll.is_running() && !self.drive.is_off_or_unknown();
+                if is_answered || needs_stop {
                     self.inspected(since_ns, now_ns);
                 } else if is_absent {
                     self.takeover = TakeoverState::Done;
