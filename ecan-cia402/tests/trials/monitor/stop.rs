@@ -93,6 +93,10 @@ impl AxisMonitor {
             self.stop = None;
             return;
         }
+        if self.disobedience_ns > 0 {
+            // The new owner starts its own time for a drive that ignores the quick stop.
+            self.stop = None;
+        }
         self.stopping(now, StopKind::Takeover, Class::NotConfigured);
         if let Some(stop) = self.stop.as_mut().filter(|_| adopts) {
             stop.allowance_ns = ADOPT_NS;
