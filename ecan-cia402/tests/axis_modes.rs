@@ -6,7 +6,7 @@ use std::time::Duration;
 mod axes;
 
 use axes::{Fixture, axes, axis, with_quirk};
-use ecan_canopen::{DriveState, OperatingMode, SyncConfig};
+use ecan_canopen::{DriveState, OperatingMode, SyncConfig, object};
 use ecan_cia402::{
     AxisConfig, AxisError, AxisPhase, Cia402, Cia402Config, CommandError, Decision, HomingConfig,
     HomingState, LoadWarning, ScheduleError,
@@ -225,6 +225,93 @@ fn fault_during_homing_is_reported() {
     assert_eq!(fixture.cia402.error(0), Some(AxisError::Fault { error_code: 0x7320 }));
     assert_eq!(fixture.cia402.mode(0), Some(OperatingMode::CyclicPosition));
     fixture.check();
+}
+
+/// The gateway is away until the drive has stopped by its watch over the host.
+#[test]
+fn hold_ends_a_mode_change_and_homing() {
+    use OperatingMode::{CyclicPosition, ProfilePosition};
+    type Command = fn(&mut Cia402) -> Result<(), CommandError>;
+    let commands: [(&str, OperatingMode, Command); 4] = [
+        ("PP to CSP", ProfilePosition, |it| it.change_mode(0, CyclicPosition)),
+        ("CSP to PP", CyclicPosition, |it| it.change_mode(0, ProfilePosition)),
+        ("homing in PP", ProfilePosition, |it| it.home(0, HomingConfig::new(35))),
+        ("homing in CSP", CyclicPosition, |it| it.home(0, HomingConfig::new(35))),
+    ];
+    for (name, mode, command) in commands {
+        for (cycles, auto_resume) in [(0, false), (1, false), (1, true), (2, false), (3, false)] {
+            let name = format!("{name}, {cycles} cycles, auto-resume {auto_resume}");
+            let mut config = axis(0, 0, 1).with_mode(mode).with_target_step(200);
+            config.auto_resume = auto_resume;
+            let mut fixture = Fixture::single(vec![config]).started();
+            if mode == ProfilePosition {
+                let at = fixture.cia402.actual(0).unwrap();
+                fixture.cia402.set_target(0, at + 500_000).unwrap();
+            }
+            fixture.steps(100);
+            command(&mut fixture.cia402).unwrap();
+            fixture.steps(cycles);
+            fixture.inject(Fault::LinkLoss { gateway: 0, for_ms: 600 });
+            fixture.steps(200);
+            assert!(fixture.drive(0, |drive| drive.state()) != DriveState::OperationEnabled);
+            for _ in 0..1_500 {
+                fixture.step();
+                let state = fixture.drive(0, |drive| drive.state());
+                assert_ne!(state, DriveState::OperationEnabled, "{name}");
+            }
+            assert!(fixture.port.is_ready(), "{name}");
+            assert_eq!(fixture.cia402.mode(0), Some(mode), "{name}");
+            let error = fixture.cia402.error(0);
+            let is_named =
+                matches!(error, Some(AxisError::Held(_) | AxisError::NotDisabled { .. }));
+            assert!(is_named, "{name}: {error:?}");
+            fixture.cia402.enable(0).unwrap();
+            fixture.until(1_000, Cia402::all_running);
+        }
+    }
+}
+
+/// After each stage of a homing and of a mode change.
+#[test]
+fn mode_before_is_restored_after_a_stop() {
+    const MODE: OperatingMode = OperatingMode::CyclicPosition;
+    type Command = fn(&mut Cia402) -> Result<(), CommandError>;
+    let home: Command = |cia402| cia402.home(0, HomingConfig::new(35));
+    let change: Command = |cia402| cia402.change_mode(0, OperatingMode::ProfilePosition);
+    for (name, command) in [("homing", home), ("mode change", change)] {
+        let mut modes = Vec::new();
+        for cycles in 0.. {
+            let mut fixture = Fixture::single(vec![axis(0, 0, 1)]).started();
+            command(&mut fixture.cia402).unwrap();
+            fixture.idle(cycles);
+            if !matches!(
+                fixture.cia402.phase(0),
+                Some(
+                    AxisPhase::ChangingMode(_) | AxisPhase::PreparingHoming | AxisPhase::Homing(_)
+                )
+            ) && cycles > 0
+            {
+                break;
+            }
+            let name = format!("{name}, {cycles} cycles");
+            let displayed =
+                |fixture: &Fixture| fixture.drive(0, |drive| drive.object(object::MODE_DISPLAY, 0));
+            modes.push(displayed(&fixture));
+            fixture.cia402.quick_stop(0).unwrap();
+            fixture.until(200, Cia402::all_stopped);
+            fixture.cia402.enable(0).unwrap();
+            fixture.until(500, Cia402::all_running);
+            assert_eq!(fixture.cia402.mode(0), Some(MODE), "{name}");
+            assert_eq!(displayed(&fixture), Some(MODE.raw().into()), "{name}");
+            let at = fixture.cia402.target(0).unwrap();
+            fixture.cia402.set_target(0, at + 50).unwrap();
+            fixture.idle(5);
+            assert_eq!(fixture.cia402.target(0), Some(at + 50), "{name}");
+            fixture.check();
+        }
+        modes.dedup();
+        assert!(modes.len() > 1, "{name}: the drive had one mode, {modes:?}");
+    }
 }
 
 #[test]

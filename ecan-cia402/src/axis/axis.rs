@@ -91,6 +91,9 @@ pub(crate) struct Axis {
     pub(crate) decision: Decision,
     pub(crate) target_period: TargetPeriod,
     pub(crate) procedure: Option<Procedure>,
+    /// A procedure was cancelled after it had begun to write a mode: this one is written before the
+    /// drive is enabled.
+    pub(crate) mode_due: Option<OperatingMode>,
     pub(crate) recovery: Option<Recovery>,
     pub(crate) verification: Verification,
     /// The PDOs that it reads, from 0 on.
@@ -155,6 +158,7 @@ impl Axis {
             decision: Decision::Closed,
             target_period,
             procedure: None,
+            mode_due: None,
             recovery: None,
             verification: Verification::default(),
             verification_stage: 0,
@@ -297,23 +301,32 @@ impl Axis {
 
     pub(crate) fn home(&mut self, homing: HomingConfig, now_ns: u64) -> Result<(), CommandError> {
         self.ready_for_commands()?;
-        self.begin_procedure(self.mode, Some(homing), now_ns);
+        self.begin_procedure(self.intended_mode(), Some(homing), now_ns);
         Ok(())
     }
 
+    /// Starts a mode change, or with `homing` a homing that returns to `mode`.
     fn begin_procedure(&mut self, mode: OperatingMode, homing: Option<HomingConfig>, now_ns: u64) {
         self.error = None;
         self.targets.halt();
         let is_queued = self.state.stop().is_some_and(|stop| stop.enable_since_ns.is_some());
         let then_enable = self.is_running() || is_queued;
-        self.procedure = Some(Procedure::new((self.mode, mode), homing, then_enable, now_ns));
+        let modes = (self.intended_mode(), mode);
+        self.procedure = Some(Procedure::new(modes, homing, then_enable, now_ns));
+    }
+
+    /// The mode in which the axis follows targets.
+    fn intended_mode(&self) -> OperatingMode {
+        self.mode_due.unwrap_or(self.mode)
     }
 
     pub(crate) fn cancel_procedure(&mut self, network: &mut Network) {
-        if let Some(procedure) = self.procedure.take()
-            && let Stage::Writing(script) | Stage::Restoring(script) = procedure.stage
-        {
+        let Some(procedure) = self.procedure.take() else { return };
+        if let Stage::Writing(script) | Stage::Restoring(script) = procedure.stage {
             script.cancel(network, self.node);
+        }
+        if procedure.stage != Stage::Disabling {
+            self.mode_due = Some(procedure.mode_before);
         }
     }
 
@@ -323,6 +336,12 @@ impl Axis {
         (self.config, self.targets.limits) = (config, ramp);
         self.further.feed_forward = FeedForwardGuard::new(self.config.feed_forward);
         self.set_mode(self.mode);
+    }
+
+    /// The drive displays the mode that was written.
+    pub(crate) fn confirm_mode(&mut self, mode: OperatingMode) {
+        self.mode_due = None;
+        self.set_mode(mode);
     }
 
     /// Applies the rules of a mode, which the drive has confirmed or is about to.
@@ -381,7 +400,9 @@ impl Axis {
         }
         self.error = Some(AxisError::Held(reason));
         self.stop_after_hold(reason, now_ns);
-        if self.state == AxisState::Standby
+        if let Some(procedure) = &mut self.procedure {
+            procedure.held(reason);
+        } else if self.state == AxisState::Standby
             && self.config.auto_resume
             && target_kind(self.mode) == TargetKind::Position
             && self.drive.is_enabled()

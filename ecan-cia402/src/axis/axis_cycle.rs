@@ -150,7 +150,7 @@ impl Axis {
             state: self.drive.state,
             heartbeat_lost: status.is_some_and(|s| s.heartbeat == Heartbeat::TimedOut),
             not_operational: status.is_some_and(|s| self.is_not_operational(s)),
-            unverified: !self.is_verified(),
+            unverified: !self.is_verified() || self.mode_due.is_some() && !self.is_running(),
             follows: !self.mode.is_cyclic() || self.drive.has(Statusword::MODE_12),
             following_error: self.mode == OperatingMode::CyclicPosition
                 && self.drive.has(Statusword::MODE_13),

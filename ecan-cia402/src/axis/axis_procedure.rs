@@ -16,6 +16,7 @@ use super::procedure::{Procedure, Stage};
 use super::script::{Script, axis_script, mode_steps};
 use super::stop::StopCause;
 use super::verification::{RETRY_NS, Verification};
+use crate::guard::terms::GuardState;
 
 /// Steps that compare a PDO mapping with its entries.
 fn mapping_steps<I: Iterator<Item = MappingEntry>>(
@@ -37,21 +38,32 @@ impl Axis {
 
     /// Continues a verification. A drive that does not answer is asked again.
     pub(crate) fn step_verification(&mut self, network: &mut Network, now_ns: u64) {
-        if !self.setup.is_complete() || self.procedure.is_some() || self.state.is_stopping() {
+        if self.procedure.is_some() {
+            // It needs the SDO client of the node.
+            return self.suspend_verification(network, now_ns);
+        }
+        if !self.setup.is_complete() || self.state.is_stopping() {
             return;
+        }
+        if self.mode_due.is_some() && !self.is_running() {
+            self.require_verification();
         }
         match &mut self.verification {
             Verification::Complete => {}
             Verification::Due { from_ns } => {
-                if self.reachability.gateway && now_ns >= *from_ns {
-                    self.verification_stage = 0;
-                    self.verification = Verification::Running(self.verification_script());
+                // The mode is only changed while the drive is off.
+                let may_begin = self.mode_due.is_none() || self.drive.is_off();
+                if self.reachability.gateway && now_ns >= *from_ns && may_begin {
+                    self.begin_verification();
                 }
             }
             Verification::Running(script) => {
                 match script.advance(network, self.node, now_ns, |_, _, _| {}) {
                     Configuring::Running => {}
                     Configuring::Done => {
+                        if let Some(mode) = self.mode_due {
+                            return self.mode_restored(mode);
+                        }
                         self.verification = match self.next_verification() {
                             Some(script) => Verification::Running(script),
                             None => Verification::Complete,
@@ -66,6 +78,33 @@ impl Axis {
                     }
                 }
             }
+        }
+    }
+
+    fn begin_verification(&mut self) {
+        self.verification_stage = 0;
+        let script = match self.mode_due {
+            Some(mode) => self.mode_script(mode),
+            None => self.verification_script(),
+        };
+        self.verification = Verification::Running(script);
+    }
+
+    /// The drive displays the mode from before a cancelled procedure; the verification follows.
+    fn mode_restored(&mut self, mode: OperatingMode) {
+        let is_activated =
+            !matches!(self.guard.state(), GuardState::Idle | GuardState::Holding { .. });
+        self.confirm_mode(mode);
+        if is_activated {
+            self.guard.activate();
+        }
+        self.begin_verification();
+    }
+
+    pub(crate) fn suspend_verification(&mut self, network: &mut Network, now_ns: u64) {
+        if let Verification::Running(script) = self.verification {
+            script.cancel(network, self.node);
+            self.verification = Verification::Due { from_ns: now_ns };
         }
     }
 
@@ -147,8 +186,16 @@ impl Axis {
         }
     }
 
-    /// Brings the axis to rest by the ramp, then switches power off.
+    /// Brings the axis to rest by the ramp, then switches power off. A hold, or a drive that is out of
+    /// reach, ends the procedure.
     fn step_disabling(&mut self, procedure: &mut Procedure, now_ns: u64) -> bool {
+        if self.is_uncontrolled(now_ns) {
+            let not_disabled = AxisError::NotDisabled { state: self.drive.state };
+            procedure.error = procedure.error.or(Some(not_disabled));
+        }
+        if procedure.error.is_some() {
+            return false;
+        }
         let is_moving = self.is_running() && !self.is_at_rest();
         let is_late = procedure.waited(now_ns) > REST_TIMEOUT;
         if is_moving && !is_late {
@@ -193,13 +240,13 @@ impl Axis {
         match running.advance(network, self.node, now_ns, |_, _, _| {}) {
             Configuring::Running => true,
             Configuring::Done if procedure.homing.is_some() => {
-                self.set_mode(OperatingMode::Homing);
+                self.confirm_mode(OperatingMode::Homing);
                 self.begin_enable(now_ns);
                 procedure.enter(Stage::Enabling, now_ns);
                 true
             }
             Configuring::Done => {
-                self.set_mode(procedure.mode);
+                self.confirm_mode(procedure.mode);
                 false
             }
             Configuring::Failed(failure) => {
@@ -251,11 +298,12 @@ impl Axis {
         if !is_off {
             self.stop_for_procedure(now_ns);
         }
-        if is_off || procedure.waited(now_ns) > REST_TIMEOUT {
-            if !is_off {
-                let not_disabled = AxisError::NotDisabled { state: self.drive.state };
-                procedure.error = procedure.error.or(Some(not_disabled));
-            }
+        let is_late = procedure.waited(now_ns) > REST_TIMEOUT;
+        if is_late && !is_off || self.is_uncontrolled(now_ns) {
+            let not_disabled = AxisError::NotDisabled { state: self.drive.state };
+            procedure.error = procedure.error.or(Some(not_disabled));
+        }
+        if is_off || is_late {
             procedure.enter(Stage::Restoring(self.mode_script(procedure.mode_before)), now_ns);
         }
         true
@@ -271,7 +319,7 @@ impl Axis {
         match running.advance(network, self.node, now_ns, |_, _, _| {}) {
             Configuring::Running => true,
             Configuring::Done => {
-                self.set_mode(procedure.mode_before);
+                self.confirm_mode(procedure.mode_before);
                 false
             }
             Configuring::Failed(failure) => {

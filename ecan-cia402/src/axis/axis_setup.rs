@@ -156,6 +156,7 @@ impl Axis {
 
     fn complete_setup(&mut self, network: &mut Network, heartbeat_ms: u64) {
         self.setup = SetupState::Complete;
+        self.mode_due = None;
         if let Some(guarding) = self.config.drive.guarding {
             // infallible: the table was checked
             let _ = network.set_guarding(self.node, Some(guarding));

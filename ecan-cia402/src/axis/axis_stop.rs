@@ -98,10 +98,7 @@ impl Axis {
             self.poll.cancel(network, self.node);
             return self.step_takeover(network, false, now_ns);
         }
-        if let Verification::Running(script) = self.verification {
-            script.cancel(network, self.node);
-            self.verification = Verification::Due { from_ns: now_ns };
-        }
+        self.suspend_verification(network, now_ns);
         let round = match self.state {
             AxisState::Stopping(stop) => {
                 let state = self.drive.state.filter(|_| self.is_fresh(now_ns));

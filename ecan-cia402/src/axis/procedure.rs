@@ -7,6 +7,7 @@ use ecan_canopen::OperatingMode;
 use super::homing::{HomingConfig, HomingWatch};
 use super::phase::AxisError;
 use super::script::{Script, axis_script, mode_steps};
+use crate::guard::input::HoldReason;
 
 /// Stages of a mode change and of homing, in order. The mode is only changed while the drive is
 /// not enabled: an enabled drive would go from the target of one mode to an old one of the other.
@@ -63,6 +64,14 @@ impl Procedure {
     pub(crate) fn enter(&mut self, stage: Stage, now_ns: u64) {
         self.stage = stage;
         self.stage_since_ns = now_ns;
+    }
+
+    /// The axis holds. Before the drive is off, this ends the procedure: later it could enable a drive
+    /// that stopped without a command.
+    pub(crate) fn held(&mut self, reason: HoldReason) {
+        if self.stage == Stage::Disabling {
+            self.error = Some(AxisError::Held(reason));
+        }
     }
 
     pub(crate) fn waited(&self, now_ns: u64) -> Duration {

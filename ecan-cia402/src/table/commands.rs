@@ -350,7 +350,8 @@ impl Cia402 {
 
     /// Starts to change the mode of a drive, with the mode display as confirmation. A running axis is
     /// brought to rest and disabled first, and enabled again afterwards. If the drive rejects the
-    /// mode, the previous one stays in force, and the drive stays disabled.
+    /// mode, the previous one stays in force, and the drive stays disabled. A hold while the axis comes
+    /// to rest ends the change ([`AxisError::Held`](crate::AxisError::Held)).
     ///
     /// # Errors
     /// [`CommandError::ModeNotMapped`] for a mode whose target is not in the process data, and for
@@ -368,7 +369,8 @@ impl Cia402 {
 
     /// Starts homing: rest, power off, parameters and mode, power on, homing, power off, previous
     /// mode, and power on again if the axis was running. The axis is activated at the new value of
-    /// the position counter.
+    /// the position counter. A hold before the drive is off ends the homing
+    /// ([`AxisError::Held`](crate::AxisError::Held)).
     ///
     /// # Errors
     /// A [`CommandError`].
