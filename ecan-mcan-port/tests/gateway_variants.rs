@@ -197,3 +197,19 @@ fn unchanged_assignment_keeps_the_profile_valid() {
         schedule_job(scenario).unwrap_or_else(|error| panic!("{value}: {error}"));
     }
 }
+
+/// Frames that nobody fetches before OP overflow; the status keeps that, and the profile is in use.
+#[test]
+fn lost_profile_is_applied_again_after_an_overflow() {
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR"));
+    let frames: String = (0..30_000)
+        .map(|ms| format!("({}.{:03}000) can0 100#00\n", ms / 1_000, ms % 1_000))
+        .collect();
+    std::fs::write(folder.join("overflow.log"), frames).unwrap();
+    let text = "[[gateway]]\n[gateway.variant]\nassignment_rewritten = \"dropped_at_safeop\"\n\
+                [[node]]\nkind = \"replay\"\nbus = \"0.0\"\nfile = \"overflow.log\"\n";
+    let scenario = Scenario::from_toml(text, "overflow", folder).unwrap();
+    let adapter = AdapterConfig::new(1).with_cycle(Duration::from_millis(1));
+    let started = start(scenario, adapter, GatewayConfig::on_channel(0, classic()));
+    started.unwrap_or_else(|error| panic!("{error}"));
+}

@@ -8,13 +8,14 @@ use ecan_host::{Adapter, RequestState, SdoRequestId};
 use ecan_protocol::image::PdoProfile;
 use ecan_protocol::mapping::Direction;
 
+use super::verification::IN_USE;
+
 /// Time in SAFEOP before the profiles are read, in nanoseconds.
 pub(crate) const SAFEOP_NS: u64 = 1_000_000_000;
 
 const ACTIVE_WORD: u8 = 12;
 const STATUS: u8 = 2;
 const APPLY: u8 = 1;
-const STATUS_OK: u32 = 0;
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum RestoreStep {
@@ -95,6 +96,7 @@ impl ProfileRestore {
             *to = *from;
         }
         let value = u32::from_le_bytes(value);
+        let is_in_use = IN_USE.contains(&u64::from(value));
         self.step = match self.step {
             ReadActive(0) => {
                 self.is_lost |= value != word;
@@ -103,8 +105,8 @@ impl ProfileRestore {
             ReadActive(_) if self.is_lost || value != word => Apply(0),
             Apply(0) => Apply(1),
             Apply(_) => ReadStatus(0),
-            ReadStatus(0) if value == STATUS_OK => ReadStatus(1),
-            ReadStatus(_) if value == STATUS_OK => self.request_op(adapter),
+            ReadStatus(0) if is_in_use => ReadStatus(1),
+            ReadStatus(_) if is_in_use => self.request_op(adapter),
             _ => Ended,
         };
     }

@@ -277,7 +277,7 @@ impl Check {
 
 /// Status values of 0x8010 and 0x8011 that are valid for a profile in use (manual 13.2): a past
 /// parsing error or overflow is no fault.
-const IN_USE: &[u64] = &[0, 7, 8];
+pub(super) const IN_USE: &[u64] = &[0, 7, 8];
 /// The state bits of a channel status word (manual 7); all clear is disabled.
 const STATE_BITS: u32 = 0b111;
 
