@@ -229,7 +229,12 @@ impl Plan {
             }
         }
         events.sort_by_key(|event| event.at_ns);
-        let variants = variants::draw(r, &axes, clock.is_some());
+        let timing = variants::Timing {
+            clock,
+            target_cycles: target_period_cycles(motion_div, every_cycles),
+            sync_cycles: every_cycles.into(),
+        };
+        let variants = variants::draw(r, &axes, &timing);
         Self {
             seed,
             gateways,

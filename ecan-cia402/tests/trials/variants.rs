@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use ecan_canopen::NodeAddress;
 use ecan_sim::variant::{Choice, toml, variants};
 use ecan_sim::{GatewayModelConfig, Scenario};
 
@@ -11,8 +12,42 @@ use crate::random::Random;
 /// Share of the trials with such gateways, percent.
 const SHARE: u32 = 30;
 
+/// Value at which the gateway's count of waiting frames saturates.
+const SATURATED: usize = 7;
+
+/// Phases of Sync0 and periods, in cycles, of targets and SYNC.
+pub struct Timing {
+    pub clock: Option<(Option<u32>, Option<u32>)>,
+    pub target_cycles: u64,
+    pub sync_cycles: u64,
+}
+
+impl Timing {
+    /// Most frames on a channel that two consecutive images schedule.
+    fn scheduled_in_two_images(&self, axes: &[AxisPlan]) -> usize {
+        let (targets, sync) = self.clock.unwrap_or_default();
+        let images = |phase: Option<u32>, cycles: u64| match (phase, cycles) {
+            (None, _) => 0,
+            (Some(_), 1) => 2,
+            (Some(_), _) => 1,
+        };
+        let on_channel = |address: &NodeAddress| {
+            let is_there = |axis: &&AxisPlan| {
+                let other = axis.config.address;
+                (other.slave, other.channel) == (address.slave, address.channel)
+            };
+            axes.iter()
+                .filter(is_there)
+                .map(|axis| axis.config.layout().rpdo_count())
+                .sum::<usize>()
+        };
+        let rpdos = axes.iter().map(|axis| on_channel(&axis.config.address)).max().unwrap_or(0);
+        rpdos * images(targets, self.target_cycles) + images(sync, self.sync_cycles)
+    }
+}
+
 /// The alternative of `TRIALS_VARIANT` (`KEY=VALUE`), else up to three in a share of the trials.
-pub fn draw(random: &mut Random, axes: &[AxisPlan], is_scheduled: bool) -> Vec<Choice> {
+pub fn draw(random: &mut Random, axes: &[AxisPlan], timing: &Timing) -> Vec<Choice> {
     let mut choices = Vec::new();
     if let Ok(name) = std::env::var("TRIALS_VARIANT") {
         choices.push(find(&name).unwrap_or_else(|| panic!("TRIALS_VARIANT={name} is no variant")));
@@ -26,7 +61,7 @@ pub fn draw(random: &mut Random, axes: &[AxisPlan], is_scheduled: bool) -> Vec<C
             choices.push(choice);
         }
     }
-    choices.retain(|choice| supports(axes, is_scheduled, choice));
+    choices.retain(|choice| supports(axes, timing, choice));
     choices
 }
 
@@ -37,7 +72,8 @@ fn find(name: &str) -> Option<Choice> {
 }
 
 /// Returns whether the SDK supports this machine with such gateways (docs/ASSUMPTIONS.md).
-fn supports(axes: &[AxisPlan], is_scheduled: bool, (variant, alternative): &Choice) -> bool {
+fn supports(axes: &[AxisPlan], timing: &Timing, (variant, alternative): &Choice) -> bool {
+    let is_scheduled = timing.clock.is_some();
     match (variant.key, alternative.value) {
         // The answers of four drives saturate the count of waiting frames.
         ("publishes_after_read", "true") => {
@@ -47,6 +83,8 @@ fn supports(axes: &[AxisPlan], is_scheduled: bool, (variant, alternative): &Choi
         ("service_period_us", "1000") => !is_scheduled,
         // So are those that count from the pulse before.
         ("scheduled_pulse", "\"previous\"") => !is_scheduled,
+        // Frames of two images wait for their pulse; a saturated count never shows room in the queue.
+        ("scheduled_pulse", "\"second\"") => timing.scheduled_in_two_images(axes) < SATURATED,
         // The budgets stay at those of the device: two received frames in each service.
         ("missing_entries", "[\"0x8021\"]") => {
             axes.iter().all(|axis| axis.config.address.node.get() == 1)
