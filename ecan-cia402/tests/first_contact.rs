@@ -4,9 +4,12 @@
 mod axes;
 mod support;
 
+use std::time::Duration;
+
 use axes::{Fixture, START};
-use ecan_canopen::{CobId, DriveState, NodeId, OperatingMode, object};
+use ecan_canopen::{CobId, DriveState, NodeId, OperatingMode, QuickStopOption, object};
 use ecan_cia402::{AxisPhase, Cia402, Cia402Config, Takeover};
+use ecan_host::{AdapterConfig, DcSync};
 use ecan_protocol::object::AbortCode;
 use ecan_sim::{Fault, SdoDirection, SdoEffect, SdoRule};
 use support::stops::{
@@ -51,6 +54,33 @@ fn new_owner_stops_moving_drives_before_it_feeds_them() {
             fixture.start();
             accelerate(&mut fixture, mode);
         }
+    }
+}
+
+/// A target of the earlier owner waits in the drive for a SYNC, which follows the first contact.
+#[test]
+fn waiting_target_does_not_undo_a_stop_at_first_contact() {
+    for takeover in [Takeover::Stop, Takeover::Adopt] {
+        let mode = OperatingMode::CyclicVelocity;
+        let mut adapter = AdapterConfig::new(1).with_cycle(Duration::from_millis(2));
+        adapter.dc = Some(DcSync::new(Duration::from_millis(2), Duration::from_micros(700)));
+        let mut axes = table(mode, HostHeartbeat::Off);
+        axes[0].drive.quick_stop = Some(QuickStopOption::QuickStopAndStay);
+        let settings = config(HostHeartbeat::Off);
+        let mut fixture = Fixture::open_with(drives(|_| {}), adapter, axes, settings);
+        // After the SYNC of its cycle.
+        fixture.cia402.set_scheduled_tx(&fixture.port, Some(200_000), None).unwrap();
+        let mut fixture = at_speed_with(fixture, mode);
+        let settings = Cia402Config { takeover, ..config(HostHeartbeat::Off) };
+        let new = Cia402::new(&fixture.port, table(mode, HostHeartbeat::Off), settings);
+        fixture.cia402 = new.unwrap_or_else(|error| panic!("{error}"));
+        fixture.cia402.quick_stop(0).unwrap();
+        let trace = Trace::of(&mut fixture);
+        println!("{takeover:?}: {trace}");
+        trace.assert_rest(RETURN_MS, QUICK).assert_no_coasting();
+        assert_stays_stopped(&mut fixture);
+        assert_eq!(state(&fixture), DriveState::SwitchOnDisabled, "{takeover:?}");
+        assert!(fixture.cia402.is_stopped(0), "{takeover:?}");
     }
 }
 

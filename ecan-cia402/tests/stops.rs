@@ -6,14 +6,15 @@ mod support;
 
 use std::time::Duration;
 
-use axes::START;
-use ecan_canopen::{DriveState, OperatingMode};
-use ecan_cia402::{AxisPhase, Cia402, HomingConfig, StopCause};
-use ecan_sim::{DriveFault, Fault, LossDirection};
+use axes::{Fixture, START};
+use ecan_canopen::{DriveState, OperatingMode, QuickStopOption};
+use ecan_cia402::{AxisPhase, Cia402, Cia402Config, HomingConfig, StopCause};
+use ecan_host::{AdapterConfig, DcSync};
+use ecan_sim::{DriveFault, Fault, LibraryCall, LossDirection, TraceEvent, TraceRecord};
 use support::stops::{
-    HostHeartbeat, PROFILE, QUICK, RATE_AND_PROFILE_MODES, REACTION_MS, REST, RETURN_MS, Trace,
-    assert_runs_again, assert_stays_stopped, at_speed, at_speed_with, drives, now_ms, open,
-    replace_owner, silence, state, until_reached, velocity,
+    HostHeartbeat, PROFILE, QUICK, RATE_AND_PROFILE_MODES, REACTION_MS, REST, RETURN_MS, SPEED,
+    Trace, assert_runs_again, assert_stays_stopped, at_speed, at_speed_with, config, drives,
+    now_ms, open, replace_owner, silence, state, table, until_reached, velocity,
 };
 
 // A stop acts in every state of the axis
@@ -82,6 +83,38 @@ fn configure_of_a_moving_axis_does_not_coast() {
         let trace = Trace::of(&mut fixture);
         println!("configure, {mode}: {trace}");
         trace.assert_rest(RETURN_MS, QUICK).assert_no_coasting();
+        fixture.until(2_000, |cia402| cia402.phase(0) == Some(AxisPhase::Standby));
+    }
+}
+
+/// A target that waits in the drive for its SYNC must not undo the stop that a configuration begins.
+#[test]
+fn waiting_target_does_not_undo_the_stop_of_configure() {
+    for cycles in 0..8 {
+        let mode = OperatingMode::CyclicVelocity;
+        let mut adapter = AdapterConfig::new(1).with_cycle(Duration::from_millis(1));
+        adapter.dc = Some(DcSync::new(Duration::from_millis(1), Duration::from_micros(700)));
+        let mut axes = table(mode, HostHeartbeat::Off);
+        axes[0].step_limit = SPEED as u32;
+        axes[0].drive.quick_stop = Some(QuickStopOption::QuickStopAndStay);
+        let settings = Cia402Config { motion_div: 4, ..config(HostHeartbeat::Off) };
+        let traced = drives(|drive| drive.trace = 100_000);
+        let mut fixture = Fixture::open_with(traced, adapter, axes, settings);
+        fixture.cia402.set_scheduled_tx(&fixture.port, Some(100_000), None).unwrap();
+        let mut fixture = at_speed_with(fixture, mode);
+        fixture.steps(cycles);
+        let call = LibraryCall::DomainState;
+        fixture.inject(Fault::LibraryError { call, errno: 4, times: 2 });
+        fixture.cia402.configure(0).unwrap();
+        let before = fixture.drive_axis(0, |axis| axis.trace().recorded());
+        let trace = Trace::of(&mut fixture);
+        println!("configure {cycles} cycles later: {trace}");
+        trace.assert_rest(RETURN_MS, QUICK).assert_no_coasting();
+        let enabled = fixture.drive_axis(0, |axis| {
+            let is_enable = |it: &&TraceRecord| matches!(it.event, TraceEvent::Enable { .. });
+            axis.trace().since(before).find(is_enable).copied()
+        });
+        assert_eq!(enabled, None, "configure {cycles} cycles later");
         fixture.until(2_000, |cia402| cia402.phase(0) == Some(AxisPhase::Standby));
     }
 }

@@ -433,8 +433,13 @@ impl Axis {
     }
 
     pub(crate) fn require_verification(&mut self) {
-        if self.setup.is_complete() && self.verification == Verification::Complete {
-            self.verification = Verification::Due { from_ns: 0 };
+        match &mut self.setup {
+            SetupState::Complete if self.verification == Verification::Complete => {
+                self.verification = Verification::Due { from_ns: 0 };
+            }
+            // It is verified by the configuration that follows.
+            SetupState::Requested { is_configured } => *is_configured = false,
+            _ => {}
         }
     }
 

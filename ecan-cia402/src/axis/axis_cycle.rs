@@ -88,7 +88,7 @@ impl Axis {
         let actual = watch.actual(channel, self.drive.arrived.map(|feedback| feedback.position));
         self.statistics.observed(actual, self.drive.arrived.is_some());
         let was_in_fault = self.drive.is_in_fault();
-        if self.setup.is_complete() || matches!(self.setup, SetupState::SettingMode(_)) {
+        if self.setup.has_process_data() || matches!(self.setup, SetupState::SettingMode(_)) {
             self.drive.update(self.config.range, self.config.standstill, now_ns);
         }
         let target_lost = std::mem::take(&mut self.target_lost);
@@ -203,7 +203,8 @@ impl Axis {
         now_ns: u64,
     ) -> Option<Outgoing> {
         self.decision = Decision::Closed;
-        if !self.setup.is_complete() {
+        let is_stopping = self.state.is_stopping() && self.setup.has_process_data();
+        if !(self.setup.is_complete() || is_stopping) {
             return None;
         }
         let drive = self.drive.state;

@@ -70,7 +70,9 @@ impl Axis {
         match self.setup {
             _ if self.is_uninspected => return AxisPhase::Inspecting,
             SetupState::Unconfigured => return AxisPhase::NotConfigured,
-            SetupState::Requested | SetupState::Configuring => return AxisPhase::Configuring,
+            SetupState::Requested { .. } | SetupState::Configuring => {
+                return AxisPhase::Configuring;
+            }
             SetupState::SettingMode(_) => return AxisPhase::SettingMode(self.mode),
             SetupState::Failed => return AxisPhase::SetupFailed,
             SetupState::Complete => {}

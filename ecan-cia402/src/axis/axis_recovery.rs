@@ -28,7 +28,9 @@ impl Recovery {
     /// Returns whether the recovery continues.
     fn step(&mut self, axis: &mut Axis, network: &mut Network, now_ns: u64) -> bool {
         match axis.setup {
-            SetupState::Requested | SetupState::Configuring | SetupState::SettingMode(_) => true,
+            SetupState::Requested { .. } | SetupState::Configuring | SetupState::SettingMode(_) => {
+                true
+            }
             SetupState::Unconfigured | SetupState::Failed => {
                 // A drive that does not answer and may be moving is not configured.
                 let is_refused = matches!(axis.error, Some(AxisError::NotStopped { .. }));

@@ -38,10 +38,11 @@ impl Axis {
         self.stop_targets();
         self.cancel_procedure(network);
         self.cancel_setup(network);
+        let is_configured = self.setup.has_process_data() && self.is_verified();
+        self.setup = SetupState::Requested { is_configured };
         self.verification = Verification::Complete;
         self.stop_options = None;
         self.error = None;
-        self.setup = SetupState::Requested;
         let is_known = self.drive.state.is_some() && self.drive.is_fresh(now_ns, self.fresh_ns);
         let is_enabling = self.state.enabling_since_ns().is_some();
         if !self.drive.is_off_or_unknown() || is_enabling {
@@ -62,7 +63,7 @@ impl Axis {
 
     pub(crate) fn step_setup(&mut self, network: &mut Network, now_ns: u64) {
         match &mut self.setup {
-            SetupState::Requested if self.takeover == TakeoverState::Done => {
+            SetupState::Requested { .. } if self.takeover == TakeoverState::Done => {
                 if !self.state.is_stopping() {
                     if self.node_share.may_begin {
                         self.begin_setup(network);
@@ -107,7 +108,7 @@ impl Axis {
 
     /// Returns whether the axis is ready for the configuration of its node.
     pub(crate) fn is_ready_for_setup(&self) -> bool {
-        matches!(self.setup, SetupState::Requested)
+        matches!(self.setup, SetupState::Requested { .. })
             && self.takeover == TakeoverState::Done
             && !self.state.is_stopping()
     }

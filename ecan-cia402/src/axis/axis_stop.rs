@@ -129,7 +129,7 @@ impl Axis {
     fn needs_stop_by_sdo(&self, now_ns: u64) -> bool {
         self.state.is_stopping()
             && !self.setup.is_running()
-            && (!self.setup.is_complete()
+            && (!self.setup.has_process_data()
                 || self.verification != Verification::Complete
                 || !self.reachability.operational
                 || !self.is_fresh(now_ns)
@@ -159,8 +159,7 @@ impl Axis {
             TakeoverState::Adopting(script) => {
                 if self.state.is_stopping() {
                     script.cancel(network, self.node);
-                    self.takeover = TakeoverState::Stopping;
-                    return;
+                    return self.stop_enabled_drive(now_ns);
                 }
                 match script.advance(network, self.node, now_ns, |_, _, _| {}) {
                     Configuring::Running => {}
@@ -186,11 +185,10 @@ impl Axis {
 
     /// The drive has answered: it is off, is adopted, or is stopped.
     fn inspected(&mut self, since_ns: u64, now_ns: u64) {
-        if self.state.is_stopping() {
-            self.takeover = TakeoverState::Stopping;
-        } else if self.drive.is_off_or_unknown() {
-            self.takeover = TakeoverState::Done;
-        } else if self.takeover_policy == Takeover::Stop || self.setup.is_pending() {
+        let is_stopping = self.state.is_stopping();
+        if self.drive.is_off_or_unknown() {
+            self.takeover = if is_stopping { TakeoverState::Stopping } else { TakeoverState::Done };
+        } else if is_stopping || self.takeover_policy == Takeover::Stop || self.setup.is_pending() {
             self.stop_enabled_drive(now_ns);
         } else if self.drive_is_at_rest(now_ns) && self.can_be_adopted() {
             self.mode = self.config.mode;
@@ -223,6 +221,8 @@ impl Axis {
             && !is_torque
     }
 
+    /// Stops the drive until it is off, also after a `quick_stop` of the application: from Quick Stop Active an
+    /// RPDO of the earlier owner, which waits in the drive for a SYNC, would enable it again.
     fn stop_enabled_drive(&mut self, now_ns: u64) {
         tracing::warn!(axis = self.index, "axis {}: enabled drive found, stopping", self.index);
         self.stop(StopCause::Takeover, now_ns);

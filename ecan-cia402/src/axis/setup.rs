@@ -23,8 +23,11 @@ pub(crate) enum SetupState {
     /// Not configured, or no longer: the drive restarted.
     #[default]
     Unconfigured,
-    /// The configuration begins when the drive has stopped.
-    Requested,
+    /// The configuration begins when the drive has stopped. Until then a drive that is configured is
+    /// stopped as before: a stop by SDO would overtake RPDOs that wait for their SYNC.
+    Requested {
+        is_configured: bool,
+    },
     Configuring,
     /// The mode is written, and the drive must display it.
     SettingMode(Script),
@@ -37,9 +40,14 @@ impl SetupState {
         matches!(self, Self::Complete)
     }
 
+    /// Returns whether the drive has its configuration, so that process data command and report it.
+    pub(crate) fn has_process_data(&self) -> bool {
+        matches!(self, Self::Complete | Self::Requested { is_configured: true })
+    }
+
     /// Returns whether the configuration is requested or runs.
     pub(crate) fn is_pending(&self) -> bool {
-        matches!(self, Self::Requested) || self.is_running()
+        matches!(self, Self::Requested { .. }) || self.is_running()
     }
 
     /// Returns whether configuration steps are being executed.

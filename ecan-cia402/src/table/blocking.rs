@@ -44,7 +44,7 @@ impl Cia402 {
     ) -> Result<(), Cia402Error> {
         self.configure_all()?;
         self.wait(port, timeout, "configured", progress, |axis| match axis.setup {
-            SetupState::Requested | SetupState::Configuring | SetupState::SettingMode(_) => {
+            SetupState::Requested { .. } | SetupState::Configuring | SetupState::SettingMode(_) => {
                 WaitStatus::Waiting
             }
             SetupState::Unconfigured | SetupState::Failed => WaitStatus::Stuck,

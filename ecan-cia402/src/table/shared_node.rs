@@ -95,7 +95,7 @@ impl SharedNode {
         if let Some(error) = failed.map(|axis| axis.error) {
             // One that could not be stopped keeps the others from their configuration.
             self.for_each(axes, |axis| {
-                if matches!(axis.setup, SetupState::Requested) {
+                if matches!(axis.setup, SetupState::Requested { .. }) {
                     axis.setup = SetupState::Failed;
                     axis.error = error;
                 }
@@ -109,7 +109,7 @@ impl SharedNode {
         let Some((first, others)) = self.axes.split_first() else { return };
         let Some(first) = axes.get_mut(*first) else { return };
         let (setup, error) = (first.setup, first.error);
-        if matches!(setup, SetupState::Configuring | SetupState::Requested) {
+        if matches!(setup, SetupState::Configuring | SetupState::Requested { .. }) {
             return;
         }
         let configurator = std::mem::take(&mut first.configurator);
