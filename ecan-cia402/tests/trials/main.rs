@@ -46,7 +46,13 @@ use run::Trial;
 /// 47971: the owner was replaced while a drive ignored the quick stop.
 /// 50537: a gateway that had noted an overflow did not return after it lost its PDO profiles.
 /// 51807: a stop at the end of a homing left the axis in another mode than its drive.
-const FOUND: [u64; 12] = [3913, 4640, 5780, 43993, 44419, 44729, 45524, 45577, 46036, 47971, 50537, 51807];
+/// 92394: the stop before a configuration overtook a target that waited for its SYNC.
+/// 110672: a target took effect between a sample of the motor and the stop.
+/// 114180: a quick stop at the first contact was undone by a target that waited for its SYNC.
+const FOUND: [u64; 15] = [
+    3913, 4640, 5780, 43993, 44419, 44729, 45524, 45577, 46036, 47971, 50537, 51807, 92394, 110672,
+    114180,
+];
 
 /// The same with axes of shared nodes. 5346: two targets were lost in a bus-off behind damaged images.
 const FOUND_SHARED: [u64; 1] = [5346];

@@ -435,7 +435,18 @@ impl AxisMonitor {
     }
 
     fn brake(&mut self, at_ns: u64, deceleration: f64) {
-        let (position, velocity) = (self.position, self.velocity);
+        let (position, mut velocity) = (self.position, self.velocity);
+        // The drive brakes from the velocity of its demand. A target that took effect after the last sample
+        // has set it, and no sample of the motor shows it.
+        if let Some((_, target)) = self.targets.back().filter(|(then, _)| *then > self.sampled_ns)
+            && matches!(
+                self.mode,
+                Some(OperatingMode::CyclicPosition | OperatingMode::InterpolatedPosition)
+            )
+        {
+            let demand = (f64::from(*target) - position) / (self.target_ns / 1e9);
+            velocity = velocity.abs().max(demand.abs());
+        }
         self.braking = Some(Braking { at_ns, position, velocity, deceleration });
         self.restart();
     }
