@@ -54,8 +54,11 @@ const FOUND: [u64; 15] = [
     114180,
 ];
 
-/// The same with axes of shared nodes. 5346: two targets were lost in a bus-off behind damaged images.
-const FOUND_SHARED: [u64; 1] = [5346];
+/// The same with axes of shared nodes.
+///
+/// 5346: two targets were lost in a bus-off behind damaged images.
+/// 93763: the end of a feed-forward moved a motor that was at rest.
+const FOUND_SHARED: [u64; 2] = [5346, 93763];
 
 fn variable(name: &str) -> Option<u64> {
     let value = std::env::var(name).ok()?;

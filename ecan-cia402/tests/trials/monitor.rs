@@ -87,6 +87,8 @@ pub struct AxisMonitor {
     standstill: u32,
     /// Deviation of the velocity by the feed-forward, increments per second.
     feed_forward: f64,
+    /// Distance by which a stop that ends the feed-forward moves the motor, increments.
+    feed_forward_distance: f64,
     target_ns: f64,
     service_period_ns: f64,
     friction: f64,
@@ -165,6 +167,10 @@ impl AxisMonitor {
                 _ => config.bounds,
             },
             feed_forward: motion::feed_forward_deviation(config, plan.target_ns() as f64),
+            feed_forward_distance: match config.mode {
+                OperatingMode::CyclicPosition => motion::feed_forward_distance(config),
+                _ => 0.0,
+            },
             standstill: config.standstill,
             target_ns: plan.target_ns() as f64,
             service_period_ns: variants::service_period_ns(&plan.variants),

@@ -75,6 +75,22 @@ pub(super) fn feed_forward_deviation(config: &AxisConfig, target_ns: f64) -> f64
     deviation
 }
 
+/// Distance from its last target at which a motor with a feed-forward rests, increments: the velocity that
+/// the feed-forward adds, over the gain of the position controller (docs/SAFETY.md). A stop ends the
+/// feed-forward, and the motor returns by this.
+pub(super) fn feed_forward_distance(config: &AxisConfig) -> f64 {
+    let limits = &config.feed_forward;
+    let has = |output| config.outputs.contains(&output);
+    let mut added = 0.0;
+    if has(OutputObject::VelocityOffset) {
+        added += f64::from(limits.velocity);
+    }
+    if has(OutputObject::TorqueOffset) {
+        added += f64::from(limits.torque) * PER_MILLE_PERIOD;
+    }
+    added / POSITION_GAIN
+}
+
 impl AxisMonitor {
     /// Targets that wait on a disturbed path may take effect together: up to `extra` more than one in
     /// a period.
@@ -198,7 +214,10 @@ impl AxisMonitor {
             self.braking = None;
             return;
         }
-        let most = speed * speed / (2.0 * braking.deceleration) + speed * 2.0 * LAG_S + 500.0;
+        let most = speed * speed / (2.0 * braking.deceleration)
+            + speed * 2.0 * LAG_S
+            + self.feed_forward_distance
+            + 500.0;
         let travel = (self.position - braking.position).abs();
         if travel > most {
             let text = format!("{travel:.0} after a stop at {speed:.0}/s; the limit is {most:.0}");
