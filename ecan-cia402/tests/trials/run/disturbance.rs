@@ -1,7 +1,7 @@
 //! Events of the machine and of the application.
 
 use ecan_cia402::Takeover;
-use ecan_sim::{DriveFault, Fault, GatewayFault};
+use ecan_sim::{DriveFault, Fault, GatewayFault, LossDirection};
 
 use super::{Trial, machine};
 use crate::monitor::{AxisMonitor, LOST_IN_BUS_OFF, RELEASED, RELEASED_BY_BUS};
@@ -137,6 +137,10 @@ impl Trial {
     pub(super) fn disturbs(&mut self, fault: &Fault) {
         let (now, cycle) = (self.now, self.plan.cycle_ns);
         let ms = |ms: u32| u64::from(ms) * MS;
+        if let Fault::LostFrame { direction: LossDirection::Return, cycles } = *fault {
+            let until = now + (u64::from(cycles) + 4) * cycle;
+            self.images_damaged.extend((0..self.plan.gateways).map(|gateway| (gateway, until)));
+        }
         match *fault {
             Fault::LostFrame { cycles, .. }
             | Fault::WorkingCounterOffset { cycles, .. }
