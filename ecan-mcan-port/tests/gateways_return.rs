@@ -227,6 +227,19 @@ fn second_gateway_gets_one_image_at_most() {
     assert!(strays.iter().all(|(at, frames)| *at == (2, 1) && *frames <= 1), "{strays:?}");
 }
 
+/// The gateway was seen below OP, and gets the process data of another one before its own arrive again.
+#[test]
+fn gateway_seen_below_op_before_it_moved_returns() {
+    let mut fixture = star(2);
+    leave_op(&fixture, 1);
+    until(&mut fixture, 5_000, |port| waiting_for(port, 1) == Some(PendingStep::Operational));
+    fixture.simulation.inject(Fault::PowerCycle { gateway: 1, off_ms: 5 });
+    fixture.simulation.inject(Fault::LinkLoss { gateway: 0, for_ms: 5_000 });
+    for_cycles(&mut fixture, 6_000);
+    until(&mut fixture, 40_000, Port::is_ready);
+    assert_eq!(strays(&fixture, 2), BTreeMap::new());
+}
+
 #[test]
 fn retry_needs_an_active_bus() {
     let mut fixture = Fixture::open(ecan_sim::echo(1), adapter(1), config(1)).unwrap();

@@ -302,8 +302,11 @@ impl SessionMachine {
         adapter.slave_state(self.slave).is_ok_and(|state| state.online)
     }
 
+    /// The state that was read counts only while process data arrive: without them it is not read again, and the
+    /// master may have started the slave since.
     fn is_operational(&self, adapter: &Adapter) -> bool {
-        !self.is_below_op && adapter.slave_state(self.slave).is_ok_and(|state| state.operational)
+        let is_below_op = self.is_below_op && self.outputs_arrive(adapter);
+        !is_below_op && adapter.slave_state(self.slave).is_ok_and(|state| state.operational)
     }
 
     fn outputs_arrive(&self, adapter: &Adapter) -> bool {
