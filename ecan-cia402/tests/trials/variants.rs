@@ -23,13 +23,17 @@ pub struct Timing {
 }
 
 impl Timing {
-    /// Most frames on a channel that two consecutive images schedule.
-    fn scheduled_in_two_images(&self, axes: &[AxisPlan]) -> usize {
-        let (targets, sync) = self.clock.unwrap_or_default();
+    /// Most frames of a channel that wait at once, where scheduled ones wait for the second pulse: those of two
+    /// images. Frames of every cycle that are not scheduled wait for the bus in addition.
+    fn waiting_for_second_pulse(&self, axes: &[AxisPlan]) -> usize {
+        let (targets, sync) = match self.clock {
+            None | Some((None, None)) => return 0,
+            Some(phases) => phases,
+        };
         let images = |phase: Option<u32>, cycles: u64| match (phase, cycles) {
+            (None, 1) | (Some(_), 2..) => 1,
             (None, _) => 0,
-            (Some(_), 1) => 2,
-            (Some(_), _) => 1,
+            (Some(_), _) => 2,
         };
         let on_channel = |address: &NodeAddress| {
             let is_there = |axis: &&AxisPlan| {
@@ -83,8 +87,8 @@ fn supports(axes: &[AxisPlan], timing: &Timing, (variant, alternative): &Choice)
         ("service_period_us", "1000") => !is_scheduled,
         // So are those that count from the pulse before.
         ("scheduled_pulse", "\"previous\"") => !is_scheduled,
-        // Frames of two images wait for their pulse; a saturated count never shows room in the queue.
-        ("scheduled_pulse", "\"second\"") => timing.scheduled_in_two_images(axes) < SATURATED,
+        // A saturated count never shows room in the queue.
+        ("scheduled_pulse", "\"second\"") => timing.waiting_for_second_pulse(axes) < SATURATED,
         // The budgets stay at those of the device: two received frames in each service.
         ("missing_entries", "[\"0x8021\"]") => {
             axes.iter().all(|axis| axis.config.address.node.get() == 1)
