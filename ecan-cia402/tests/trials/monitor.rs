@@ -91,6 +91,7 @@ pub struct AxisMonitor {
     feed_forward_distance: f64,
     target_ns: f64,
     service_period_ns: f64,
+    cycle_ns: u64,
     friction: f64,
     may_coast: bool,
     /// Longest time until a stop takes effect at the drive.
@@ -147,7 +148,7 @@ pub struct AxisMonitor {
 impl AxisMonitor {
     pub fn new(axis: usize, plan: &Plan) -> Self {
         let AxisPlan { config, drive, .. } = &plan.axes[axis];
-        let per_ms = plan.cycle_ns;
+        let cycle_ns = plan.cycle_ns;
         Self {
             axis,
             machine: format!(
@@ -174,16 +175,17 @@ impl AxisMonitor {
             standstill: config.standstill,
             target_ns: plan.target_ns() as f64,
             service_period_ns: variants::service_period_ns(&plan.variants),
+            cycle_ns,
             friction: f64::from(drive.motor.friction),
             may_coast: config.drive.quick_stop == Some(QuickStopOption::Disable),
             // The call may follow the send of its cycle; then the image, the gateway and the bus
             // need two cycles, and the frame waits for SYNC.
-            process_data_bound_ns: plan.sync_ns() + 4 * per_ms + 2 * MS,
+            process_data_bound_ns: plan.sync_ns() + 4 * cycle_ns + 2 * MS,
             disobedience_ns: if drive.quirks.ignores_quick_stop { 330 * MS } else { 0 },
             // The tolerated SYNC periods, one in progress, and the delay of the last TPDO.
-            cut_bound_ns: (u64::from(config.tpdo_timeout) + 2) * plan.sync_ns() + 6 * per_ms,
+            cut_bound_ns: (u64::from(config.tpdo_timeout) + 2) * plan.sync_ns() + 6 * cycle_ns,
             // Established by measurement: one running SDO transfer, a read and a write.
-            services_bound_ns: 12 * per_ms
+            services_bound_ns: 12 * cycle_ns
                 + 8 * u64::from(drive.sdo_delay_us) * 1_000
                 + 60 * MS
                 + (plan.axes_of_node(axis).count() as u64 - 1) * FURTHER_AXIS_NS,
@@ -263,6 +265,7 @@ impl AxisMonitor {
         if let Some(stop) = &mut self.stop {
             stop.services_ns = 0;
             stop.process_data_ns = 0;
+            stop.forget_losses();
             stop.was_blocked = true;
         }
         self.uncontrolled_ns = 0;

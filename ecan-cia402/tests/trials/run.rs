@@ -385,7 +385,14 @@ impl Trial {
         let commands_first = self.plan.app.commands_first;
         if let (Some(port), Some(cia402)) = (&mut self.port, &mut self.cia402) {
             let mut cycle = port.next_cycle();
-            if !skips.rx && !commands_first {
+            if skips.rx {
+                application::note_lost_responses(
+                    &mut cycle,
+                    &self.plan,
+                    &self.classes,
+                    &mut self.monitors,
+                );
+            } else if !commands_first {
                 cia402.process_rx(&mut cycle);
             }
             // The calls of the application take place here; see `check_commands`.

@@ -9,8 +9,13 @@ use crate::report::{Kind, StopSample};
 use crate::sdk::Class;
 
 /// An SDO transfer whose request or response was lost is repeated after 100 ms; every fourth attempt
-/// waits for the SDO timeout of 500 ms, for a drive that is slow to answer.
+/// waits for the SDO timeout of 500 ms, for a drive that is slow to answer. The first loss may be of such an attempt.
 const REPEAT_NS: u64 = 620 * MS;
+/// Time of another attempt whose response was lost, without the two cycles to its repetition.
+const LOST_NS: u64 = 100 * MS;
+/// Additional time of every fourth one, and of those of a configuration.
+const PATIENT_NS: u64 = 400 * MS;
+const PATIENT_ATTEMPT: u64 = 4;
 /// Time in which a moving drive may come to rest to be adopted by the next owner.
 const ADOPT_NS: u64 = 220 * MS;
 
@@ -34,6 +39,10 @@ pub struct Stop {
     /// Time for which a frame could reach the drive since the last disturbance of the path.
     pub(super) services_ns: u64,
     pub(super) process_data_ns: u64,
+    /// Responses to SDO requests that the application did not take in that time.
+    pub(super) lost_responses: u64,
+    /// Those of them that a configuration waited for.
+    pub(super) lost_by_configuration: u64,
     pub(super) was_blocked: bool,
     pub(super) was_paused: bool,
     pub(super) was_configured: bool,
@@ -47,7 +56,33 @@ pub struct Stop {
     pub(super) allowance_ns: u64,
 }
 
+impl Stop {
+    pub(super) fn forget_losses(&mut self) {
+        (self.lost_responses, self.lost_by_configuration) = (0, 0);
+    }
+
+    /// Time for attempts that were lost.
+    fn repetitions_ns(&self, cycle_ns: u64) -> u64 {
+        if !(self.was_blocked || self.was_paused) {
+            return 0;
+        }
+        // The first one was lost while the path was blocked, or is the first of these.
+        let further = self.lost_responses.saturating_sub(u64::from(!self.was_blocked));
+        // The configuration of a drive that counts as absent reads its state first.
+        let patient = further / PATIENT_ATTEMPT + self.lost_by_configuration;
+        REPEAT_NS + further * (LOST_NS + 2 * cycle_ns) + patient * PATIENT_NS
+    }
+}
+
 impl AxisMonitor {
+    /// The application did not take a response of the drive to an SDO request.
+    pub fn response_lost(&mut self, class: Class) {
+        if let Some(stop) = &mut self.stop {
+            stop.lost_responses += 1;
+            stop.lost_by_configuration += u64::from(class == Class::Configuring);
+        }
+    }
+
     /// A stop was called, or is due.
     pub fn stopping(&mut self, now: u64, kind: StopKind, class: Class) {
         // A recovery continues after a hold.
@@ -62,6 +97,8 @@ impl AxisMonitor {
                 at_ns: now,
                 services_ns: 0,
                 process_data_ns: 0,
+                lost_responses: 0,
+                lost_by_configuration: 0,
                 was_blocked: false,
                 was_paused: false,
                 was_configured: self.was_process_data,
@@ -147,6 +184,7 @@ impl AxisMonitor {
             Path::Blocked => {
                 stop.services_ns = 0;
                 stop.process_data_ns = 0;
+                stop.forget_losses();
                 stop.was_blocked = true;
             }
             Path::Paused => stop.was_paused = true,
@@ -158,9 +196,7 @@ impl AxisMonitor {
         }
         let by_process_data = stop.process_data_ns
             > self.process_data_bound_ns + stop.allowance_ns + self.disobedience_ns;
-        let repeats = stop.was_blocked || stop.was_paused;
-        let more_ns =
-            stop.allowance_ns + self.disobedience_ns + if repeats { REPEAT_NS } else { 0 };
+        let more_ns = stop.allowance_ns + self.disobedience_ns + stop.repetitions_ns(self.cycle_ns);
         if !by_process_data && stop.services_ns <= self.services_bound_ns + more_ns {
             return;
         }

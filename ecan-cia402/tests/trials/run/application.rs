@@ -1,11 +1,12 @@
 //! The application and its operator.
 
+use ecan_canopen::{CobId, NodeAddress};
 use ecan_cia402::FeedForward;
-use ecan_mcan_port::PendingStep;
+use ecan_mcan_port::{Cycle, PendingStep, ReceivedView};
 
 use super::Trial;
 use crate::monitor::{AxisMonitor, StopKind};
-use crate::plan::{Command, MS, Style};
+use crate::plan::{Command, MS, Plan, Style};
 use crate::sdk::{self, Class};
 
 /// Time between two attempts of a gateway's startup.
@@ -171,6 +172,25 @@ impl Trial {
             let torque = limits.torque as i16;
             let torque = r.pick(&[i16::MIN, -torque, 0, torque, i16::MAX]);
             let _ = cia402.set_target_with(n, target, FeedForward { velocity: forward, torque });
+        }
+    }
+}
+
+/// Counts the responses to SDO requests in a cycle that the application skips.
+pub fn note_lost_responses(
+    cycle: &mut Cycle<'_>,
+    plan: &Plan,
+    classes: &[Class],
+    monitors: &mut [AxisMonitor],
+) {
+    for item in cycle.received() {
+        let ReceivedView::Frame { slave: from, packet } = item else { continue };
+        for (n, axis) in plan.axes.iter().enumerate() {
+            let NodeAddress { slave, channel, node } = axis.config.address;
+            let is_response = packet.frame.id() == CobId::sdo_server(node).can_id();
+            if is_response && (from, packet.channel) == (slave, channel) {
+                monitors[n].response_lost(classes[n]);
+            }
         }
     }
 }
