@@ -7,11 +7,13 @@ mod support;
 use std::time::Duration;
 
 use axes::{Fixture, START};
-use ecan_canopen::{CobId, DriveState, NodeId, OperatingMode, QuickStopOption, object};
+use ecan_canopen::{
+    CobId, Command, DriveState, NodeId, OperatingMode, QuickStopOption, SyncConfig, object,
+};
 use ecan_cia402::{AxisPhase, Cia402, Cia402Config, Takeover};
 use ecan_host::{AdapterConfig, DcSync};
 use ecan_protocol::object::AbortCode;
-use ecan_sim::{Fault, SdoDirection, SdoEffect, SdoRule};
+use ecan_sim::{CommandSource, Fault, SdoDirection, SdoEffect, SdoRule};
 use support::stops::{
     HostHeartbeat, QUICK, RATE_AND_PROFILE_MODES, RETURN_MS, SPEED, Trace, accelerate,
     assert_runs_again, assert_stays_stopped, at_speed, at_speed_with, config, drives, open,
@@ -236,5 +238,37 @@ fn enabled_drive_whose_position_is_not_answered_is_stopped() {
             fixture.until(1_000, Cia402::all_stopped);
             assert_eq!(state(&fixture), DriveState::SwitchOnDisabled);
         }
+    }
+}
+
+/// The last RPDO of the old owner waits in the drive for a SYNC, which the new one sends after the stop.
+#[test]
+fn quick_stop_at_the_first_contact_ends_off() {
+    let sync = SyncConfig { every_cycles: 2, ..SyncConfig::default() };
+    let settings = Cia402Config { sync, ..config(HostHeartbeat::On) };
+    for mode in [OperatingMode::CyclicPosition, OperatingMode::ProfileVelocity] {
+        let mut axes = table(mode, HostHeartbeat::On);
+        axes[0].drive.quick_stop = Some(QuickStopOption::QuickStopAndStay);
+        let adapter = AdapterConfig::new(1).with_cycle(Duration::from_millis(2));
+        let mut fixture =
+            Fixture::open_with(drives(|_| {}), adapter, axes.clone(), settings.clone());
+        fixture.cia402.configure_all_timeout(&mut fixture.port, START, |_| {}).unwrap();
+        fixture.cia402.enable(0).unwrap();
+        // The cycle after a SYNC sends the first target.
+        fixture.until(500, |cia402| cia402.is_running(0));
+        fixture.cia402 = Cia402::new(&fixture.port, axes, settings.clone()).unwrap();
+        fixture.cia402.quick_stop(0).unwrap();
+        fixture.until(500, |cia402| cia402.is_stopped(0));
+        let stopped_ns = fixture.now_ns();
+        for _ in 0..50 {
+            fixture.step();
+            assert_ne!(state(&fixture), DriveState::OperationEnabled, "{mode}");
+        }
+        let last = fixture.drive_axis(0, |drive| drive.trace().last_controlword());
+        let (at_ns, word, source) = last.unwrap();
+        assert_eq!(word.command(word), Command::EnableOperation, "{mode}: that of the old owner");
+        assert_eq!(source, CommandSource::Pdo, "{mode}");
+        assert!(at_ns > stopped_ns, "{mode}: before the stop");
+        assert_eq!(state(&fixture), DriveState::SwitchOnDisabled, "{mode}");
     }
 }

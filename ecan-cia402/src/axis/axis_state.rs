@@ -23,7 +23,7 @@ use super::stop::{Stop, StopCause};
 /// | any | the drive is enabled at the first contact, or has another configuration | `Stopping` |
 /// | `Stopping` | another stop | `Stopping` by the stronger of both |
 /// | `Stopping` | enable | `Stopping`; `Enabling` follows when it is complete |
-/// | `Stopping` | fresh status: off, or in Quick Stop Active after a quick stop, and at rest | `Stopped` |
+/// | `Stopping` | fresh status: off, or in Quick Stop Active after a quick stop with process data, and at rest | `Stopped` |
 /// | `Stopping` | the drive never reported anything, and does not answer | `Stopped` |
 /// | `Stopped` | fresh status: the drive is enabled nevertheless | `Stopping` |
 /// | any but `Stopping` | enable | `Active` if the guard follows targets, else `Enabling` |

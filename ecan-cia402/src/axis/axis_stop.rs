@@ -40,6 +40,13 @@ impl Axis {
             self.guard.hold();
         }
         self.state = self.state.stopped_by(cause, now_ns);
+        if let AxisState::Stopping(stop) = &mut self.state
+            && !(self.setup.is_complete() && self.guard.resting_target().is_some())
+        {
+            // No RPDO commands the drive: the last one of an earlier owner may wait for a SYNC, and its
+            // controlword would enable a drive in Quick Stop Active.
+            stop.switch_off_at_rest();
+        }
     }
 
     /// Returns whether the drive is known to be off, or at rest in Quick Stop Active, or never answered.

@@ -113,6 +113,11 @@ impl Stop {
         }
     }
 
+    /// The drive does not remain in Quick Stop Active.
+    pub(crate) fn switch_off_at_rest(&mut self) {
+        self.off = true;
+    }
+
     /// Call once per cycle, with whether the drive's status is fresh.
     pub(crate) fn note_status(&mut self, is_fresh: bool, now_ns: u64) {
         let elapsed_ns = now_ns.saturating_sub(self.noted_ns);

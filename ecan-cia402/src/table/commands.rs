@@ -141,8 +141,8 @@ impl Cia402 {
     /// Ends targets at once and commands a quick stop; the drive stops by its 0x605A. A drive that
     /// remains in Operation Enabled for 250 ms gets the command to stop by its 0x605C; one that remains
     /// there for two seconds loses its voltage.
-    /// Acts on an axis in every state. [`enable`](Self::enable) activates the axis again, after the
-    /// stop.
+    /// Acts on an axis in every state; the drive of an axis that is not configured is switched off at
+    /// rest. [`enable`](Self::enable) activates the axis again, after the stop.
     ///
     /// # Errors
     /// [`CommandError::NoSuchAxis`].

@@ -48,6 +48,7 @@ use run::Trial;
 /// 51807: a stop at the end of a homing left the axis in another mode than its drive.
 /// 60447: more frames waited in a gateway than its status counts, one of them not scheduled.
 /// 61652: a gateway with the process data of another one counted as below OP.
+/// 67089, 67695, 90041: the last RPDO of the owner before enabled a drive in Quick Stop Active at the first SYNC.
 /// 85898: the configuration of a drive that counted as absent lost the response with its state.
 /// 92394: the stop before a configuration overtook a target that waited for its SYNC.
 /// 104566: seven attempts in a row lost their response while a drive ignored the quick stop.
@@ -56,7 +57,7 @@ use run::Trial;
 /// 124644: two targets were lost in a bus-off whose images were lost on their return.
 const FOUND: &[u64] = &[
     3913, 4640, 5780, 43993, 44419, 44729, 45524, 45577, 46036, 47971, 50537, 51807, 60447, 61652,
-    85898, 92394, 104566, 110672, 114180, 124644,
+    67089, 67695, 85898, 90041, 92394, 104566, 110672, 114180, 124644,
 ];
 
 /// The same with axes of shared nodes.
