@@ -64,8 +64,9 @@ const FOUND: &[u64] = &[
 ///
 /// 5346: two targets were lost in a bus-off behind damaged images.
 /// 60447: as above.
+/// 62312: an earlier command enabled a drive while the next one waited; the monitor took it for the effect of the next.
 /// 93763: the end of a feed-forward moved a motor that was at rest.
-const FOUND_SHARED: &[u64] = &[5346, 60447, 93763];
+const FOUND_SHARED: &[u64] = &[5346, 60447, 62312, 93763];
 
 fn variable(name: &str) -> Option<u64> {
     let value = std::env::var(name).ok()?;

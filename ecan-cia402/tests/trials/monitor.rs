@@ -130,6 +130,9 @@ pub struct AxisMonitor {
     permit: Permit,
     stop: Option<Stop>,
     was_running: bool,
+    /// Since the command to enable the SDK has shown only [`Class::Reading`]: it has not enabled the
+    /// drive.
+    is_reading: bool,
     was_process_data: bool,
     uncontrolled_ns: u64,
     /// Time in which the present owner may adopt the drive.
@@ -217,6 +220,7 @@ impl AxisMonitor {
             permit: Permit::None,
             stop: None,
             was_running: false,
+            is_reading: false,
             was_process_data: false,
             uncontrolled_ns: 0,
             adoption_ns: 0,
@@ -254,6 +258,7 @@ impl AxisMonitor {
 
     pub fn enabling(&mut self) {
         self.permit = Permit::Enable;
+        self.is_reading = true;
     }
 
     pub fn procedure(&mut self) {
@@ -333,6 +338,7 @@ impl AxisMonitor {
         if is_current && self.permit == Permit::Procedure && !class.is_busy() && !is_recovering {
             self.permit = Permit::Used;
         }
+        self.is_reading &= !is_current || class == Class::Reading;
         self.note_class(now, class);
         if path != Path::Paused && path != Path::Blocked {
             self.was_process_data = path == Path::ProcessData;
@@ -467,6 +473,8 @@ impl AxisMonitor {
                 let text = format!("at {:.0}/s in {:?}", self.velocity, self.mode);
                 self.report(at, Kind::EnabledWithoutCommand, text);
             }
+            // The drive took long to execute an earlier command; the present one continues.
+            Permit::Enable if self.is_reading => {}
             Permit::Enable => self.permit = Permit::Used,
             Permit::None | Permit::Used | Permit::Procedure => {}
         }
