@@ -40,11 +40,12 @@ impl Axis {
             self.guard.hold();
         }
         self.state = self.state.stopped_by(cause, now_ns);
+        let has_process_data = self.is_commanded_by_process_data();
         if let AxisState::Stopping(stop) = &mut self.state
-            && !(self.setup.is_complete() && self.guard.resting_target().is_some())
+            && !has_process_data
         {
-            // No RPDO commands the drive: the last one of an earlier owner may wait for a SYNC, and its
-            // controlword would enable a drive in Quick Stop Active.
+            // The last RPDO of an earlier owner may wait in the drive for a SYNC, and its controlword would
+            // enable a drive in Quick Stop Active.
             stop.switch_off_at_rest();
         }
     }
@@ -136,11 +137,14 @@ impl Axis {
     fn needs_stop_by_sdo(&self, now_ns: u64) -> bool {
         self.state.is_stopping()
             && !self.setup.is_running()
-            && (!self.setup.has_process_data()
+            && (!self.is_commanded_by_process_data()
                 || self.verification != Verification::Complete
                 || !self.reachability.operational
-                || !self.is_fresh(now_ns)
-                || self.guard.resting_target().is_none())
+                || !self.is_fresh(now_ns))
+    }
+
+    fn is_commanded_by_process_data(&self) -> bool {
+        self.setup.has_process_data() && self.guard.resting_target().is_some()
     }
 
     fn step_takeover(&mut self, network: &mut Network, is_answered: bool, now_ns: u64) {
@@ -166,7 +170,8 @@ impl Axis {
             TakeoverState::Adopting(script) => {
                 if self.state.is_stopping() {
                     script.cancel(network, self.node);
-                    return self.stop_enabled_drive(now_ns);
+                    self.takeover = TakeoverState::Stopping;
+                    return;
                 }
                 match script.advance(network, self.node, now_ns, |_, _, _| {}) {
                     Configuring::Running => {}
@@ -192,10 +197,11 @@ impl Axis {
 
     /// The drive has answered: it is off, is adopted, or is stopped.
     fn inspected(&mut self, since_ns: u64, now_ns: u64) {
-        let is_stopping = self.state.is_stopping();
-        if self.drive.is_off_or_unknown() {
-            self.takeover = if is_stopping { TakeoverState::Stopping } else { TakeoverState::Done };
-        } else if is_stopping || self.takeover_policy == Takeover::Stop || self.setup.is_pending() {
+        if self.state.is_stopping() {
+            self.takeover = TakeoverState::Stopping;
+        } else if self.drive.is_off_or_unknown() {
+            self.takeover = TakeoverState::Done;
+        } else if self.takeover_policy == Takeover::Stop || self.setup.is_pending() {
             self.stop_enabled_drive(now_ns);
         } else if self.drive_is_at_rest(now_ns) && self.can_be_adopted() {
             self.mode = self.config.mode;
@@ -228,8 +234,6 @@ impl Axis {
             && !is_torque
     }
 
-    /// Stops the drive until it is off, also after a `quick_stop` of the application: from Quick Stop Active an
-    /// RPDO of the earlier owner, which waits in the drive for a SYNC, would enable it again.
     fn stop_enabled_drive(&mut self, now_ns: u64) {
         tracing::warn!(axis = self.index, "axis {}: enabled drive found, stopping", self.index);
         self.stop(StopCause::Takeover, now_ns);
