@@ -17,7 +17,9 @@ use crate::variants;
 mod motion;
 mod stop;
 
-pub use motion::{LOST_IN_BUS_OFF, RELEASED, RELEASED_BY_BUS};
+pub use motion::{
+    LOST_BY_CLOCK, LOST_IN_BUS_OFF, LOST_IN_HIDDEN_BUS_OFF, RELEASED, RELEASED_BY_BUS,
+};
 use stop::Stop;
 pub use stop::StopKind;
 
@@ -210,10 +212,7 @@ impl AxisMonitor {
             late_until: 0,
             released_until: 0,
             released: 0.0,
-            scheduled: match plan.clock {
-                Some((None, None)) | None => 0.0,
-                Some(_) => 1.0,
-            },
+            scheduled: if plan.schedules_frames() { 1.0 } else { 0.0 },
             cut_ns: 0,
             not_stopped_ns: 0,
             halt: None,

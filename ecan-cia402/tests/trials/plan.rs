@@ -256,6 +256,11 @@ impl Plan {
         target_period_cycles(self.table.motion_div, self.table.sync.every_cycles) * self.cycle_ns
     }
 
+    /// Returns whether the gateway sends frames at a time after Sync0.
+    pub fn schedules_frames(&self) -> bool {
+        !matches!(self.clock, None | Some((None, None)))
+    }
+
     /// Longest time in which a halted axis comes to rest: by its ramp or step limit, twice that for
     /// the rounded ends of a ramp, or by the drive's deceleration or friction.
     pub fn halt_ns(&self, axis: usize) -> u64 {

@@ -43,9 +43,13 @@ const RELEASE_NS: u64 = 40 * MS;
 /// waits in its controller. SAFETY.md states both bounds.
 pub const RELEASED: f64 = 1.0;
 pub const RELEASED_BY_BUS: f64 = 2.0;
-/// Targets that a bus-off loses before the host is informed: one that is longer than a target period, or
-/// that no image reports since they are damaged.
+/// Targets that a bus-off longer than a target period loses before the host is informed.
 pub const LOST_IN_BUS_OFF: f64 = 2.0;
+/// The same while images are damaged or lost: one more follows the last image.
+pub const LOST_IN_HIDDEN_BUS_OFF: f64 = 3.0;
+/// Scheduled targets that are lost in a row while the pulses of a clock that jumped move past the
+/// process data.
+pub const LOST_BY_CLOCK: f64 = 2.0;
 /// 0x6081 of the simulated drive: a tenth of its maximum velocity.
 const PROFILE_VELOCITY: f64 = 655_360.0;
 /// After a stop the position controller of the simulated drive brings the motor to rest.

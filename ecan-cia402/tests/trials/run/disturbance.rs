@@ -4,10 +4,14 @@ use ecan_cia402::Takeover;
 use ecan_sim::{DriveFault, Fault, GatewayFault, LossDirection};
 
 use super::{Trial, machine};
-use crate::monitor::{AxisMonitor, LOST_IN_BUS_OFF, RELEASED, RELEASED_BY_BUS};
+use crate::monitor::{
+    AxisMonitor, LOST_BY_CLOCK, LOST_IN_BUS_OFF, LOST_IN_HIDDEN_BUS_OFF, RELEASED, RELEASED_BY_BUS,
+};
 use crate::plan::{Action, MS};
 use crate::report::Kind;
 
+/// Correction of a gateway's clock in a cycle.
+const CLOCK_STEP_NS: u64 = 2_000;
 /// Shortest bus-off: 128 times 11 bits at 1 Mbit/s.
 const BUS_OFF_NS: u64 = 1_408_000;
 
@@ -162,6 +166,15 @@ impl Trial {
                     }
                     GatewayFault::ServiceStall { ms: stall } => ms(stall) + 4 * cycle + 5 * MS,
                     GatewayFault::AlError { .. } => 10 * cycle + 20 * MS,
+                    GatewayFault::ClockJump { ns } if self.plan.schedules_frames() => {
+                        let until = now + ns.unsigned_abs() / CLOCK_STEP_NS * cycle;
+                        for (monitor, axis) in self.monitors.iter_mut().zip(&self.plan.axes) {
+                            if axis.config.address.slave == gateway {
+                                monitor.releasing(until, LOST_BY_CLOCK);
+                            }
+                        }
+                        return;
+                    }
                     _ => return,
                 };
                 if let Some(blocked) = self.slave_blocked.get_mut(gateway) {
@@ -197,12 +210,14 @@ impl Trial {
                 .images_damaged
                 .iter()
                 .any(|(slave, until)| *slave == address.slave && now <= *until);
+            let lost = match (is_damaged, is_long) {
+                (true, _) => LOST_IN_HIDDEN_BUS_OFF,
+                (false, true) => LOST_IN_BUS_OFF,
+                (false, false) => continue,
+            };
             for (slave, channel, until) in &self.bus_offs {
-                if (*slave, *channel) == (address.slave, address.channel)
-                    && now <= *until
-                    && (is_long || is_damaged)
-                {
-                    monitor.releasing(*until, LOST_IN_BUS_OFF);
+                if (*slave, *channel) == (address.slave, address.channel) && now <= *until {
+                    monitor.releasing(*until, lost);
                 }
             }
         }
