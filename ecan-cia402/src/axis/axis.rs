@@ -434,12 +434,14 @@ impl Axis {
 
     pub(crate) fn require_verification(&mut self) {
         match &mut self.setup {
-            SetupState::Complete if self.verification == Verification::Complete => {
-                self.verification = Verification::Due { from_ns: 0 };
-            }
-            // It is verified by the configuration that follows.
+            // The configuration that follows verifies it.
             SetupState::Requested { is_configured } => *is_configured = false,
-            _ => {}
+            SetupState::Unconfigured | SetupState::Failed => {}
+            SetupState::Complete | SetupState::Configuring | SetupState::SettingMode(_) => {
+                if self.verification == Verification::Complete {
+                    self.verification = Verification::Due { from_ns: 0 };
+                }
+            }
         }
     }
 

@@ -102,7 +102,12 @@ impl Axis {
             self.further.is_path_clear = input.path.is_clear();
         }
         let before = std::mem::replace(&mut self.reachability, Reachability::of(&input));
-        if self.reachability.is_lost_since(before) {
+        let may_have_restarted = match self.setup.is_running() {
+            // The configuration itself ends Operational. A restart that the host does not see loses its first steps.
+            true => watch.lacks_image(),
+            false => self.reachability.is_lost_since(before),
+        };
+        if may_have_restarted {
             self.require_verification();
         }
         let held = self.guard.observe(&input).or_else(|| self.check_last_target(&input, now_ns));

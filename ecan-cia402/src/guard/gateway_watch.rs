@@ -210,6 +210,11 @@ impl GatewayWatch {
         self.is_ready
     }
 
+    /// Returns whether frames of the gateway may be missing in this cycle.
+    pub(crate) fn lacks_image(&self) -> bool {
+        self.image_age > 0
+    }
+
     pub(crate) fn path(&self, channel: u8, target_lost: bool) -> PathStatus {
         let watch = self.channel(channel);
         let [confirmed, _, covered, ..] = watch.confirmed;

@@ -51,6 +51,7 @@ use run::Trial;
 /// 67089, 67695, 90041: the last RPDO of the owner before enabled a drive in Quick Stop Active at the first SYNC.
 /// 85898: the configuration of a drive that counted as absent lost the response with its state.
 /// 92394: the stop before a configuration overtook a target that waited for its SYNC.
+/// 101667: a drive lost the first steps of a running configuration, and its boot-up message was lost, too.
 /// 104566: seven attempts in a row lost their response while a drive ignored the quick stop.
 /// 110672: a target took effect between a sample of the motor and the stop.
 /// 114180: a quick stop at the first contact was undone by a target that waited for its SYNC.
@@ -58,7 +59,7 @@ use run::Trial;
 /// 124644: two targets were lost in a bus-off whose images were lost on their return.
 const FOUND: &[u64] = &[
     3913, 4640, 5780, 43993, 44419, 44729, 45524, 45577, 46036, 47971, 50537, 51807, 60447, 61652,
-    67089, 67695, 85898, 90041, 92394, 104566, 110672, 114180, 121796, 124644,
+    67089, 67695, 85898, 90041, 92394, 101667, 104566, 110672, 114180, 121796, 124644,
 ];
 
 /// The same with axes of shared nodes.
