@@ -67,9 +67,10 @@ const FOUND: &[u64] = &[
 /// 5346: two targets were lost in a bus-off behind damaged images.
 /// 60447: as above.
 /// 62312: an earlier command enabled a drive while the next one waited; the monitor took it for the effect of the next.
+/// 66800, 75644: an adopted axis was stopped before the channel got SYNC.
 /// 91190: the clock of a gateway jumped, and two scheduled targets were lost.
 /// 93763: the end of a feed-forward moved a motor that was at rest.
-const FOUND_SHARED: &[u64] = &[5346, 60447, 62312, 91190, 93763];
+const FOUND_SHARED: &[u64] = &[5346, 60447, 62312, 66800, 75644, 91190, 93763];
 
 fn variable(name: &str) -> Option<u64> {
     let value = std::env::var(name).ok()?;

@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 
 use ecan_canopen::{NmtState, NodeAddress, OperatingMode, object};
-use ecan_cia402::Cia402;
+use ecan_cia402::{AxisPhase, Cia402};
 use ecan_mcan_port::{Port, Session};
 use ecan_protocol::device::AlState;
 use ecan_protocol::image::ChannelState;
@@ -566,7 +566,10 @@ impl Trial {
         if !powered || matches!(nmt, NmtState::Initialising | NmtState::Stopped) {
             return Path::Blocked;
         }
-        let is_process_data = nmt == NmtState::Operational && valid && self.configured[n];
+        let is_process_data = nmt == NmtState::Operational
+            && valid
+            && self.configured[n]
+            && !self.is_in_first_contact(slave, channel);
         // A stronger command than the quick stop needs a drive that reports that it ignores it.
         let ignores = self.plan.axes[n].drive.quirks.ignores_quick_stop;
         if (!is_process_data || ignores) && self.now < self.silent[n] {
@@ -576,5 +579,19 @@ impl Trial {
             return Path::Paused;
         }
         if is_process_data { Path::ProcessData } else { Path::Services }
+    }
+
+    /// A channel gets no SYNC before all its drives that were enabled are stopped or adopted.
+    fn is_in_first_contact(&self, slave: usize, channel: u8) -> bool {
+        let Some(cia402) = &self.cia402 else { return true };
+        let axes = self.plan.axes.iter().map(|axis| axis.config.address).enumerate();
+        axes.filter(|(_, address)| (address.slave, address.channel) == (slave, channel)).any(
+            |(axis, _)| {
+                let phase = cia402.phase(axis);
+                let is_stopping =
+                    matches!(phase, Some(AxisPhase::Stopping(_) | AxisPhase::Uncontrolled(_)));
+                phase == Some(AxisPhase::Inspecting) || is_stopping && !self.configured[axis]
+            },
+        )
     }
 }
