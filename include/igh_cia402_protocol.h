@@ -1364,13 +1364,13 @@ int igh_cia402_disable(igh_cia402_context_t *context, size_t axis);
 int igh_cia402_stop_together(igh_cia402_context_t *context);
 
 /**
- * Stops targets at once and commands a quick stop, as 0x605A of the drive determines; the drive of an
- * axis that is not configured is switched off at rest. igh_cia402_enable() activates the axis again.
+ * Stops targets at once and commands a quick stop, as 0x605A of the drive determines; the drive of
+ * an axis that is not configured is switched off at rest. igh_cia402_enable() activates the axis
+ * again.
  *
  * @usage   rt, the cycle's thread, after init
  */
-int igh_cia402_quick_stop(igh_cia402_context_t *context,
-                          size_t axis);
+int igh_cia402_quick_stop(igh_cia402_context_t *context, size_t axis);
 
 /**
  * Stops all axes as fast as their drives can, by quick stop, and disables the drives when they are
@@ -1420,8 +1420,8 @@ int igh_cia402_resume(igh_cia402_context_t *context, size_t axis);
 
 /**
  * Starts changing the mode of a drive, confirmed by its mode display. An active axis is brought to
- * rest and disabled before, and enabled again after the change. A hold while it comes to rest ends the
- * change, and the drive stays disabled.
+ * rest and disabled before, and enabled again after the change. A hold while it comes to
+ * rest ends the change, and the drive stays disabled.
  *
  * @param mode  An igh_cia402_mode_t whose target is in the mapped process data of the axis; not
  *              homing, which igh_cia402_home() does.
@@ -1430,9 +1430,7 @@ int igh_cia402_resume(igh_cia402_context_t *context, size_t axis);
  * @return  As igh_cia402_request_actual_position(), ECAN_ERR_AXIS_STATE also for a mode that
  *          is not mapped; ECAN_ERR_ARGUMENT.
  */
-int igh_cia402_change_mode(igh_cia402_context_t *context,
-                           size_t axis,
-                           int mode);
+int igh_cia402_change_mode(igh_cia402_context_t *context, size_t axis, int mode);
 
 /**
  * Fills a homing: a method with the drive's own speeds, and a timeout of one minute.
@@ -1446,17 +1444,15 @@ int igh_cia402_homing_init(igh_cia402_homing_t *homing, int8_t method);
 
 /**
  * Starts homing: rest, disable, parameters and mode, enable, homing, disable, the previous mode,
- * and enable again if it was enabled. The axis then becomes active at the position of its counter. A
- * hold before the drive is disabled ends the homing.
+ * and enable again if it was enabled. The axis then becomes active at the position of its counter.
+ * A hold before the drive is disabled ends the homing.
  *
  * @param homing  Is copied.
  *
  * @usage   rt, the cycle's thread, after init
  * @return  As igh_cia402_request_actual_position().
  */
-int igh_cia402_home(igh_cia402_context_t *context,
-                    size_t axis,
-                    const igh_cia402_homing_t *homing);
+int igh_cia402_home(igh_cia402_context_t *context, size_t axis, const igh_cia402_homing_t *homing);
 
 /**
  * Starts an orderly shutdown: every axis comes to rest by its ramp and is disabled and released,

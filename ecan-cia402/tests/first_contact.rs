@@ -241,7 +241,7 @@ fn enabled_drive_whose_position_is_not_answered_is_stopped() {
     }
 }
 
-/// The last RPDO of the old owner waits in the drive for a SYNC, which the new one sends after the stop.
+/// The first SYNC of the new owner executes the last RPDO of the earlier one.
 #[test]
 fn quick_stop_at_the_first_contact_ends_off() {
     let sync = SyncConfig { every_cycles: 2, ..SyncConfig::default() };
@@ -266,7 +266,11 @@ fn quick_stop_at_the_first_contact_ends_off() {
         }
         let last = fixture.drive_axis(0, |drive| drive.trace().last_controlword());
         let (at_ns, word, source) = last.unwrap();
-        assert_eq!(word.command(word), Command::EnableOperation, "{mode}: that of the old owner");
+        assert_eq!(
+            word.command(word),
+            Command::EnableOperation,
+            "{mode}: that of the earlier owner"
+        );
         assert_eq!(source, CommandSource::Pdo, "{mode}");
         assert!(at_ns > stopped_ns, "{mode}: before the stop");
         assert_eq!(state(&fixture), DriveState::SwitchOnDisabled, "{mode}");

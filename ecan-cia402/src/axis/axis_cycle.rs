@@ -102,10 +102,12 @@ impl Axis {
             self.further.is_path_clear = input.path.is_clear();
         }
         let before = std::mem::replace(&mut self.reachability, Reachability::of(&input));
-        let may_have_restarted = match self.setup.is_running() {
-            // The configuration itself ends Operational. A restart that the host does not see loses its first steps.
-            true => watch.lacks_image(),
-            false => self.reachability.is_lost_since(before),
+        let may_have_restarted = if self.setup.is_running() {
+            // The configuration itself ends Operational. A restart that the host does not see loses
+            // the first steps.
+            watch.lacks_image()
+        } else {
+            self.reachability.is_lost_since(before)
         };
         if may_have_restarted {
             self.require_verification();

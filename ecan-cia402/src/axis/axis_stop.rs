@@ -44,8 +44,8 @@ impl Axis {
         if let AxisState::Stopping(stop) = &mut self.state
             && !has_process_data
         {
-            // The last RPDO of an earlier owner may wait in the drive for a SYNC, and its controlword would
-            // enable a drive in Quick Stop Active.
+            // The last RPDO of an earlier owner may wait in the drive for a SYNC, and its controlword
+            // would enable a drive in Quick Stop Active.
             stop.switch_off_at_rest();
         }
     }

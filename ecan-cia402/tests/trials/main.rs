@@ -48,14 +48,13 @@ use run::Trial;
 /// 51807: a stop at the end of a homing left the axis in another mode than its drive.
 /// 60447: more frames waited in a gateway than its status counts, one of them not scheduled.
 /// 61652: a gateway with the process data of another one counted as below OP.
-/// 67089, 67695, 90041: the last RPDO of the owner before enabled a drive in Quick Stop Active at the first SYNC.
+/// 67089, 67695, 90041, 114180: the first SYNC after a quick stop executed an RPDO of the earlier owner.
 /// 85898: the configuration of a drive that counted as absent lost the response with its state.
 /// 92394: the stop before a configuration overtook a target that waited for its SYNC.
-/// 101667: a drive lost the first steps of a running configuration, and its boot-up message was lost, too.
+/// 101667: a drive restarted during its configuration, and its boot-up message was lost.
 /// 104566: seven attempts in a row lost their response while a drive ignored the quick stop.
 /// 110672: a target took effect between a sample of the motor and the stop.
-/// 114180: a quick stop at the first contact was undone by a target that waited for its SYNC.
-/// 121796: three targets were lost in a bus-off behind damaged images.
+/// 121796: three targets were lost in a bus-off while images were damaged.
 /// 124644: two targets were lost in a bus-off whose images were lost on their return.
 const FOUND: &[u64] = &[
     3913, 4640, 5780, 43993, 44419, 44729, 45524, 45577, 46036, 47971, 50537, 51807, 60447, 61652,
@@ -64,9 +63,9 @@ const FOUND: &[u64] = &[
 
 /// The same with axes of shared nodes.
 ///
-/// 5346: two targets were lost in a bus-off behind damaged images.
+/// 5346: two targets were lost in a bus-off while images were damaged.
 /// 60447: as above.
-/// 62312: an earlier command enabled a drive while the next one waited; the monitor took it for the effect of the next.
+/// 62312: an earlier command enabled a slow drive while the next one waited.
 /// 66800, 75644: an adopted axis was stopped before the channel got SYNC.
 /// 91190: the clock of a gateway jumped, and two scheduled targets were lost.
 /// 93763: the end of a feed-forward moved a motor that was at rest.

@@ -302,8 +302,8 @@ impl SessionMachine {
         adapter.slave_state(self.slave).is_ok_and(|state| state.online)
     }
 
-    /// The state that was read counts only while process data arrive: without them it is not read again, and the
-    /// master may have started the slave since.
+    /// The state that was read counts only while process data arrive: without them it is not read
+    /// again, and the master may have started the slave since.
     fn is_operational(&self, adapter: &Adapter) -> bool {
         let is_below_op = self.is_below_op && self.outputs_arrive(adapter);
         !is_below_op && adapter.slave_state(self.slave).is_ok_and(|state| state.operational)

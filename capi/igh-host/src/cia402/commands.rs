@@ -145,8 +145,9 @@ pub fn igh_cia402_stop_together(context: *mut igh_cia402_context_t) {
     cia402.stop_together();
 }
 
-/// Stops targets at once and commands a quick stop, as 0x605A of the drive determines; the drive of an
-/// axis that is not configured is switched off at rest. igh_cia402_enable() activates the axis again.
+/// Stops targets at once and commands a quick stop, as 0x605A of the drive determines; the drive of
+/// an axis that is not configured is switched off at rest. igh_cia402_enable() activates the axis
+/// again.
 ///
 /// @usage   rt, the cycle's thread, after init
 #[export(call, layer(cia402, _))]
@@ -209,8 +210,8 @@ pub fn igh_cia402_resume(context: *mut igh_cia402_context_t, axis: usize) {
 }
 
 /// Starts changing the mode of a drive, confirmed by its mode display. An active axis is brought to
-/// rest and disabled before, and enabled again after the change. A hold while it comes to rest ends the
-/// change, and the drive stays disabled.
+/// rest and disabled before, and enabled again after the change. A hold while it comes to
+/// rest ends the change, and the drive stays disabled.
 ///
 /// @param mode  An igh_cia402_mode_t whose target is in the mapped process data of the axis; not
 ///              homing, which igh_cia402_home() does.
@@ -276,8 +277,8 @@ pub fn igh_cia402_homing_init(homing: *mut igh_cia402_homing_t, method: i8) {
 }
 
 /// Starts homing: rest, disable, parameters and mode, enable, homing, disable, the previous mode,
-/// and enable again if it was enabled. The axis then becomes active at the position of its counter. A
-/// hold before the drive is disabled ends the homing.
+/// and enable again if it was enabled. The axis then becomes active at the position of its counter.
+/// A hold before the drive is disabled ends the homing.
 ///
 /// @param homing  Is copied.
 ///
