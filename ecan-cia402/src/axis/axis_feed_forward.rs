@@ -19,7 +19,7 @@ impl Axis {
     /// They go out with each target, and in the same cycles while the axis gets none, so that an
     /// output that was lost arrives. A feed-forward ends with the targets, at once.
     pub(crate) fn prepare_auxiliary(&mut self, turn: TargetTurn, is_own_motion: bool) -> bool {
-        self.step_offsets();
+        self.step_offsets(turn);
         let before = self.further.feed_forward.last();
         match self.decision {
             Decision::Target(_) => {
@@ -55,16 +55,19 @@ impl Axis {
     }
 
     /// A motor with a feed-forward is not where its position controller leads it: the position of the
-    /// first target is read after the end of the feed-forward.
-    fn step_offsets(&mut self) {
+    /// first target is read after the end of the feed-forward, and only later positions show standstill.
+    fn step_offsets(&mut self, turn: TargetTurn) {
+        // The drive takes a frame over with a SYNC, which these cycles do not have.
+        let has_no_sync = matches!(turn, TargetTurn::NotReceived | TargetTurn::NoSync);
         if !self.further.is_path_clear {
             self.further.cleared_cycles = 0;
-        } else if self.further.cleared_cycles > 0 {
+        } else if self.further.cleared_cycles > 0 && !has_no_sync {
             self.further.cleared_cycles += 1;
             if self.further.cleared_cycles > CLEARED_CYCLES {
                 self.further.offsets_in_force = false;
                 self.further.cleared_cycles = 0;
                 self.guard.restart_activation();
+                self.drive.rest.restart();
             }
         }
     }

@@ -118,6 +118,7 @@ pub struct AxisMonitor {
     target_kind: Option<TargetKind>,
     window: VecDeque<(u64, f64, f64)>,
     unlimited_until: u64,
+    blocked_until: u64,
     /// A drive that ignores the quick stop may follow the positions of the stop frames: these are not
     /// limited (docs/SAFETY.md).
     stop_frames_until: u64,
@@ -132,6 +133,8 @@ pub struct AxisMonitor {
     permit: Permit,
     stop: Option<Stop>,
     was_running: bool,
+    /// The axis runs again, and its next target is the first one.
+    has_resumed: bool,
     /// Since the command to enable the SDK has shown only [`Class::Reading`]: it has not enabled the
     /// drive.
     is_reading: bool,
@@ -208,6 +211,7 @@ impl AxisMonitor {
             target_kind: None,
             window: VecDeque::new(),
             unlimited_until: 0,
+            blocked_until: 0,
             stop_frames_until: 0,
             late_until: 0,
             released_until: 0,
@@ -219,6 +223,7 @@ impl AxisMonitor {
             permit: Permit::None,
             stop: None,
             was_running: false,
+            has_resumed: false,
             is_reading: false,
             was_process_data: false,
             uncontrolled_ns: 0,
@@ -276,9 +281,13 @@ impl AxisMonitor {
         self.not_stopped_ns = 0;
     }
 
-    /// The motor cannot follow until `until`.
+    /// The motor cannot move until `until`.
     pub fn blocked(&mut self, until: u64) {
+        self.blocked_until = until;
         self.unlimited_until = until + AFTER_BLOCK_NS;
+        if self.stop.as_ref().is_some_and(Stop::allows_adoption) {
+            self.stop = None;
+        }
     }
 
     // Cycle
@@ -311,7 +320,8 @@ impl AxisMonitor {
     /// must be stopped.
     pub fn note_class(&mut self, now: u64, class: Class) {
         let ended = self.was_running && class.is_stopped();
-        self.was_running = class.is_running();
+        let was_running = std::mem::replace(&mut self.was_running, class.is_running());
+        self.has_resumed = self.was_running && (self.has_resumed || !was_running);
         let moves_on = !matches!(
             self.mode,
             Some(OperatingMode::CyclicPosition | OperatingMode::InterpolatedPosition)

@@ -255,8 +255,9 @@ impl AxisMonitor {
             let before = self.targets.back().map_or(record.actual, |(_, target)| *target);
             // An axis that held while its drive stayed enabled starts again at its actual position.
             let is_late = |(then, _): &(u64, i32)| (at - then) as f64 > 3.0 * self.target_ns;
-            let is_first =
-                record.kind == TargetKind::Position && self.targets.back().is_none_or(is_late);
+            let has_resumed = std::mem::take(&mut self.has_resumed);
+            let is_first = record.kind == TargetKind::Position
+                && (has_resumed || self.targets.back().is_none_or(is_late));
             let slack = if is_first { i64::from(self.standstill) * 2 } else { 0 };
             if outside(record.target) > outside(before) + slack {
                 let text = format!("target {} after {before}, {low}..{high}", record.target);

@@ -61,6 +61,11 @@ impl Stop {
         (self.lost_responses, self.lost_by_configuration) = (0, 0);
     }
 
+    /// The new owner may adopt the drive, if it comes to rest.
+    pub(super) fn allows_adoption(&self) -> bool {
+        self.kind == StopKind::Takeover && self.allowance_ns > 0
+    }
+
     /// Time for attempts that were lost.
     fn repetitions_ns(&self, cycle_ns: u64) -> u64 {
         if !(self.was_blocked || self.was_paused) {
@@ -125,7 +130,8 @@ impl AxisMonitor {
         );
         self.was_running = false;
         self.adoption_ns = if adopts { ADOPT_NS } else { 0 };
-        if adopts && !(moves_on && self.is_moving()) {
+        let is_blocked = now < self.blocked_until;
+        if adopts && (is_blocked || !(moves_on && self.is_moving())) {
             // Without targets and SYNC the others come to rest.
             self.stop = None;
             return;
