@@ -38,6 +38,12 @@
 #![deny(missing_docs)]
 #![deny(clippy::print_stdout, clippy::print_stderr)]
 
+#[cfg(target_endian = "big")]
+compile_error!(
+    "the ECAN-Lite SDK supports little-endian processors only: EtherCAT and the gateway's images are \
+     little-endian, and no test runs on a big-endian processor; build for x86_64 or aarch64"
+);
+
 mod copy;
 mod text_enum;
 

@@ -1,7 +1,27 @@
 //! CRC-16/CCITT-FALSE of the frame area (manual 5.4.4.1, 11).
 
-#[cfg(all(target_arch = "x86_64", target_feature = "sse2"))]
+#[cfg(any(
+    all(target_arch = "x86_64", target_feature = "sse2"),
+    all(target_arch = "aarch64", target_feature = "neon")
+))]
 mod folding;
+
+/// Of other processors no kernel is accelerated.
+#[cfg(not(any(
+    all(target_arch = "x86_64", target_feature = "sse2"),
+    all(target_arch = "aarch64", target_feature = "neon")
+)))]
+mod folding {
+    pub(super) fn crc16(_: &[u8]) -> Option<u16> {
+        None
+    }
+
+    pub(super) fn is_available() -> bool {
+        false
+    }
+
+    pub(super) fn pretend_absent(_: bool) {}
+}
 
 /// x^16 + x^12 + x^5 + 1 without its highest term.
 const POLYNOMIAL: u16 = 0x1021;
@@ -47,12 +67,7 @@ fn entry(zeros: usize, byte: u8) -> u16 {
 /// Uses the fastest kernel of the processor; never allocates or blocks, real-time safe.
 #[inline]
 pub fn crc16(data: &[u8]) -> u16 {
-    #[cfg(all(target_arch = "x86_64", target_feature = "sse2"))]
-    if data.len() >= folding::MIN_BYTES && folding::is_available() {
-        // SAFETY: the processor has the instructions, as just checked.
-        return unsafe { folding::crc16(data) };
-    }
-    crc16_portable(data)
+    folding::crc16(data).unwrap_or_else(|| crc16_portable(data))
 }
 
 /// The same CRC by table look-up only, 16 bytes per step. For processors without carry-less
@@ -87,14 +102,7 @@ fn step(crc: u16, bytes: &[u8]) -> u16 {
 
 /// True if [`crc16`] uses carry-less multiplication on this processor.
 pub fn crc16_is_accelerated() -> bool {
-    #[cfg(all(target_arch = "x86_64", target_feature = "sse2"))]
-    {
-        folding::is_available()
-    }
-    #[cfg(not(all(target_arch = "x86_64", target_feature = "sse2")))]
-    {
-        false
-    }
+    folding::is_available()
 }
 
 /// Makes [`crc16`] do without carry-less multiplication from now on, or take it up again where the
@@ -102,10 +110,7 @@ pub fn crc16_is_accelerated() -> bool {
 /// program was compiled for processors that always have it.
 #[doc(hidden)]
 pub fn crc16_use_portable(on: bool) {
-    #[cfg(all(target_arch = "x86_64", target_feature = "sse2"))]
     folding::pretend_absent(on);
-    #[cfg(not(all(target_arch = "x86_64", target_feature = "sse2")))]
-    let _ = on;
 }
 
 #[cfg(test)]

@@ -1,25 +1,33 @@
-//! CRC by carry-less multiplication (PCLMULQDQ), with [`wide`] the only unsafe code of this crate.
+//! CRC by carry-less multiplication, with its modules the only unsafe code of this crate.
 //!
 //! The message is a polynomial over GF(2), its first byte the highest, and its CRC is
 //! `message * x^16 mod P`. Of 16 bytes that stand `n` bits above the end, each half is multiplied by
 //! a power of x reduced mod P: `high * (x^(n+80) mod P) + low * (x^(n+16) mod P)`. Such a product of
 //! 64 by 16 bits has at most 79 bits, and no block waits for another. The sum of them all is reduced
 //! once. Long inputs are first folded: a remainder of 128 bits comes down by a fixed distance onto
-//! the next block, several of them side by side to hide the multiplier's latency.
-
-use core::arch::x86_64::{
-    __cpuid, __cpuid_count, __m128i, _mm_clmulepi64_si128, _mm_cvtsi128_si32, _mm_loadu_si128,
-    _mm_set_epi8, _mm_set_epi64x, _mm_set1_epi8, _mm_setzero_si128, _mm_shuffle_epi8,
-    _mm_slli_si128, _mm_sub_epi8, _mm_xor_si128, _xgetbv,
-};
-use core::sync::atomic::{AtomicU8, Ordering};
+//! the next block, several of them in parallel to hide the multiplier's latency.
+//!
+//! The instructions of each processor are in a module of its name.
 
 use super::POLYNOMIAL;
 
+#[cfg(target_arch = "aarch64")]
+mod aarch64;
+#[cfg(target_arch = "x86_64")]
 mod wide;
+#[cfg(target_arch = "x86_64")]
+mod x86_64;
 
-/// Shortest input of [`crc16`], that of the smallest packet.
-pub(super) const MIN_BYTES: usize = 4;
+#[cfg(target_arch = "aarch64")]
+use aarch64 as processor;
+#[cfg(target_arch = "x86_64")]
+use x86_64 as processor;
+
+use processor::{Block, add, bring_down, from_halves, load, polynomial_of, reduce};
+pub(super) use processor::{is_available, pretend_absent};
+
+/// Shortest input, that of the smallest packet.
+const MIN_BYTES: usize = 4;
 
 /// Remainders that run side by side on long inputs.
 const LANES: usize = 4;
@@ -28,6 +36,7 @@ const LANES: usize = 4;
 const DIRECT_BLOCKS: usize = 8;
 
 /// From this many blocks after the first on it pays to take two at once.
+#[cfg(target_arch = "x86_64")]
 const WIDE_BLOCKS: usize = 3;
 
 /// x^`exponent` mod P.
@@ -71,185 +80,89 @@ const fn quotient() -> u64 {
     quotient
 }
 
-const UNKNOWN: u8 = 0;
-const ABSENT: u8 = 1;
-/// PCLMULQDQ and SSSE3.
-const PRESENT: u8 = 2;
-/// AVX2 and VPCLMULQDQ besides.
-const WIDE: u8 = 3;
-static AVAILABLE: AtomicU8 = AtomicU8::new(UNKNOWN);
-
-#[inline]
-pub(super) fn is_available() -> bool {
-    if cfg!(all(target_feature = "pclmulqdq", target_feature = "ssse3")) {
-        return true;
-    }
-    match AVAILABLE.load(Ordering::Relaxed) {
-        UNKNOWN => detect() >= PRESENT,
-        known => known >= PRESENT,
-    }
-}
-
-#[inline]
-fn is_wide() -> bool {
-    match AVAILABLE.load(Ordering::Relaxed) {
-        UNKNOWN => detect() == WIDE,
-        known => known == WIDE,
-    }
-}
-
-#[cold]
-#[inline(never)]
-fn detect() -> u8 {
-    const PCLMULQDQ: u32 = 1 << 1;
-    const SSSE3: u32 = 1 << 9;
-    let features = __cpuid(1).ecx;
-    let level = if features & PCLMULQDQ == 0 || features & SSSE3 == 0 {
-        ABSENT
-    } else if has_wide() {
-        WIDE
-    } else {
-        PRESENT
-    };
-    AVAILABLE.store(level, Ordering::Relaxed);
-    level
-}
-
-/// True if the processor has AVX2 and VPCLMULQDQ, and the system keeps their registers.
-fn has_wide() -> bool {
-    const OSXSAVE: u32 = 1 << 27;
-    const AVX: u32 = 1 << 28;
-    const AVX2: u32 = 1 << 5;
-    const VPCLMULQDQ: u32 = 1 << 10;
-    const SSE_AND_AVX_STATE: u64 = 0b110;
-    const EXTENDED_FEATURES: u32 = 7;
-    let features = __cpuid(1).ecx;
-    if features & OSXSAVE == 0 || features & AVX == 0 || __cpuid(0).eax < EXTENDED_FEATURES {
-        return false;
-    }
-    // SAFETY: OSXSAVE says that the instruction may be used.
-    let kept = unsafe { _xgetbv(0) };
-    let extended = __cpuid_count(EXTENDED_FEATURES, 0);
-    kept & SSE_AND_AVX_STATE == SSE_AND_AVX_STATE
-        && extended.ebx & AVX2 != 0
-        && extended.ecx & VPCLMULQDQ != 0
-}
-
-/// Takes the instructions for absent from now on, or asks the processor anew.
-pub(super) fn pretend_absent(on: bool) {
-    AVAILABLE.store(if on { ABSENT } else { UNKNOWN }, Ordering::Relaxed);
-}
-
-/// The bytes as they lie in memory.
-#[inline]
-#[target_feature(enable = "sse2")]
-fn load(bytes: &[u8; 16]) -> __m128i {
-    // SAFETY: 16 bytes can be read after the reference, and the load needs no alignment.
-    unsafe { _mm_loadu_si128(bytes.as_ptr().cast()) }
-}
-
-/// The first `count` (1 to 16) of 16 bytes as a polynomial, the first byte highest.
-#[inline]
-#[target_feature(enable = "ssse3")]
-fn polynomial_of(bytes: __m128i, count: usize) -> __m128i {
-    let places = _mm_set_epi8(15, 14, 13, 12, 11, 10, 9, 8, 7, 6, 5, 4, 3, 2, 1, 0);
-    // Where nothing is left to take, the index is negative, which yields zero.
-    let indices = _mm_sub_epi8(_mm_set1_epi8(count as i8 - 1), places);
-    _mm_shuffle_epi8(bytes, indices)
-}
-
-/// High half by high power plus low half by low power.
-#[inline]
-#[target_feature(enable = "pclmulqdq")]
-fn bring_down(value: __m128i, powers: __m128i) -> __m128i {
-    let high = _mm_clmulepi64_si128::<0x11>(value, powers);
-    let low = _mm_clmulepi64_si128::<0x00>(value, powers);
-    _mm_xor_si128(high, low)
-}
-
-/// A polynomial of at most 80 bits mod P.
-#[inline]
-#[target_feature(enable = "pclmulqdq")]
-fn reduce(sum: __m128i) -> u16 {
-    // Barrett: the quotient by P from the upper 64 bits and the quotient of x^80, whose highest
-    // term is the upper bits themselves.
-    let constants = const { [quotient() as i64, POLYNOMIAL as i64] };
-    let constants = _mm_set_epi64x(constants[1], constants[0]);
-    let upper = _mm_slli_si128::<6>(sum);
-    let times = _mm_xor_si128(upper, _mm_clmulepi64_si128::<0x01>(upper, constants));
-    let product = _mm_clmulepi64_si128::<0x11>(times, constants);
-    _mm_cvtsi128_si32(_mm_xor_si128(sum, product)) as u16
-}
-
 /// `remainder` brought down by the distance of `powers` onto `next`.
 #[inline]
-#[target_feature(enable = "pclmulqdq")]
-fn fold(remainder: __m128i, powers: __m128i, next: __m128i) -> __m128i {
-    _mm_xor_si128(bring_down(remainder, powers), next)
+#[cfg_attr(target_arch = "x86_64", target_feature(enable = "pclmulqdq,ssse3"))]
+#[cfg_attr(target_arch = "aarch64", target_feature(enable = "neon,aes"))]
+fn fold(remainder: Block, powers: Block, next: Block) -> Block {
+    add(bring_down(remainder, powers), next)
 }
 
 /// The powers with which [`fold`] goes over `blocks` blocks.
 #[inline]
-#[target_feature(enable = "sse2")]
-fn over<const BLOCKS: usize>() -> __m128i {
-    let powers = const { [power(128 * BLOCKS) as i64, power(128 * BLOCKS + 64) as i64] };
-    _mm_set_epi64x(powers[1], powers[0])
+#[cfg_attr(target_arch = "x86_64", target_feature(enable = "pclmulqdq,ssse3"))]
+#[cfg_attr(target_arch = "aarch64", target_feature(enable = "neon,aes"))]
+fn over<const BLOCKS: usize>() -> Block {
+    let powers = const { [power(128 * BLOCKS), power(128 * BLOCKS + 64)] };
+    from_halves(powers[0], powers[1])
 }
 
 /// The sum of `first` and the blocks after it, at most [`DIRECT_BLOCKS`] of them.
 #[inline]
-#[target_feature(enable = "pclmulqdq,ssse3")]
-fn sum_of(first: __m128i, blocks: &[[u8; 16]]) -> __m128i {
+#[cfg_attr(target_arch = "x86_64", target_feature(enable = "pclmulqdq,ssse3"))]
+#[cfg_attr(target_arch = "aarch64", target_feature(enable = "neon,aes"))]
+fn sum_of(first: Block, blocks: &[[u8; 16]]) -> Block {
     let powers = POWERS.get(DIRECT_BLOCKS.wrapping_sub(blocks.len())..).unwrap_or_default();
     let Some((&[low, high], powers)) = powers.split_first() else {
         return first;
     };
-    let mut sum = bring_down(first, _mm_set_epi64x(high as i64, low as i64));
+    let mut sum = bring_down(first, from_halves(low, high));
     for (block, &[low, high]) in blocks.iter().zip(powers) {
         let block = polynomial_of(load(block), 16);
-        sum = _mm_xor_si128(sum, bring_down(block, _mm_set_epi64x(high as i64, low as i64)));
+        sum = add(sum, bring_down(block, from_halves(low, high)));
     }
     sum
 }
 
-/// CRC-16/CCITT-FALSE of `data`; of no meaning for fewer than [`MIN_BYTES`] bytes, which callers
-/// never pass.
-#[target_feature(enable = "pclmulqdq,ssse3")]
-pub(super) fn crc16(data: &[u8]) -> u16 {
+/// CRC-16/CCITT-FALSE of `data`, unless it is too short or the processor has no instructions for it.
+#[inline]
+pub(super) fn crc16(data: &[u8]) -> Option<u16> {
+    // SAFETY: the processor has the instructions, as just checked.
+    (data.len() >= MIN_BYTES && is_available()).then(|| unsafe { folded(data) })
+}
+
+/// The same for [`MIN_BYTES`] and more.
+#[cfg_attr(target_arch = "x86_64", target_feature(enable = "pclmulqdq,ssse3"))]
+#[cfg_attr(target_arch = "aarch64", target_feature(enable = "neon,aes"))]
+fn folded(data: &[u8]) -> u16 {
     let Some(first) = data.first_chunk::<16>() else {
         return short(data);
     };
     // Zeros in front of a polynomial change nothing, so the odd bytes go first; the start value is
     // added to the first two bytes of the message.
     let odd = (data.len() - 1) % 16 + 1;
-    let opening = _mm_xor_si128(load(first), _mm_set_epi64x(0, 0xFFFF));
+    let opening = add(load(first), from_halves(0xFFFF, 0));
     let mut head = polynomial_of(opening, odd);
     let mut blocks = data.get(odd..).unwrap_or_default().as_chunks::<16>().0;
     if odd == 1 {
         // The start value reaches into the next block.
         if let Some((next, rest)) = blocks.split_first() {
-            let next = _mm_xor_si128(load(next), _mm_set_epi64x(0, 0xFF));
+            let next = add(load(next), from_halves(0xFF, 0));
             head = fold(head, over::<1>(), polynomial_of(next, 16));
             blocks = rest;
         }
     }
-    match blocks.len() {
-        0..WIDE_BLOCKS => reduce(sum_of(head, blocks)),
+    #[cfg(target_arch = "x86_64")]
+    if blocks.len() >= WIDE_BLOCKS && processor::is_wide() {
         // SAFETY: the processor has the instructions, as just checked.
-        WIDE_BLOCKS..=DIRECT_BLOCKS if is_wide() => unsafe { wide::direct(head, blocks) },
-        WIDE_BLOCKS..=DIRECT_BLOCKS => reduce(sum_of(head, blocks)),
-        // SAFETY: as above.
-        _ if is_wide() => unsafe { wide::long(head, blocks) },
-        _ => long(head, blocks),
+        return unsafe {
+            if blocks.len() <= DIRECT_BLOCKS {
+                wide::direct(head, blocks)
+            } else {
+                wide::long(head, blocks)
+            }
+        };
     }
+    if blocks.len() <= DIRECT_BLOCKS { reduce(sum_of(head, blocks)) } else { long(head, blocks) }
 }
 
 /// The same for a head and many blocks after it.
 #[inline(never)]
-#[target_feature(enable = "pclmulqdq,ssse3")]
-fn long(head: __m128i, blocks: &[[u8; 16]]) -> u16 {
+#[cfg_attr(target_arch = "x86_64", target_feature(enable = "pclmulqdq,ssse3"))]
+#[cfg_attr(target_arch = "aarch64", target_feature(enable = "neon,aes"))]
+fn long(head: Block, blocks: &[[u8; 16]]) -> u16 {
     // The head stands one block above the first, where the last lane was before it.
-    let mut lanes = [_mm_setzero_si128(); LANES];
+    let mut lanes = [from_halves(0, 0); LANES];
     lanes[LANES - 1] = head;
     let (groups, rest) = blocks.as_chunks::<LANES>();
     for group in groups {
@@ -264,7 +177,8 @@ fn long(head: __m128i, blocks: &[[u8; 16]]) -> u16 {
 
 /// The same for 4 to 15 bytes, read as two parts that may overlap.
 #[inline(never)]
-#[target_feature(enable = "pclmulqdq,ssse3")]
+#[cfg_attr(target_arch = "x86_64", target_feature(enable = "pclmulqdq,ssse3"))]
+#[cfg_attr(target_arch = "aarch64", target_feature(enable = "neon,aes"))]
 fn short(data: &[u8]) -> u16 {
     let bits = 8 * data.len() as u32;
     let message = if let (Some(&first), Some(&last)) = (data.first_chunk(), data.last_chunk()) {
@@ -275,7 +189,7 @@ fn short(data: &[u8]) -> u16 {
         0
     };
     let message = message ^ 0xFFFF << (bits - 16);
-    reduce(sum_of(_mm_set_epi64x((message >> 64) as i64, message as i64), &[]))
+    reduce(sum_of(from_halves(message as u64, (message >> 64) as u64), &[]))
 }
 
 #[cfg(test)]
@@ -283,21 +197,21 @@ mod tests {
     extern crate std;
 
     use super::super::{crc16, crc16_portable};
-    use super::{ABSENT, AVAILABLE, Ordering, PRESENT, detect};
+    use super::processor;
     use std::vec::Vec;
 
-    /// Processors with VPCLMULQDQ would otherwise never take the other way.
+    /// A processor would otherwise use its best level only.
     #[test]
     fn every_level_gives_the_same() {
-        let level = detect();
         let data: Vec<u8> = (0..1000_u32).map(|i| ((i * i) >> 3) as u8).collect();
-        for level in (PRESENT..=level).chain([ABSENT]) {
-            AVAILABLE.store(level, Ordering::Relaxed);
+        let is_available = processor::is_available();
+        let tested = processor::with_each_level(|level| {
             for length in 0..data.len() {
                 let data = &data[..length];
                 assert_eq!(crc16(data), crc16_portable(data), "level {level}, {length} bytes");
             }
-        }
-        AVAILABLE.store(level, Ordering::Relaxed);
+        });
+        assert!(tested >= 1 + usize::from(is_available), "{tested} levels");
+        assert_eq!(processor::is_available(), is_available);
     }
 }

@@ -1,0 +1,149 @@
+//! Carry-less multiplication of x86-64: PCLMULQDQ.
+
+use core::arch::x86_64::{
+    __cpuid, __cpuid_count, __m128i, _mm_clmulepi64_si128, _mm_cvtsi128_si32, _mm_loadu_si128,
+    _mm_set_epi8, _mm_set_epi64x, _mm_set1_epi8, _mm_shuffle_epi8, _mm_slli_si128, _mm_sub_epi8,
+    _mm_xor_si128, _xgetbv,
+};
+use core::sync::atomic::{AtomicU8, Ordering};
+
+use super::super::POLYNOMIAL;
+use super::quotient;
+
+/// 16 bytes, or a polynomial of degree 127 at most.
+pub(super) type Block = __m128i;
+
+const UNKNOWN: u8 = 0;
+const ABSENT: u8 = 1;
+/// PCLMULQDQ and SSSE3.
+const PRESENT: u8 = 2;
+/// AVX2 and VPCLMULQDQ besides.
+const WIDE: u8 = 3;
+static AVAILABLE: AtomicU8 = AtomicU8::new(UNKNOWN);
+
+#[inline]
+pub(in super::super) fn is_available() -> bool {
+    if cfg!(all(target_feature = "pclmulqdq", target_feature = "ssse3")) {
+        return true;
+    }
+    match AVAILABLE.load(Ordering::Relaxed) {
+        UNKNOWN => detect() >= PRESENT,
+        known => known >= PRESENT,
+    }
+}
+
+#[inline]
+pub(super) fn is_wide() -> bool {
+    match AVAILABLE.load(Ordering::Relaxed) {
+        UNKNOWN => detect() == WIDE,
+        known => known == WIDE,
+    }
+}
+
+#[cold]
+#[inline(never)]
+fn detect() -> u8 {
+    const PCLMULQDQ: u32 = 1 << 1;
+    const SSSE3: u32 = 1 << 9;
+    let features = __cpuid(1).ecx;
+    let level = if features & PCLMULQDQ == 0 || features & SSSE3 == 0 {
+        ABSENT
+    } else if has_wide() {
+        WIDE
+    } else {
+        PRESENT
+    };
+    AVAILABLE.store(level, Ordering::Relaxed);
+    level
+}
+
+/// True if the processor has AVX2 and VPCLMULQDQ, and the system keeps their registers.
+fn has_wide() -> bool {
+    const OSXSAVE: u32 = 1 << 27;
+    const AVX: u32 = 1 << 28;
+    const AVX2: u32 = 1 << 5;
+    const VPCLMULQDQ: u32 = 1 << 10;
+    const SSE_AND_AVX_STATE: u64 = 0b110;
+    const EXTENDED_FEATURES: u32 = 7;
+    let features = __cpuid(1).ecx;
+    if features & OSXSAVE == 0 || features & AVX == 0 || __cpuid(0).eax < EXTENDED_FEATURES {
+        return false;
+    }
+    // SAFETY: OSXSAVE says that the instruction may be used.
+    let kept = unsafe { _xgetbv(0) };
+    let extended = __cpuid_count(EXTENDED_FEATURES, 0);
+    kept & SSE_AND_AVX_STATE == SSE_AND_AVX_STATE
+        && extended.ebx & AVX2 != 0
+        && extended.ecx & VPCLMULQDQ != 0
+}
+
+/// Takes the instructions for absent from now on, or asks the processor anew.
+pub(in super::super) fn pretend_absent(on: bool) {
+    AVAILABLE.store(if on { ABSENT } else { UNKNOWN }, Ordering::Relaxed);
+}
+
+/// The bytes as they lie in memory.
+#[inline]
+#[target_feature(enable = "pclmulqdq,ssse3")]
+pub(super) fn load(bytes: &[u8; 16]) -> Block {
+    // SAFETY: 16 bytes can be read after the reference, and the load needs no alignment.
+    unsafe { _mm_loadu_si128(bytes.as_ptr().cast()) }
+}
+
+/// A polynomial from its halves.
+#[inline]
+#[target_feature(enable = "pclmulqdq,ssse3")]
+pub(super) fn from_halves(low: u64, high: u64) -> Block {
+    _mm_set_epi64x(high as i64, low as i64)
+}
+
+#[inline]
+#[target_feature(enable = "pclmulqdq,ssse3")]
+pub(super) fn add(left: Block, right: Block) -> Block {
+    _mm_xor_si128(left, right)
+}
+
+/// The first `count` (1 to 16) of 16 bytes as a polynomial, the first byte highest.
+#[inline]
+#[target_feature(enable = "pclmulqdq,ssse3")]
+pub(super) fn polynomial_of(bytes: Block, count: usize) -> Block {
+    let places = _mm_set_epi8(15, 14, 13, 12, 11, 10, 9, 8, 7, 6, 5, 4, 3, 2, 1, 0);
+    // Where nothing is left to take, the index is negative, which yields zero.
+    let indices = _mm_sub_epi8(_mm_set1_epi8(count as i8 - 1), places);
+    _mm_shuffle_epi8(bytes, indices)
+}
+
+/// High half by high power plus low half by low power.
+#[inline]
+#[target_feature(enable = "pclmulqdq,ssse3")]
+pub(super) fn bring_down(value: Block, powers: Block) -> Block {
+    let high = _mm_clmulepi64_si128::<0x11>(value, powers);
+    let low = _mm_clmulepi64_si128::<0x00>(value, powers);
+    _mm_xor_si128(high, low)
+}
+
+/// A polynomial of at most 80 bits mod P.
+#[inline]
+#[target_feature(enable = "pclmulqdq,ssse3")]
+pub(super) fn reduce(sum: Block) -> u16 {
+    // Barrett: the quotient by P from the upper 64 bits and the quotient of x^80, whose highest
+    // term is the upper bits themselves.
+    let constants = const { [quotient() as i64, POLYNOMIAL as i64] };
+    let constants = _mm_set_epi64x(constants[1], constants[0]);
+    let upper = _mm_slli_si128::<6>(sum);
+    let times = _mm_xor_si128(upper, _mm_clmulepi64_si128::<0x01>(upper, constants));
+    let product = _mm_clmulepi64_si128::<0x11>(times, constants);
+    _mm_cvtsi128_si32(_mm_xor_si128(sum, product)) as u16
+}
+
+/// Calls `test` with each level of this processor, then returns their number.
+#[cfg(test)]
+pub(super) fn with_each_level(test: impl Fn(u8)) -> usize {
+    let highest = detect();
+    for level in ABSENT..=highest {
+        AVAILABLE.store(level, Ordering::Relaxed);
+        test(level);
+    }
+    AVAILABLE.store(highest, Ordering::Relaxed);
+    usize::from(highest)
+}
