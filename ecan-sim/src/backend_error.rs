@@ -48,3 +48,10 @@ pub enum BackendError {
     #[error("{0}, line {1}: {2}")]
     Log(PathBuf, usize, String),
 }
+
+impl BackendError {
+    /// Returns true if the scenario or a file of it is the cause, not the library.
+    pub fn is_scenario(&self) -> bool {
+        !matches!(self, Self::Load(_) | Self::Environment(_))
+    }
+}

@@ -6,6 +6,7 @@ use std::str::FromStr;
 use clap::Args;
 use ecan_sim::FirmwarePackage;
 
+use crate::failure::Failure;
 use crate::screen::Screen;
 
 /// Size of the default application: some packets and flash sectors.
@@ -62,16 +63,14 @@ impl Version {
     }
 }
 
-pub fn run(arguments: &FirmwareArguments) -> Result<(), String> {
+pub fn run(arguments: &FirmwareArguments) -> Result<(), Failure> {
     let FirmwareArguments { version, out, device_type, application } = arguments;
     let application = match application {
-        Some(path) => std::fs::read(path)
-            .map_err(|error| format!("cannot read {}: {error}", path.display()))?,
+        Some(path) => std::fs::read(path).map_err(Failure::file("read", path))?,
         None => (0..APPLICATION_BYTES).map(|at| (at ^ (at >> 8)) as u8).collect(),
     };
     let file = FirmwarePackage::new(*device_type, version.raw(), application).to_bytes();
-    std::fs::write(out, &file)
-        .map_err(|error| format!("cannot write {}: {error}", out.display()))?;
+    std::fs::write(out, &file).map_err(Failure::file("write", out))?;
     let Version { major, minor, build } = version;
     Screen::Output.line(format_args!(
         "{}: version {major}.{minor}.{build}, {} bytes, for simulated gateways only",

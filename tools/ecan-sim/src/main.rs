@@ -7,6 +7,7 @@
 //! ```
 #![forbid(unsafe_code)]
 
+mod failure;
 mod firmware;
 mod screen;
 mod variants;
@@ -19,7 +20,7 @@ use ecan_command_line::logging::LogArguments;
 
 /// Simulated ECAN-Lite gateways for any EtherCAT master.
 #[derive(Debug, Parser)]
-#[command(name = "ecan-sim", version)]
+#[command(name = "ecan-sim", version, after_help = failure::EXIT_STATUS)]
 struct Arguments {
     #[command(flatten)]
     log: LogArguments,
@@ -39,7 +40,7 @@ fn main() -> ExitCode {
     let arguments = Arguments::parse();
     arguments.log.start();
     let outcome = match &arguments.command {
-        Command::Wire(arguments) => wire::run(arguments).map_err(|error| error.to_string()),
+        Command::Wire(arguments) => wire::run(arguments),
         Command::Firmware(arguments) => firmware::run(arguments),
         Command::Variants(arguments) => variants::run(arguments),
     };
@@ -47,7 +48,7 @@ fn main() -> ExitCode {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             screen::Screen::error(&error);
-            ExitCode::FAILURE
+            ExitCode::from(error.status())
         }
     }
 }

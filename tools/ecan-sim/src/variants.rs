@@ -4,6 +4,7 @@ use clap::Args;
 use ecan_sim::variant::{Alternative, Variant, variants};
 use serde::Serialize;
 
+use crate::failure::Failure;
 use crate::screen::Screen;
 
 /// List the switches of simulated gateways for what the manual leaves open.
@@ -54,10 +55,10 @@ impl From<&'static Variant> for Row {
     }
 }
 
-pub fn run(arguments: &VariantsArguments) -> Result<(), String> {
+pub fn run(arguments: &VariantsArguments) -> Result<(), Failure> {
     if arguments.json {
         let rows: Vec<_> = variants().map(Row::from).collect();
-        let text = serde_json::to_string_pretty(&rows).map_err(|error| error.to_string())?;
+        let text = serde_json::to_string_pretty(&rows)?;
         Screen::Output.line(text);
         return Ok(());
     }

@@ -15,33 +15,36 @@ fn invalid_options_are_reported() {
     std::fs::write(&empty, "").unwrap();
     let wire = ["wire", "--interface", "none"];
     let firmware = ["firmware", "--out", "/no/such/new.bin"];
-    let cases: [(&[&str], &str); 20] = [
-        (&[&wire[..], &["--spin", "--rt-priority", "5"]].concat(), "cannot be used with"),
-        (&[], "Usage"),
-        (&["wires"], "unrecognized subcommand 'wires'"),
-        (&["wire"], "--interface"),
-        (&["wire", "--interface"], "--interface"),
-        (&[&wire[..], &["--no-such-flag"]].concat(), "--no-such-flag"),
-        (&[&wire[..], &["--gateways", "0"]].concat(), "1..=64"),
-        (&[&wire[..], &["--gateways", "two"]].concat(), "--gateways"),
-        (&[&wire[..], &["--scenario", "ecco"]].concat(), "allowed: echo, drives, jitter"),
-        (&[&wire[..], &["--scenario", "/no/such.toml"]].concat(), "cannot read /no/such.toml"),
-        (&[&wire[..], &["--scenario", wrong.to_str().unwrap()]].concat(), "seriel"),
-        (&[&wire[..], &["--scenario", empty.to_str().unwrap()]].concat(), "has no gateway"),
-        (&[&wire[..], &["--duration=-1"]].concat(), "must be above 0"),
-        (&[&wire[..], &["--duration", "0"]].concat(), "must be above 0"),
-        (&[&wire[..], &["--rt-priority", "100"]].concat(), "1..=99"),
-        (&["firmware"], "--version"),
-        (&[&firmware[..], &["--version", "1.2"]].concat(), "MAJOR.MINOR.BUILD"),
-        (&[&firmware[..], &["--version", "1.2.3"]].concat(), "cannot write /no/such/new.bin"),
+    let cases: [(i32, &[&str], &str); 20] = [
+        (2, &[&wire[..], &["--spin", "--rt-priority", "5"]].concat(), "cannot be used with"),
+        (2, &[], "Usage"),
+        (2, &["wires"], "unrecognized subcommand 'wires'"),
+        (2, &["wire"], "--interface"),
+        (2, &["wire", "--interface"], "--interface"),
+        (2, &[&wire[..], &["--no-such-flag"]].concat(), "--no-such-flag"),
+        (2, &[&wire[..], &["--gateways", "0"]].concat(), "1..=64"),
+        (2, &[&wire[..], &["--gateways", "two"]].concat(), "--gateways"),
+        (6, &[&wire[..], &["--scenario", "ecco"]].concat(), "allowed: echo, drives, jitter"),
+        (6, &[&wire[..], &["--scenario", "/no/such.toml"]].concat(), "cannot read /no/such.toml"),
+        (6, &[&wire[..], &["--scenario", wrong.to_str().unwrap()]].concat(), "seriel"),
+        (6, &[&wire[..], &["--scenario", empty.to_str().unwrap()]].concat(), "has no gateway"),
+        (2, &[&wire[..], &["--duration=-1"]].concat(), "must be above 0"),
+        (2, &[&wire[..], &["--duration", "0"]].concat(), "must be above 0"),
+        (2, &[&wire[..], &["--rt-priority", "100"]].concat(), "1..=99"),
+        (2, &["firmware"], "--version"),
+        (2, &[&firmware[..], &["--version", "1.2"]].concat(), "MAJOR.MINOR.BUILD"),
+        (6, &[&firmware[..], &["--version", "1.2.3"]].concat(), "cannot write /no/such/new.bin"),
         (
+            6,
             &[&firmware[..], &["--version", "1.2.3", "--application", "/no/app"]].concat(),
             "cannot read /no/app",
         ),
-        (&wire, "network interface \"none\" does not exist; there are: "),
+        (3, &wire, "network interface \"none\" does not exist; there are: "),
     ];
-    for (arguments, text) in cases {
-        let message = fails(&run(arguments));
+    for (status, arguments, text) in cases {
+        let output = run(arguments);
+        let message = fails(&output);
+        assert_eq!(output.status.code(), Some(status), "{arguments:?}: {message}");
         assert!(message.contains(text), "{arguments:?}: {message}");
     }
 }
@@ -69,7 +72,9 @@ fn unsuitable_interface_is_rejected_with_reason() {
     let cpu = ["wire", "--interface", GATEWAYS, "--cpu", "4095"];
     let output = run(&[&cpu[..], &["--duration", "0.01"]].concat());
     assert!(text(&output.stdout).contains("CPU 4095: not granted"), "{}", text(&output.stdout));
-    let message = fails(&run(&[&cpu[..], &["--rt-required"]].concat()));
+    let output = run(&[&cpu[..], &["--rt-required"]].concat());
+    let message = fails(&output);
+    assert_eq!(output.status.code(), Some(7), "{message}");
     assert!(message.contains("CPU 4095: not granted"), "{message}");
 }
 

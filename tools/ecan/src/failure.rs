@@ -76,6 +76,7 @@ impl Failure {
             Self::ReaderGone => 0,
             Self::ProblemsFound | Self::Incomplete(_) => 1,
             Self::Usage(_) => 2,
+            Self::Library(error) if error.is_scenario() => 6,
             Self::Library(_) | Self::Master(_) => 3,
             Self::Device(
                 ecan_host::Error::NotPermitted { .. } | ecan_host::Error::Disconnected { .. },

@@ -9,11 +9,10 @@ mod summary;
 mod turnaround;
 mod watch;
 
-use std::error::Error;
-
 use ecan_host::{Clock, MonotonicClock};
 use ecan_sim::{ClockKind, Scenario, ScenarioChoice, SimOptions, Wire, load_scenario};
 
+use crate::failure::Failure;
 use crate::screen::Screen;
 use dump::Dump;
 use ecan_command_line::interrupt::Interrupt;
@@ -23,8 +22,10 @@ use packet_socket::PacketSocket;
 use server::Server;
 
 pub use arguments::WireArguments;
+pub use interface::InterfaceError;
+pub use packet_socket::SocketError;
 
-pub fn run(arguments: &WireArguments) -> Result<(), Box<dyn Error>> {
+pub fn run(arguments: &WireArguments) -> Result<(), Failure> {
     let screen = match &arguments.dump {
         Some(path) if is_standard_stream(path) => Screen::OutputIsData,
         _ => Screen::Output,
@@ -53,24 +54,26 @@ pub fn run(arguments: &WireArguments) -> Result<(), Box<dyn Error>> {
     Ok(finished?)
 }
 
-fn scenario(arguments: &WireArguments, screen: Screen) -> Result<Scenario, Box<dyn Error>> {
+fn scenario(arguments: &WireArguments, screen: Screen) -> Result<Scenario, Failure> {
     let options = SimOptions {
         seed: arguments.seed,
         slaves: arguments.gateways.map(usize::from),
         ..SimOptions::default()
     };
-    let mut scenario = load_scenario(&arguments.scenario, &options)?;
+    // Not parsed by clap: a wrong scenario has the status of a wrong file.
+    let choice = ScenarioChoice::parse(&arguments.scenario)?;
+    let mut scenario = load_scenario(&choice, &options)?;
     for gateway in &mut scenario.gateways {
         gateway.sii_pdos |= arguments.sii_pdos;
         // the distance of frames varies by more than on a wire
-        let is_built_in = !matches!(arguments.scenario, ScenarioChoice::File(_));
+        let is_built_in = !matches!(choice, ScenarioChoice::File(_));
         gateway.config.publishes_after_read |= is_built_in;
     }
-    if let ScenarioChoice::File(path) = &arguments.scenario {
+    if let ScenarioChoice::File(path) = &choice {
         let file = path.display();
         let count = scenario.gateways.len();
         if count == 0 {
-            return Err(format!("{file} has no gateway").into());
+            return Err(Failure::NoGateway(path.clone()));
         }
         if let Some(asked) = arguments.gateways.filter(|asked| usize::from(*asked) != count) {
             screen.line(format_args!(

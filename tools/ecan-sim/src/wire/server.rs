@@ -1,4 +1,3 @@
-use std::error::Error;
 use std::fmt::Display;
 
 use ecan_host::{Clock, MonotonicClock};
@@ -10,6 +9,7 @@ use super::packet_socket::{PacketSocket, Received, SocketError};
 use super::summary;
 use super::turnaround::{Turnaround, real_time_ns};
 use super::watch::Watch;
+use crate::failure::Failure;
 use crate::screen::Screen;
 use ecan_command_line::interrupt::Interrupt;
 use ecan_command_line::log_file::LogFileError;
@@ -74,7 +74,7 @@ impl Server {
     }
 
     /// Answers frames until the time is over or the user ends it.
-    pub fn serve(&mut self, interrupt: &Interrupt) -> Result<(), Box<dyn Error>> {
+    pub fn serve(&mut self, interrupt: &Interrupt) -> Result<(), Failure> {
         while !interrupt.is_set() {
             let received = self.socket.receive(&mut self.frame[..])?;
             let now = MonotonicClock.now_ns();

@@ -6,7 +6,7 @@ use ecan_host::SlaveKind;
 use ecan_protocol::device::AlState;
 use serde::Serialize;
 
-use crate::context::{Context, Output, Result, Tone};
+use crate::context::{Context, Failure, Output, Result, Tone};
 use crate::slave_choice::Unknown;
 use crate::table;
 
@@ -60,7 +60,8 @@ pub fn run(context: &Context) -> Result {
             name: info.name,
         });
     }
-    context.output.data(&found, |out| print(&found, &context.output, out))
+    context.output.data(&found, |out| print(&found, &context.output, out))?;
+    if found.is_empty() { Err(Failure::ProblemsFound) } else { Ok(()) }
 }
 
 fn print(found: &[Found], output: &Output, out: &mut dyn Write) -> std::io::Result<()> {

@@ -2,7 +2,7 @@
 
 use std::process::Command;
 
-use crate::support::{FakeLibrary, Scenario, fails, first_silent, setting, two_gateways};
+use crate::support::{FakeLibrary, Scenario, ends, fails, first_silent, setting, two_gateways};
 
 /// Commands that are about one gateway.
 fn commands_of_one(files: &Scenario) -> Vec<Vec<String>> {
@@ -223,4 +223,73 @@ fn empty_bus_is_reported() {
         let message = fails(4, &with(&command, &["--ecrt", &setting(&empty)]));
         assert!(message.contains("no slave responds on the bus"), "{command:?}: {message}");
     }
+    assert_eq!(ends(1, &["--ecrt", &setting(&empty), "scan"]), "no slave responds on the bus\n");
+    assert_eq!(ends(1, &["--ecrt", &setting(&empty), "scan", "--json"]), "[]\n");
+}
+
+#[test]
+fn missing_or_wrong_scenario_returns_status_6() {
+    let wrong = crate::support::scenario("[[gateway]]\nseriel = 7\n");
+    let log = "[[node]]\nkind = \"replay\"\nbus = \"0.0\"\nfile = \"none.log\"\n";
+    let no_log = Scenario::new(log);
+    let cases = [
+        ("sim:/no/such.toml".to_owned(), "cannot read /no/such.toml: No such file"),
+        (setting(&wrong), "unknown field `seriel`"),
+        (no_log.setting(), "none.log: No such file"),
+        ("sim:ecco".to_owned(), "unknown scenario \"ecco\"; allowed: echo, drives, jitter"),
+    ];
+    let files = Scenario::new("");
+    let doctor = [words("doctor")];
+    for (scenario, expected) in &cases {
+        let message = fails(6, &["--ecrt", scenario, "scan"]);
+        assert!(message.contains(expected), "{message}");
+    }
+    let commands = commands_of_one(&files).into_iter().chain(commands_of_all(&files)).chain(doctor);
+    for command in commands {
+        fails(6, &with(&command, &["--ecrt", "sim:/no/such.toml"]));
+    }
+}
+
+/// Commands with a configuration file; `FILE` stands for it.
+const COMMANDS_WITH_FILE: [&str; 21] = [
+    "config apply FILE",
+    "config diff FILE",
+    "config save FILE",
+    "config export FILE --format csv",
+    "plan --config FILE",
+    "dump -n 1 --config FILE",
+    "send 123#00 --config FILE",
+    "gen -n 1 --config FILE",
+    "monitor --once --config FILE",
+    "bridge --slcan 127.0.0.1:0 --config FILE",
+    "serve --config FILE",
+    "selftest --config FILE",
+    "node scan --config FILE",
+    "node info --node gripper --config FILE",
+    "node sdo read --node gripper --config FILE 0x1000",
+    "node nmt stop --node gripper --config FILE",
+    "node pdo --node gripper --config FILE",
+    "node emcy --node gripper --config FILE",
+    "node params save out.dcf --node gripper --config FILE",
+    "axis status --config FILE --axis 0",
+    "axis stop --config FILE --axis 0",
+];
+
+#[test]
+fn missing_or_wrong_configuration_returns_status_6() {
+    let files = Scenario::new("");
+    let wrong = files.write("wrong.toml", "[[gateway]]\nn = 30\n");
+    for command in COMMANDS_WITH_FILE {
+        for (file, expected) in [
+            ("/no/such.toml", "cannot read /no/such.toml: No such file"),
+            (wrong.as_str(), "`n` = 30 is out of range; allowed: 1 to 24"),
+        ] {
+            let command = words(&command.replace("FILE", file));
+            let message = fails(6, &with(&command, &["--ecrt", "sim"]));
+            assert!(message.contains(expected), "{command:?}: {message}");
+        }
+    }
+    // For the check of a file its faults are the result.
+    fails(6, &["config", "check", "/no/such.toml"]);
+    fails(1, &["config", "check", &wrong]);
 }

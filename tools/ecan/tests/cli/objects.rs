@@ -238,7 +238,7 @@ fn invalid_use_has_message_and_status() {
         (2, &["--slave", "first", "info"], "expected a position"),
         (2, &["--ecrt", "sim", "sdo", "list", "0x5000"], "not in the table"),
         (3, &["scan"], "libethercat.so.1"),
-        (3, &["--ecrt", "sim:none", "scan"], "unknown scenario \"none\""),
+        (6, &["--ecrt", "sim:none", "scan"], "unknown scenario \"none\""),
         (5, &["--ecrt", "sim", "sdo", "read", "0x5000:1"], "0x06020000 object does not exist"),
         (5, &["--ecrt", "sim", "sdo", "write", "0xF000:2", "1"], "read-only"),
     ];
