@@ -8,8 +8,8 @@ use std::time::Duration;
 
 use axes::{Fixture, axis, scenario, with_quirk};
 use ecan_canopen::{
-    CobId, DriveState, FaultReaction, HaltOption, NodeId, NodeLossReaction, OperatingMode,
-    QuickStopOption, Step, StopOption, object,
+    CobId, DriveState, FaultReaction, HaltOption, NmtState, NodeId, NodeLossReaction,
+    OperatingMode, QuickStopOption, Step, StopOption, object,
 };
 use ecan_cia402::{
     AxisConfig, AxisPhase, Cia402, Cia402Config, DriveConfig, HostLossReaction, HostWatch, StopRamp,
@@ -373,6 +373,19 @@ fn axes_stay_at_rest_after_the_link_returns() {
         assert_ne!(state, DriveState::OperationEnabled, "axis {n} is enabled only by command");
         assert!((at(&fixture, n) - before).abs() < 1.0, "axis {n} does not move");
         assert!(!fixture.cia402.is_running(n));
+    }
+    fixture.cia402.enable_all().unwrap();
+    fixture.until(3_000, Cia402::all_running);
+}
+
+/// The drives left Operational, which nothing reports but the missing TPDOs.
+#[test]
+fn drives_without_heartbeat_are_started_after_the_link_returns() {
+    let mut fixture = moving(|drive| drive.heartbeat_ms = 0, Cia402Config::default());
+    fixture.inject(Fault::LinkLoss { gateway: 0, for_ms: 1_000 });
+    fixture.steps(3_500);
+    for n in 0..MODES.len() {
+        assert_eq!(fixture.drive(n, |drive| drive.nmt_state()), NmtState::PreOperational, "{n}");
     }
     fixture.cia402.enable_all().unwrap();
     fixture.until(3_000, Cia402::all_running);

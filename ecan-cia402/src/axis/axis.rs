@@ -483,8 +483,11 @@ impl Axis {
     pub(crate) fn start_node(&mut self, network: &mut Network, now_ns: u64) {
         let is_used = self.state.needs_operational()
             || matches!(self.guard.state(), GuardState::Draining | GuardState::Reading);
-        let is_stopped =
-            !self.reachability.operational && self.verification == Verification::Complete;
+        // Without heartbeat only missing TPDOs show it.
+        let reports_state = network.status(self.node).is_some_and(|it| it.nmt_state.is_some());
+        let is_silent = !reports_state && !self.drive.is_fresh(now_ns, self.fresh_ns);
+        let is_stopped = (!self.reachability.operational || is_silent)
+            && self.verification == Verification::Complete;
         if is_used && is_stopped && self.setup.is_complete() && now_ns >= self.next_start_ns {
             self.next_start_ns = now_ns.saturating_add(START_PAUSE_NS);
             // If the queue is full, the next attempt follows after the pause.

@@ -58,10 +58,11 @@ use run::Trial;
 /// 124644: two targets were lost in a bus-off whose images were lost on their return.
 /// 157264: the end of a feed-forward counted as executed in cycles without SYNC.
 /// 158055: the drive of a motor that was blocked at the takeover was adopted.
+/// 173759: a drive without heartbeat left Operational and was not started again.
 const FOUND: &[u64] = &[
     3913, 4640, 5780, 43993, 44419, 44729, 45524, 45577, 46036, 47971, 50537, 51807, 60447, 61652,
     67089, 67695, 85898, 90041, 92394, 101667, 104566, 110672, 114180, 121796, 124644, 157264,
-    158055,
+    158055, 173759,
 ];
 
 /// The same with axes of shared nodes.
