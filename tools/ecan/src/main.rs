@@ -37,6 +37,7 @@ use clap::{CommandFactory, Parser};
 
 use commands::Command;
 use context::{Context, Failure, GlobalOptions, Output, note};
+use global::Color;
 
 /// Bring-up, diagnosis and maintenance of ECAN-Lite gateways.
 #[derive(Debug, Parser)]
@@ -49,7 +50,8 @@ struct Arguments {
 }
 
 fn main() -> ExitCode {
-    let Arguments { global, command } = Arguments::parse();
+    let Arguments { global, command } =
+        Arguments::try_parse().unwrap_or_else(|error| reject(&error));
     global.log.start();
     let output = Output::new(global.json, global.color);
     let context = Context { global: &global, output };
@@ -91,8 +93,21 @@ fn main() -> ExitCode {
     match outcome {
         Ok(()) | Err(Failure::ReaderGone) => ExitCode::SUCCESS,
         Err(failure) => {
+            output.failure(&failure, failure.status());
             note(format_args!("ecan: {failure}"));
             ExitCode::from(failure.status())
         }
     }
+}
+
+/// Ends the program after arguments that clap rejects, or after a help.
+fn reject(error: &clap::Error) -> ! {
+    let options = std::env::args_os().skip(1).take_while(|it| it != "--");
+    let is_json = error.use_stderr() && options.into_iter().any(|it| it == "--json");
+    let text = error.render().to_string();
+    // The message without the usage.
+    let message = text.split("\n\n").next().unwrap_or_default().trim_start_matches("error: ");
+    let failure = Failure::Usage(message.to_owned());
+    Output::new(is_json, Color::Never).failure(&failure, failure.status());
+    error.exit()
 }

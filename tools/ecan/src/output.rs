@@ -1,5 +1,6 @@
 //! Output of the program: text for people, JSON for programs.
 
+use std::error::Error;
 use std::io::{self, IsTerminal, Write};
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -14,6 +15,17 @@ pub struct Output {
     json: bool,
     color: bool,
     is_on_stderr: bool,
+}
+
+/// True after standard output has a JSON document or other data, to which none may be added.
+static IS_STDOUT_USED: AtomicBool = AtomicBool::new(false);
+
+/// A failure as JSON.
+#[derive(Debug, Serialize)]
+struct FailureReport {
+    error: String,
+    status: u8,
+    causes: Vec<String>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -36,6 +48,9 @@ impl Output {
 
     /// Redirects to standard error if standard output is in use.
     pub fn on_stderr(self, is_stdout_used: bool) -> Self {
+        if is_stdout_used {
+            IS_STDOUT_USED.store(true, Ordering::Relaxed);
+        }
         Self { is_on_stderr: is_stdout_used, color: self.color && !is_stdout_used, ..self }
     }
 
@@ -69,6 +84,7 @@ impl Output {
         text: impl FnOnce(&mut dyn Write) -> io::Result<()>,
     ) -> Result {
         let mut stream = self.stream();
+        IS_STDOUT_USED.store(true, Ordering::Relaxed);
         let printed = if self.json {
             let printed = serde_json::to_writer_pretty(&mut stream, data);
             printed.map_err(io::Error::from).and_then(|()| writeln!(stream))
@@ -93,7 +109,28 @@ impl Output {
 
     pub fn bytes(&self, bytes: &[u8]) -> Result {
         let mut stream = self.stream();
+        IS_STDOUT_USED.store(true, Ordering::Relaxed);
         unless_reader_gone(stream.write_all(bytes).and_then(|()| stream.flush()))
+    }
+
+    /// Prints a failure on standard output with `--json`, as one line: the last one of a stream of JSON
+    /// lines. A document that was printed before reports the failure itself.
+    pub fn failure(&self, error: &dyn Error, status: u8) {
+        if !self.json || IS_STDOUT_USED.load(Ordering::Relaxed) {
+            return;
+        }
+        let text = error.to_string();
+        let mut causes = Vec::new();
+        let mut cause = error.source();
+        while let Some(it) = cause {
+            causes.push(it.to_string());
+            cause = it.source();
+        }
+        // Most messages contain that of their cause.
+        causes.retain(|cause| !text.contains(cause));
+        if let Ok(line) = serde_json::to_string(&FailureReport { error: text, status, causes }) {
+            let _ = writeln!(self.stream(), "{line}");
+        }
     }
 
     /// Returns whether progress is printed: not with `--json`.

@@ -98,6 +98,7 @@ pub fn run(arguments: &DumpArguments, context: &Context) -> Result {
         let message = "--screen and a file on standard output exclude each other";
         return Err(Failure::Usage(message.to_owned()));
     }
+    let context = &context.on_stderr(is_on_output);
     let screen = Screen {
         style: arguments.time,
         has_nanoseconds: arguments.nanoseconds,

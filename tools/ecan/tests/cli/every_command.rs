@@ -140,6 +140,103 @@ fn denied_real_time_returns_status_7() {
 }
 
 #[test]
+fn failure_is_json_on_stdout_with_json() {
+    let empty = crate::support::scenario("");
+    let empty = setting(&empty);
+    let cases: [(i32, &[&str], &str); 7] = [
+        (2, &["scans"], "unrecognized subcommand 'scans'"),
+        (2, &["sdo", "read", "nonsense"], "unknown object \"nonsense\""),
+        (
+            3,
+            &["scan", "--ecrt", "/nowhere/libethercat.so"],
+            "/nowhere/libethercat.so was not found",
+        ),
+        (4, &["info", "--ecrt", &empty], "no slave responds on the bus"),
+        (5, &["sdo", "read", "0x5000:1", "--ecrt", "sim"], "0x06020000 object does not exist"),
+        (6, &["config", "apply", "/no/such.toml"], "cannot read /no/such.toml"),
+        (7, &["dump", "-n", "1", "--cpu", "1023", "--rt-required", "--ecrt", "sim"], "CPU 1023"),
+    ];
+    for (status, arguments, expected) in cases {
+        let output = crate::support::ecan(&[arguments, &["--json"]].concat());
+        let errors = String::from_utf8(output.stderr).unwrap();
+        assert_eq!(output.status.code(), Some(status), "{arguments:?}: {errors}");
+        let text = String::from_utf8(output.stdout).unwrap();
+        assert_eq!(text.lines().count(), 1, "{arguments:?}: {text}");
+        let json: serde_json::Value = serde_json::from_str(&text).unwrap();
+        assert_eq!(json["status"], status, "{json}");
+        assert!(json["error"].as_str().unwrap().contains(expected), "{json}");
+        assert!(!json["error"].as_str().unwrap().contains("Usage"), "{json}");
+        assert!(json["causes"].is_array(), "{json}");
+        assert!(errors.contains(expected), "{errors}");
+    }
+    // A document that was printed reports the failure itself.
+    let text = ends(1, &["plan", "--pdo-n", "12", "--json"]);
+    let json: serde_json::Value = serde_json::from_str(&text).unwrap();
+    assert!(json["error"].is_null() && json["faults"].is_array(), "{json}");
+    // Data on standard output has no line that is not its own.
+    assert_eq!(ends(6, &["--json", "--ecrt", "sim:/no.toml", "dump", "--record", "-"]), "");
+    let help = crate::support::good(&["--help", "--json"]);
+    assert!(help.starts_with("Bring-up"), "{help}");
+}
+
+#[test]
+fn numbers_in_json_are_numbers() {
+    /// Strings that are numbers, with their keys. Versions are texts.
+    fn numbers(key: &str, value: &serde_json::Value, found: &mut Vec<String>) {
+        match value {
+            serde_json::Value::String(text) => {
+                let digits = text.strip_prefix("0x").unwrap_or(text);
+                let is_number = text.parse::<f64>().is_ok()
+                    || text.starts_with("0x") && u64::from_str_radix(digits, 16).is_ok();
+                let is_text = ["firmware", "hardware", "data", "numbers", "text"].contains(&key);
+                if is_number && !is_text {
+                    found.push(format!("{key}: {text}"));
+                }
+            }
+            serde_json::Value::Array(items) => items.iter().for_each(|it| numbers(key, it, found)),
+            serde_json::Value::Object(map) => {
+                map.iter().for_each(|(key, it)| numbers(key, it, found));
+            }
+            _ => {}
+        }
+    }
+    let files = Scenario::new("");
+    let config = files.write("cell.toml", &crate::support::good(&["config", "example"]));
+    let commands = [
+        "sim scan",
+        "sim info",
+        "sim caps",
+        "sim sdo read 0x8001:19",
+        "sim sdo list 0xF000",
+        "sim diag",
+        "sim reg read ECR --channel 0",
+        "sim filter list --channel 0",
+        "sim pins",
+        "sim firmware version",
+        "sim send 123#00",
+        "sim gen -n 3 -g 1",
+        "sim monitor --once",
+        &format!("sim config diff {config}"),
+        &format!("sim config check {config}"),
+        &format!("sim config apply {config}"),
+        "sim plan --slaves 2",
+        "sim:drives node scan --nodes 1",
+        "sim:drives node sdo read --node 1 0x1018:1",
+        "sim:drives node pdo --node 1",
+        "sim:drives node emcy --node 1",
+        "sim:drives axis status --node 1",
+    ];
+    for command in commands {
+        let output = crate::support::ecan(&with(&words(&format!("--json --ecrt {command}")), &[]));
+        let json: serde_json::Value = serde_json::from_slice(&output.stdout)
+            .unwrap_or_else(|error| panic!("{command}: {error}"));
+        let mut found = Vec::new();
+        numbers("", &json, &mut found);
+        assert!(found.is_empty(), "{command}: {found:?}");
+    }
+}
+
+#[test]
 fn log_option_and_variable_write_events_to_stderr() {
     let run = |arguments: &[&str], variable: &str| {
         let mut command = Command::new(env!("CARGO_BIN_EXE_ecan"));

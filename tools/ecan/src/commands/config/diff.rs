@@ -2,7 +2,8 @@
 
 use std::path::Path;
 
-use ecan_config_file::{Difference, ResolvedGateway, differences};
+use ecan_config_file::{Difference, Expected, ResolvedGateway, differences};
+use ecan_host::Expectation;
 use serde::Serialize;
 
 use crate::commands::serve;
@@ -19,12 +20,30 @@ struct Compared {
     error: Option<String>,
 }
 
+/// A value, or the condition of a readback.
+#[derive(Debug, Serialize)]
+#[serde(untagged)]
+enum FileValue {
+    Value(u64),
+    Condition(String),
+}
+
+impl From<Expected> for FileValue {
+    fn from(expected: Expected) -> Self {
+        match expected {
+            Expected::Value(value) => Self::Value(value.into()),
+            Expected::Readback(Expectation::Equals(value)) => Self::Value(value),
+            Expected::Readback(_) | Expected::Loaded => Self::Condition(expected.to_string()),
+        }
+    }
+}
+
 #[derive(Debug, Serialize)]
 struct Differing {
     index: u16,
     subindex: u8,
     filter: Option<u8>,
-    file: String,
+    file: FileValue,
     /// `None` if the device lacks the entry.
     device: Option<u32>,
     is_set_at_start: bool,
@@ -36,7 +55,7 @@ impl From<Difference> for Differing {
     fn from(difference: Difference) -> Self {
         let words = difference.to_string();
         let Difference { index, subindex, filter, expected, found, is_set_at_start } = difference;
-        let file = expected.to_string();
+        let file = expected.into();
         Self { index, subindex, filter, file, device: found, is_set_at_start, words }
     }
 }
