@@ -64,7 +64,7 @@ for compiler in "${compilers[@]}"; do
             -DCMAKE_CXX_FLAGS="-Werror" >"$work/examples.log" || { cat "$work/examples.log"; exit 1; }
         cmake --build "$examples" --parallel 2 >"$work/examples.log" ||
             { cat "$work/examples.log"; exit 1; }
-        "$examples/two_axes" --ecrt sim --cycles 200 | grep -q '^axis 1: position '
+        "$examples/two_axes" --ecrt sim --bitrate 1000k --cycles 200 | grep -q '^axis 1: position '
         "$examples/frames" --ecrt sim | grep -q '^10F '
     done
 

@@ -44,9 +44,9 @@ void bus_settings_add_options(bus_settings_t *settings, option_list_t *list)
         .help = "EtherCAT cycle in microseconds"});
     options_add(list, (option_t){
         .name = "bitrate", .value_name = "BITRATE", .number = &settings->bitrate,
-        .minimum = 1, .maximum = UINT32_MAX,
+        .minimum = 1, .maximum = UINT32_MAX, .is_bit_rate = true,
         .excluded_by = "config",
-        .help = "CAN bit rate in bit/s; nominal for CAN FD"});
+        .help = "CAN bit rate in bit/s, or 500k, 1M; nominal for CAN FD"});
     options_add(list, (option_t){
         .name = "seed", .value_name = "SEED", .number = &settings->seed, .maximum = UINT64_MAX,
         .is_given = &settings->is_seed_given,
@@ -60,9 +60,9 @@ void bus_settings_add_fd_option(bus_settings_t *settings, option_list_t *list)
 {
     options_add(list, (option_t){
         .name = "fd", .value_name = "DATA_BITRATE", .number = &settings->fd_bitrate,
-        .minimum = 1, .maximum = UINT32_MAX,
+        .minimum = 1, .maximum = UINT32_MAX, .is_bit_rate = true,
         .excluded_by = "config",
-        .help = "Use CAN FD with this data bit rate in bit/s"});
+        .help = "Use CAN FD with this data bit rate in bit/s, or 2M"});
 }
 
 void bus_settings_add_dc_options(bus_settings_t *settings, option_list_t *list)

@@ -48,6 +48,29 @@ bool parse_number(const char *text, uint64_t *number)
     return errno == 0;
 }
 
+static bool parse_bit_rate(const char *text, uint64_t *rate)
+{
+    char digits[16];
+    size_t length = strlen(text);
+    uint64_t factor = 1;
+    if (length == 0 || length >= sizeof(digits)) {
+        return false;
+    }
+    switch (text[length - 1]) {
+    case 'k': factor = 1000; break;
+    case 'M': factor = 1000000; break;
+    default: return parse_number(text, rate);
+    }
+    memcpy(digits, text, length - 1);
+    digits[length - 1] = '\0';
+    if (strspn(digits, "0123456789") != length - 1 || !parse_number(digits, rate) ||
+        *rate > UINT64_MAX / factor) {
+        return false;
+    }
+    *rate *= factor;
+    return true;
+}
+
 static bool parse_integer(const char *text, int32_t *integer)
 {
     bool is_negative = text[0] == '-';
@@ -73,10 +96,13 @@ static void store(const option_t *option, const char *value)
         }
     } else {
         uint64_t number = 0;
-        if (!parse_number(value, &number) || number < option->minimum ||
-            number > option->maximum) {
-            options_wrong_use("--%s %s: expected a number from %" PRIu64 " to %" PRIu64,
-                              option->name, value, option->minimum, option->maximum);
+        bool is_number = option->is_bit_rate ? parse_bit_rate(value, &number)
+                                             : parse_number(value, &number);
+        if (!is_number || number < option->minimum || number > option->maximum) {
+            options_wrong_use("--%s %s: expected %s from %" PRIu64 " to %" PRIu64, option->name,
+                              value,
+                              option->is_bit_rate ? "bit/s (500000, 500k, 1M)" : "a number",
+                              option->minimum, option->maximum);
         }
         *option->number = number;
     }

@@ -18,6 +18,7 @@ typedef struct {
     const char **text;
     uint64_t *number;       /* a number from minimum to maximum */
     uint64_t minimum, maximum;
+    bool is_bit_rate;       /* the number may end in k or M, for thousands and millions */
     bool *is_given;         /* may be NULL; gets true if the option is given */
     bool is_required;
     const char *excluded_by; /* option that excludes this one; may be NULL */

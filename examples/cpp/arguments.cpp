@@ -12,7 +12,7 @@ constexpr const char *HELP =
     "Usage: two_axes [OPTIONS]\n\n"
     "  --ecrt <SETTING>    EtherCAT library: a path, sim, sim:FILE.toml [default: ECAN_ECRT]\n"
     "  --cycle-us <US>     Cycle time [default: 2000]\n"
-    "  --bitrate <RATE>    Bit rate of the channel [default: 1000000]\n"
+    "  --bitrate <RATE>    Bit rate of the channel [default: 1M]\n"
     "  --pdo-n <N>         Size of the PDOs in 128 bytes [default: 3]\n"
     "  --channel <0-3>     Channel of the drives with node-IDs 1 and 2 [default: 0]\n"
     "  --cycles <N>        Number of cycles with motion [default: 1000]\n"
@@ -40,6 +40,19 @@ Number number(std::string_view option, std::string_view value, Number least, Num
     return parsed;
 }
 
+/// 500000, 500k or 1M
+std::uint32_t bit_rate(std::string_view option, std::string_view value)
+{
+    constexpr std::uint32_t MOST = 1'000'000;
+    const char factor = value.empty() ? '\0' : value.back();
+    const std::string_view digits = value.substr(0, value.size() - (factor == 'k' || factor == 'M'));
+    switch (factor) {
+    case 'k': return 1'000 * number<std::uint32_t>(option, digits, 1, MOST / 1'000);
+    case 'M': return MOST * number<std::uint32_t>(option, digits, 1, 1);
+    default: return number<std::uint32_t>(option, value, 1, MOST);
+    }
+}
+
 } // namespace
 
 arguments read_arguments(int count, char **values)
@@ -64,7 +77,7 @@ arguments read_arguments(int count, char **values)
         } else if (option == "--cycle-us") {
             read.cycle = std::chrono::microseconds(positive(1'000'000));
         } else if (option == "--bitrate") {
-            read.bitrate = positive(1'000'000);
+            read.bitrate = bit_rate(option, value);
         } else if (option == "--pdo-n") {
             read.pdo_n = positive(24);
         } else if (option == "--cycles") {

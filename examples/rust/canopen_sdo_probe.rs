@@ -11,6 +11,7 @@ use std::time::Duration;
 
 use clap::Parser;
 use ecan_canopen::{Network, NetworkConfig, NodeAddress, NodeConfig, NodeId};
+use ecan_command_line::bit_rate::parse_bit_rate;
 use ecan_example_support::backend::MasterArguments;
 use ecan_example_support::object_value::ValueType;
 use ecan_example_support::report_exit;
@@ -41,8 +42,8 @@ struct Arguments {
     /// Subindex of the object
     #[arg(long, value_name = "SUB", default_value = "0", value_parser = parse_u8)]
     sub: u8,
-    /// CAN bit rate, bit/s
-    #[arg(long, value_name = "BITRATE", default_value_t = 1_000_000)]
+    /// CAN bit rate in bit/s, or 500k, 1M
+    #[arg(long, value_name = "BITRATE", default_value = "1M", value_parser = parse_bit_rate)]
     bitrate: u32,
     /// Type of the value: u8, u16, u32, u64, i8, i16, i32, i64, string or hex [default: shown as
     /// number and text]

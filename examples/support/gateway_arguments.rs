@@ -1,6 +1,7 @@
 //! Options for master, gateways and channels.
 
 use clap::Args;
+use ecan_command_line::bit_rate::parse_bit_rate;
 use ecan_host::AdapterConfig;
 use ecan_mcan_port::ChannelConfig;
 
@@ -22,11 +23,11 @@ pub struct GatewayArguments {
     /// Allow PDOs above 1486 bytes: the master must split them into datagrams
     #[arg(long)]
     pub large_pdos: bool,
-    /// Nominal bit rate, bit/s
-    #[arg(long, value_name = "BITRATE", default_value_t = 1_000_000)]
+    /// Nominal bit rate in bit/s, or 500k, 1M
+    #[arg(long, value_name = "BITRATE", default_value = "1M", value_parser = parse_bit_rate)]
     pub bitrate: u32,
-    /// Use CAN FD with this data bit rate, bit/s
-    #[arg(long, value_name = "DATA_BITRATE")]
+    /// Use CAN FD with this data bit rate in bit/s, or 2M
+    #[arg(long, value_name = "DATA_BITRATE", value_parser = parse_bit_rate)]
     pub fd: Option<u32>,
     /// Print the plan with its warnings and exit, without a bus
     #[arg(long)]

@@ -6,6 +6,7 @@ use std::time::Duration;
 
 use clap::Args;
 use ecan_cia402::{AxisConfig, Cia402Config};
+use ecan_command_line::bit_rate::parse_bit_rate;
 use ecan_host::{Adapter, AdapterConfig, ClockSource, DcSync, Ecrt, StartupPlan};
 use ecan_mcan_port::{ChannelConfig, GatewayConfig, Port, PortConfig, Traffic};
 use ecan_protocol::image::{EncapsulationProfile, OptionFlags};
@@ -14,9 +15,6 @@ use ecan_protocol::mapping::CHANNELS;
 use crate::backend::MasterArguments;
 use crate::real_time::RealTimeArguments;
 use crate::sync0::{print_sync0, sync0};
-
-/// Maximum bit rate of classic CAN, which CANopen uses.
-const MAX_BITRATE: u32 = 1_000_000;
 
 /// Options of the motion demos: those of manual 15.6 and the common ones.
 #[derive(Debug, Args)]
@@ -30,8 +28,8 @@ pub struct MotionArguments {
     /// Allow PDOs above 1486 bytes: the master must split them into datagrams
     #[arg(long)]
     pub large_pdos: bool,
-    /// CAN bit rate, bit/s
-    #[arg(long, value_name = "BITRATE", default_value_t = MAX_BITRATE)]
+    /// CAN bit rate in bit/s, or 500k, 1M: the maximum of classic CAN, which CANopen uses
+    #[arg(long, value_name = "BITRATE", default_value = "1M", value_parser = parse_bit_rate)]
     pub bitrate: u32,
     /// EtherCAT cycle
     #[arg(long, value_name = "US", default_value_t = 10_000)]

@@ -1,6 +1,7 @@
 //! Shared by `ecan`, `ecan-sim` and the example programs: options, interrupts, log files.
 #![forbid(unsafe_code)]
 
+pub mod bit_rate;
 pub mod interrupt;
 pub mod log_file;
 pub mod logging;

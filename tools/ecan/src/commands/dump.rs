@@ -16,7 +16,7 @@ use crate::frames::{
 
 pub const EXAMPLES: &str = "\
 Examples:
-  ecan dump --bitrate 1000000                  everything on all channels
+  ecan dump --bitrate 1M                       everything on all channels
   ecan dump --channel 0 -t a 123:7FF           CAN ID 123 on channel 0, with time stamps
   ecan dump --listen-only -l drive.log         record without acknowledging
   ecan dump --config cell.toml --channel 1     with the settings of a configuration file

@@ -5,6 +5,7 @@ use std::time::Duration;
 use std::path::PathBuf;
 
 use clap::Args;
+use ecan_command_line::bit_rate::parse_bit_rate;
 use ecan_command_line::real_time::RealTimeArguments;
 use ecan_host::AdapterConfig;
 use ecan_mcan_port::ChannelConfig;
@@ -57,12 +58,12 @@ pub struct SetupOptions {
     /// Use a configuration file for all gateway settings, see `ecan config`
     #[arg(long, value_name = "FILE", conflicts_with_all = OF_THE_FILE)]
     pub config: Option<PathBuf>,
-    /// Nominal bit rate in bit/s; classic CAN without --data-bitrate [default: from the gateway;
-    /// 500000 in a plan]
-    #[arg(long, value_name = "BITRATE")]
+    /// Nominal bit rate in bit/s, or 500k, 1M; classic CAN without --data-bitrate [default: from the
+    /// gateway; 500k in a plan]
+    #[arg(long, value_name = "BITRATE", value_parser = parse_bit_rate)]
     pub bitrate: Option<u32>,
-    /// Enable CAN FD with this data bit rate in bit/s
-    #[arg(long, value_name = "BITRATE")]
+    /// Enable CAN FD with this data bit rate in bit/s, or 2M
+    #[arg(long, value_name = "BITRATE", value_parser = parse_bit_rate)]
     pub data_bitrate: Option<u32>,
     /// Sample point in % [default: from the gateway, or 75 to 87.5 with --bitrate]
     #[arg(long, value_name = "PERCENT", value_parser = parse_percent)]

@@ -143,8 +143,9 @@ fn denied_real_time_returns_status_7() {
 fn failure_is_json_on_stdout_with_json() {
     let empty = crate::support::scenario("");
     let empty = setting(&empty);
-    let cases: [(i32, &[&str], &str); 7] = [
+    let cases: [(i32, &[&str], &str); 8] = [
         (2, &["scans"], "unrecognized subcommand 'scans'"),
+        (2, &["dump", "--bitrate", "5x"], "expected a bit rate in bit/s"),
         (2, &["sdo", "read", "nonsense"], "unknown object \"nonsense\""),
         (
             3,

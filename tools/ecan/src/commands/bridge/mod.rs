@@ -31,7 +31,7 @@ use crate::frames::{Channels, FrameOptions, GatewayRequirements, Prepared};
 
 pub const EXAMPLES: &str = "\
 Examples:
-  ecan bridge --bitrate 1000000                slcan on a free port, which is printed
+  ecan bridge --bitrate 1M                     slcan on a free port, which is printed
   ecan bridge --channel 2 --slcan 3333 --socketcand 29536
   ecan bridge --pty /tmp/can0                  slcan on a pseudo-terminal, for example for slcand
   ecan bridge --channel 1 --socketcan vcan0    a CAN interface: candump vcan0, cansend vcan0 123#01

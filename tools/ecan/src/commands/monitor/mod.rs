@@ -41,7 +41,7 @@ pub const EXAMPLES: &str = "\
 Examples:
   ecan monitor                                 the bus of a running service (ecan serve, application)
   ecan monitor --via /run/cell.sock            as above, by its socket
-  ecan monitor --bitrate 1000000               without a service: all gateways of the bus
+  ecan monitor --bitrate 1M                    without a service: all gateways of the bus
   ecan --slave 1 monitor --listen-only         one gateway, without acknowledging on its CAN buses
   ecan monitor --config cell.toml              the gateways of a file, with its settings
   ecan monitor --view ids --channel 0          frames by CAN ID, on channel 0

@@ -8,6 +8,7 @@ use std::convert::Infallible;
 use std::path::PathBuf;
 
 use clap::Args;
+use ecan_command_line::bit_rate::parse_bit_rate;
 use ecan_host::AdapterConfig;
 use ecan_mcan_port::{ChannelConfig, GatewayConfig, PortConfig, PortPlan};
 
@@ -26,10 +27,10 @@ const BITRATE: u32 = 500_000;
 Examples:
   ecan plan --slaves 3 --channel all
   ecan plan --config cell.toml --frames 4
-  ecan plan --bitrate 1000000 --data-bitrate 5000000 --pdo-n 8 --channel 0,2
+  ecan plan --bitrate 1M --data-bitrate 5M --pdo-n 8 --channel 0,2
   ecan plan --channel all --replay drive.log
 
-The default bit rate is 500000 bit/s. Exit status 1 if the configuration cannot work. Runs offline.")]
+The default bit rate is 500 kbit/s. Exit status 1 if the configuration cannot work. Runs offline.")]
 pub struct PlanArguments {
     /// Number of gateways
     #[arg(long, value_name = "N", default_value_t = 1, conflicts_with = "config",
@@ -50,7 +51,8 @@ pub struct PlanArguments {
     #[arg(long, value_name = "FILE", conflicts_with_all = ["frames", "bytes"])]
     replay: Option<PathBuf>,
     /// Alias of --data-bitrate
-    #[arg(long, value_name = "BITRATE", hide = true, conflicts_with_all = ["data_bitrate", "config"])]
+    #[arg(long, value_name = "BITRATE", hide = true, value_parser = parse_bit_rate,
+          conflicts_with_all = ["data_bitrate", "config"])]
     fd: Option<u32>,
     #[command(flatten)]
     setup: SetupOptions,

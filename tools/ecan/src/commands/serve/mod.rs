@@ -38,7 +38,7 @@ use simulation::SimulationMethods;
 pub const EXAMPLES: &str = "\
 Examples:
   ecan serve --config cell.toml                the gateways of a file, clients of this user may control
-  ecan serve --bitrate 1000000 --read-only     all gateways of the bus, clients only read
+  ecan serve --bitrate 1M --read-only          all gateways of the bus, clients only read
   ecan serve --idle                            no cycle: SDO transfers only
   ecan --ecrt sim:drives serve                 a simulated machine that stays alive
 

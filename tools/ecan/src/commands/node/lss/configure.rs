@@ -5,6 +5,7 @@ use std::time::Duration;
 
 use clap::Args;
 use ecan_canopen::{LssBitRate, LssCommand, NmtState, NodeId, object};
+use ecan_command_line::bit_rate::parse_bit_rate;
 use serde::Serialize;
 
 use crate::commands::node::node_target::NodeTarget;
@@ -42,7 +43,7 @@ pub struct SetIdArguments {
 
 #[derive(Debug, Args)]
 pub struct SetBitRateArguments {
-    /// New bit rate in bit/s, of CiA 305: 10000 to 1000000
+    /// New bit rate of CiA 305 in bit/s: 10k to 1M
     #[arg(value_name = "BITRATE", value_parser = bit_rate)]
     rate: LssBitRate,
     /// Activate it after this time, in ms; the channel needs the new bit rate then
@@ -75,7 +76,7 @@ struct Common {
 }
 
 fn bit_rate(text: &str) -> Result<LssBitRate, String> {
-    let rate = text.parse().ok().and_then(LssBitRate::from_bit_per_s);
+    let rate = parse_bit_rate(text).ok().and_then(LssBitRate::from_bit_per_s);
     rate.ok_or_else(|| {
         let rates = LssBitRate::ALL.iter().filter_map(|it| it.bit_per_s());
         let rates: Vec<_> = rates.map(|it| it.to_string()).collect();
