@@ -11,6 +11,21 @@ pub fn parse_unsigned(text: &str) -> Option<u64> {
     }
 }
 
+/// Rejects an index without 0x that is a known object only as a hexadecimal number: `8010`.
+pub fn reject_without_prefix(text: &str, is_known: impl Fn(u16) -> bool) -> Result<(), String> {
+    let Some(meant) = u16::from_str_radix(text, 16).ok().filter(|it| is_known(*it)) else {
+        return Ok(());
+    };
+    match text.parse::<u16>() {
+        Ok(read) if is_known(read) => Ok(()),
+        Ok(read) => Err(format!(
+            "{text} is read as the decimal number of 0x{read:04X}, which is no known object; for \
+             the hexadecimal index 0x{meant:04X} write 0x{text}, or 0x{read:04X} for the other"
+        )),
+        Err(_) => Err(format!("index {text} has no prefix; for 0x{meant:04X} write 0x{text}")),
+    }
+}
+
 /// Value of an object. In JSON a number, a text, or null for bytes.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 #[serde(untagged)]

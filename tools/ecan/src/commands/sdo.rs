@@ -16,9 +16,10 @@ use crate::value::{Value, encode};
 #[derive(Debug, Args)]
 #[command(after_help = "\
 An object is INDEX:SUBINDEX, or OBJECT:ENTRY with (parts of) the names of the manual; OBJECT@N selects
-one object of a family.
+one object of a family. ENTRY alone is sufficient if only one object has it.
   ecan sdo read 0x8010:3
   ecan sdo read 'device objects:serial number low'
+  ecan sdo read 'maintenance status'
   ecan sdo write 'device maintenance:access mode request' engineering
   ecan sdo list 'channel config@0'
   ecan sdo list 0x8010:3 --names")]

@@ -121,6 +121,17 @@ fn unreadable_values_do_not_hide_others() {
     let run = |command: &[&str]| good(&[&["--ecrt", &setting][..], command].concat());
     let reason = "not read: 0x06090011 subindex does not exist";
     let info = run(&["info"]);
+#[test]
+fn index_without_prefix_is_asked_for() {
+    for command in [&["sdo", "read", "8010:3"][..], &["sdo", "list", "8010"]] {
+        let message = fails(2, command);
+        let expected = "8010 is read as the decimal number of 0x1F4A, which is no known object";
+        assert!(message.contains(expected) && message.contains("write 0x8010"), "{message}");
+    }
+    let message = fails(2, &["--ecrt", "sim:drives", "node", "sdo", "read", "--node", "1", "6064"]);
+    assert!(message.contains("for the hexadecimal index 0x6064 write 0x6064"), "{message}");
+}
+
     for name in ["TxPDO     ", "CAN2      ", "firmware  "] {
         assert!(info.contains(&format!("\n{name}{reason}\n")), "{info}");
     }

@@ -7,7 +7,7 @@ use clap::Args;
 use ecan_canopen::{AccessType, DeviceFile, DeviceObject, FindError, ObjectEntry, ObjectType};
 
 use crate::context::{Failure, Result, note};
-use crate::value::parse_unsigned;
+use crate::value::{parse_unsigned, reject_without_prefix};
 
 use super::node_target::SelectedNode;
 use super::standard_objects::{PDO_ROWS, PDOS, ROWS, Row};
@@ -126,6 +126,7 @@ impl ObjectNames {
             None => (text, None),
             Some((object, entry)) => (object, Some(entry)),
         };
+        reject_without_prefix(object, |index| self.device.object(index).is_some())?;
         if let Some(index) = parse_unsigned(object) {
             let index = u16::try_from(index)
                 .map_err(|_| format!("invalid object index {object}; allowed: 0 to 0xFFFF"))?;
@@ -243,6 +244,8 @@ mod tests {
             assert_eq!(names.find(text), Ok(key), "{text}");
         }
         for (text, part) in [
+            ("6064", "6064 is read as the decimal number of 0x17B0, which is no known object"),
+            ("6064:0", "write 0x6064"),
             ("velocity", "ambiguous object"),
             ("identity", "has sub-objects; use one of `identity/highest subindex`"),
             ("nonsense", "ecan node sdo list"),
