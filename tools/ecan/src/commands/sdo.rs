@@ -35,7 +35,7 @@ enum Action {
         /// Object
         object: ObjectPath,
     },
-    /// Write an object; names of values are accepted
+    /// Write an object and read it again; names of values are accepted
     Write {
         /// Object
         object: ObjectPath,
@@ -68,11 +68,20 @@ struct Read {
     index: u16,
     subindex: u8,
     name: Option<&'static str>,
+    access: Option<&'static str>,
     bytes: Option<Vec<u8>>,
     value: Option<Value>,
     text: Option<String>,
     meaning: Option<String>,
     error: Option<String>,
+}
+
+/// A written value, and what the gateway has then.
+#[derive(Debug, Serialize)]
+struct Written {
+    #[serde(flatten)]
+    read: Read,
+    written: Value,
 }
 
 #[derive(Debug, Serialize)]
@@ -96,6 +105,14 @@ pub fn run(arguments: &SdoArguments, context: &Context) -> Result {
     }
 }
 
+fn access(entry: &Entry) -> &'static str {
+    match entry.access {
+        Access::Ro => "ro",
+        Access::Rw => "rw",
+        Access::Wo => "wo",
+    }
+}
+
 fn entry_of(path: ObjectPath) -> Option<&'static Entry> {
     object(path.index).and_then(|object| object.entry(path.subindex))
 }
@@ -113,6 +130,7 @@ fn read(bus: &Bus, slave: usize, path: ObjectPath) -> Result<Read> {
         index,
         subindex,
         name: entry.map(|entry| entry.name),
+        access: entry.map(access),
         text: Some(value.text(entry)),
         meaning: value.meaning(entry),
         value: Some(value),
@@ -135,7 +153,69 @@ fn write(path: ObjectPath, text: &str, ty: Option<ObjectType>, context: &Context
     let bus = context.bus()?;
     let slave = bus.slave()?;
     let ObjectPath { index, subindex } = path;
-    bus.diagnostics().sdo_download(slave, index, subindex, &data).map_err(Failure::Device)
+    bus.diagnostics().sdo_download(slave, index, subindex, &data).map_err(Failure::Device)?;
+    let entry = entry_of(path);
+    let written = Value::of(&data, entry);
+    let answer = match entry.is_none_or(|entry| entry.access.can_read()) {
+        true => read(&bus, slave, path).map_err(|error| not_read(&error.to_string())),
+        false => Err(WRITE_ONLY.to_owned()),
+    };
+    let read = answer.unwrap_or_else(|reason| Read::missing(slave, path, Some(reason)));
+    let written = Written { read, written };
+    context.output.data(&written, |out| print_written(&written, entry, out))?;
+    match written.is_changed(entry) {
+        true => Err(Failure::Rejected(format!(
+            "{} has another value after the write; the gateway limits or ignores it",
+            describe(index, subindex)
+        ))),
+        false => Ok(()),
+    }
+}
+
+impl Written {
+    /// Returns whether a setting has another value than the written one. Commands and requests may.
+    fn is_changed(&self, entry: Option<&Entry>) -> bool {
+        let is_setting = entry.is_some_and(|entry| entry.key.is_some());
+        is_setting && self.read.value.as_ref() != Some(&self.written)
+    }
+}
+
+const WRITE_ONLY: &str = "write-only";
+
+fn print_written(
+    written: &Written,
+    entry: Option<&Entry>,
+    out: &mut dyn Write,
+) -> std::io::Result<()> {
+    let Written { read, written } = written;
+    match &read.error {
+        None if read.value.as_ref() == Some(written) => print_read(read, out),
+        None => {
+            let name = describe(read.index, read.subindex);
+            writeln!(out, "{name}: {} written", written.text(entry))?;
+            print_read(read, out)
+        }
+        Some(reason) => {
+            let name = describe(read.index, read.subindex);
+            writeln!(out, "{name}: {} written, {reason}", written.text(entry))
+        }
+    }
+}
+
+impl Read {
+    /// An entry without value.
+    fn missing(position: usize, path: ObjectPath, error: Option<String>) -> Self {
+        let entry = entry_of(path);
+        Self {
+            position,
+            index: path.index,
+            subindex: path.subindex,
+            name: entry.map(|it| it.name),
+            access: entry.map(access),
+            error,
+            ..Self::default()
+        }
+    }
 }
 
 fn list_objects(objects: &[&'static Object], output: &Output) -> Result {
@@ -185,26 +265,19 @@ fn list(name: &str, names: bool, context: &Context) -> Result {
     if names {
         return list_entries(path.index, known, &entries, &context.output);
     }
-    let readable: Vec<_> = entries.iter().filter(|entry| entry.access.can_read()).collect();
-    if readable.is_empty() {
-        return Err(Failure::Usage(format!("{name} is write-only")));
-    }
     let bus = context.bus()?;
     let slave = bus.slave()?;
     let mut readings = Readings::default();
     let mut values = Vec::new();
-    for entry in readable {
+    for entry in entries {
         let path = ObjectPath { index: path.index, subindex: entry.subindex };
+        if !entry.access.can_read() {
+            values.push(Read::missing(slave, path, None));
+            continue;
+        }
         let read = readings.note(read(&bus, slave, path));
         readings.answers()?;
-        values.push(read.unwrap_or_else(|reason| Read {
-            position: slave,
-            index: path.index,
-            subindex: path.subindex,
-            name: Some(entry.name),
-            error: Some(reason),
-            ..Read::default()
-        }));
+        values.push(read.unwrap_or_else(|reason| Read::missing(slave, path, Some(reason))));
     }
     readings.any()?;
     context.output.data(&values, |out| {
@@ -213,7 +286,7 @@ fn list(name: &str, names: bool, context: &Context) -> Result {
             let name = it.name.unwrap_or_default().to_owned();
             let value = match &it.error {
                 Some(reason) => not_read(reason),
-                None => it.text.clone().unwrap_or_default(),
+                None => it.text.clone().unwrap_or_else(|| WRITE_ONLY.to_owned()),
             };
             let meaning = it.meaning.clone().unwrap_or_default();
             [format!(":{:02}", it.subindex), name, value, meaning]
@@ -243,11 +316,7 @@ fn list_entries(index: u16, object: &Object, entries: &[&Entry], output: &Output
         subindex: entry.subindex,
         name: entry.name,
         ty: entry.ty.name(),
-        access: match entry.access {
-            Access::Ro => "ro",
-            Access::Rw => "rw",
-            Access::Wo => "wo",
-        },
+        access: access(entry),
         unit: entry.unit,
         values: entry.values.to_vec(),
         bits: entry.bits.to_vec(),
@@ -264,4 +333,35 @@ fn list_entries(index: u16, object: &Object, entries: &[&Entry], output: &Output
             [subindex, it.ty.to_owned(), access, it.name.to_owned(), words.join(", ")]
         })
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn written(index: u16, subindex: u8, written: u64, found: u64) -> (bool, String) {
+        let path = ObjectPath { index, subindex };
+        let entry = entry_of(path);
+        let value = Value::Unsigned(found);
+        let text = Some(value.text(entry));
+        let read = Read { text, value: Some(value), ..Read::missing(0, path, None) };
+        let written = Written { read, written: Value::Unsigned(written) };
+        let mut out = Vec::new();
+        print_written(&written, entry, &mut out).unwrap();
+        (written.is_changed(entry), String::from_utf8(out).unwrap())
+    }
+
+    #[test]
+    fn setting_that_the_gateway_changes_is_reported() {
+        let name = "0x8001:19 (MCAN Channel Config 0, Nominal bitrate)";
+        let kept = format!("{name} = 250000 bit/s (0x3D090)\n");
+        assert_eq!(written(0x8001, 19, 250_000, 250_000), (false, kept));
+        let (is_changed, text) = written(0x8001, 19, 250_000, 500_000);
+        assert!(is_changed);
+        let expected =
+            format!("{name}: 250000 bit/s (0x3D090) written\n{name} = 500000 bit/s (0x7A120)\n");
+        assert_eq!(text, expected);
+        // The gateway answers a request in its own time.
+        assert!(!written(0xB000, 1, 1, 0).0);
+    }
 }

@@ -98,10 +98,24 @@ fn objects_are_read_by_number_and_name() {
         simulated(&["sdo", "read", "0xB000:1"]),
         "0xB000:01 (Device Maintenance, Access mode request) = 0: run\n"
     );
-    assert_eq!(simulated(&["sdo", "write", "0xB000:1", "factory"]), "");
+    let written = "0xB000:01 (Device Maintenance, Access mode request) = 2: factory\n";
+    assert_eq!(simulated(&["sdo", "write", "0xB000:1", "factory"]), written);
+    assert_eq!(simulated(&["sdo", "write", "access mode request", "factory"]), written);
+    let command = simulated(&["sdo", "write", "maintenance command", "1"]);
+    assert_eq!(
+        command,
+        "0xB000:04 (Device Maintenance, Maintenance command): 1 written, write-only\n"
+    );
+    let json: serde_json::Value =
+        serde_json::from_str(&simulated(&["sdo", "write", "0x8001:19", "250000", "--json"]))
+            .unwrap();
+    assert_eq!((&json["written"], &json["value"]), (&250_000.into(), &250_000.into()));
     let listed = simulated(&["sdo", "list", "maintenance"]);
     assert!(listed.starts_with("0xB000 Device Maintenance (manual 13.7)\n"), "{listed}");
     assert!(listed.contains(":05  Maintenance status             0                        OK\n"));
+    assert!(listed.contains(":04  Maintenance command            write-only\n"), "{listed}");
+    let listed = simulated(&["sdo", "list", "0xB000:4"]);
+    assert!(listed.ends_with(":04  Maintenance command  write-only\n"), "{listed}");
     // No master is needed for names alone.
     assert!(good(&["sdo", "list"]).contains("0x8001  MCAN Channel Config"));
     assert!(good(&["sdo", "list", "0xB000", "--names"]).contains("1 engineering, 2 factory"));
