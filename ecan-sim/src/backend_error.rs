@@ -12,7 +12,10 @@ use crate::scenario::{BUILTIN_SCENARIOS, ScenarioError};
 #[derive(Debug, thiserror::Error)]
 pub enum BackendError {
     /// The real library cannot be loaded.
-    #[error("{0}; without hardware select the simulated master with the setting `sim`")]
+    #[error(
+        "{0}; without hardware select the simulated master: option --ecrt sim, or the environment \
+         variable ECAN_ECRT=sim"
+    )]
     Load(#[from] LoadError),
     /// No built-in scenario has this name.
     #[error(

@@ -28,8 +28,8 @@ pub enum PlanError {
     #[error(
         "slave {slave}: {pdo} size N = {multiplier} needs {} bytes, but the IgH master puts a sync \
          manager into one datagram of at most {MAX_DATAGRAM_BYTES} bytes, so N is at most \
-         {MAX_PLAIN_MULTIPLIER}; a larger one would activate and then block the whole bus. Set the \
-         large-PDO permission only if the installed master segments process data",
+         {MAX_PLAIN_MULTIPLIER}; a larger one would activate and then block the whole bus. Set \
+         `allow_large_pdos` (option --large-pdos) only if the installed master segments process data",
         usize::from(*multiplier) * CHUNK_BYTES
     )]
     LargePdo {

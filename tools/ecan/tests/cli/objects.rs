@@ -122,6 +122,17 @@ fn objects_are_read_by_number_and_name() {
 }
 
 #[test]
+fn index_without_prefix_is_asked_for() {
+    for command in [&["sdo", "read", "8010:3"][..], &["sdo", "list", "8010"]] {
+        let message = fails(2, command);
+        let expected = "8010 is read as the decimal number of 0x1F4A, which is no known object";
+        assert!(message.contains(expected) && message.contains("write 0x8010"), "{message}");
+    }
+    let message = fails(2, &["--ecrt", "sim:drives", "node", "sdo", "read", "--node", "1", "6064"]);
+    assert!(message.contains("for the hexadecimal index 0x6064 write 0x6064"), "{message}");
+}
+
+#[test]
 fn unreadable_values_do_not_hide_others() {
     let fault = |(index, subindex): (u16, u8)| {
         format!(
@@ -135,17 +146,6 @@ fn unreadable_values_do_not_hide_others() {
     let run = |command: &[&str]| good(&[&["--ecrt", &setting][..], command].concat());
     let reason = "not read: 0x06090011 subindex does not exist";
     let info = run(&["info"]);
-#[test]
-fn index_without_prefix_is_asked_for() {
-    for command in [&["sdo", "read", "8010:3"][..], &["sdo", "list", "8010"]] {
-        let message = fails(2, command);
-        let expected = "8010 is read as the decimal number of 0x1F4A, which is no known object";
-        assert!(message.contains(expected) && message.contains("write 0x8010"), "{message}");
-    }
-    let message = fails(2, &["--ecrt", "sim:drives", "node", "sdo", "read", "--node", "1", "6064"]);
-    assert!(message.contains("for the hexadecimal index 0x6064 write 0x6064"), "{message}");
-}
-
     for name in ["TxPDO     ", "CAN2      ", "firmware  "] {
         assert!(info.contains(&format!("\n{name}{reason}\n")), "{info}");
     }
@@ -262,7 +262,7 @@ fn invalid_use_has_message_and_status() {
         (2, &["sdo", "write", "0x5000:1", "1"], "--type"),
         (2, &["--slave", "first", "info"], "expected a position"),
         (2, &["--ecrt", "sim", "sdo", "list", "0x5000"], "not in the table"),
-        (3, &["scan"], "libethercat.so.1"),
+        (3, &["scan"], "without hardware select the simulated master: option --ecrt sim"),
         (6, &["--ecrt", "sim:none", "scan"], "unknown scenario \"none\""),
         (5, &["--ecrt", "sim", "sdo", "read", "0x5000:1"], "0x06020000 object does not exist"),
         (5, &["--ecrt", "sim", "sdo", "write", "0xF000:2", "1"], "read-only"),
