@@ -25,6 +25,7 @@ mod progress;
 mod readings;
 mod reconfiguration;
 mod service_access;
+mod short_help;
 mod slave_choice;
 mod table;
 mod value;
@@ -33,7 +34,7 @@ mod via_option;
 
 use std::process::ExitCode;
 
-use clap::{CommandFactory, Parser};
+use clap::{CommandFactory, FromArgMatches, Parser};
 
 use commands::Command;
 use context::{Context, Failure, GlobalOptions, Output, note};
@@ -50,8 +51,7 @@ struct Arguments {
 }
 
 fn main() -> ExitCode {
-    let Arguments { global, command } =
-        Arguments::try_parse().unwrap_or_else(|error| reject(&error));
+    let Arguments { global, command } = parse().unwrap_or_else(|error| reject(&error));
     global.log.start();
     let output = Output::new(global.json, global.color);
     let context = Context { global: &global, output };
@@ -98,6 +98,15 @@ fn main() -> ExitCode {
             ExitCode::from(failure.status())
         }
     }
+}
+
+fn parse() -> Result<Arguments, clap::Error> {
+    let mut command = Arguments::command();
+    if short_help::is_requested() {
+        command = short_help::fold(command);
+    }
+    let matches = command.try_get_matches_from_mut(std::env::args_os())?;
+    Arguments::from_arg_matches(&matches).map_err(|error| error.format(&mut command))
 }
 
 /// Ends the program after arguments that clap rejects, or after a help.

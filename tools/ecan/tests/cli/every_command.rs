@@ -181,6 +181,24 @@ fn failure_is_json_on_stdout_with_json() {
 }
 
 #[test]
+fn short_help_folds_the_options_of_every_command() {
+    for command in [&[][..], &["dump"], &["config", "apply"], &["node", "sdo", "read"]] {
+        let short = crate::support::good(&[command, &["-h"]].concat());
+        let full = crate::support::good(&[command, &["--help"]].concat());
+        assert!(full.contains("--ecrt <LIBRARY>") && full.contains("--log <FILTER>"), "{full}");
+        let line = "see --help (--ecrt, --via, --master, --slave, --json, --color, --log)";
+        assert!(short.contains(line) && !short.contains("<LIBRARY>"), "{short}");
+        assert!(short.lines().count() < full.lines().count() - 7, "{short}");
+        // Options and examples of the command stay.
+        for word in ["Usage: ecan", "Options:", "-h, --help"] {
+            assert!(short.contains(word), "{short}");
+        }
+    }
+    assert!(crate::support::good(&["dump", "-h"]).contains("ecan dump --bitrate 1M"));
+    assert!(!crate::support::good(&["-h"]).contains("Exit status:\n"));
+}
+
+#[test]
 fn numbers_in_json_are_numbers() {
     /// Strings that are numbers, with their keys. Versions are texts.
     fn numbers(key: &str, value: &serde_json::Value, found: &mut Vec<String>) {
