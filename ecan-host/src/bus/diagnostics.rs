@@ -39,7 +39,12 @@ pub struct Diagnostics {
 }
 
 impl Diagnostics {
-    pub(crate) fn open(ecrt: &Ecrt, config: &AdapterConfig) -> Result<Self, Error> {
+    /// A handle on the slaves of a configuration, by their index in it, also while another handle of this
+    /// process drives the bus.
+    ///
+    /// # Errors
+    /// [`Error::Open`].
+    pub fn open(ecrt: &Ecrt, config: &AdapterConfig) -> Result<Self, Error> {
         let access = Box::new(Master::open(ecrt, config.master_index)?);
         let mut diagnostics = Self { access, addresses: Vec::new() };
         diagnostics.set_addresses(config);

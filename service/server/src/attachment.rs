@@ -19,6 +19,7 @@ pub(crate) struct Attachment {
     pub(crate) cycle_ns: u64,
     pub(crate) gateways: Vec<Gateway>,
     pub(crate) config: ActiveConfig,
+    pub(crate) adapter: AdapterConfig,
 }
 
 impl Attachment {
@@ -36,7 +37,8 @@ impl Attachment {
             port: serde_json::to_value(port.config()).unwrap_or_default(),
         };
         let cycle_ns = nanoseconds(port.adapter().config().cycle);
-        Self { feed, view, cycle_ns, gateways, config }
+        let adapter = *port.adapter().config();
+        Self { feed, view, cycle_ns, gateways, config, adapter }
     }
 }
 

@@ -13,6 +13,7 @@ use serde_json::Value;
 use crate::attachment::Attachment;
 use crate::extension::{Permission, result_value};
 use crate::frame_feed::Owner;
+use crate::metrics::{MetricsSample, ObjectValues};
 use crate::session::{ClientId, Host, parameters};
 use crate::workers::{Job, Workers};
 
@@ -35,6 +36,15 @@ impl Bus {
         self.hello.cycle_ns = cycle.as_ref().map(|cycle| cycle.cycle_ns);
         self.hello.gateways = cycle.as_ref().map_or_else(Vec::new, |it| it.gateways.clone());
         self.cycle = cycle;
+    }
+
+    /// Values of the metrics, except those that are read from the EtherCAT bus.
+    pub(crate) fn metrics_sample(&mut self, stats: ServiceStats, clients: usize) -> MetricsSample {
+        let attached = self.cycle.as_deref_mut();
+        let adapter = attached.as_ref().map(|cycle| cycle.adapter);
+        let cycle = attached.and_then(|cycle| cycle.view.cycle_sample(cycle.cycle_ns));
+        let (hello, objects) = (self.hello.clone(), ObjectValues::new());
+        MetricsSample { hello, stats, clients, cycle, bus: None, adapter, objects }
     }
 
     fn attached(&mut self) -> Result<&mut Attachment, RpcError> {

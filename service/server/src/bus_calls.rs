@@ -44,6 +44,11 @@ impl BusCalls {
         })
     }
 
+    /// State of the bus.
+    pub(crate) fn bus_state(&self) -> Result<BusState, Error> {
+        bus_state(&self.master()?)
+    }
+
     fn master(&self) -> Result<Master, Error> {
         Ok(Master::open(&self.ecrt, self.master_index)?)
     }

@@ -12,6 +12,8 @@ use ecan_service_protocol::{
 use hdrhistogram::Histogram;
 use serde_json::Value;
 
+use crate::metrics::{CycleSample, SlaveSample, TimeHistogram};
+
 /// Longest time in a distribution, in nanoseconds.
 const MAX_TIME_NS: u64 = 10_000_000_000;
 
@@ -23,6 +25,14 @@ pub(crate) struct BusView {
     sampled_cycle: u64,
     run_time: Histogram<u64>,
     late: Histogram<u64>,
+    /// The same samples for metrics.
+    buckets: Buckets,
+}
+
+#[derive(Debug, Clone, Copy, Default)]
+struct Buckets {
+    run_time: TimeHistogram,
+    late: TimeHistogram,
 }
 
 fn histogram() -> Histogram<u64> {
@@ -53,6 +63,7 @@ impl BusView {
             sampled_cycle: 0,
             run_time: histogram(),
             late: histogram(),
+            buckets: Buckets::default(),
         }
     }
 
@@ -61,8 +72,10 @@ impl BusView {
         if self.snapshot.update().is_ok() && self.snapshot.cycle() != self.sampled_cycle {
             self.sampled_cycle = self.snapshot.cycle();
             self.run_time.saturating_record(self.snapshot.run_time_ns());
+            self.buckets.run_time.record(self.snapshot.run_time_ns());
             if let Some(start) = self.snapshot.cycle_start() {
                 self.late.saturating_record(start.late_ns);
+                self.buckets.late.record(start.late_ns);
             }
         }
     }
@@ -83,8 +96,17 @@ impl BusView {
 
     pub(crate) fn state(&mut self, cycle_ns: u64) -> Result<State, RpcError> {
         let is_closed = self.update()?;
+        let cycle = self.cycle_state(cycle_ns, is_closed);
         let snapshot = &self.snapshot;
-        let cycle = CycleState {
+        let port = PortSnapshot::of(snapshot);
+        let gateways = port.map_or(0, |port| port.slave_count());
+        let gateways = (0..gateways).filter_map(|slave| gateway(snapshot, port?, slave)).collect();
+        Ok(State { cycle, run_time: times(&self.run_time), late: times(&self.late), gateways })
+    }
+
+    fn cycle_state(&self, cycle_ns: u64, is_closed: bool) -> CycleState {
+        let snapshot = &self.snapshot;
+        CycleState {
             cycle: snapshot.cycle(),
             time_ns: self.time_ns(),
             cycle_ns,
@@ -94,11 +116,31 @@ impl BusView {
             skipped: snapshot.skipped(),
             is_stop_requested: snapshot.is_stop_requested(),
             is_closed,
-        };
+        }
+    }
+
+    /// The last cycle for metrics; `None` before the first.
+    pub(crate) fn cycle_sample(&mut self, cycle_ns: u64) -> Option<CycleSample> {
+        let is_closed = self.update().ok()?;
+        let snapshot = &self.snapshot;
         let port = PortSnapshot::of(snapshot);
-        let gateways = port.map_or(0, |port| port.slave_count());
-        let gateways = (0..gateways).filter_map(|slave| gateway(snapshot, port?, slave)).collect();
-        Ok(State { cycle, run_time: times(&self.run_time), late: times(&self.late), gateways })
+        let slaves = (0..port.map_or(0, |port| port.slave_count())).filter_map(|slave| {
+            let port = port?;
+            let status = |channel| port.channel_status(slave, channel);
+            Some(SlaveSample {
+                session: port.session(slave)?,
+                report: snapshot.domain_report(slave).unwrap_or_default(),
+                statistics: port.statistics(slave)?,
+                channels: [status(0), status(1), status(2), status(3)],
+            })
+        });
+        Some(CycleSample {
+            state: self.cycle_state(cycle_ns, is_closed),
+            run_time: self.buckets.run_time,
+            late: self.buckets.late,
+            slaves: slaves.collect(),
+            axes: AxesSnapshot::of(snapshot).iter().flat_map(|axes| axes.axes()).collect(),
+        })
     }
 
     pub(crate) fn axes(&mut self) -> Result<Axes, RpcError> {

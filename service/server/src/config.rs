@@ -2,6 +2,7 @@
 
 use std::fmt;
 use std::io;
+use std::net::SocketAddr;
 use std::os::unix::net::UnixListener;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -9,6 +10,7 @@ use std::sync::Arc;
 use thiserror::Error;
 
 use crate::extension::Extension;
+use crate::metrics::MetricsConfig;
 
 /// Clients with control: they send frames, download SDOs and call the controlling methods of
 /// extensions. All other clients that may open the socket only read.
@@ -54,6 +56,8 @@ pub struct ServiceConfig {
     /// A socket that listens already, for example one of systemd. Its file and permissions are not the
     /// service's; `path` is for messages only.
     pub listener: Option<UnixListener>,
+    /// Metrics for Prometheus; by default none.
+    pub metrics: Option<MetricsConfig>,
 }
 
 impl ServiceConfig {
@@ -72,6 +76,7 @@ impl ServiceConfig {
             version: env!("CARGO_PKG_VERSION").into(),
             extensions: Vec::new(),
             listener: None,
+            metrics: None,
         }
     }
 
@@ -93,6 +98,13 @@ impl ServiceConfig {
     #[must_use]
     pub fn with_extension(mut self, extension: impl Extension + 'static) -> Self {
         self.extensions.push(Arc::new(extension));
+        self
+    }
+
+    /// Serves metrics, on a thread of their own.
+    #[must_use]
+    pub fn with_metrics(mut self, metrics: MetricsConfig) -> Self {
+        self.metrics = Some(metrics);
         self
     }
 }
@@ -134,6 +146,20 @@ pub enum ServiceError {
     /// The queue of a client is too small for one image.
     #[error("client queue of {0} bytes is out of range; allowed: at least 8192")]
     QueueBytes(usize),
+    /// Other hosts reach the address of the metrics.
+    #[error(
+        "metrics address {0} is not a loopback address; allowed: 127.0.0.1, [::1] or unix:PATH; the \
+         metrics have no access control, permit other hosts with allows_remote (--metrics-remote)"
+    )]
+    RemoteMetrics(SocketAddr),
+    /// The address of the metrics cannot be used.
+    #[error("cannot listen at metrics address {address}: {source}; set another address")]
+    MetricsAddress {
+        /// The address.
+        address: SocketAddr,
+        /// Error of the system.
+        source: io::Error,
+    },
     /// The thread cannot be started.
     #[error("cannot start the service's thread: {0}")]
     Thread(io::Error),

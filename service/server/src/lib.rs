@@ -16,6 +16,7 @@ mod config;
 mod extension;
 mod frame_feed;
 mod listener;
+mod metrics;
 mod offline_session;
 mod output_queue;
 mod permission;
@@ -28,6 +29,7 @@ mod workers;
 
 pub use config::{Control, ServiceConfig, ServiceError};
 pub use extension::{Extension, Permission, parse_params, result_value};
+pub use metrics::{MetricsAddress, MetricsAddressError, MetricsConfig};
 #[doc(hidden)]
 pub use offline_session::OfflineSession;
 pub use service::{ServePort, Service};

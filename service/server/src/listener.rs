@@ -36,18 +36,31 @@ struct SocketFile {
 impl Listener {
     /// Listens at the path of the configuration, or uses its listener.
     pub(crate) fn open(config: &mut ServiceConfig) -> Result<Self, ServiceError> {
-        let group = config.group.as_deref().map(group_id).transpose()?;
-        let path = &config.path;
-        let socket_error = |what, source| ServiceError::Socket { path: path.clone(), what, source };
-        if let Some(socket) = config.listener.take() {
-            socket.set_nonblocking(true).map_err(|error| socket_error("listener", error))?;
-            return Ok(Self { socket, file: None });
-        }
-        check_free(path)?;
-        let (socket, id) =
-            create(path, config.mode, group).map_err(|(what, error)| socket_error(what, error))?;
-        let file = SocketFile { path: path.clone(), mode: config.mode, group, id };
-        Ok(Self { socket, file: Some(file) })
+        let group = config.group.as_deref();
+        let Some(socket) = config.listener.take() else {
+            return Self::create_at(config.path.clone(), config.mode, group);
+        };
+        group.map(group_id).transpose()?;
+        let (path, what) = (config.path.clone(), "listener");
+        socket.set_nonblocking(true).map_err(|source| ServiceError::Socket {
+            path,
+            what,
+            source,
+        })?;
+        Ok(Self { socket, file: None })
+    }
+
+    /// Listens at a path.
+    pub(crate) fn create_at(
+        path: PathBuf,
+        mode: u32,
+        group: Option<&str>,
+    ) -> Result<Self, ServiceError> {
+        let group = group.map(group_id).transpose()?;
+        check_free(&path)?;
+        let (socket, id) = create(&path, mode, group)
+            .map_err(|(what, source)| ServiceError::Socket { path: path.clone(), what, source })?;
+        Ok(Self { socket, file: Some(SocketFile { path, mode, group, id }) })
     }
 
     pub(crate) fn accept(&self) -> rustix::io::Result<OwnedFd> {

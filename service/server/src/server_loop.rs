@@ -137,6 +137,11 @@ impl ServerLoop {
                 self.access = access;
             }
             Update::MaxClients(max_clients) => self.limits.max_clients = max_clients,
+            Update::Metrics(reply) => {
+                let (stats, clients) = (self.clients.stats.clone(), self.clients.all.len());
+                // The thread of the metrics may no longer wait.
+                let _ = reply.send(self.bus.metrics_sample(stats, clients));
+            }
             Update::Notify(method, params) => {
                 self.clients.notify(&Response::notification(&method, params));
             }

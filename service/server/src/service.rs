@@ -14,6 +14,7 @@ use crate::attachment::Attachment;
 use crate::bus::Bus;
 use crate::config::{Control, ServiceConfig, ServiceError};
 use crate::listener::Listener;
+use crate::metrics::{MetricsAddress, MetricsServer};
 use crate::permission::AccessRule;
 use crate::server_loop::{Limits, ServerLoop};
 use crate::shared::{Shared, Update};
@@ -27,6 +28,8 @@ const MIN_QUEUE_BYTES: usize = 8192;
 pub struct Service {
     shared: Arc<Shared>,
     thread: Option<JoinHandle<()>>,
+    /// Ends before the thread of the service, which answers it.
+    metrics: Option<MetricsServer>,
     path: PathBuf,
     ring_bytes: usize,
     queue_depth: usize,
@@ -68,6 +71,11 @@ impl Service {
         let clock = ecrt.clock().clone();
         let bus = Bus { hello, cycle: None, clock, workers, stats: ServiceStats::default() };
         let shared = Arc::new(Shared::new(waker));
+        let socket = (config.mode, config.group.as_deref());
+        let metrics = config
+            .metrics
+            .map(|metrics| MetricsServer::start(&metrics, socket, &shared, ecrt, master_index));
+        let metrics = metrics.transpose()?;
         let limits = Limits {
             max_clients: config.max_clients,
             queue_bytes: config.queue_bytes,
@@ -78,6 +86,7 @@ impl Service {
         Ok(Self {
             shared,
             thread: Some(thread),
+            metrics,
             path: config.path,
             ring_bytes: config.ring_bytes,
             queue_depth: config.window.max(1) as usize * 4,
@@ -121,6 +130,11 @@ impl Service {
     pub fn path(&self) -> &Path {
         &self.path
     }
+
+    /// Address of the metrics, with the port that the system has chosen for port 0.
+    pub fn metrics_address(&self) -> Option<&MetricsAddress> {
+        self.metrics.as_ref().map(MetricsServer::address)
+    }
 }
 
 fn spawn(server: ServerLoop) -> io::Result<JoinHandle<()>> {
@@ -129,6 +143,7 @@ fn spawn(server: ServerLoop) -> io::Result<JoinHandle<()>> {
 
 impl Drop for Service {
     fn drop(&mut self) {
+        self.metrics = None;
         self.shared.stop();
         if let Some(thread) = self.thread.take() {
             // A panic in it was reported on standard error.

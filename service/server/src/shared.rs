@@ -1,14 +1,20 @@
 //! State that a service and its thread share.
 
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{SyncSender, sync_channel};
 use std::sync::{Mutex, PoisonError};
+use std::time::Duration;
 
 use ecan_service_protocol::Response;
 use serde_json::Value;
 
 use crate::attachment::Attachment;
+use crate::metrics::MetricsSample;
 use crate::permission::AccessRule;
 use crate::workers::Waker;
+
+/// Time that the thread of the service has for a sample.
+const SAMPLE_LIMIT: Duration = Duration::from_secs(2);
 
 /// Change of a running service.
 #[derive(Debug)]
@@ -21,6 +27,8 @@ pub(crate) enum Update {
     MaxClients(usize),
     /// A notification for every client.
     Notify(String, Value),
+    /// A request for a sample of everything that metrics show.
+    Metrics(SyncSender<MetricsSample>),
 }
 
 #[derive(Debug)]
@@ -51,6 +59,13 @@ impl Shared {
     pub(crate) fn send(&self, update: Update) {
         self.updates.lock().unwrap_or_else(PoisonError::into_inner).push(update);
         self.waker.wake();
+    }
+
+    /// Everything that metrics show, from the thread of the service; `None` if it does not answer.
+    pub(crate) fn metrics_sample(&self) -> Option<MetricsSample> {
+        let (sender, receiver) = sync_channel(1);
+        self.send(Update::Metrics(sender));
+        receiver.recv_timeout(SAMPLE_LIMIT).ok()
     }
 
     pub(crate) fn take_updates(&self) -> Vec<Update> {

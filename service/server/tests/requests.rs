@@ -2,6 +2,7 @@
 #![allow(missing_docs)]
 
 mod common;
+mod metrics;
 
 use std::io::{Read as _, Write as _};
 use std::os::unix::net::UnixStream;

@@ -21,6 +21,7 @@ mod frames_end;
 mod frames_files;
 mod host;
 mod maintenance;
+mod metrics;
 mod monitor;
 mod monitor_service;
 mod monitor_terminal;

@@ -1,10 +1,11 @@
 //! Arguments of `ecan serve`, and the access of its clients.
 
 use std::path::PathBuf;
+use std::time::Duration;
 
 use clap::Args;
 use ecan_config_file::ServiceSettings;
-use ecan_service::Control;
+use ecan_service::{Control, MetricsAddress, MetricsConfig};
 
 use crate::frames::GatewayOptions;
 
@@ -21,11 +22,34 @@ pub struct ServeArguments {
     pub group: Option<String>,
     #[command(flatten)]
     pub access: Access,
+    /// Metrics for Prometheus at a loopback address or Unix socket, for example 127.0.0.1:9464 or
+    /// unix:PATH
+    #[arg(long, value_name = "ADDRESS")]
+    metrics: Option<MetricsAddress>,
+    /// Permit an address of --metrics that other hosts reach
+    #[arg(long, requires = "metrics")]
+    metrics_remote: bool,
+    /// Read error counters of the gateways (0x9000, 0x9020) for --metrics in this interval, 1 to 3600
+    /// [default: not read]
+    #[arg(long, value_name = "SECONDS", requires = "metrics",
+        value_parser = clap::value_parser!(u64).range(1..=3600))]
+    metrics_objects: Option<u64>,
     /// Run no cycle; serve the state of the bus and SDO transfers only
     #[arg(long, conflicts_with_all = ["config", "bitrate"])]
     pub idle: bool,
     #[command(flatten)]
     pub options: GatewayOptions,
+}
+
+impl ServeArguments {
+    pub fn metrics(&self) -> Option<MetricsConfig> {
+        let address = self.metrics.clone()?;
+        Some(MetricsConfig {
+            allows_remote: self.metrics_remote,
+            object_interval: self.metrics_objects.map(Duration::from_secs),
+            ..MetricsConfig::new(address)
+        })
+    }
 }
 
 /// Access of the clients; what is not given comes from the table `[service]` of the file.

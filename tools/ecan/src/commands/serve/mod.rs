@@ -17,7 +17,7 @@ use std::thread::sleep;
 
 use ecan_command_line::interrupt::Interrupt;
 use ecan_config_file::ServiceSettings;
-use ecan_service::{Service, ServiceConfig};
+use ecan_service::{MetricsAddress, Service, ServiceConfig, ServiceError};
 use ecan_service_client::Hello;
 use ecan_sim::{Backend, ClockKind};
 use listenfd::ListenFd;
@@ -40,6 +40,7 @@ Examples:
   ecan serve --config cell.toml                the gateways of a file, clients of this user may control
   ecan serve --bitrate 1M --read-only          all gateways of the bus, clients only read
   ecan serve --idle                            no cycle: SDO transfers only
+  ecan serve --config cell.toml --metrics 127.0.0.1:9464    with metrics for Prometheus
   ecan --ecrt sim:drives serve                 a simulated machine that stays alive
 
 Clients: ecan --via, docs/SERVICE.md. SIGHUP reads the file again. A fault that may pass (no link, a slave that does
@@ -67,7 +68,17 @@ pub fn run(arguments: &ServeArguments, context: &Context) -> Result {
     }
     let access = access_text(&config.control);
     let service = Service::of_bus(&backend.ecrt, master, config);
-    let service = Arc::new(service.map_err(|error| Failure::Host(error.to_string()))?);
+    let service = Arc::new(service.map_err(|error| match error {
+        ServiceError::RemoteMetrics(_) => Failure::Usage(error.to_string()),
+        error => Failure::Host(error.to_string()),
+    })?);
+    match service.metrics_address() {
+        Some(MetricsAddress::Tcp(address)) => {
+            note(format_args!("metrics at http://{address}/metrics"))
+        }
+        Some(address) => note(format_args!("metrics at {address}")),
+        None => {}
+    }
     note(format_args!("serving master {master} at {}, {access}", service.path().display()));
     let active = ActiveConfig::default();
     let reloader = Reloader {
@@ -122,7 +133,7 @@ fn service_config(
     let mut config =
         ServiceConfig::new(path).with_control(control).with_name(NAME, env!("CARGO_PKG_VERSION"));
     (config.group, config.max_clients) = (arguments.group.clone(), max_clients.into());
-    config.listener = passed;
+    (config.listener, config.metrics) = (passed, arguments.metrics());
     if let Some(simulation) = &backend.simulation {
         config = config.with_extension(SimulationMethods::new(simulation));
     }

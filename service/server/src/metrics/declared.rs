@@ -1,0 +1,333 @@
+//! Every metric, in the order of a response.
+
+use ecan_mcan_port::{ChannelStatistics, SessionState, SlaveStatistics};
+use ecan_protocol::image::ChannelState;
+
+use super::metric::{Metric, Source};
+
+const NS_PER_S: f64 = 1e9;
+
+/// Declares one counter for each field of a struct, in the form that names every field.
+macro_rules! counters {
+    (
+        $declared:ident: $prefix:literal, $source:path, $owner:ident { $($other:ident),* };
+        $( $field:ident $help:literal; )+
+    ) => {
+        pub(super) static $declared: &[Metric] = &[$(
+            Metric::new(
+                concat!($prefix, stringify!($field), "_total"),
+                $help,
+                $source(|it| {
+                    let $owner { $field, .. } = it;
+                    *$field
+                }),
+            ),
+        )+];
+
+        const _: fn($owner) = |it| {
+            let $owner { $($field: _,)+ $($other: _,)* } = it;
+        };
+    };
+}
+
+fn flag(is_set: bool) -> f64 {
+    f64::from(u8::from(is_set))
+}
+
+/// All metrics.
+pub(crate) fn metrics() -> impl Iterator<Item = &'static Metric> {
+    [SERVICE, CYCLE, SLAVE, SLAVE_COUNTERS, CHANNEL, CHANNEL_COUNTERS, OBJECTS, AXIS]
+        .into_iter()
+        .flatten()
+}
+
+static SERVICE: &[Metric] = &[
+    Metric::new("ecan_build_info", "Program that serves the metrics, always 1.", Source::Build),
+    Metric::new(
+        "ecan_service_clients",
+        "Connected clients of the service.",
+        Source::Service(|it| it.clients as f64),
+    ),
+    Metric::new(
+        "ecan_service_clients_accepted_total",
+        "Clients that the service accepted.",
+        Source::Service(|it| it.stats.clients_accepted as f64),
+    ),
+    Metric::new(
+        "ecan_service_clients_rejected_total",
+        "Clients that the service rejected: too many, or no file descriptor.",
+        Source::Service(|it| it.stats.clients_rejected as f64),
+    ),
+    Metric::new(
+        "ecan_service_frames_lost_total",
+        "Frames lost for all subscribers because the ring of the cycle was full.",
+        Source::Service(|it| it.stats.frames_lost_in_ring as f64),
+    ),
+    Metric::new(
+        "ecan_service_images_lost_total",
+        "PDO images lost for all subscribers because the ring of the cycle was full.",
+        Source::Service(|it| it.stats.images_lost_in_ring as f64),
+    ),
+    Metric::new(
+        "ecan_bus_slaves_responding",
+        "Slaves that answer, over all links.",
+        Source::Bus(|it| f64::from(it.slaves_responding)),
+    ),
+    Metric::new(
+        "ecan_bus_link_up",
+        "1 while at least one link of the master is up.",
+        Source::Bus(|it| flag(it.link_up)),
+    ),
+    Metric::new(
+        "ecan_bus_al_state",
+        "1 for each AL state that at least one slave has.",
+        Source::AlState(&[("init", 1), ("preop", 2), ("safeop", 4), ("op", 8)]),
+    ),
+    Metric::new(
+        "ecan_cycle_active",
+        "1 while an application runs the cycle.",
+        Source::Service(|it| flag(it.cycle.as_ref().is_some_and(|it| !it.state.is_closed))),
+    ),
+];
+
+static CYCLE: &[Metric] = &[
+    Metric::new("ecan_cycles_total", "Cycles.", Source::Cycle(|it| it.state.cycle as f64)),
+    Metric::new(
+        "ecan_cycle_period_seconds",
+        "Configured period of the cycle.",
+        Source::Cycle(|it| it.state.cycle_ns as f64 / NS_PER_S),
+    ),
+    Metric::new(
+        "ecan_cycle_start_timestamp_seconds",
+        "Start of the last cycle since 1970; of a simulated time, since its start.",
+        Source::Cycle(|it| it.state.time_ns as f64 / NS_PER_S),
+    ),
+    Metric::new(
+        "ecan_cycle_overruns_total",
+        "Cycles that missed a deadline.",
+        Source::Cycle(|it| it.state.overruns as f64),
+    ),
+    Metric::new(
+        "ecan_cycle_deadlines_skipped_total",
+        "Deadlines that were skipped after overruns.",
+        Source::Cycle(|it| it.state.skipped as f64),
+    ),
+    Metric::new(
+        "ecan_cycle_run_time_seconds",
+        "Time from the start of a cycle to the end of sending, of one cycle in 50 ms.",
+        Source::Times(|it| &it.run_time),
+    ),
+    Metric::new(
+        "ecan_cycle_start_delay_seconds",
+        "Delay of the start of a cycle after its deadline, of one cycle in 50 ms.",
+        Source::Times(|it| &it.late),
+    ),
+];
+
+static SLAVE: &[Metric] = &[
+    Metric::new(
+        "ecan_slave_info",
+        "Configured alias and position of a slave, always 1.",
+        Source::Address,
+    ),
+    Metric::new(
+        "ecan_slave_ready",
+        "1 while the gateway is verified and frames can be sent.",
+        Source::Slave(|it| flag(it.session == SessionState::Ready)),
+    ),
+    Metric::new(
+        "ecan_slave_session_state",
+        "1 for the present state of the session with the gateway.",
+        Source::Session(&[
+            ("waiting", SessionState::Waiting),
+            ("verifying", SessionState::Verifying),
+            ("ready", SessionState::Ready),
+            ("failed", SessionState::Failed),
+        ]),
+    ),
+    Metric::new(
+        "ecan_slave_wkc",
+        "Working counter of the last cycle.",
+        Source::Slave(|it| f64::from(it.report.working_counter)),
+    ),
+    Metric::new(
+        "ecan_slave_wkc_expected",
+        "Working counter of a complete exchange.",
+        Source::Slave(|it| f64::from(it.report.expected_working_counter)),
+    ),
+];
+
+counters! {
+    SLAVE_COUNTERS: "ecan_slave_", Source::SlaveCount, SlaveStatistics { channels };
+    cycles "Cycles since the gateway was ready for the first time.";
+    incomplete_cycles "Those of ecan_slave_cycles_total whose working counter was not complete.";
+    rxpdo_published "RxPDO images published with a new sequence.";
+    rxpdo_repeated "Cycles in which an unconfirmed image was sent again.";
+    rxpdo_discarded "RxPDO images with frames that were withdrawn before their delivery was confirmed.";
+    txpdo_received "TxPDO images with new content.";
+    txpdo_repeated "Cycles without a new TxPDO image.";
+    txpdo_lost "TxPDO images that did not arrive, or damaged.";
+    txpdo_discarded "TxPDO images that arrived while the gateway was not ready.";
+    txpdo_unknown "Most TxPDO images that can have been lost in outages.";
+    txpdo_torn "TxPDO images that were being written while they were read.";
+    txpdo_incomplete "TxPDO images that the gateway marked as incomplete.";
+    txpdo_layout_changes "TxPDO images with another layout than the configured one.";
+    parse_errors "TxPDO images or packets with a fault: bad CRC, bad header, bad packet.";
+    unmatched_results "Transmit results that match no send.";
+    sessions "Times that the gateway became ready.";
+    sessions_lost "Times that the gateway was lost while it was ready.";
+    verification_failures "Verifications of the gateway that failed.";
+    startup_requests "Requests of another startup because the gateway stayed in a state below OP.";
+}
+
+static CHANNEL: &[Metric] = &[
+    Metric::new(
+        "ecan_channel_state",
+        "1 for the present state of an enabled channel.",
+        Source::ChannelState(&[
+            ("disabled", ChannelState::Disabled),
+            ("init", ChannelState::Init),
+            ("run", ChannelState::Run),
+            ("bus_off", ChannelState::BusOff),
+            ("error", ChannelState::Error),
+            ("listen", ChannelState::Listen),
+        ]),
+    ),
+    Metric::new(
+        "ecan_channel_error_warning",
+        "1 while the channel reports error warning, error passive or a degraded bus.",
+        Source::Channel(|it| flag(it.warn())),
+    ),
+    Metric::new(
+        "ecan_channel_receive_pressure",
+        "1 while the receive FIFO of the channel is nearly full or has overflowed.",
+        Source::Channel(|it| flag(it.rx_pressure())),
+    ),
+    Metric::new(
+        "ecan_channel_transmit_pressure",
+        "1 while the transmit FIFO or queue of the channel is congested.",
+        Source::Channel(|it| flag(it.tx_pressure())),
+    ),
+    Metric::new(
+        "ecan_channel_frames_pending",
+        "Frames without a known result so far.",
+        Source::ChannelPending(|it| it.frames_pending),
+    ),
+];
+
+counters! {
+    CHANNEL_COUNTERS: "ecan_channel_", Source::ChannelCount, ChannelStatistics { frames_pending };
+    frames_accepted "Frames that a send accepted.";
+    frames_sent "Frames of RxPDO images that were published.";
+    frames_confirmed "Frames of images that the slave controller took.";
+    frames_delivered "Frames that the gateway took in OP.";
+    frames_lost "Frames of published images that the gateway certainly did not take.";
+    frames_discarded "Frames that never left the host.";
+    frames_unknown "Frames that the gateway may have taken.";
+    frames_received "Frames taken out of TxPDO images.";
+    frames_not_taken "Frames that arrived and that the application did not take.";
+    rejected_image_full "Frames rejected because the image was full.";
+    rejected_queue_full "Frames rejected because the transmit queue of the gateway might not hold them.";
+    rejected_bus_off "Frames rejected because the channel was bus-off.";
+    results_ok "Transmit results that reported success.";
+    results_failed "Transmit results that reported a failure.";
+    bus_off_images "TxPDO images that reported the channel as bus-off.";
+    not_running_images "TxPDO images that reported the channel as not running, without bus-off.";
+}
+
+/// Declares a value of an object of a channel.
+const fn object(
+    name: &'static str,
+    help: &'static str,
+    (index, subindex): (u16, u8),
+    value: fn(u32) -> f64,
+) -> Metric {
+    Metric::new(name, help, Source::Object { index, subindex, value })
+}
+
+const ERROR_COUNTERS: (u16, u8) = (0x9000, 1);
+
+static OBJECTS: &[Metric] = &[
+    object(
+        "ecan_channel_device_transmit_errors",
+        "Transmit error counter of the CAN controller (0x9000:01).",
+        ERROR_COUNTERS,
+        |raw| f64::from(raw & 0xFF),
+    ),
+    object(
+        "ecan_channel_device_receive_errors",
+        "Receive error counter of the CAN controller, up to 127 (0x9000:01).",
+        ERROR_COUNTERS,
+        |raw| f64::from(raw >> 8 & 0x7F),
+    ),
+    object(
+        "ecan_channel_device_backpressure_total",
+        "Times that the transmit queue of the channel was full (0x9000:14).",
+        (0x9000, 14),
+        f64::from,
+    ),
+    object(
+        "ecan_channel_device_received_dropped_total",
+        "Received frames that the gateway dropped (0x9020:05).",
+        (0x9020, 5),
+        f64::from,
+    ),
+    object(
+        "ecan_channel_device_transmit_fifo_full_total",
+        "Times that the transmit FIFO of the CAN controller was full (0x9020:11).",
+        (0x9020, 11),
+        f64::from,
+    ),
+    object(
+        "ecan_channel_device_stale_dropped_total",
+        "Frames to transmit that the gateway dropped because they were too old (0x9020:12).",
+        (0x9020, 12),
+        f64::from,
+    ),
+    object(
+        "ecan_channel_device_bus_off_total",
+        "Times that the channel went bus-off (0x9020:13).",
+        (0x9020, 13),
+        f64::from,
+    ),
+    object(
+        "ecan_channel_device_recovery_attempts_total",
+        "Automatic attempts to recover from bus-off (0x9020:14).",
+        (0x9020, 14),
+        f64::from,
+    ),
+    object(
+        "ecan_channel_device_degraded",
+        "1 while the data path of the channel is degraded or protected (0x9020:15).",
+        (0x9020, 15),
+        |raw| flag(raw != 0),
+    ),
+];
+
+static AXIS: &[Metric] = &[
+    Metric::new(
+        "ecan_axis_running",
+        "1 while the axis follows targets.",
+        Source::Axis(|it| Some(flag(it.is_running))),
+    ),
+    Metric::new(
+        "ecan_axis_hold",
+        "1 while the axis holds and waits for the application.",
+        Source::Axis(|it| Some(flag(it.hold_reason.is_some()))),
+    ),
+    Metric::new(
+        "ecan_axis_emergency_code",
+        "Error code of the last emergency message of the drive; 0 for none.",
+        Source::Axis(|it| Some(f64::from(it.error_code))),
+    ),
+    Metric::new(
+        "ecan_axis_actual_age_cycles",
+        "Age of the actual position in cycles; 65535 is more or never.",
+        Source::Axis(|it| Some(f64::from(it.actual_age))),
+    ),
+    Metric::new(
+        "ecan_axis_following_error_steps",
+        "Target minus actual position, in steps of the drive.",
+        Source::Axis(|it| it.following_error().map(|steps| steps as f64)),
+    ),
+];
