@@ -61,6 +61,15 @@ pub enum ParseErrorKind {
     /// The raw DLC of a classic frame is not a digit from 9 to F.
     #[error("expected the raw DLC of a frame of 8 bytes, 9 to F")]
     RawDlc,
+    /// The CAN ID on the screen has neither 3 nor 8 hex digits.
+    #[error("expected a CAN ID of 3 or 8 hex digits")]
+    ScreenIdentifier,
+    /// The length on the screen is not `[n]` or `[nn]`.
+    #[error("expected the length in brackets, [0] to [8], or [00] to [64] for CAN FD")]
+    ScreenLength,
+    /// The screen shows another number of data bytes than the length in brackets.
+    #[error("expected {0} data bytes of two hex digits each")]
+    ScreenData(u8),
     /// Text other than a direction mark after the frame.
     #[error("expected the end of the line, or a direction mark R or T")]
     Trailing,

@@ -1,5 +1,5 @@
 //! Parser and formatter for candump logs (`candump -L`, `candump -l`), `cansend` frames, candump's
-//! screen columns and its filters.
+//! screen and its filters.
 //!
 //! `no_std` without allocation: a [`Record`] borrows the interface name from its line.
 //!
@@ -18,6 +18,17 @@
 //! data      = pairs of hex digits
 //! raw       = "_" hex digit 9 to F        after 8 bytes or dlc 8: the DLC on the bus; not kept
 //! direction = "R" | "T"                   received or sent
+//! ```
+//!
+//! [`parse_screen_line`] parses what candump prints:
+//!
+//! ```text
+//! screen    = blank | comment | detail | [SP] ["(" time ")" SP] interface SP [flags SP] id SP shown
+//! detail    = tab or 4 blanks, anything   line about the frame above (`-e`, `ecan dump --dbc`)
+//! time      = seconds "." fraction | date SP time of day "." fraction (`-t A`)
+//! flags     = ("RX" | "TX") SP ("B" | "-") SP ("E" | "-")     direction, BRS, ESI (`-x`)
+//! shown     = "[" digit "]" bytes | "[" digit "] remote request" | "[" 2 digits "]" bytes   (CAN FD)
+//! bytes     = as many pairs of hex digits as the length, ["'" ASCII "'"] (`-a`), ["+" gateway time]
 //! ```
 //!
 //! Several blanks or tabs are accepted in place of one blank (SP), as are lower-case hex digits and
@@ -44,6 +55,7 @@ mod frame_text;
 mod parse;
 mod record;
 mod screen;
+mod screen_record;
 
 pub use error::{ParseError, ParseErrorKind};
 pub use filter::{Filter, FilterError};
@@ -51,3 +63,4 @@ pub use frame_text::FrameText;
 pub use parse::{parse_frame, parse_line};
 pub use record::{DirectionMark, Record};
 pub use screen::ScreenFrame;
+pub use screen_record::{ScreenRecord, ScreenTime, parse_screen_line};

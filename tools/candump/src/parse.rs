@@ -46,7 +46,7 @@ pub fn parse_frame(text: &str) -> Result<CanFrame, ParseError> {
     if cursor.at_end() { Ok(frame) } else { Err(cursor.error(ParseErrorKind::Trailing)) }
 }
 
-fn blank(cursor: &mut Cursor<'_>) -> Result<(), ParseError> {
+pub(crate) fn blank(cursor: &mut Cursor<'_>) -> Result<(), ParseError> {
     if cursor.take_blanks() { Ok(()) } else { Err(cursor.error(ParseErrorKind::Blank)) }
 }
 
@@ -55,6 +55,14 @@ fn time(cursor: &mut Cursor<'_>) -> Result<u64, ParseError> {
     if !cursor.take(b'(') {
         return Err(cursor.error(ParseErrorKind::TimeStart));
     }
+    time_in_brackets(cursor, &start)
+}
+
+/// Parses a time after its `(`, which is at `start`.
+pub(crate) fn time_in_brackets(
+    cursor: &mut Cursor<'_>,
+    start: &Cursor<'_>,
+) -> Result<u64, ParseError> {
     let too_late = || start.error(ParseErrorKind::TimeRange);
     let mut seconds: Option<u64> = None;
     while let Some(digit) = cursor.take_decimal() {
@@ -105,6 +113,14 @@ fn frame(cursor: &mut Cursor<'_>) -> Result<CanFrame, ParseError> {
 }
 
 fn identifier(cursor: &mut Cursor<'_>) -> Result<CanId, ParseError> {
+    identifier_before(cursor, |cursor| cursor.take(b'#'))
+}
+
+/// Parses a CAN ID that is followed by what `take_end` takes.
+pub(crate) fn identifier_before<'a>(
+    cursor: &mut Cursor<'a>,
+    take_end: impl FnOnce(&mut Cursor<'a>) -> bool,
+) -> Result<CanId, ParseError> {
     let start = *cursor;
     let mut id = 0;
     let mut digits = 0;
@@ -114,7 +130,7 @@ fn identifier(cursor: &mut Cursor<'_>) -> Result<CanId, ParseError> {
         id = id << 4 | u32::from(digit);
         digits += 1;
     }
-    if !matches!(digits, 3 | 8) || !cursor.take(b'#') {
+    if !matches!(digits, 3 | 8) || !take_end(cursor) {
         return Err(cursor.error(ParseErrorKind::Identifier));
     }
     let extended = digits == 8;
