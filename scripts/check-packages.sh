@@ -3,7 +3,7 @@
 set -euo pipefail
 cd "$(dirname "$0")/.."
 crates=(ecan-protocol ecrt-sys ecan-host ecan-mcan-port ecan-canopen ecan-cia402 ecan-config-file
-    ecan-candump ecan-bridge ecan-service-protocol ecan-service-client ecan-service
+    ecan-candump ecan-recording ecan-bridge ecan-service-protocol ecan-service-client ecan-service
     ecan-service-zenoh ecan-sim ecan-sim-bridge ecan-lite)
 # Without compiling them again: the workspace is compiled by the other stages.
 cargo package --quiet --no-verify --allow-dirty --locked "${crates[@]/#/--package=}"

@@ -282,7 +282,7 @@ fn replay(name: &str, log: &str) -> Scenario {
     std::fs::write(&file, log).unwrap();
     let mut scenario = ecan_sim::echo(1);
     scenario.nodes.truncate(1);
-    scenario.nodes[0].kind = NodeKind::Replay { file };
+    scenario.nodes[0].kind = NodeKind::Replay { file, options: Default::default() };
     scenario
 }
 

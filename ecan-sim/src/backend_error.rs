@@ -4,6 +4,7 @@ use std::error::Error;
 use std::path::PathBuf;
 
 use ecan_canopen::DeviceFileFaults;
+use ecan_recording::RecordingError;
 use ecrt_sys::{EnvironmentError, LoadError};
 
 use crate::scenario::{BUILTIN_SCENARIOS, ScenarioError};
@@ -47,9 +48,9 @@ pub enum BackendError {
     /// The device file (EDS or DCF) of a drive cannot be used: all its faults.
     #[error("{0}, {1}")]
     DeviceFile(PathBuf, DeviceFileFaults),
-    /// A candump log of the scenario is invalid: line, from 1, and error.
-    #[error("{0}, line {1}: {2}")]
-    Log(PathBuf, usize, String),
+    /// A recording of the scenario is invalid.
+    #[error("{0}, {1}")]
+    Recording(PathBuf, RecordingError),
 }
 
 impl BackendError {

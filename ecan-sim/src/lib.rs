@@ -37,7 +37,7 @@ pub use drive::{
 };
 pub use node::{
     BridgeFactory, BridgeProtocol, BridgeSpec, EchoNode, FaultyConfig, FaultyNode, Node,
-    NodeOutput, ReplayError, ReplayNode, ReplayRecord, SilentNode,
+    NodeOutput, ReplayNode, ReplayRecord, SilentNode,
 };
 
 // World and front ends

@@ -3,8 +3,7 @@
 use ecan_mcan_port::{Cycle, FrameRate, FrameStream, OkOrTemporary, PortConfig, SendError};
 use ecan_protocol::can::{CanFrame, CanId};
 use ecan_protocol::mapping::{CHANNELS, Direction};
-
-use crate::log_file::LoggedFrame;
+use ecan_recording::LoggedFrame;
 
 /// Selection of the channels of each gateway.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -6,10 +6,11 @@ use std::path::Path;
 use ecan_host::AdapterConfig;
 use ecan_mcan_port::{GatewayConfig, PortConfig};
 use ecan_protocol::can::CanId;
+use ecan_recording::LoggedFrame;
 
 use crate::frame_source::{Channels, RecordedFrame, Source, Target};
 use crate::gateway_arguments::GatewayArguments;
-use crate::log_file::{self, LoggedFrame};
+use crate::log_file;
 
 /// Gaps of a recording that are reported, ns.
 const LONG_GAP_NS: u64 = 60_000_000_000;

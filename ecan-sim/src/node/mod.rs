@@ -20,7 +20,7 @@ pub use bridge::{BridgeFactory, BridgeProtocol, BridgeSpec};
 pub use echo::EchoNode;
 pub use faulty::{FaultyConfig, FaultyNode};
 pub use output::NodeOutput;
-pub use replay::{ReplayError, ReplayNode, ReplayRecord};
+pub use replay::{ReplayNode, ReplayRecord};
 pub use silent::SilentNode;
 
 /// A participant of a CAN bus. All times are simulated nanoseconds.

@@ -1,7 +1,7 @@
 //! A node that replays a recorded bus.
 
-use ecan_candump::{ParseError, ParseErrorKind, parse_line};
 use ecan_protocol::can::CanFrame;
+use ecan_recording::{LoggedFrame, ReadOptions, Recording, RecordingError};
 
 use super::{Node, NodeOutput};
 
@@ -12,16 +12,6 @@ pub struct ReplayRecord {
     pub time_ns: u64,
     /// The frame.
     pub frame: CanFrame,
-}
-
-/// Error in a log.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("candump log, line {line}: {cause}")]
-pub struct ReplayError {
-    /// Line, from 1.
-    pub line: usize,
-    /// Cause.
-    pub cause: ParseError,
 }
 
 /// Sends recorded frames with their recorded intervals.
@@ -45,25 +35,22 @@ impl ReplayNode {
         Self { records, start_delay_ns: 0, repeat_gap_ns: None, next: 0, due: None, sent: 0 }
     }
 
-    /// Replays a candump log; only of one interface, if given.
+    /// Replays a recording of a format that is recognized; only of one interface, if given.
     ///
     /// # Errors
-    /// The first line that is not a record, a comment or blank; error messages are skipped.
-    pub fn from_log(log: &str, interface: Option<&str>) -> Result<Self, ReplayError> {
-        let mut records = Vec::new();
-        for (number, line) in log.lines().enumerate() {
-            let parsed = match parse_line(line) {
-                // Concerns the recording interface, not the bus.
-                Err(error) if error.kind == ParseErrorKind::ErrorMessage => None,
-                parsed => parsed.map_err(|cause| ReplayError { line: number + 1, cause })?,
-            };
-            if let Some(record) = parsed
-                && interface.is_none_or(|name| name == record.interface)
-            {
-                records.push(ReplayRecord { time_ns: record.time_ns, frame: record.frame });
-            }
-        }
-        Ok(Self::new(records))
+    /// As for [`Recording::parse`].
+    pub fn from_log(log: &str, interface: Option<&str>) -> Result<Self, RecordingError> {
+        let recording = Recording::parse(log, &ReadOptions::default())?;
+        Ok(Self::from_recording(&recording, interface))
+    }
+
+    /// Replays a recording; only of one interface, if given. Error frames are not replayed.
+    #[must_use]
+    pub fn from_recording(recording: &Recording, interface: Option<&str>) -> Self {
+        let is_selected = |name: &str| interface.is_none_or(|interface| interface == name);
+        let frames = recording.frames.iter().filter(|it| is_selected(&it.interface));
+        let record = |it: &LoggedFrame| ReplayRecord { time_ns: it.time_ns, frame: it.frame };
+        Self::new(frames.map(record).collect())
     }
 
     /// Adds a delay between the start and the first record.

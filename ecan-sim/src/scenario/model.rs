@@ -1,6 +1,7 @@
 use std::path::PathBuf;
 
 use ecan_protocol::mapping::MAX_PDO_BYTES;
+use ecan_recording::ReadOptions;
 use serde::Deserialize;
 
 use crate::bus::PhysicalLayer;
@@ -117,10 +118,12 @@ pub struct DriveSpec {
 pub enum NodeKind {
     /// Sends every received frame back unchanged.
     Echo,
-    /// Sends the frames of a candump log at their recorded times, from the time it joins the bus.
+    /// Sends the frames of a recording at their recorded times, from the time it joins the bus.
     Replay {
-        /// Path of the log.
+        /// Path of the recording.
         file: PathBuf,
+        /// Settings for text that does not state them.
+        options: ReadOptions,
     },
     /// Acknowledges frames, sends none.
     Silent,

@@ -1,7 +1,10 @@
 //! A node in the world with its controller and its queue.
 
+use std::path::Path;
+
 use ecan_canopen::DeviceFile;
 use ecan_protocol::can::CanFrame;
+use ecan_recording::{ReadOptions, Recording};
 
 use crate::backend_error::BackendError;
 use crate::bus::{StationConfig, StationId};
@@ -104,7 +107,7 @@ impl NodeSlot {
         let node = match &spec.kind {
             NodeKind::Echo => other(Box::new(EchoNode::new())),
             NodeKind::Silent => other(Box::new(SilentNode)),
-            NodeKind::Replay { file } => other(Box::new(read_log(file)?)),
+            NodeKind::Replay { file, options } => other(Box::new(read_log(file, options)?)),
             NodeKind::Bridge(bridge) => {
                 let make = bridges.ok_or_else(|| BackendError::NoBridges(spec.name.clone()))?;
                 other(make(bridge).map_err(BackendError::Bridge)?)
@@ -137,11 +140,11 @@ impl NodeSlot {
     }
 }
 
-fn read_log(path: &std::path::Path) -> Result<ReplayNode, BackendError> {
-    let text = std::fs::read_to_string(path)
-        .map_err(|error| BackendError::Read(path.to_owned(), error))?;
-    ReplayNode::from_log(&text, None)
-        .map_err(|error| BackendError::Log(path.to_owned(), error.line, error.cause.to_string()))
+fn read_log(path: &Path, options: &ReadOptions) -> Result<ReplayNode, BackendError> {
+    let bytes = std::fs::read(path).map_err(|error| BackendError::Read(path.to_owned(), error))?;
+    let recording = Recording::parse(&String::from_utf8_lossy(&bytes), options)
+        .map_err(|error| BackendError::Recording(path.to_owned(), error))?;
+    Ok(ReplayNode::from_recording(&recording, None))
 }
 
 fn make_drive(spec: &DriveSpec) -> Result<Drive, BackendError> {

@@ -4,6 +4,7 @@ use std::path::Path;
 
 use ecan_protocol::can::SamplePoint;
 use ecan_protocol::device::AlStatusCode;
+use ecan_recording::{ReadOptions, RecordingError, ScreenTimes};
 use ecan_sim::{
     BackendError, ClockKind, DelayCompensation, EcrtSetting, EcrtVersion, Fault, FaultyConfig,
     GatewayFault, LibraryCall, LossDirection, NodeKind, PhysicalLayer, Scenario, ScriptedFault,
@@ -58,6 +59,7 @@ transceiver_ns = 180
 kind = "replay"
 bus = "tool"
 file = "tool.log"
+time_stamps = "d"
 
 [[node]]
 kind = "faulty"
@@ -146,7 +148,8 @@ for_ms = 9000
     let layer = PhysicalLayer::new(SamplePoint(7_525), SamplePoint(7_525));
     let layer = PhysicalLayer { compensation: None, ..layer };
     assert_eq!(scenario.nodes[3].physical_layer, Some(layer));
-    assert_eq!(scenario.nodes[1].kind, NodeKind::Replay { file: "/logs/tool.log".into() });
+    let options = ReadOptions { format: None, screen_times: Some(ScreenTimes::SincePrevious) };
+    assert_eq!(scenario.nodes[1].kind, NodeKind::Replay { file: "/logs/tool.log".into(), options });
     let faulty = FaultyConfig {
         drop_permille: 10,
         corrupt_permille: 20,
@@ -232,6 +235,10 @@ fn scenario_fault_is_reported_with_its_line() {
         ("[[node]]\nkind = \"echo\"\nbus = \"1.0\"", "there are: 0.0, 0.1, 0.2, 0.3"),
         ("[[node]]\nkind = \"echo\"\nbus = \"0.0\"\nfile = \"x\"", "\"replay\""),
         ("[[node]]\nkind = \"replay\"\nbus = \"0.0\"", "needs `file`"),
+        (
+            "[[node]]\nkind = \"replay\"\nbus = \"0.0\"\nfile = \"x\"\nformat = \"blf\"",
+            "`format`: expected log, screen, asc or trc",
+        ),
         ("[[node]]\nkind = \"silent\"\nbus = \"0.0\"\nbabble_us = 3", "\"faulty\""),
         ("[[node]]\nkind = \"faulty\"\nbus = \"0.0\"\ndrop_permille = 1001", "0 to 1000"),
         ("[[node]]\nkind = \"echo\"\nbus = \"0.0\"\ndata_bitrate = 1", "needs `bitrate`"),
@@ -311,7 +318,7 @@ fn missing_files_and_bad_logs_are_reported() {
     std::fs::write(directory.join("replay.toml"), replay).unwrap();
     std::fs::write(directory.join("frames.log"), "(1.000000) can0 123#11\nnonsense\n").unwrap();
     let error = open(&setting("replay.toml"), &options).unwrap_err();
-    assert!(matches!(error, BackendError::Log(_, 2, _)), "{error}");
+    assert!(matches!(error, BackendError::Recording(_, RecordingError { line: 2, .. })), "{error}");
 
     std::fs::write(directory.join("frames.log"), "(1.000000) can0 123#11\n").unwrap();
     let backend = open(&setting("replay.toml"), &options).unwrap();

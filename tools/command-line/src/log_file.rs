@@ -1,24 +1,25 @@
-//! Reading and writing of candump log files.
+//! Reading of recordings, writing of candump logs.
 
 use std::fmt::Display;
 use std::io::{self, BufWriter, Read, Write};
 use std::path::{Path, PathBuf};
 
-use ecan_candump::{ParseError, ParseErrorKind, Record};
+use ecan_candump::Record;
 use ecan_protocol::can::CanFrame;
+use ecan_recording::{ReadOptions, Recording, RecordingError};
 use thiserror::Error;
 
 use crate::new_file::{Existing, create, is_standard_stream};
 
-/// Error of a log file.
+/// Error of a recording.
 #[derive(Debug, Error)]
 pub enum LogFileError {
     /// The file cannot be read.
     #[error("cannot read {}: {}", .0.display(), .1)]
     Read(PathBuf, io::Error),
-    /// Syntax error in a line, counted from 1.
-    #[error("{}, line {}, {}", .0.display(), .1, .2)]
-    Line(PathBuf, usize, ParseError),
+    /// Invalid line.
+    #[error("{}, {}", .0.display(), .1)]
+    Line(PathBuf, RecordingError),
     /// The file contains no frame.
     #[error("{} holds no frame", .0.display())]
     Empty(PathBuf),
@@ -27,57 +28,32 @@ pub enum LogFileError {
     Write(PathBuf, io::Error),
 }
 
-/// Frame of a log.
-#[derive(Debug, Clone, PartialEq)]
-pub struct LoggedFrame {
-    /// Line in the file, from 1.
-    pub line: usize,
-    /// Time stamp in nanoseconds.
-    pub time_ns: u64,
-    /// Interface name.
-    pub interface: String,
-    /// CAN frame.
-    pub frame: CanFrame,
-}
-
-/// Contents of a log.
-#[derive(Debug, Clone, Default, PartialEq)]
-pub struct Log {
-    /// Frames in the order of the file.
-    pub frames: Vec<LoggedFrame>,
-    /// Number of SocketCAN error messages (`candump -e`), which are not CAN frames.
-    pub error_messages: usize,
-}
-
-/// Reads a log; `-` is standard input.
+/// Reads a recording of any format; `-` is standard input.
 ///
 /// # Errors
 /// The file cannot be read, a line is invalid, or there is no frame.
-pub fn read(path: &Path) -> Result<Log, LogFileError> {
-    let mut text = String::new();
+pub fn read(path: &Path) -> Result<Recording, LogFileError> {
+    read_with(path, &ReadOptions::default())
+}
+
+/// As [`read`], with settings for text that does not state them.
+///
+/// # Errors
+/// As for [`read`].
+pub fn read_with(path: &Path, options: &ReadOptions) -> Result<Recording, LogFileError> {
+    let mut bytes = Vec::new();
     let read = match is_standard_stream(path) {
-        true => io::stdin().read_to_string(&mut text),
-        false => std::fs::File::open(path).and_then(|mut file| file.read_to_string(&mut text)),
+        true => io::stdin().read_to_end(&mut bytes),
+        false => std::fs::File::open(path).and_then(|mut file| file.read_to_end(&mut bytes)),
     };
     read.map_err(|error| LogFileError::Read(path.to_owned(), error))?;
-    let mut log = Log::default();
-    for (line, text) in (1..).zip(text.lines()) {
-        match ecan_candump::parse_line(text) {
-            Ok(Some(record)) => log.frames.push(LoggedFrame {
-                line,
-                time_ns: record.time_ns,
-                interface: record.interface.to_owned(),
-                frame: record.frame,
-            }),
-            Ok(None) => {}
-            Err(error) if error.kind == ParseErrorKind::ErrorMessage => log.error_messages += 1,
-            Err(cause) => return Err(LogFileError::Line(path.to_owned(), line, cause)),
-        }
-    }
-    if log.frames.is_empty() {
+    // Comments of Windows programs may have another encoding.
+    let recording = Recording::parse(&String::from_utf8_lossy(&bytes), options)
+        .map_err(|error| LogFileError::Line(path.to_owned(), error))?;
+    if recording.frames.is_empty() {
         return Err(LogFileError::Empty(path.to_owned()));
     }
-    Ok(log)
+    Ok(recording)
 }
 
 /// Writer of a candump log. Each function fails with [`LogFileError::Write`].
@@ -140,6 +116,8 @@ impl std::fmt::Debug for Writer {
 
 #[cfg(test)]
 mod tests {
+    use ecan_recording::LoggedFrame;
+
     use super::*;
 
     #[test]
@@ -161,7 +139,9 @@ mod tests {
         let with_errors = "(1.000000) can0 20000080#0000000000000000\n(2.000000) can0 123#\n";
         std::fs::write(&path, with_errors).unwrap();
         let log = read(&path).unwrap();
-        assert_eq!((log.frames.len(), log.frames[0].line, log.error_messages), (1, 2, 1));
+        assert_eq!((log.frames.len(), log.frames[0].line, log.error_frames), (1, 2, 1));
+        std::fs::write(&path, b";\xFC\n 1) 1.0 0123 0\n").unwrap();
+        assert_eq!(read(&path).unwrap().format, ecan_recording::Format::Trc);
         std::fs::write(&path, "# nothing\n").unwrap();
         assert!(read(&path).unwrap_err().to_string().contains("holds no frame"));
         let missing = read(&directory.path().join("none")).unwrap_err().to_string();

@@ -2,6 +2,7 @@ use std::net::IpAddr;
 use std::path::{Path, PathBuf};
 
 use ecan_canopen::NodeId;
+use ecan_recording::ReadOptions;
 use serde::Deserialize;
 
 use crate::drive::{DriveConfig, DriveQuirks, MotorConfig};
@@ -25,6 +26,8 @@ pub(super) struct RawNode {
     cable_ns: Option<u32>,
     transceiver_ns: Option<u32>,
     file: Option<PathBuf>,
+    format: Option<String>,
+    time_stamps: Option<String>,
     drop_permille: Option<u16>,
     corrupt_permille: Option<u16>,
     repeat_permille: Option<u16>,
@@ -57,9 +60,14 @@ enum RawNodeKind {
     Drive,
 }
 
+/// Error of the text of a key.
+fn of_key(key: &'static str) -> impl Fn(String) -> String {
+    move |error| format!("`{key}`: {error}")
+}
+
 impl RawNode {
     /// The keys of one kind only, and whether they are given.
-    fn keys(&self) -> [(RawNodeKind, &'static str, bool); 19] {
+    fn keys(&self) -> [(RawNodeKind, &'static str, bool); 21] {
         use RawNodeKind::{Bridge, Drive, Faulty, Replay};
         [
             (Faulty, "drop_permille", self.drop_permille.is_some()),
@@ -81,6 +89,8 @@ impl RawNode {
             (Drive, "motor", self.motor.is_some()),
             (Drive, "quirks", self.quirks.is_some()),
             (Replay, "file", self.file.is_some()),
+            (Replay, "format", self.format.is_some()),
+            (Replay, "time_stamps", self.time_stamps.is_some()),
         ]
     }
 
@@ -133,7 +143,11 @@ impl RawNode {
             RawNodeKind::Drive => NodeKind::Drive(Box::new(self.drive(scenario, directory)?)),
             RawNodeKind::Replay => {
                 let file = self.file.ok_or("a node of kind \"replay\" needs `file`")?;
-                NodeKind::Replay { file: directory.join(file) }
+                let format =
+                    self.format.map(|it| it.parse().map_err(of_key("format"))).transpose()?;
+                let times = self.time_stamps.map(|it| it.parse().map_err(of_key("time_stamps")));
+                let options = ReadOptions { format, screen_times: times.transpose()? };
+                NodeKind::Replay { file: directory.join(file), options }
             }
         };
         Ok(NodeSpec { name, bus, kind, bitrate, data_bitrate, physical_layer })

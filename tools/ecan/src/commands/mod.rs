@@ -70,7 +70,7 @@ pub enum Command {
     /// Send generated frames, like cangen
     #[command(name = "gen", after_help = generate::EXAMPLES)]
     Gen(generate::GenArguments),
-    /// Send the frames of a candump log at their recorded times
+    /// Send the frames of a recording at their recorded times
     #[command(after_help = replay::EXAMPLES)]
     Replay(replay::ReplayArguments),
     /// Show gateways, CAN IDs, axes and cycle in full-screen mode

@@ -6,6 +6,7 @@ use std::str::FromStr;
 use clap::Args;
 use ecan_command_line::new_file::is_standard_stream;
 use ecan_protocol::mapping::Direction;
+use ecan_recording::{Format, ReadOptions, ScreenTimes};
 
 use crate::context::{Context, Failure, Result, note};
 use crate::frames::recording::{self, Recorded, RecordedLog};
@@ -19,6 +20,8 @@ Examples:
   ecan replay drive.log                        on channel 0, at the recorded times
   ecan replay drive.log --channel all          frames of can2 on channel 2, etc.
   ecan replay drive.log --speed 10 --loop 5    ten times as fast, five times
+  ecan replay vehicle.asc --channel all        Vector ASC; channel 1 goes to channel 0
+  ecan replay screen.txt --time-stamps d       copied from candump -t d
   ecan replay drive.log --record back.log      and record received frames
   ecan replay drive.log --capture both.pcapng  sent and received, for Wireshark";
 
@@ -42,8 +45,15 @@ impl FromStr for Loops {
 
 #[derive(Debug, Args)]
 pub struct ReplayArguments {
-    /// Candump log; - is stdin
+    /// Recording: candump log or screen, Vector ASC, PEAK TRC; - is stdin
     file: PathBuf,
+    /// Format: log, screen (both of candump), asc, trc [default: recognized]
+    #[arg(long, value_name = "FORMAT")]
+    format: Option<Format>,
+    /// Time stamps of candump's screen: a absolute, d delta, z since the first frame
+    /// [default: recognized]
+    #[arg(long, value_name = "STYLE")]
+    time_stamps: Option<ScreenTimes>,
     /// Channels: one for all frames; with several or all, canN of the log goes to channel N
     #[arg(long, value_name = "CHANNELS", default_value = "0")]
     channel: Channels,
@@ -71,8 +81,9 @@ fn parse_speed(text: &str) -> Result<f64, String> {
 #[derive(Debug)]
 struct Recording {
     frames: Vec<Recorded>,
-    /// Lines of the log without a CAN frame.
-    error_messages: usize,
+    error_frames: usize,
+    /// Recognized, not given.
+    screen_times: Option<ScreenTimes>,
     loops: Loops,
     speed: f64,
     given: u64,
@@ -80,8 +91,11 @@ struct Recording {
 
 impl Recording {
     fn read(arguments: &ReplayArguments) -> Result<Self> {
-        let RecordedLog { frames, error_messages } =
-            recording::read(&arguments.file, arguments.channel, 1)?;
+        let ReplayArguments { file, format, time_stamps, channel, .. } = arguments;
+        let options = ReadOptions { format: *format, screen_times: *time_stamps };
+        let RecordedLog { frames, error_frames, screen_times } =
+            recording::read(file, &options, *channel, 1)?;
+        let screen_times = screen_times.filter(|_| time_stamps.is_none());
         let name = arguments.file.display();
         let same = |out: &Path| {
             let file = arguments.file.canonicalize().ok();
@@ -96,7 +110,7 @@ impl Recording {
         }
         arguments.options.capture.check_apart_from(log)?;
         let (loops, speed) = (arguments.loops, arguments.speed);
-        Ok(Self { frames, error_messages, loops, speed, given: 0 })
+        Ok(Self { frames, error_frames, screen_times, loops, speed, given: 0 })
     }
 
     fn channels(&self) -> Channels {
@@ -162,9 +176,18 @@ pub fn run(arguments: &ReplayArguments, context: &Context) -> Result {
     let Some(service) = prepared.enter()? else {
         return printer.finish();
     };
-    if recording.error_messages > 0 {
-        let count = recording.error_messages;
-        note(format_args!("# error messages in the log skipped: {count}"));
+    if recording.error_frames > 0 {
+        note(format_args!("# error frames in the recording skipped: {}", recording.error_frames));
+    }
+    let other = match recording.screen_times {
+        Some(ScreenTimes::SinceFirst) => Some(("since the first frame", "d if they are deltas")),
+        Some(ScreenTimes::SincePrevious) => {
+            Some(("deltas", "z if they count from the first frame"))
+        }
+        Some(ScreenTimes::Absolute) | None => None,
+    };
+    if let Some((times, other)) = other {
+        note(format_args!("# time stamps of the recording: {times}; --time-stamps {other}"));
     }
     let timeout_ns = arguments.timeout.saturating_mul(1_000_000);
     let record = Record::Received(printer);

@@ -1,6 +1,7 @@
 use std::path::Path;
 
-use ecan_command_line::log_file::{self, Log, LoggedFrame};
+use ecan_command_line::log_file;
+use ecan_recording::{LoggedFrame, ReadOptions, Recording, ScreenTimes};
 
 use crate::context::{Failure, Result};
 use crate::frames::channels::Channels;
@@ -16,19 +17,26 @@ pub struct Recorded {
 pub struct RecordedLog {
     /// Frames, at least one.
     pub frames: Vec<Recorded>,
-    pub error_messages: usize,
+    pub error_frames: usize,
+    /// As in [`Recording::screen_times`].
+    pub screen_times: Option<ScreenTimes>,
 }
 
 /// Reads the frames for the selected channels of a number of gateways; see [`Channels::destination_of`].
-pub fn read(path: &Path, channels: Channels, gateways: usize) -> Result<RecordedLog> {
+pub fn read(
+    path: &Path,
+    options: &ReadOptions,
+    channels: Channels,
+    gateways: usize,
+) -> Result<RecordedLog> {
     let assign = |logged: LoggedFrame| {
         let (gateway, channel) = channels.destination_of(&logged.interface, gateways)?;
         Some(Recorded { gateway, channel, logged })
     };
-    let Log { frames, error_messages } = log_file::read(path)?;
+    let Recording { frames, error_frames, screen_times, .. } = log_file::read_with(path, options)?;
     let frames: Vec<_> = frames.into_iter().filter_map(assign).collect();
     match frames.is_empty() {
-        false => Ok(RecordedLog { frames, error_messages }),
+        false => Ok(RecordedLog { frames, error_frames, screen_times }),
         true => {
             let message = format!("{} has no frames for the selected channels", path.display());
             Err(Failure::Usage(message))

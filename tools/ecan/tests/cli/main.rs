@@ -35,6 +35,7 @@ mod objects;
 mod other_slaves;
 mod probe;
 mod python_can;
+mod python_recordings;
 mod reconfigure;
 mod screens;
 mod selftest;

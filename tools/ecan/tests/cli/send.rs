@@ -222,6 +222,41 @@ fn invalid_use_has_message_and_status() {
 }
 
 #[test]
+fn replay_reads_other_formats() {
+    let bus = Scenario::new("[[node]]\nkind = \"silent\"\nbus = \"0.0\"\n");
+    let deltas = "can0  123   [1]  11\n (000.200000)  can0  123   [1]  12\n \
+                  (000.100000)  can0  123   [1]  13\n";
+    let screen = bus.write("screen.txt", &format!(" (000.000000)  {deltas}"));
+    let asc = "base hex timestamps absolute\n0.0 1 123 Rx d 1 11\n0.1 1 ErrorFrame\n\
+               0.3 1 123 Rx d 1 13\n";
+    let asc = bus.write("a.asc", asc);
+    let trc = ";$FILEVERSION=2.0\n;$COLUMNS=N,O,T,I,d,l,D\n 1 0.0 DT 0123 Rx 1 11\n\
+               2 300.0 DT 0123 Rx 1 13\n";
+    let trc = bus.write("a.trc", trc);
+    let deltas = "# time stamps of the recording: deltas; --time-stamps z if they count from the \
+                  first frame\n";
+    let cases: [(&[&str], &str, &str); 4] = [
+        (&[&screen], "3 frames sent, 0 lost", deltas),
+        (&[&screen, "--time-stamps", "z"], "3 frames sent, 0 lost", ""),
+        (&[&asc, "--format", "asc"], "2 frames sent, 0 lost", "# error frames in the recording"),
+        (&[&trc], "2 frames sent, 0 lost", ""),
+    ];
+    for (arguments, sent, note) in cases {
+        let output = bus.run(&[&["replay"], arguments].concat());
+        let errors = String::from_utf8(output.stderr).unwrap();
+        assert_eq!(output.status.code(), Some(0), "{arguments:?}: {errors}");
+        let shown = String::from_utf8(output.stdout).unwrap();
+        assert!(shown.starts_with(sent), "{arguments:?}: {shown}");
+        assert!(shown.contains(" in 0.3") || arguments.len() == 3, "{arguments:?}: {shown}");
+        assert!(errors.contains(note), "{arguments:?}: {errors}");
+        assert!(!note.is_empty() || errors.lines().count() == 1, "{arguments:?}: {errors}");
+    }
+    let unknown = bus.write("a.txt", "nonsense\n");
+    let message = bus.fails(6, &["replay", &unknown]);
+    assert!(message.contains("a.txt, line 1, format not recognized"), "{message}");
+}
+
+#[test]
 fn replay_skips_error_messages_and_raw_dlc() {
     let bus = Scenario::new("[[node]]\nkind = \"silent\"\nbus = \"0.0\"\n");
     let log = bus.write(
@@ -232,7 +267,7 @@ fn replay_skips_error_messages_and_raw_dlc() {
     let output = bus.run(&["replay", &log]);
     let errors = String::from_utf8(output.stderr).unwrap();
     assert_eq!(output.status.code(), Some(0), "{errors}");
-    let note = "# error messages in the log skipped: 2\n";
+    let note = "# error frames in the recording skipped: 2\n";
     assert!(errors.ends_with(note), "{errors}");
     assert!(String::from_utf8(output.stdout).unwrap().starts_with("2 frames sent, 0 lost"));
     assert!(bus.good(&["plan", "--replay", &log]).contains("frames"));

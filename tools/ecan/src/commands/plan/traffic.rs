@@ -5,6 +5,7 @@ use std::path::Path;
 use ecan_mcan_port::{FrameRate, FrameStream};
 use ecan_protocol::can::{CanFrame, CanId};
 use ecan_protocol::mapping::Direction;
+use ecan_recording::ReadOptions;
 
 use crate::context::{Failure, Result};
 use crate::frames::recording::{self, Recorded};
@@ -77,7 +78,7 @@ struct TrafficGroup {
 
 fn recorded(path: &Path, planned: &Planned) -> Result<Vec<FrameStream>> {
     let gateways = planned.port.gateways.len();
-    let frames = recording::read(path, planned.channels, gateways)?.frames;
+    let frames = recording::read(path, &ReadOptions::default(), planned.channels, gateways)?.frames;
     let times = || frames.iter().map(|it| it.logged.time_ns);
     let (first_ns, last_ns) = (times().min().unwrap_or(0), times().max().unwrap_or(0));
     let form = |it: &Recorded| {
