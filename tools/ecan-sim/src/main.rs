@@ -7,15 +7,18 @@
 //! ```
 #![forbid(unsafe_code)]
 
+mod documents;
 mod failure;
 mod firmware;
 mod screen;
 mod variants;
 mod wire;
 
+use std::path::PathBuf;
 use std::process::ExitCode;
 
-use clap::{Parser, Subcommand};
+use clap::{CommandFactory, Parser, Subcommand};
+use clap_complete::Shell;
 use ecan_command_line::logging::LogArguments;
 
 /// Simulated ECAN-Lite gateways for any EtherCAT master.
@@ -34,6 +37,16 @@ enum Command {
     Wire(wire::WireArguments),
     Firmware(firmware::FirmwareArguments),
     Variants(variants::VariantsArguments),
+    /// Print a completion script for a shell
+    Completions {
+        /// Shell
+        shell: Shell,
+    },
+    /// Write the manual pages
+    Man {
+        /// Directory for the pages
+        directory: PathBuf,
+    },
 }
 
 fn main() -> ExitCode {
@@ -43,6 +56,12 @@ fn main() -> ExitCode {
         Command::Wire(arguments) => wire::run(arguments),
         Command::Firmware(arguments) => firmware::run(arguments),
         Command::Variants(arguments) => variants::run(arguments),
+        Command::Completions { shell } => {
+            documents::print_completions(Arguments::command(), *shell)
+        }
+        Command::Man { directory } => {
+            documents::write_manual_pages(Arguments::command(), directory)
+        }
     };
     match outcome {
         Ok(()) => ExitCode::SUCCESS,

@@ -15,7 +15,7 @@ fn invalid_options_are_reported() {
     std::fs::write(&empty, "").unwrap();
     let wire = ["wire", "--interface", "none"];
     let firmware = ["firmware", "--out", "/no/such/new.bin"];
-    let cases: [(i32, &[&str], &str); 20] = [
+    let cases: [(i32, &[&str], &str); 22] = [
         (2, &[&wire[..], &["--spin", "--rt-priority", "5"]].concat(), "cannot be used with"),
         (2, &[], "Usage"),
         (2, &["wires"], "unrecognized subcommand 'wires'"),
@@ -39,6 +39,8 @@ fn invalid_options_are_reported() {
             &[&firmware[..], &["--version", "1.2.3", "--application", "/no/app"]].concat(),
             "cannot read /no/app",
         ),
+        (6, &["man", "/no/such"], "cannot write the manual pages to /no/such"),
+        (2, &["completions", "dos"], "possible values: bash"),
         (3, &wire, "network interface \"none\" does not exist; there are: "),
     ];
     for (status, arguments, text) in cases {

@@ -1,0 +1,66 @@
+//! `ecan-sim man` and `ecan-sim completions`.
+
+use std::io::Write as _;
+use std::path::Path;
+
+use clap::Command;
+use clap_complete::Shell;
+use clap_mangen::Man;
+
+use crate::failure::Failure;
+
+/// Not 1: `ecan-sim.1` is the page of the command `ecan sim`.
+const SECTION: &str = "8";
+
+/// Writes a page for the program and for each command.
+pub fn write_manual_pages(program: Command, directory: &Path) -> Result<(), Failure> {
+    let mut program = program.disable_help_subcommand(true);
+    program.build();
+    write_page(&program, directory).map_err(Failure::file("write the manual pages to", directory))
+}
+
+fn write_page(command: &Command, directory: &Path) -> std::io::Result<()> {
+    for subcommand in command.get_subcommands() {
+        write_page(subcommand, directory)?;
+    }
+    Man::new(command.clone()).section(SECTION).generate_to(directory).map(drop)
+}
+
+pub fn print_completions(mut program: Command, shell: Shell) -> Result<(), Failure> {
+    let mut script = Vec::new();
+    clap_complete::generate(shell, &mut program, "ecan-sim", &mut script);
+    let mut output = std::io::stdout();
+    output
+        .write_all(&script)
+        .and_then(|()| output.flush())
+        .map_err(Failure::file("write the completion script to", Path::new("stdout")))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::write_manual_pages;
+    use crate::Arguments;
+    use clap::CommandFactory as _;
+
+    #[test]
+    fn manual_pages_have_a_section_of_their_own() {
+        let directory = tempfile::tempdir().unwrap();
+        write_manual_pages(Arguments::command(), directory.path()).unwrap();
+        let mut pages: Vec<_> = std::fs::read_dir(directory.path())
+            .unwrap()
+            .map(|page| page.unwrap().file_name().into_string().unwrap())
+            .collect();
+        pages.sort();
+        let commands = Arguments::command();
+        let mut expected: Vec<_> = commands
+            .get_subcommands()
+            .map(|command| format!("ecan-sim-{}.8", command.get_name()))
+            .chain(["ecan-sim.8".to_owned()])
+            .collect();
+        expected.sort();
+        assert_eq!(pages, expected);
+        let page = std::fs::read_to_string(directory.path().join("ecan-sim-wire.8")).unwrap();
+        assert!(page.contains(".TH ecan-sim-wire 8"), "{page}");
+        assert!(page.contains("\\-\\-interface"), "{page}");
+    }
+}
