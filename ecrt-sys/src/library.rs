@@ -21,6 +21,9 @@ pub const DEFAULT_LIBRARY: &str = "libethercat.so.1";
 const USUAL_DIRECTORIES: [&str; 4] =
     ["/usr/local/etherlab/lib", "/opt/etherlab/lib", "/usr/local/lib", "/usr/local/lib64"];
 
+/// Programs that are linked statically with musl have no dynamic loader.
+const IS_STATIC: bool = cfg!(all(target_env = "musl", target_feature = "crt-static"));
+
 const SYMBOL_VERSION: &str = "ecrt_version_magic";
 const SYMBOL_REQUEST: &str = "ecrt_request_master";
 const SYMBOL_OPEN: &str = "ecrt_open_master";
@@ -62,6 +65,9 @@ impl OpenMaster for LoadedLibrary {
 /// Loads a library and looks up its functions.
 pub(crate) fn load(path: Option<&Path>) -> Result<(LoadedLibrary, Functions), LoadError> {
     let path = path.unwrap_or(Path::new(DEFAULT_LIBRARY));
+    if IS_STATIC {
+        return Err(LoadError::StaticProgram { path: path.into() });
+    }
     // SAFETY: loading runs the library's initialisers. It is the one that the user names, or
     // the system's libethercat; trusting it is what loading it means.
     let library = unsafe { Library::open(Some(path), RTLD_NOW | RTLD_LOCAL) }
@@ -75,6 +81,9 @@ pub(crate) fn load(path: Option<&Path>) -> Result<(LoadedLibrary, Functions), Lo
 pub(crate) fn find_loaded(
     path: Option<&Path>,
 ) -> Result<Option<(LoadedLibrary, Functions)>, LoadError> {
+    if IS_STATIC {
+        return Ok(None);
+    }
     let found = match path {
         Some(path) => already_loaded(path).map(|library| (path.to_owned(), library)),
         None => in_global_scope().or_else(|| {

@@ -16,6 +16,17 @@ pub enum LoadError {
          the cargo feature `sim` (CMake: ECAN_IGH_SIM=ON) or select a libethercat"
     )]
     NoSimulator,
+    /// A program that is linked statically with musl cannot load libraries.
+    #[error(
+        "the EtherCAT master library {} cannot be loaded, since this program is linked statically; \
+         allowed: the simulator (`sim`), or a service (`ecan --via SOCKET`); for the library, install \
+         a program that is linked dynamically",
+        path.display()
+    )]
+    StaticProgram {
+        /// Path or name of the library.
+        path: PathBuf,
+    },
     /// The process has not loaded the library.
     #[error(
         "this process has not loaded {}; attach needs the library that made the master's handle: \

@@ -19,6 +19,9 @@ pub(super) fn check(library: &Result<Backend, String>) -> Check {
             let (major, minor) = ecrt.version();
             Check::good(format!("{}, version {major}.{minor}", ecrt.origin()))
         }
+        Err(error) if cfg!(all(target_env = "musl", target_feature = "crt-static")) => {
+            Check::bad(error, "install the Debian package of ecan, or use a service (--via)")
+        }
         Err(error) => Check::bad(
             error,
             "install the IgH EtherCAT master's library (make install, then ldconfig), or name it \
