@@ -151,7 +151,20 @@ fn parse(bytes: &[u8]) -> Request {
 
 #[cfg(test)]
 mod tests {
+    use proptest::prelude::*;
+
     use super::*;
+
+    proptest! {
+        #[test]
+        fn prefix_of_a_request_is_incomplete(end in 0_usize..42, tail in any::<Vec<u8>>()) {
+            let request = b"GET /metrics HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n";
+            prop_assert_eq!(parse(&request[..end]), Request::Incomplete);
+            // Any bytes are parsed or rejected.
+            parse(&tail);
+            parse(&[&request[..end], &tail].concat());
+        }
+    }
 
     #[test]
     fn requests_are_parsed_or_rejected() {
