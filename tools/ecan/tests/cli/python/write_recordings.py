@@ -36,29 +36,30 @@ def message(nth, kinds):
     )
 
 
-def text(message):
+def text(message, has_remote_length):
     """The frame as in a candump log."""
     digits = 8 if message.is_extended_id else 3
     name = f"{message.arbitration_id:0{digits}X}#"
     if message.is_remote_frame:
-        return name + "R" + (str(message.dlc) if message.dlc else "")
+        return name + "R" + (str(message.dlc) if message.dlc and has_remote_length else "")
     if message.is_fd:
         name += f"#{message.bitrate_switch + 2 * message.error_state_indicator}"
     return name + message.data.hex().upper()
 
 
-def write(file, kinds, **options):
+def write(file, kinds, has_remote_length=True):
     messages = [message(nth, kinds) for nth in range(200)]
-    writer = can.Logger(str(directory / file), **options)
+    writer = can.Logger(str(directory / file))
     for it in messages:
         writer(it)
     writer.stop()
     for it in messages:
         if not it.is_error_frame:
-            print(file, it.channel, round((it.timestamp - 1000.0) * 1e6), text(it))
+            print(file, it.channel, round((it.timestamp - 1000.0) * 1e6), text(it, has_remote_length))
 
 
 write("all.asc", ["data", "fd", "remote", "error"])
-write("all.log", ["data", "fd", "remote", "error"])
+# Its writer of candump logs omits the length of remote frames.
+write("all.log", ["data", "fd", "remote", "error"], has_remote_length=False)
 # Its writer of TRC has data frames only.
 write("data.trc", ["data"])

@@ -1,10 +1,9 @@
 //! Faults of files, with their lines.
-#![allow(missing_docs)]
 
 use ecan_dbc::{Database, DbcFaults};
 use proptest::prelude::*;
 
-const FILE: &str = include_str!("files/signals.dbc");
+const FILE: &str = include_str!("../files/signals.dbc");
 
 fn faults(text: &str) -> DbcFaults {
     Database::parse(text.as_bytes()).expect_err(text)

@@ -1,5 +1,4 @@
 //! Frames to signals and signals to frames.
-#![allow(missing_docs)]
 
 use std::sync::OnceLock;
 
@@ -7,7 +6,7 @@ use ecan_dbc::{Database, Decoded, Number};
 use ecan_protocol::can::{CanFrame, CanId, Dlc, FrameKind};
 use proptest::prelude::*;
 
-const FILE: &[u8] = include_bytes!("files/signals.dbc");
+const FILE: &[u8] = include_bytes!("../files/signals.dbc");
 
 fn database() -> &'static Database {
     static DATABASE: OnceLock<Database> = OnceLock::new();
