@@ -1,6 +1,7 @@
 //! `ecan dump`: candump through a gateway.
 
 use std::path::PathBuf;
+use std::sync::Arc;
 
 use clap::{ArgGroup, Args};
 use ecan_candump::Filter;
@@ -10,8 +11,8 @@ use ecan_protocol::mapping::Direction;
 
 use crate::context::{Context, Failure, Result, note};
 use crate::frames::{
-    Channels, Destination, Event, FrameOptions, GatewayRequirements, Prepared, Printer, Screen,
-    Service, Style, TimedFrame, names_channel,
+    Channels, DbcOption, Destination, Event, FrameOptions, GatewayRequirements, Prepared, Printer,
+    Screen, Service, Style, TimedFrame, names_channel,
 };
 
 pub const EXAMPLES: &str = "\
@@ -20,6 +21,8 @@ Examples:
   ecan dump --channel 0 -t a 123:7FF           CAN ID 123 on channel 0, with time stamps
   ecan dump --listen-only -l drive.log         record without acknowledging
   ecan dump --config cell.toml --channel 1     with the settings of a configuration file
+  ecan dump --dbc cell.dbc                     with the signals of each frame
+  ecan dump --dbc 0=drive.dbc --dbc 1=io.dbc   a DBC file for each channel
   ecan dump --capture bus.pcapng               write a file for Wireshark
   ecan dump --capture - | wireshark -k -i -    show live in Wireshark
   ecan dump -n 1 -T 500 701:7FF || echo quiet  wait half a second for a heartbeat
@@ -67,11 +70,13 @@ pub struct DumpArguments {
     #[arg(short = 'l', long, value_name = "FILE")]
     record: Option<PathBuf>,
     /// Print in the format of the log
-    #[arg(short = 'L', long, conflicts_with_all = ["ascii", "device_time"])]
+    #[arg(short = 'L', long, conflicts_with_all = ["ascii", "device_time", "dbc"])]
     log_format: bool,
     /// Print the frames in addition to --record or --capture
     #[arg(long, requires = "file")]
     screen: bool,
+    #[command(flatten)]
+    signals: DbcOption,
     #[command(flatten)]
     options: FrameOptions,
 }
@@ -106,6 +111,7 @@ pub fn run(arguments: &DumpArguments, context: &Context) -> Result {
         has_extra: arguments.extra,
         is_log: arguments.log_format,
         is_json: context.global.json,
+        signals: Arc::new(arguments.signals.read()?),
     };
     let requirements = GatewayRequirements {
         directions: &[Direction::TxPdo],

@@ -1,4 +1,5 @@
 use std::fmt::Write;
+use std::sync::Arc;
 
 use ecan_candump::{FrameText, ScreenFrame};
 use ecan_protocol::can::{CanFrame, FrameKind};
@@ -6,6 +7,7 @@ use ecan_protocol::image::Timestamp;
 use serde::Serialize;
 
 use crate::frames::link::BusFrame;
+use crate::frames::signals::{self, DecodedMessage, Signals};
 use crate::frames::timestamp::{Style, Timestamps};
 
 #[derive(Clone, Copy, Debug)]
@@ -15,7 +17,7 @@ pub struct TimedFrame {
     pub frame: BusFrame,
 }
 
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Debug, Default)]
 pub struct Screen {
     pub style: Option<Style>,
     pub has_nanoseconds: bool,
@@ -23,6 +25,8 @@ pub struct Screen {
     pub has_extra: bool,
     pub is_log: bool,
     pub is_json: bool,
+    /// Shown below each frame.
+    pub signals: Arc<Signals>,
 }
 
 /// JSON form of a frame, one per line.
@@ -38,6 +42,8 @@ struct Line {
     length: usize,
     data: String,
     device_time: Option<u64>,
+    #[serde(flatten)]
+    decoded: Option<DecodedMessage>,
 }
 
 #[derive(Debug)]
@@ -53,18 +59,24 @@ impl ScreenLines {
     pub fn new(screen: Screen) -> Self {
         let Screen { style, has_nanoseconds, .. } = screen;
         Self {
-            screen,
             timestamps: style.map(|style| Timestamps::new(style, has_nanoseconds)),
-            log: LogLines::new(screen),
+            log: LogLines::new(&screen),
+            screen,
             is_indented: false,
         }
     }
 
-    /// Formats the next frame, without line break.
-    pub fn line(&mut self, timed: &TimedFrame) -> String {
+    /// Formats the next frame with its signals, without line break at the end.
+    pub fn lines(&mut self, timed: &TimedFrame) -> String {
+        let decoded = self.screen.signals.decode(timed.frame.channel, &timed.frame.frame);
         if self.screen.is_json {
-            return json(timed);
+            return json(timed, decoded.map(DecodedMessage::from));
         }
+        let below = decoded.iter().flat_map(signals::lines).collect::<Vec<_>>();
+        std::iter::once(self.line(timed)).chain(below).collect::<Vec<_>>().join("\n")
+    }
+
+    fn line(&mut self, timed: &TimedFrame) -> String {
         if self.screen.is_log {
             return self.log.line(timed);
         }
@@ -98,7 +110,7 @@ pub struct LogLines {
 }
 
 impl LogLines {
-    pub fn new(screen: Screen) -> Self {
+    pub fn new(screen: &Screen) -> Self {
         let timestamps = Timestamps::new(Style::Absolute, screen.has_nanoseconds);
         Self { timestamps, has_extra: screen.has_extra }
     }
@@ -131,7 +143,7 @@ fn device_time(timestamp: Timestamp) -> Option<u64> {
     }
 }
 
-fn json(timed: &TimedFrame) -> String {
+fn json(timed: &TimedFrame, decoded: Option<DecodedMessage>) -> String {
     let BusFrame { frame, channel, timestamp, .. } = &timed.frame;
     let (has_bit_rate_switch, has_error_state) = fd_flags(frame);
     let line = Line {
@@ -155,6 +167,7 @@ fn json(timed: &TimedFrame) -> String {
             text
         }),
         device_time: device_time(*timestamp),
+        decoded,
     };
     serde_json::to_string(&line).unwrap_or_default()
 }

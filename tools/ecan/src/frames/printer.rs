@@ -46,8 +46,8 @@ impl Printer {
     ) -> Result<Self> {
         let Destination { is_shown, log, existing } = destination;
         let writer = log.map(|path| Writer::create_with(path, existing)).transpose()?;
+        let log_lines = writer.map(|writer| (writer, LogLines::new(&screen)));
         let lines = is_shown.then(|| ScreenLines::new(screen));
-        let log_lines = writer.map(|writer| (writer, LogLines::new(screen)));
         let print = move |timed: &Receiver<TimedFrame>| print_all(timed, lines, log_lines);
         let printer = Self::start_with(QUEUE, interrupt, print)?;
         Ok(Self { log: log.map(Path::to_owned), ..printer })
@@ -134,7 +134,7 @@ fn print_all(
     while let Ok(first) = timed.recv() {
         for timed in std::iter::once(first).chain(timed.try_iter()) {
             if let Some(screen) = &mut screen {
-                writeln!(stream, "{}", screen.line(&timed))?;
+                writeln!(stream, "{}", screen.lines(&timed))?;
             }
             if let Some((log, lines)) = &mut log {
                 log.write_line(lines.line(&timed)).map_err(of_log)?;

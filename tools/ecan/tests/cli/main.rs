@@ -45,6 +45,7 @@ mod serve;
 mod serve_daemon;
 mod service_failures;
 mod setup_host;
+mod signals;
 mod sii_sm_layout;
 mod sim;
 mod socketcan;

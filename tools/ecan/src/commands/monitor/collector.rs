@@ -3,6 +3,7 @@
 //! Runs on a thread other than the cycle: histograms and texts allocate.
 
 use std::collections::VecDeque;
+use std::sync::Arc;
 
 use ecan_mcan_port::{Session, SlaveStatistics};
 use ecan_protocol::image::ChannelState;
@@ -277,6 +278,7 @@ impl Collector {
                 without_axes: (!has_axes).then(|| self.origin.without_axes.clone()),
                 axes: self.axes.clone(),
             },
+            signals: Arc::default(),
         }
     }
 

@@ -6,6 +6,7 @@ use ecan_protocol::can::{CanFrame, FrameKind};
 
 use super::keys::Choice;
 use super::snapshot::{IdView, Snapshot};
+use crate::frames::signals::missing;
 use crate::table;
 
 pub const ID_TITLES: [&str; 9] =
@@ -52,8 +53,8 @@ fn seconds(ns: u64) -> String {
     if s < 1000.0 { format!("{s:.1}") } else { format!("{s:.0}") }
 }
 
-/// Line of the selected row.
-pub fn id_summary(row: &IdView) -> String {
+/// Line of the selected row, with the name of its message.
+pub fn id_summary(row: &IdView, message: Option<&str>) -> String {
     let IdView { gateway, channel, frame, .. } = row;
     let kind = match frame.kind() {
         FrameKind::Data => "classic",
@@ -66,8 +67,9 @@ pub fn id_summary(row: &IdView) -> String {
         none if none.is_empty() => String::new(),
         bytes => format!(", changed bytes {bytes}"),
     };
+    let message = message.map_or_else(String::new, |name| format!(" {name}"));
     format!(
-        "gateway {gateway} can{channel} {direction} {}, {kind}, {} bytes{changed}",
+        "gateway {gateway} can{channel} {direction} {}{message}, {kind}, {} bytes{changed}",
         can_id(frame),
         frame.data().len()
     )
@@ -106,10 +108,36 @@ pub fn print(out: &mut dyn Write, snapshot: &Snapshot, choice: Choice) -> std::i
     writeln!(out, "{}", ids_title(snapshot, choice, rows.len()))?;
     let [bus, direction, id, count, period, mean, dlc, age, data] = ID_TITLES;
     let titles = [bus, direction, id, count, period, mean, dlc, age, "changed", data];
-    table::print_with_titles(out, titles, rows, |row| {
+    table::print_with_titles(out, titles, &rows, |row| {
         let [bus, direction, id, count, period, mean, dlc, age] = id_cells(row);
         let bytes = row.frame.data().iter().map(|byte| format!("{byte:02X}"));
         let data = bytes.collect::<Vec<_>>().join(" ");
         [bus, direction, id, count, period, mean, dlc, age, changed(row), data]
-    })
+    })?;
+    print_signals(out, snapshot, &rows)
+}
+
+/// Prints a line for each signal of the rows.
+fn print_signals(
+    out: &mut dyn Write,
+    snapshot: &Snapshot,
+    rows: &[&IdView],
+) -> std::io::Result<()> {
+    let decode = |row: &IdView| snapshot.signals.decode(row.channel, &row.frame);
+    let decoded: Vec<_> = rows.iter().filter_map(|row| Some((row, decode(row)?))).collect();
+    if decoded.is_empty() {
+        return Ok(());
+    }
+    writeln!(out)?;
+    let cells = decoded.iter().flat_map(|(row, decoded)| {
+        let [bus, direction, id, ..] = id_cells(row);
+        let message = format!("{}{}", decoded.message.name, missing(decoded));
+        decoded.signals.iter().map(move |it| {
+            let names = [&bus, &direction, &id, &message, &it.signal.name].map(String::clone);
+            let [bus, direction, id, message, name] = names;
+            [bus, direction, id, message, name, it.value_text()]
+        })
+    });
+    let titles = ["bus", "dir", "CAN ID", "message", "signal", "value"];
+    table::print_with_titles(out, titles, cells, |row| row)
 }

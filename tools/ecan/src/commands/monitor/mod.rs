@@ -19,20 +19,21 @@ mod terminal;
 mod text;
 
 use std::io::IsTerminal;
+use std::sync::Arc;
 
 use clap::Args;
 use ecan_command_line::interrupt::Interrupt;
 use ecan_sim::ClockKind;
 
 use crate::context::{Context, Failure, Result, note};
-use crate::frames::{Channels, GatewayOptions, GatewayRequirements, Settings};
+use crate::frames::{Channels, DbcOption, GatewayOptions, GatewayRequirements, Settings, Signals};
 
 use collector::Collector;
 use keys::{Choice, Sort, View};
 use observation::Observation;
 use port_source::PortSource;
 use service_source::ServiceSource;
-use snapshot::{Head, Report, Snapshot};
+use snapshot::{Head, IdReport, IdsReport, Report, Snapshot};
 use source::Source;
 
 const LOOK_NS: u64 = 100_000_000;
@@ -45,6 +46,7 @@ Examples:
   ecan --slave 1 monitor --listen-only         one gateway, without acknowledging on its CAN buses
   ecan monitor --config cell.toml              the gateways of a file, with its settings
   ecan monitor --view ids --channel 0          frames by CAN ID, on channel 0
+  ecan monitor --view ids --dbc cell.dbc       with the signals of the selected frame
   ecan monitor --view axes --once              print the axes of the application
   ecan monitor --for 60 --json > minute.json   JSON output after a minute
 
@@ -87,6 +89,8 @@ pub struct MonitorArguments {
     #[arg(long)]
     listen_only: bool,
     #[command(flatten)]
+    signals: DbcOption,
+    #[command(flatten)]
     options: GatewayOptions,
 }
 
@@ -123,11 +127,12 @@ pub fn run(arguments: &MonitorArguments, context: &Context) -> Result {
             Box::new(PortSource::open(&bus, &settings, requirements, arguments, global)?)
         }
     };
+    let signals = Arc::new(arguments.signals.read()?);
     let (view, sort, filter) = (arguments.view, arguments.sort, arguments.channel);
     let choice = Choice { view, sort, filter, ..Choice::default() };
     match is_once {
-        true => print_once(source.as_mut(), seconds, choice, &interrupt, context),
-        false => terminal::run(source.as_mut(), choice, &interrupt, &context.output),
+        true => print_once(source.as_mut(), seconds, choice, signals, &interrupt, context),
+        false => terminal::run(source.as_mut(), choice, signals, &interrupt, &context.output),
     }
 }
 
@@ -135,6 +140,7 @@ fn print_once(
     source: &mut dyn Source,
     seconds: f64,
     choice: Choice,
+    signals: Arc<Signals>,
     interrupt: &Interrupt,
     context: &Context,
 ) -> Result {
@@ -148,7 +154,7 @@ fn print_once(
     for (position, errors) in source.read_errors() {
         collector.take_errors(position, errors);
     }
-    let snapshot = collector.snapshot();
+    let snapshot = Snapshot { signals, ..collector.snapshot() };
     print(&snapshot, choice, context)?;
     let Head { frames_lost, interruption, .. } = &snapshot.head;
     if *frames_lost > 0 {
@@ -189,9 +195,12 @@ fn print(snapshot: &Snapshot, choice: Choice, context: &Context) -> Result {
     match choice.view {
         View::Overview => output.data(snapshot, |out| text::print(out, snapshot)),
         View::Ids => {
-            let ids = choice.ids(snapshot).into_iter().copied().collect();
-            let ids = snapshot::IdsView { ids, ..snapshot.ids };
-            let report = Report { head, view: &ids };
+            let ids = choice.ids(snapshot).into_iter().map(|row| IdReport {
+                row,
+                decoded: snapshot.signals.decode(row.channel, &row.frame).map(Into::into),
+            });
+            let view = IdsReport { not_listed: snapshot.ids.not_listed, ids: ids.collect() };
+            let report = Report { head, view: &view };
             output.data(&report, |out| id_text::print(out, snapshot, choice))
         }
         View::Axes => {

@@ -1,9 +1,13 @@
 use std::fmt::Write as _;
+use std::sync::Arc;
 
 use ecan_protocol::can::{CanFrame, FrameKind};
 use ecan_protocol::mapping::CHANNELS;
 use ecan_service_protocol::{AxisState, ServiceStats};
 use serde::{Serialize, Serializer};
+
+use crate::frames::Signals;
+use crate::frames::signals::DecodedMessage;
 
 pub const CLASSES: usize = 7;
 /// Class limits: difference between period and cycle in microseconds.
@@ -25,6 +29,9 @@ pub struct Snapshot {
     pub ids: IdsView,
     #[serde(skip)]
     pub axes: AxesView,
+    /// Signals of the frames of `ids`.
+    #[serde(skip)]
+    pub signals: Arc<Signals>,
 }
 
 /// Values of every view.
@@ -172,7 +179,7 @@ impl Direction {
     }
 }
 
-#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct IdsView {
     /// Frames of CAN IDs that found the table full.
     pub not_listed: u64,
@@ -198,6 +205,22 @@ pub struct IdView {
     /// Bit set of the bytes that changed.
     #[serde(serialize_with = "bits")]
     pub changed: u64,
+}
+
+/// JSON form of the view of CAN IDs.
+#[derive(Debug, Serialize)]
+pub struct IdsReport<'a> {
+    pub not_listed: u64,
+    pub ids: Vec<IdReport<'a>>,
+}
+
+#[derive(Debug, Serialize)]
+pub struct IdReport<'a> {
+    #[serde(flatten)]
+    pub row: &'a IdView,
+    /// Message and signals, if a DBC file has the CAN ID.
+    #[serde(flatten)]
+    pub decoded: Option<DecodedMessage>,
 }
 
 impl IdView {

@@ -11,6 +11,7 @@ use ecan_command_line::interrupt::Interrupt;
 use ratatui::Frame;
 
 use crate::context::{Failure, FullScreen, Output, Result};
+use crate::frames::Signals;
 
 use super::LOOK_NS;
 use super::collector::Collector;
@@ -37,6 +38,7 @@ const LOOK: Duration = Duration::from_millis(5);
 pub fn run(
     source: &mut dyn Source,
     choice: Choice,
+    signals: Arc<Signals>,
     interrupt: &Interrupt,
     output: &Output,
 ) -> Result {
@@ -58,6 +60,7 @@ pub fn run(
         is_over: Arc::new(AtomicBool::new(false)),
         has_color: output.has_color(),
         choice,
+        signals,
         draw: screen::draw,
     };
     let is_over = drawing.is_over.clone();
@@ -150,6 +153,7 @@ struct Drawing {
     is_over: Arc<AtomicBool>,
     has_color: bool,
     choice: Choice,
+    signals: Arc<Signals>,
     draw: Draw,
 }
 
@@ -219,9 +223,13 @@ impl Drawing {
         true
     }
 
+    fn snapshot(&self) -> Snapshot {
+        Snapshot { signals: self.signals.clone(), ..self.collector.snapshot() }
+    }
+
     fn draw_all(&mut self, terminal: &mut ratatui::DefaultTerminal) -> Result {
         let mut choice = self.choice;
-        let mut shown = self.collector.snapshot();
+        let mut shown = self.snapshot();
         loop {
             if !self.take_waiting() {
                 return Ok(());
@@ -230,7 +238,7 @@ impl Drawing {
                 self.collector.take_errors(position, errors);
             }
             if !choice.is_paused {
-                shown = self.collector.snapshot();
+                shown = self.snapshot();
             }
             terminal.draw(|frame| (self.draw)(frame, &shown, choice, self.has_color))?;
             let mut is_waiting = event::poll(FRAME)?;

@@ -53,6 +53,7 @@ fn drawing(draw: Draw, observations: usize) -> (Drawing, SyncSender<Observation>
         is_over: Arc::new(AtomicBool::new(false)),
         has_color: false,
         choice: Choice::default(),
+        signals: Arc::default(),
         draw,
     };
     (drawing, full)

@@ -7,6 +7,7 @@ use super::super::snapshot::{
     AxesView, ChannelView, CycleView, Direction, Errors, Event, GatewayState, GatewayView, Head,
     IdView, Snapshot, Times,
 };
+use crate::frames::Signals;
 
 fn times(min_us: f64, p50_us: f64, max_us: f64) -> Times {
     Times {
@@ -178,6 +179,19 @@ pub fn ids() -> Snapshot {
     }
     snapshot.ids.not_listed = 17;
     snapshot
+}
+
+/// Signals of the second frame of [`ids`].
+pub fn with_signals(snapshot: Snapshot) -> Snapshot {
+    let file = "BO_ 385 Drive: 8 X\n \
+                SG_ Speed : 0|16@1+ (0.1,0) [0|0] \"km/h\" X\n \
+                SG_ Torque : 16|8@1- (0.5,0) [0|0] \"Nm\" X\n \
+                SG_ State : 24|8@1+ (1,0) [0|0] \"\" X\n \
+                SG_ Temperature : 32|8@1+ (1,-40) [0|0] \"degC\" X\n \
+                SG_ Voltage : 40|16@1+ (0.01,0) [0|0] \"V\" X\n\
+                VAL_ 385 State 51 \"Running\" ;\n";
+    let signals = Signals::of_text(file);
+    Snapshot { signals: signals.into(), ..snapshot }
 }
 
 /// An axis that follows targets, and one in fault.

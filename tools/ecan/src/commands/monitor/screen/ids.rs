@@ -11,26 +11,56 @@ use super::super::keys::Choice;
 use super::super::snapshot::{Direction, IdView, Snapshot};
 use super::Tint;
 use super::columns::Columns;
+use crate::frames::signals::missing;
 
 /// "FF " of a byte.
 const BYTE_WIDTH: usize = 3;
+/// Height of the table that the signals leave.
+const LEAST_TABLE: u16 = 6;
+/// Blanks between two signals of a line.
+const GAP: usize = 3;
+
+/// Lines of texts in columns, as many as there is room for; the last one counts the others.
+fn columns_of(texts: Vec<String>, width: usize, room: usize) -> Vec<String> {
+    let cell = texts.iter().map(|it| it.chars().count()).max().unwrap_or(0) + GAP;
+    let per_line = ((width + GAP) / cell).max(1);
+    let row = |texts: &[String]| {
+        let cells: String = texts.iter().map(|it| format!("{it:cell$}")).collect();
+        cells.trim_end().to_owned()
+    };
+    let lines: Vec<_> = texts.chunks(per_line).map(row).collect();
+    if lines.len() <= room {
+        return lines;
+    }
+    let shown = room.saturating_sub(1);
+    let more = format!("{} more signals", texts.len() - (shown * per_line).min(texts.len()));
+    lines.into_iter().take(shown).chain([more]).take(room).collect()
+}
 
 pub fn draw(frame: &mut Frame, area: Rect, snapshot: &Snapshot, choice: Choice, tint: Tint) {
     let rows = choice.ids(snapshot);
     let selected = choice.id.min(rows.len().saturating_sub(1));
     let per_line = (usize::from(area.width.saturating_sub(2)) / BYTE_WIDTH / 8).max(1) * 8;
     let bytes = rows.get(selected).map_or(0, |row| row.frame.data().len());
+    let decoded = rows.get(selected).and_then(|it| snapshot.signals.decode(it.channel, &it.frame));
     // Border, summary and data.
-    let detail = 3 + bytes.div_ceil(per_line).max(1) as u16;
+    let data_lines = bytes.div_ceil(per_line).max(1) as u16;
+    let room = area.height.saturating_sub(LEAST_TABLE + 3 + data_lines);
+    let texts = decoded.iter().flat_map(|it| &it.signals).map(ToString::to_string).collect();
+    let signal_lines = columns_of(texts, area.width.saturating_sub(2).into(), room.into());
+    let detail = 3 + data_lines + signal_lines.len() as u16;
     let [table_area, detail_area] =
-        Layout::vertical([Constraint::Min(6), Constraint::Length(detail)]).areas(area);
+        Layout::vertical([Constraint::Min(LEAST_TABLE), Constraint::Length(detail)]).areas(area);
     draw_table(frame, table_area, snapshot, choice, (&rows, selected), tint);
     let block = Block::bordered();
     let mut lines = Vec::new();
     if let Some(row) = rows.get(selected) {
-        lines.push(Line::raw(id_summary(row)));
+        let message = decoded.as_ref().map(|it| it.message.name.as_str());
+        let missing = decoded.as_ref().map_or_else(String::new, missing);
+        lines.push(Line::raw(id_summary(row, message) + &missing));
         let data: Vec<_> = row.frame.data().iter().enumerate().collect();
         lines.extend(data.chunks(per_line).map(|bytes| data_line(bytes, row, tint)));
+        lines.extend(signal_lines.into_iter().map(Line::raw));
     }
     frame.render_widget(Paragraph::new(lines).block(block), detail_area);
 }

@@ -4,7 +4,7 @@ use ratatui::Terminal;
 use ratatui::backend::TestBackend;
 
 use super::super::keys::Sort;
-use super::fixtures::{axes, bus_off, healthy, ids, lost, through_service};
+use super::fixtures::{axes, bus_off, healthy, ids, lost, through_service, with_signals};
 use super::*;
 use crate::frames::Channels;
 
@@ -112,7 +112,8 @@ fn any_size_can_be_drawn() {
     let help = Choice { has_help: true, gateway: 19, channel: 3, is_paused: true, ..FIRST };
     let last = Choice { id: usize::MAX, axis: usize::MAX, ..FIRST };
     let choices = [View::Overview, View::Ids, View::Axes].map(|view| Choice { view, ..last });
-    let snapshots = [Snapshot::default(), lost(), healthy(20), through_service(), ids(), axes()];
+    let (signals, service) = (with_signals(ids()), through_service());
+    let snapshots = [Snapshot::default(), lost(), healthy(20), service, ids(), signals, axes()];
     for (snapshot, choice) in
         snapshots.iter().flat_map(|it| choices.into_iter().chain([help]).map(move |at| (it, at)))
     {
@@ -159,6 +160,15 @@ fn ids_screen_has_data_with_marked_changes() {
     let is_marked = |x| buffer[(x, 3)].modifier.contains(Modifier::UNDERLINED);
     let marked: Vec<_> = (56..79).map(is_marked).enumerate().filter(|it| it.1).collect();
     assert_eq!(marked, [(3, true), (4, true)]);
+}
+
+#[test]
+fn ids_screen_has_signals_of_the_selected_frame() {
+    let snapshot = with_signals(ids());
+    let choice = Choice { view: View::Ids, id: 1, ..FIRST };
+    shows!("signals", (80, 24), snapshot, choice);
+    // Without room for all of them.
+    shows!("signals_low", (54, 14), snapshot, choice);
 }
 
 #[test]
