@@ -77,7 +77,7 @@ impl World {
     /// Builds the world of a scenario at `now` nanoseconds, with the gateways switched on.
     ///
     /// # Errors
-    /// A candump log or an EDS cannot be read, or a bridge cannot be made.
+    /// A recording or an EDS cannot be read, or a bridge cannot be made.
     pub(crate) fn new(
         scenario: &Scenario,
         now: u64,

@@ -59,7 +59,7 @@ struct Arguments {
     /// Sync0 shift relative to the cycle [default: the middle of the usable ones, by the plan]
     #[arg(long, value_name = "US")]
     dc_shift_us: Option<u32>,
-    /// Analyser's candump log of the bus, complete when the frames are sent; source of the bus times
+    /// Analyser's recording of the bus, complete when the frames are sent; source of the bus times
     #[arg(long, value_name = "FILE")]
     bus_log: Option<PathBuf>,
     /// Write the frames of the simulated bus as a candump log

@@ -54,7 +54,7 @@ struct Arguments {
     /// recorded frame of `canN` goes to channel N, counted over all gateways
     #[arg(long, value_name = "CHANNEL", value_parser = parse_channels)]
     channel: Option<Channels>,
-    /// Send the frames of a candump log at their times and check that each returns
+    /// Send the frames of a recording at their times and check that each returns
     #[arg(long, value_name = "FILE")]
     replay: Option<PathBuf>,
     /// Write received frames as a candump log

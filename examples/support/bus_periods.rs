@@ -38,7 +38,7 @@ impl BusRecord {
         Self { frames: frames.iter().filter_map(numbered).collect(), resolution_ns: 1 }
     }
 
-    /// Reads an analyser's candump log, without frames of other CAN IDs. The first frame of a number
+    /// Reads an analyser's recording, without frames of other CAN IDs. The first frame of a number
     /// counts as sent, the others as its echo.
     pub fn from_log(path: &Path, id: CanId) -> Result<Self, Box<dyn Error>> {
         let log = log_file::read(path)?.frames;

@@ -60,7 +60,7 @@ impl LoopSetup {
         Source::Counter { id, targets: self.channels.targets(&self.port), cycles, done: 0 }
     }
 
-    /// The frames of a candump log. Prints its long gaps.
+    /// The frames of a recording. Prints its long gaps.
     ///
     /// # Errors
     /// The file cannot be read, or a frame does not fit the configured channels.

@@ -16,7 +16,7 @@ use crate::tx_probe::{ModeResult, Target, probe_id};
 /// Files of a transmission probe.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct ProbeFiles<'a> {
-    /// Analyser's candump log of the bus, read after the measurement.
+    /// Analyser's recording of the bus, read after the measurement.
     pub bus_log: Option<&'a Path>,
     /// Recording of the simulated bus.
     pub bus_dump: Option<&'a Path>,

@@ -45,7 +45,7 @@ impl Wire {
     /// their boot.
     ///
     /// # Errors
-    /// A candump log or an EDS cannot be read; the scenario has a bridge or an I/O slave.
+    /// A recording or an EDS cannot be read; the scenario has a bridge or an I/O slave.
     pub fn new(scenario: &Scenario, now: u64) -> Result<Self, BackendError> {
         Self::with_bridges(scenario, now, None)
     }
@@ -53,7 +53,7 @@ impl Wire {
     /// As [`new`](Self::new), for a scenario that may have bridges.
     ///
     /// # Errors
-    /// A candump log or an EDS cannot be read, a bridge cannot be made, or the scenario has an I/O slave.
+    /// A recording or an EDS cannot be read, a bridge cannot be made, or the scenario has an I/O slave.
     pub fn with_bridges(
         scenario: &Scenario,
         now: u64,

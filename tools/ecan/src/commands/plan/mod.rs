@@ -46,7 +46,7 @@ pub struct PlanArguments {
     /// Data bytes per frame [default: 8, or 64 with CAN FD]
     #[arg(long, value_name = "N")]
     bytes: Option<u8>,
-    /// Plan the mean load of a candump log instead; several channels: canN of the log goes to
+    /// Plan the mean load of a recording instead; several channels: canN of it goes to
     /// channel N, counted over all gateways
     #[arg(long, value_name = "FILE", conflicts_with_all = ["frames", "bytes"])]
     replay: Option<PathBuf>,
