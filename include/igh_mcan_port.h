@@ -483,7 +483,7 @@ typedef struct {
  *                    replaced, startup SDOs included. Policies of 0x8020 become startup SDOs, 6
  *                    per gateway with policies, and count for ECAN_IGH_MAX_STARTUP_SDOS.
  * @param config      Is overwritten.
- * @param path        Path of the file, relative to the working directory.
+ * @param path        Path of the file, relative to the working directory; "-" is standard input.
  * @param faults      Gets the faults that fit, in the order of the lines, for an editor for example;
  *                    may be NULL if capacity is 0. ecan_last_error() holds some eighty of them.
  * @param capacity    Size of `faults`.

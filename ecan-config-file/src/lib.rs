@@ -49,6 +49,7 @@ mod flash;
 mod gateway;
 mod idle_keys;
 mod included_profile;
+mod input;
 mod located;
 mod network;
 mod node;
@@ -57,8 +58,6 @@ mod service;
 mod text_lines;
 
 use std::collections::BTreeMap;
-use std::fs::File;
-use std::io::{self, Read};
 use std::path::Path;
 
 use ecan_canopen::{NetworkDescription, NodeDescription};
@@ -73,6 +72,7 @@ pub use difference::{Difference, Expected};
 pub use fault::{ConfigFileError, FileFault, FileFaults};
 pub use flash::{ConfigChecksums, FlashCommand};
 pub use included_profile::{IncludedProfile, ProfileEffect};
+pub use input::read_bytes;
 pub use network::NetworkSettings;
 pub use node::parse_bus_yml;
 pub use service::ServiceSettings;
@@ -134,20 +134,8 @@ pub fn parse_axes(bytes: &[u8]) -> Result<Vec<AxisConfig>, FileFaults> {
     Ok(read(bytes, Includes::None)?.axes.into_iter().flatten().map(|it| it.config).collect())
 }
 
-/// No configuration is larger; the path may be a device, or a log by mistake.
-const MAX_BYTES: u64 = 16 << 20;
-
-fn bytes(path: &Path) -> io::Result<Vec<u8>> {
-    let mut bytes = Vec::new();
-    File::open(path)?.take(MAX_BYTES + 1).read_to_end(&mut bytes)?;
-    if bytes.len() as u64 > MAX_BYTES {
-        let reason = "larger than 16 MiB; not a configuration file";
-        return Err(io::Error::new(io::ErrorKind::FileTooLarge, reason));
-    }
-    Ok(bytes)
-}
-
-/// Reads a configuration from a file of at most 16 MiB.
+/// Reads a configuration from a file of at most 16 MiB, like the functions below. The path `-` is standard
+/// input; files that it includes are relative to the current directory then.
 ///
 /// # Errors
 /// [`ConfigFileError`]: the file cannot be read, or every fault of it, with line and column.
@@ -246,7 +234,7 @@ fn load_by<T>(
     path: &Path,
     parse: impl FnOnce(&[u8]) -> Result<T, FileFaults>,
 ) -> Result<T, ConfigFileError> {
-    let bytes =
-        bytes(path).map_err(|reason| ConfigFileError::Read { path: path.to_owned(), reason })?;
+    let bytes = read_bytes(path)
+        .map_err(|reason| ConfigFileError::Read { path: path.to_owned(), reason })?;
     parse(&bytes).map_err(|faults| ConfigFileError::Faults { path: path.to_owned(), faults })
 }

@@ -13,6 +13,9 @@ use crate::node::BridgeFactory;
 use crate::scenario::{self, BUILTIN_SCENARIOS, ClockKind, Scenario};
 use crate::simulation::Simulation;
 
+/// File name of standard input.
+const STANDARD_INPUT: &str = "-";
+
 /// Scenario of a simulated library.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum ScenarioChoice {
@@ -25,12 +28,14 @@ pub enum ScenarioChoice {
 }
 
 impl ScenarioChoice {
-    /// Parses the name of a built-in scenario, or of a file that ends in `.toml`.
+    /// Parses the name of a built-in scenario, or of a file that ends in `.toml`; `-` is a file on
+    /// standard input.
     ///
     /// # Errors
     /// [`BackendError::UnknownScenario`].
     pub fn parse(name: &str) -> Result<Self, BackendError> {
-        if Path::new(name).extension().is_some_and(|extension| extension == "toml") {
+        let is_file = Path::new(name).extension().is_some_and(|extension| extension == "toml");
+        if is_file || name == STANDARD_INPUT {
             return Ok(Self::File(PathBuf::from(name)));
         }
         if BUILTIN_SCENARIOS.contains(&name) {
@@ -151,8 +156,11 @@ fn choose(choice: &ScenarioChoice, options: &SimOptions) -> Result<Scenario, Bac
         ScenarioChoice::Suggested => named(options.suggested.as_deref().unwrap_or("echo")),
         ScenarioChoice::Named(name) => named(name),
         ScenarioChoice::File(path) => {
-            let text = std::fs::read_to_string(path)
-                .map_err(|error| BackendError::Read(path.clone(), error))?;
+            let text = match path.as_os_str() == STANDARD_INPUT {
+                true => std::io::read_to_string(std::io::stdin()),
+                false => std::fs::read_to_string(path),
+            };
+            let text = text.map_err(|error| BackendError::Read(path.clone(), error))?;
             let directory = path.parent().unwrap_or(Path::new("."));
             let name = path.display().to_string();
             Scenario::from_toml(&text, &name, directory)

@@ -2,6 +2,7 @@
 
 #include <stdio.h>
 #include <stdlib.h>
+#include <string.h>
 
 #include "report.h"
 
@@ -50,7 +51,8 @@ static bool read_lines(candump_log_t *log, FILE *file, const char *path, char **
 bool candump_log_read(candump_log_t *log, const char *path)
 {
     char *line = NULL;
-    FILE *file = fopen(path, "r");
+    bool is_standard_input = strcmp(path, "-") == 0;
+    FILE *file = is_standard_input ? stdin : fopen(path, "r");
     *log = (candump_log_t){0};
     if (file == NULL) {
         report_errno("cannot read", path);
@@ -58,7 +60,9 @@ bool candump_log_read(candump_log_t *log, const char *path)
     }
     bool is_read = read_lines(log, file, path, &line);
     free(line);
-    fclose(file);
+    if (!is_standard_input) {
+        fclose(file);
+    }
     if (!is_read) {
         candump_log_free(log);
     }

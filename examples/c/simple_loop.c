@@ -70,7 +70,7 @@ static void parse_arguments(arguments_t *arguments, int argc, char **argv)
                 "that its interface names, counted over all gateways"});
     options_add(&list, (option_t){
         .name = "replay", .value_name = "FILE", .text = &arguments->replay,
-        .help = "Send the frames of a candump log and check that each returns"});
+        .help = "Send the frames of a candump log and check that each returns; `-` is standard input"});
     options_add(&list, (option_t){
         .name = "dump", .value_name = "FILE", .text = &arguments->dump,
         .help = "Write received frames as a candump log"});

@@ -119,7 +119,7 @@ fn configure_drive(drive: &mut DriveConfig, boot: &BootConfig) {
 
 fn included(includes: &Includes, path: &Path) -> Result<Vec<u8>, String> {
     match includes {
-        Includes::Directory(base) => crate::bytes(&base.join(path))
+        Includes::Directory(base) => crate::read_bytes(base.join(path))
             .map_err(|error| format!("cannot read {}: {error}", path.display())),
         Includes::None | Includes::Texts(_) => Err(format!(
             "{} is relative to the configuration file: load the configuration from a file",

@@ -18,6 +18,7 @@ mod failure;
 mod firmware_version;
 mod frames;
 mod global;
+mod input_file;
 mod object_path;
 mod output;
 mod program;

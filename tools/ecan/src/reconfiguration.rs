@@ -12,6 +12,7 @@ use serde::{Deserialize, Serialize};
 use crate::config_changes::Change;
 use crate::config_file;
 use crate::context::{Failure, Result};
+use crate::input_file;
 use crate::service_access::ServiceConnection;
 
 pub const METHOD: &str = "reconfigure";
@@ -50,9 +51,7 @@ pub struct ReadyGateway {
 impl ConfigText {
     /// Reads a file and the device profiles that it includes.
     pub fn read(path: &Path) -> Result<Self> {
-        let read = |path: &Path| {
-            std::fs::read_to_string(path).map_err(|error| Failure::file("read", path, error))
-        };
+        let read = |path: &Path| input_file::read_text(path);
         let base = path.parent().unwrap_or(Path::new(""));
         let profiles = load_profiles(path).map_err(config_file::failure)?;
         let mut files = BTreeMap::new();

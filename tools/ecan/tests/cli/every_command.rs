@@ -199,6 +199,44 @@ fn short_help_folds_the_options_of_every_command() {
 }
 
 #[test]
+fn dash_is_standard_input() {
+    let run = |status: i32, input: &str, arguments: &[&str]| {
+        let files = Scenario::new("");
+        let input = std::fs::File::open(files.write("input", input)).unwrap();
+        let mut command = Command::new(env!("CARGO_BIN_EXE_ecan"));
+        let output = command.args(arguments).env_remove("ECAN_ECRT").stdin(input).output().unwrap();
+        let errors = String::from_utf8(output.stderr).unwrap();
+        assert_eq!(output.status.code(), Some(status), "{arguments:?}: {errors}");
+        String::from_utf8(output.stdout).unwrap() + &errors
+    };
+    let config = crate::support::good(&["config", "example"]);
+    let shown = run(0, &config, &["config", "check", "-"]);
+    assert!(shown.starts_with("gateway 0: position 0\n"), "{shown}");
+    let shown = run(1, "n = 8", &["config", "check", "-"]);
+    assert!(shown.contains("-:1:1: unknown key `n`"), "{shown}");
+    let shown = run(0, &config, &["plan", "--config", "-"]);
+    assert!(shown.starts_with("plan for 1 gateway(s)"), "{shown}");
+    let shown = run(0, &config, &["--ecrt", "sim", "config", "apply", "-"]);
+    assert!(shown.starts_with("slave 0: configured as gateway 0 of -\n"), "{shown}");
+    let send = ["--ecrt", "sim", "send", "--config", "-", "--channel", "0", "123#"];
+    assert_eq!(run(0, &config, &send).lines().next(), Some("can0 123# sent"));
+    let log = "(0.000000) can0 123#00\n(0.001000) can0 124#00\n";
+    let shown = run(0, log, &["--ecrt", "sim", "replay", "-"]);
+    assert!(shown.contains("2 frames sent"), "{shown}");
+    let shown = run(0, "[[gateway]]\nalias = 7\n", &["--ecrt", "sim:-", "scan"]);
+    assert!(shown.contains("\n0    7      PREOP"), "{shown}");
+    let eds = include_str!("../../../../examples/network/gripper.eds");
+    let list =
+        ["--ecrt", "sim:drives", "node", "sdo", "list", "--node", "1", "--names", "--eds", "-"];
+    assert!(run(0, eds, &list).contains("Grip force"));
+    let network =
+        [&["--ecrt", "sim:drives", "axis", "status", "--config", "-"][..], &["--axis", "0"]];
+    let axis = "[[gateway]]\nn = 3\n[gateway.can0]\nbitrate = 500_000\n[[axis]]\ngateway = 0\n\
+                channel = 0\nnode = 1\n";
+    assert!(run(0, axis, &network.concat()).contains("switch on disabled"));
+}
+
+#[test]
 fn numbers_in_json_are_numbers() {
     /// Strings that are numbers, with their keys. Versions are texts.
     fn numbers(key: &str, value: &serde_json::Value, found: &mut Vec<String>) {

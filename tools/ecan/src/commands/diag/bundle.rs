@@ -6,6 +6,7 @@ use ecan_diagnosis::Snapshot;
 use serde::{Deserialize, Serialize};
 
 use crate::context::{Failure, Result};
+use crate::input_file;
 
 const FORMAT: &str = "ecan-diagnosis";
 const VERSION: u32 = 1;
@@ -90,8 +91,7 @@ impl Bundle {
     }
 
     pub(super) fn load(path: &Path) -> Result<Self> {
-        let text =
-            std::fs::read_to_string(path).map_err(|error| Failure::file("read", path, error))?;
+        let text = input_file::read_text(path)?;
         let wrong = |reason: String| Failure::file("understand", path, reason);
         // Check format and version first: this gives a better message than the first missing field.
         let value: serde_json::Value =

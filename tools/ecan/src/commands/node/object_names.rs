@@ -7,6 +7,7 @@ use clap::Args;
 use ecan_canopen::{AccessType, DeviceFile, DeviceObject, FindError, ObjectEntry, ObjectType};
 
 use crate::context::{Failure, Result, note};
+use crate::input_file;
 use crate::value::{parse_unsigned, reject_without_prefix};
 
 use super::node_target::SelectedNode;
@@ -45,7 +46,7 @@ impl DeviceFileArguments {
 /// # Errors
 /// The file cannot be read or used.
 pub fn read_device_file(path: &std::path::Path) -> Result<DeviceFile> {
-    let bytes = std::fs::read(path).map_err(|error| Failure::file("read", path, error))?;
+    let bytes = input_file::read(path)?;
     let file = DeviceFile::parse(&bytes).map_err(|it| Failure::file("use", path, it))?;
     if let Some(first) = file.warnings().first() {
         let (count, path) = (file.warnings().len(), path.display());
