@@ -24,6 +24,7 @@
  *          Structs that the library fills end with reserved fields, which are 0; reserved fields of
  *          structs that the application fills must be 0.
  *          Added: ecan_igh_is_stop_requested(), ecan_igh_clear_stop_request().
+ *          ecan_igh_init() returns ECAN_ERR_FILE, not ECAN_ERR_ECRT, for a scenario.
  *          Added: ecan_igh_config_stop_waiting_when(). An overwritten configuration is
  *          ECAN_ERR_NOT_INITIALISED.
  *   0.1.0  First version.
@@ -437,7 +438,7 @@ typedef struct {
  * @param config   Is copied.
  *
  * @usage   not rt, any thread, any time
- * @return  ECAN_OK; ECAN_ERR_CONFIG, ECAN_ERR_ECRT, ECAN_ERR_MASTER, ECAN_ERR_NOT_FOUND,
+ * @return  ECAN_OK; ECAN_ERR_CONFIG, ECAN_ERR_ECRT, ECAN_ERR_FILE, ECAN_ERR_MASTER, ECAN_ERR_NOT_FOUND,
  *          ECAN_ERR_IDENTITY, ECAN_ERR_SDO, ECAN_ERR_READBACK, ECAN_ERR_NOT_OPERATIONAL,
  *          ECAN_ERR_STOPPED;
  *          ECAN_ERR_ORDER for a context that is initialised already. After an error there is

@@ -193,7 +193,10 @@ typedef enum {
      * do.
      */
     ECAN_ERR_PRIVILEGE = -35,
-    /** A file cannot be read; ecan_last_error() names it, with the reason. */
+    /**
+     * A file or a scenario of the simulator cannot be used; ecan_last_error() names it, with the
+     * reason.
+     */
     ECAN_ERR_FILE = -36,
     /**
      * The image has another layout_id than the profile: the device's active profile differs. Its

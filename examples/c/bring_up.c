@@ -185,6 +185,9 @@ bool bus_settings_configure(const bus_settings_t *settings, ecan_igh_config_t *i
     if (is_good && settings->config != NULL) {
         is_good = igh_mcan_port_load_config(igh_config, mcan_config, settings->config, NULL, 0,
                                             NULL) == ECAN_OK;
+        if (!is_good) {
+            report_is_of_file();
+        }
     } else if (is_good) {
         is_good = configure_master(igh_config, settings) &&
                   configure_gateways(mcan_config, settings);

@@ -56,6 +56,7 @@ bool candump_log_read(candump_log_t *log, const char *path)
     *log = (candump_log_t){0};
     if (file == NULL) {
         report_errno("cannot read", path);
+        report_is_of_file();
         return false;
     }
     bool is_read = read_lines(log, file, path, &line);
@@ -64,6 +65,7 @@ bool candump_log_read(candump_log_t *log, const char *path)
         fclose(file);
     }
     if (!is_read) {
+        report_is_of_file();
         candump_log_free(log);
     }
     return is_read;

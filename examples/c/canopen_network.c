@@ -6,7 +6,6 @@
  */
 #include <inttypes.h>
 #include <stdio.h>
-#include <stdlib.h>
 
 #include "bring_up.h"
 #include "cycle_result.h"
@@ -116,7 +115,7 @@ int main(int argc, char **argv)
     parse_arguments(&arguments, argc, argv);
     if (!bus_settings_read_config(&arguments.bus) || !interrupt_install() ||
         !bring_up(&bus, &arguments.bus)) {
-        return EXIT_FAILURE;
+        return report_exit_status(false);
     }
     bool is_good = true;
     if (igh_cia402_context_init_file(&network, &bus.mcan, arguments.bus.config, NULL) != ECAN_OK) {
@@ -134,5 +133,5 @@ int main(int argc, char **argv)
         }
     }
     is_good &= shut_down(&bus);
-    return is_good ? EXIT_SUCCESS : EXIT_FAILURE;
+    return report_exit_status(is_good);
 }

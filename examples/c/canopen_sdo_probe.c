@@ -4,7 +4,6 @@
  *     igh_canopen_sdo_probe --ecrt sim --node 1 --index 0x6081 --sub 0 --type u32 --write 5000
  */
 #include <stdio.h>
-#include <stdlib.h>
 
 #include "bring_up.h"
 #include "igh_cia402_protocol.h"
@@ -109,12 +108,12 @@ int main(int argc, char **argv)
     if (arguments.written != NULL &&
         !object_value_encode(arguments.type, arguments.written, written, sizeof(written),
                              &written_length)) {
-        return EXIT_FAILURE;
+        return report_exit_status(false);
     }
     if (!bring_up(&bus, &arguments.bus)) {
-        return EXIT_FAILURE;
+        return report_exit_status(false);
     }
     bool is_good = transfer(&bus, &arguments, written, written_length);
     is_good &= shut_down(&bus);
-    return is_good ? EXIT_SUCCESS : EXIT_FAILURE;
+    return report_exit_status(is_good);
 }

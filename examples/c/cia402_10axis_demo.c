@@ -3,10 +3,9 @@
  *     igh_cia402_10axis_demo --ecrt sim --slaves 1
  *     igh_cia402_10axis_demo --ecrt sim --cycle-us 1000 --dc-sync0 --dc-shift-us 700 --step 20
  */
-#include <stdlib.h>
-
 #include "motion.h"
 #include "options.h"
+#include "report.h"
 
 enum { AXES = 10 };
 
@@ -41,5 +40,5 @@ int main(int argc, char **argv)
     real_time_check(&motion.thread);
 
     add_drives(&motion);
-    return motion_run(&motion) ? EXIT_SUCCESS : EXIT_FAILURE;
+    return report_exit_status(motion_run(&motion));
 }

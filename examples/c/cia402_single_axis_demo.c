@@ -4,10 +4,9 @@
  *     igh_cia402_single_axis_demo --ecrt sim --step 0
  *     igh_cia402_single_axis_demo --ecrt sim --step 100 --cycles 2000
  */
-#include <stdlib.h>
-
 #include "motion.h"
 #include "options.h"
+#include "report.h"
 
 int main(int argc, char **argv)
 {
@@ -29,5 +28,5 @@ int main(int argc, char **argv)
 
     motion_add_drive(&motion, (drive_place_t){
         .slave = 0, .channel = (uint8_t)channel, .node_id = (uint8_t)node_id});
-    return motion_run(&motion) ? EXIT_SUCCESS : EXIT_FAILURE;
+    return report_exit_status(motion_run(&motion));
 }

@@ -246,12 +246,12 @@ int main(int argc, char **argv)
     bus_t bus = {0};
     parse_arguments(&arguments, argc, argv);
     if (arguments.bus.plan) {
-        return print_plan(&arguments) ? EXIT_SUCCESS : EXIT_FAILURE;
+        return report_exit_status(print_plan(&arguments));
     }
     if (!bring_up(&bus, &arguments.bus)) {
-        return EXIT_FAILURE;
+        return report_exit_status(false);
     }
     bool is_good = work(&bus, &arguments);
     is_good &= shut_down(&bus);
-    return is_good ? EXIT_SUCCESS : EXIT_FAILURE;
+    return report_exit_status(is_good);
 }

@@ -165,6 +165,10 @@ static void print_help(const option_list_t *list, const char *program)
     }
     print_option(&help);
     print_option(&version);
+    printf("\nExit status:\n  0  success\n  %d  the run failed\n  %d  invalid arguments\n"
+           "  %d  the EtherCAT master library cannot be loaded\n"
+           "  %d  file or scenario cannot be read, written or parsed\n",
+           EXIT_FAILURE, EXIT_WRONG_USE, EXIT_NO_LIBRARY, EXIT_FILE);
 }
 
 /* Returns true if the command line contains the option. */

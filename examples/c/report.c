@@ -3,9 +3,20 @@
 #include <errno.h>
 #include <stdarg.h>
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 
 #include "igh_ecan_common.h"
+
+/* EXIT_SUCCESS: no error has a status of its own. */
+static int status_of_error = EXIT_SUCCESS;
+
+static void note_status(int status)
+{
+    if (status_of_error == EXIT_SUCCESS) {
+        status_of_error = status;
+    }
+}
 
 void report(const char *format, ...)
 {
@@ -22,6 +33,24 @@ void report(const char *format, ...)
 void report_sdk_error(void)
 {
     report("%s", ecan_last_error());
+    switch (ecan_last_error_code()) {
+    case ECAN_ERR_ECRT: note_status(EXIT_NO_LIBRARY); break;
+    case ECAN_ERR_FILE: note_status(EXIT_FILE); break;
+    default: note_status(EXIT_FAILURE); break;
+    }
+}
+
+void report_is_of_file(void)
+{
+    note_status(EXIT_FILE);
+}
+
+int report_exit_status(bool is_good)
+{
+    if (is_good) {
+        return EXIT_SUCCESS;
+    }
+    return status_of_error != EXIT_SUCCESS ? status_of_error : EXIT_FAILURE;
 }
 
 void report_errno(const char *what, const char *object)

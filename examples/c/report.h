@@ -2,8 +2,14 @@
 #ifndef REPORT_H
 #define REPORT_H
 
-/* Exit statuses; wrong use has its own. */
-enum { EXIT_WRONG_USE = 2 };
+#include <stdbool.h>
+
+/* Exit statuses besides EXIT_SUCCESS and EXIT_FAILURE, with the numbers of `ecan`. */
+enum {
+    EXIT_WRONG_USE = 2,
+    EXIT_NO_LIBRARY = 3, /* the EtherCAT master library cannot be loaded */
+    EXIT_FILE = 6        /* file or scenario cannot be read, written or parsed */
+};
 
 /* Prints an error message, like printf(). */
 #if defined(__GNUC__)
@@ -16,5 +22,11 @@ void report_sdk_error(void);
 
 /* Prints a failed operation, its object, and the reason in errno. */
 void report_errno(const char *what, const char *object);
+
+/* Marks the reported error as one of a file. */
+void report_is_of_file(void);
+
+/* Returns the exit status of the program: that of the first reported error if it is not good. */
+int report_exit_status(bool is_good);
 
 #endif /* REPORT_H */

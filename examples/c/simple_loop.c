@@ -263,6 +263,7 @@ static bool work(bus_t *bus, const arguments_t *arguments, const candump_log_t *
     FILE *dump = NULL;
     if (arguments->dump != NULL && (dump = fopen(arguments->dump, "w")) == NULL) {
         report_errno("cannot write", arguments->dump);
+        report_is_of_file();
         return false;
     }
     bool is_good = echo_check_init(&check, source.slaves);
@@ -277,6 +278,7 @@ static bool work(bus_t *bus, const arguments_t *arguments, const candump_log_t *
     }
     if (dump != NULL && fclose(dump) != 0 && is_good) {
         report_errno("cannot write", arguments->dump);
+        report_is_of_file();
         is_good = false;
     }
     return is_good;
@@ -300,13 +302,13 @@ int main(int argc, char **argv)
     bus_t bus = {0};
     parse_arguments(&arguments, argc, argv);
     if (!choose_channels(&arguments)) {
-        return EXIT_FAILURE;
+        return report_exit_status(false);
     }
     if (arguments.bus.plan) {
-        return print_plan(&arguments) ? EXIT_SUCCESS : EXIT_FAILURE;
+        return report_exit_status(print_plan(&arguments));
     }
     if (arguments.replay != NULL && !read_recording(&arguments, &recording)) {
-        return EXIT_FAILURE;
+        return report_exit_status(false);
     }
     bool is_good = bring_up(&bus, &arguments.bus);
     if (is_good) {
@@ -315,5 +317,5 @@ int main(int argc, char **argv)
         is_good &= shut_down(&bus);
     }
     candump_log_free(&recording);
-    return is_good ? EXIT_SUCCESS : EXIT_FAILURE;
+    return report_exit_status(is_good);
 }

@@ -14,7 +14,7 @@ use clap::Parser;
 use ecan_canopen::{BootPhase, BootState};
 use ecan_cia402::Cia402;
 use ecan_example_support::backend::MasterArguments;
-use ecan_example_support::{Interrupt, report_exit, wait_ready};
+use ecan_example_support::{EXIT_STATUS, Interrupt, report_exit, wait_ready};
 use ecan_mcan_port::Port;
 
 /// Longest time of the boot-up and of each step of the startup.
@@ -23,7 +23,7 @@ const SHUTDOWN: Duration = Duration::from_secs(20);
 
 /// Boot the CANopen nodes and move the axes of a configuration file
 #[derive(Debug, Parser)]
-#[command(name = "canopen_network", version)]
+#[command(name = "canopen_network", version, after_help = EXIT_STATUS)]
 struct Arguments {
     /// Configuration file with `[[node]]` tables
     file: PathBuf,

@@ -14,7 +14,7 @@ use ecan_canopen::{Network, NetworkConfig, NodeAddress, NodeConfig, NodeId};
 use ecan_command_line::bit_rate::parse_bit_rate;
 use ecan_example_support::backend::MasterArguments;
 use ecan_example_support::object_value::ValueType;
-use ecan_example_support::report_exit;
+use ecan_example_support::{EXIT_STATUS, report_exit};
 use ecan_mcan_port::{ChannelConfig, GatewayConfig, Port, PortConfig};
 
 /// PDO size per direction, in chunks of 128 bytes.
@@ -22,7 +22,7 @@ const PDO_N: u8 = 3;
 
 /// Read or write an object of a CANopen node through an ECAN-Lite gateway
 #[derive(Debug, Parser)]
-#[command(name = "canopen_sdo_probe", version)]
+#[command(name = "canopen_sdo_probe", version, after_help = EXIT_STATUS)]
 struct Arguments {
     #[command(flatten)]
     master: MasterArguments,

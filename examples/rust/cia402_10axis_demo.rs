@@ -12,7 +12,7 @@ use ecan_canopen::{NodeAddress, NodeId};
 use ecan_cia402::AxisConfig;
 use ecan_example_support::motion_arguments::MotionArguments;
 use ecan_example_support::motion_demo::run_motion;
-use ecan_example_support::report_exit;
+use ecan_example_support::{EXIT_STATUS, report_exit};
 use ecan_protocol::mapping::CHANNELS;
 
 const NAME: &str = "cia402_10axis_demo";
@@ -21,7 +21,7 @@ const AXES: usize = 10;
 
 /// Enable ten CiA 402 axes on the channels of all gateways and move them
 #[derive(Debug, Parser)]
-#[command(name = NAME, version)]
+#[command(name = NAME, version, after_help = EXIT_STATUS)]
 struct Arguments {
     #[command(flatten)]
     motion: MotionArguments,

@@ -14,13 +14,13 @@ use ecan_canopen::{NodeAddress, NodeId};
 use ecan_cia402::AxisConfig;
 use ecan_example_support::motion_arguments::MotionArguments;
 use ecan_example_support::motion_demo::run_motion;
-use ecan_example_support::report_exit;
+use ecan_example_support::{EXIT_STATUS, report_exit};
 
 const NAME: &str = "cia402_single_axis_demo";
 
 /// Enable one CiA 402 axis and move it by a step per cycle
 #[derive(Debug, Parser)]
-#[command(name = NAME, version)]
+#[command(name = NAME, version, after_help = EXIT_STATUS)]
 struct Arguments {
     #[command(flatten)]
     motion: MotionArguments,

@@ -14,7 +14,7 @@ use ecan_example_support::backend::MasterArguments;
 use ecan_example_support::clock_plot::ClockPlot;
 use ecan_example_support::sync0::{print_sync0, sync0};
 use ecan_example_support::{
-    Interrupt, RealTimeArguments, RunInfo, real_time, report_exit, wait_ready,
+    EXIT_STATUS, Interrupt, RealTimeArguments, RunInfo, real_time, report_exit, wait_ready,
 };
 use ecan_host::{ClockSource, ClockStatus, DcSync};
 use ecan_mcan_port::{ChannelConfig, GatewayConfig, Port, PortConfig};
@@ -25,7 +25,7 @@ const LINE_NS: u64 = 1_000_000_000;
 
 /// Show the synchrony of host and slaves with distributed clocks
 #[derive(Debug, Parser)]
-#[command(name = "dc_clocks", version)]
+#[command(name = "dc_clocks", version, after_help = EXIT_STATUS)]
 struct Arguments {
     #[command(flatten)]
     master: MasterArguments,

@@ -18,7 +18,7 @@ use ecan_example_support::probe_sweep::print_sweep;
 use ecan_example_support::sync0::{print_sync0, sync0};
 use ecan_example_support::tx_probe::{Mode, ModeResult, Modes, Target};
 use ecan_example_support::{
-    Interrupt, RealTimeArguments, RunInfo, print_plan, report_exit, wait_ready,
+    EXIT_STATUS, Interrupt, RealTimeArguments, RunInfo, print_plan, report_exit, wait_ready,
 };
 use ecan_host::AdapterConfig;
 use ecan_mcan_port::{FrameStream, GatewayConfig, Port, PortConfig, RECOMMENDED_OFFSET_NS};
@@ -29,7 +29,7 @@ use ecan_protocol::mapping::CHANNELS;
 
 /// Send one numbered CAN frame per cycle, directly and scheduled, and measure the periods
 #[derive(Debug, Parser)]
-#[command(name = "mcan_gateway_tx_probe", version)]
+#[command(name = "mcan_gateway_tx_probe", version, after_help = EXIT_STATUS)]
 struct Arguments {
     #[command(flatten)]
     gateways: GatewayArguments,

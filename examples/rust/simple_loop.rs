@@ -19,7 +19,7 @@ use ecan_example_support::loop_record::LoopRecord;
 use ecan_example_support::loop_setup::LoopSetup;
 use ecan_example_support::sync0::print_sync0;
 use ecan_example_support::{
-    Interrupt, RealTimeArguments, print_plan, report_exit, run_options, wait_ready,
+    EXIT_STATUS, Interrupt, RealTimeArguments, print_plan, report_exit, run_options, wait_ready,
 };
 use ecan_mcan_port::Port;
 use ecan_protocol::can::CanId;
@@ -35,7 +35,7 @@ const REPLACED_BY_FILE: [&str; 7] =
 
 /// Send CAN frames through ECAN-Lite gateways every cycle and receive frames
 #[derive(Debug, Parser)]
-#[command(name = "simple_loop", version)]
+#[command(name = "simple_loop", version, after_help = EXIT_STATUS)]
 struct Arguments {
     #[command(flatten)]
     gateways: GatewayArguments,

@@ -3,6 +3,20 @@
 use std::error::Error;
 use std::process::ExitCode;
 
+use ecan_command_line::log_file::LogFileError;
+use ecan_config_file::ConfigFileError;
+use ecan_plot::PlotError;
+use ecan_sim::BackendError;
+
+/// Exit statuses, with the numbers of `ecan`.
+pub const EXIT_STATUS: &str = "\
+Exit status:
+  0  success
+  1  the run failed
+  2  invalid arguments
+  3  the EtherCAT master library cannot be loaded
+  6  file or scenario cannot be read, written or parsed";
+
 /// Success, failure without a message (already printed), or failure with one.
 pub fn report_exit(program: &str, result: Result<bool, Box<dyn Error>>) -> ExitCode {
     match result {
@@ -10,7 +24,20 @@ pub fn report_exit(program: &str, result: Result<bool, Box<dyn Error>>) -> ExitC
         Ok(false) => ExitCode::FAILURE,
         Err(error) => {
             eprintln!("{program}: {error}");
-            ExitCode::FAILURE
+            ExitCode::from(status(&*error))
+        }
+    }
+}
+
+fn status(error: &(dyn Error + 'static)) -> u8 {
+    match error.downcast_ref::<BackendError>() {
+        Some(error) if error.is_scenario() => 6,
+        Some(_) => 3,
+        None => {
+            let is_file = error.is::<ConfigFileError>()
+                || error.is::<LogFileError>()
+                || error.is::<PlotError>();
+            if is_file { 6 } else { 1 }
         }
     }
 }

@@ -37,7 +37,7 @@ pub use ecan_command_line::interrupt::Interrupt;
 pub use ecan_command_line::real_time::RealTimeArguments;
 pub use ecan_command_line::run_info::RunInfo;
 pub use ecan_command_line::{interrupt, log_file, real_time};
-pub use exit::report_exit;
+pub use exit::{EXIT_STATUS, report_exit};
 pub use plan::print_plan;
 pub use ready::wait_ready;
 pub use run_options::run_options;

@@ -74,6 +74,30 @@ fn same_seed_gives_same_output() {
 }
 
 #[test]
+fn wrong_scenario_or_file_returns_status_6() {
+    let directory = tempfile::tempdir().unwrap();
+    let wrong = directory.path().join("wrong.toml");
+    std::fs::write(&wrong, "[[gateway]]\nn = 30\n").unwrap();
+    let wrong = wrong.to_str().unwrap();
+    let scenario = format!("sim:{wrong}");
+    let cases: [(i32, &str, &[&str]); 8] = [
+        (6, "simple_loop", &["--ecrt", "sim:/no/such.toml"]),
+        (6, "simple_loop", &["--ecrt", &scenario]),
+        (6, "simple_loop", &["--ecrt", "sim", "--config", wrong]),
+        (6, "simple_loop", &["--ecrt", "sim", "--replay", "/no/such.log"]),
+        (6, "canopen_network", &["--ecrt", "sim", "/no/such.toml"]),
+        (6, "cia402_single_axis_demo", &["--ecrt", "sim:ecco"]),
+        (3, "canopen_sdo_probe", &["--ecrt", "/no/such.so", "--node", "1", "--index", "0x1000"]),
+        (1, "canopen_sdo_probe", &["--ecrt", "sim", "--node", "77", "--index", "0x1000"]),
+    ];
+    for (status, name, arguments) in cases {
+        let output = program::run(name, arguments);
+        let message = text(&output.stderr);
+        assert_eq!(output.status.code(), Some(status), "{name} {arguments:?}: {message}");
+    }
+}
+
+#[test]
 fn missing_master_error_names_cause_and_remedy() {
     let message = fails(&["--ecrt", "/no/such/libethercat.so.1"]);
     assert!(message.contains("/no/such/libethercat.so.1 was not found"), "{message}");
@@ -384,7 +408,7 @@ fn faulty_configuration_file_reports_every_fault() {
 }
 
 fn text_of_failure(output: &Output) -> String {
-    assert_eq!(output.status.code(), Some(1));
+    assert_eq!(output.status.code(), Some(6));
     text(&output.stderr)
 }
 

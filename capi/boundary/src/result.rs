@@ -83,8 +83,9 @@ mirror! {
         /// The system denied a real-time request; ecan_last_error() gives the reason and what to
         /// do.
         ECAN_ERR_PRIVILEGE = -35 => c"the system denied a real-time request",
-        /// A file cannot be read; ecan_last_error() names it, with the reason.
-        ECAN_ERR_FILE = -36 => c"a file cannot be read",
+        /// A file or a scenario of the simulator cannot be used; ecan_last_error() names it, with the
+        /// reason.
+        ECAN_ERR_FILE = -36 => c"a file or scenario cannot be used",
         /// The image has another layout_id than the profile: the device's active profile differs. Its
         /// frames are stored.
         ECAN_ERR_LAYOUT = -37 => c"the image has another layout than the profile",

@@ -136,10 +136,10 @@ static void rejected_starts(void)
     }
     check_about(NULL);
     simulate(&config, "sim:nonsense");
-    BAD(ECAN_ERR_ECRT, ecan_igh_init(&context, &config));
+    BAD(ECAN_ERR_FILE, ecan_igh_init(&context, &config));
     ERROR_HAS("nonsense");
     simulate(&config, "sim:/nowhere/at/all.toml");
-    BAD(ECAN_ERR_ECRT, ecan_igh_init(&context, &config));
+    BAD(ECAN_ERR_FILE, ecan_igh_init(&context, &config));
     ERROR_HAS("/nowhere/at/all.toml");
     simulate(&config, "/nowhere/libethercat.so.1");
     BAD(ECAN_ERR_ECRT, ecan_igh_init(&context, &config));
@@ -147,12 +147,12 @@ static void rejected_starts(void)
     BAD(ECAN_ERR_ECRT, ecan_igh_attach(&context, &config, &context));
     simulate(&config, "sim");
     GOOD(ecan_igh_config_suggest_scenario(&config, "nonsense"));
-    BAD(ECAN_ERR_ECRT, ecan_igh_init(&context, &config));
+    BAD(ECAN_ERR_FILE, ecan_igh_init(&context, &config));
     ERROR_HAS("nonsense");
 
     SAME(0, write_scenario("seed = 1\nno_such_key = 2\n", setting, sizeof(setting)));
     simulate(&config, setting);
-    BAD(ECAN_ERR_ECRT, ecan_igh_init(&context, &config));
+    BAD(ECAN_ERR_FILE, ecan_igh_init(&context, &config));
     ERROR_HAS("no_such_key");
     remove_scenario(setting);
 

@@ -78,7 +78,7 @@ fn open(
 /// @param config   Is copied.
 ///
 /// @usage   not rt, any thread, any time
-/// @return  ECAN_OK; ECAN_ERR_CONFIG, ECAN_ERR_ECRT, ECAN_ERR_MASTER, ECAN_ERR_NOT_FOUND,
+/// @return  ECAN_OK; ECAN_ERR_CONFIG, ECAN_ERR_ECRT, ECAN_ERR_FILE, ECAN_ERR_MASTER, ECAN_ERR_NOT_FOUND,
 ///          ECAN_ERR_IDENTITY, ECAN_ERR_SDO, ECAN_ERR_READBACK, ECAN_ERR_NOT_OPERATIONAL,
 ///          ECAN_ERR_STOPPED;
 ///          ECAN_ERR_ORDER for a context that is initialised already. After an error there is

@@ -4,6 +4,8 @@ use std::fmt::Display;
 use std::path::PathBuf;
 
 use ecan_c_boundary::Call;
+#[cfg(feature = "sim")]
+use ecan_c_boundary::result::ecan_result_t::ECAN_ERR_FILE;
 use ecan_c_boundary::result::ecan_result_t::{self, ECAN_ERR_ECRT};
 use ecan_host::{Ecrt, EcrtSetting};
 
@@ -28,7 +30,7 @@ pub(crate) fn open(call: Call, config: &IghConfig) -> Result<Library, ecan_resul
         EcrtSetting::Library(None) if explicit.is_none() => EcrtSetting::Library(default_library()),
         setting => setting,
     };
-    load(&setting, config).map(library).map_err(|error| failed(call, &error))
+    load(&setting, config).map(library).map_err(|error| not_loaded(call, &error))
 }
 
 /// The library that this process has loaded, of which the owner of a master has its handle.
@@ -49,6 +51,19 @@ fn library(ecrt: Ecrt) -> Library {
 #[cold]
 fn failed(call: Call, error: &dyn Display) -> ecan_result_t {
     call.fail(ECAN_ERR_ECRT, format_args!("{error}"))
+}
+
+#[cfg(not(feature = "sim"))]
+fn not_loaded(call: Call, error: &ecan_host::LoadError) -> ecan_result_t {
+    failed(call, error)
+}
+
+#[cfg(feature = "sim")]
+fn not_loaded(call: Call, error: &ecan_sim::BackendError) -> ecan_result_t {
+    match error.is_scenario() {
+        true => call.fail(ECAN_ERR_FILE, format_args!("{error}")),
+        false => failed(call, error),
+    }
 }
 
 #[cfg(not(feature = "sim"))]
