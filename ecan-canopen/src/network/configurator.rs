@@ -34,7 +34,8 @@ impl fmt::Display for Progress {
             (Some(failure), _) => write!(f, "failed: {failure}"),
             (None, Some(step)) => {
                 let (nth, for_ms) = (done + 1, elapsed.as_millis());
-                write!(f, "{address}: step {nth} of {of}, {step}, for {for_ms} ms")
+                write!(f, "{address}: step {nth} of {of}, {step}")?;
+                if for_ms > 0 { write!(f, ", for {for_ms} ms") } else { Ok(()) }
             }
             (None, None) => write!(f, "{address}: all {of} steps done"),
         }

@@ -393,7 +393,8 @@ impl Axis {
     // Events
 
     pub(crate) fn held(&mut self, reason: HoldReason, now_ns: u64) {
-        tracing::warn!(axis = self.index, "axis {}: holding ({reason})", self.index);
+        let remedy = reason.remedy();
+        tracing::warn!(axis = self.index, remedy, "axis {}: holding ({reason})", self.index);
         self.statistics.held(reason);
         if matches!(reason, HoldReason::TpdoLost(_)) {
             self.require_verification();

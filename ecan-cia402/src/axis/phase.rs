@@ -197,15 +197,27 @@ pub struct AxisProgress {
     pub error: Option<AxisError>,
 }
 
-/// `axis 2, node 5 (slave 0, channel 1): being enabled, switched on, for 120 ms`
+/// `axis 2, node 5 (slave 0, channel 1): being enabled, switched on, for 120 ms`, without the time in the
+/// first millisecond. A hold is followed by what continues it.
 impl fmt::Display for AxisProgress {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "axis {}, ", self.axis)?;
         match (&self.setup, self.phase) {
             (Some(setup), AxisPhase::Configuring) => setup.fmt(f)?,
             _ => {
-                write!(f, "{}: {}, for {} ms", self.address, self.phase, self.elapsed.as_millis())?
+                write!(f, "{}: {}", self.address, self.phase)?;
+                match self.elapsed.as_millis() {
+                    0 => {}
+                    ms => write!(f, ", for {ms} ms")?,
+                }
             }
+        }
+        if let AxisPhase::Holding(reason) = self.phase {
+            f.write_str("; next: ")?;
+            if let Some(remedy) = reason.remedy() {
+                write!(f, "{remedy}, then ")?;
+            }
+            f.write_str("enable the axis again")?;
         }
         match &self.error {
             Some(AxisError::Held(_)) | None => Ok(()),
@@ -235,6 +247,18 @@ mod tests {
             text,
             "axis 2, node 5 (slave 0, channel 1): being enabled, switched on, for 120 ms"
         );
+        let held = |elapsed| AxisProgress {
+            phase: AxisPhase::Holding(HoldReason::GatewayLost),
+            elapsed: Duration::from_millis(elapsed),
+            ..progress
+        };
+        let start = "axis 2, node 5 (slave 0, channel 1): holding: the gateway was lost";
+        let next = "; next: wait until the gateway is ready, then enable the axis again";
+        assert_eq!(held(0).to_string(), format!("{start}{next}"));
+        assert_eq!(held(7).to_string(), format!("{start}, for 7 ms{next}"));
+        let commanded = AxisPhase::Holding(HoldReason::Commanded);
+        let text = AxisProgress { phase: commanded, ..progress }.to_string();
+        assert!(text.ends_with("holding: commanded, for 120 ms; next: enable the axis again"));
         let error = AxisError::Fault { error_code: 0x8611 };
         assert!(error.to_string().contains("0x8611"), "{error}");
     }

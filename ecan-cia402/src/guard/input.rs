@@ -193,6 +193,25 @@ pub enum HoldReason {
 }
 
 impl HoldReason {
+    /// Returns what to do before the axis is enabled again, as a command; `None` if nothing is needed.
+    pub fn remedy(self) -> Option<&'static str> {
+        match self {
+            Self::GatewayLost | Self::FramesDiscarded => Some("wait until the gateway is ready"),
+            Self::WorkingCounter => Some("check the EtherCAT link and the real-time priority"),
+            Self::BusOff => Some("wait until the channel has recovered from bus-off"),
+            Self::ChannelStopped => Some("wait until the channel takes part in the bus"),
+            Self::QueueFull | Self::TargetLost => Some("check the load of the bus"),
+            Self::NotAtTarget => Some("check that the motor can move"),
+            Self::HeartbeatLost | Self::NotOperational | Self::Unverified => {
+                Some("wait until the drive is configured")
+            }
+            Self::TpdoLost(_) => Some("wait until the drive answers"),
+            Self::LeftOperationEnabled(_) => Some("check the drive"),
+            Self::NotFollowing | Self::FollowingError => Some("check load and limits of the drive"),
+            Self::Commanded => None,
+        }
+    }
+
     /// Returns whether the reason lies on the path to the drive, not in the drive or in a command.
     pub(crate) fn is_on_path(self) -> bool {
         !matches!(

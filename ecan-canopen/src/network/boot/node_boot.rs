@@ -77,7 +77,7 @@ impl fmt::Display for BootProgress {
                     let nth = (self.done + 1).min(self.of);
                     write!(f, ", {nth} of {}, {subject}", self.of)?;
                 }
-                write!(f, ", for {ms} ms")
+                if ms > 0 { write!(f, ", for {ms} ms") } else { Ok(()) }
             }
         }
     }

@@ -258,6 +258,17 @@ fn fault_while_moving_ends_the_command() {
 }
 
 #[test]
+fn hold_after_an_outage_names_the_next_step() {
+    let outage =
+        "[[fault]]\nafter_ready_ms = 1500\nkind = \"link_loss\"\ngateway = 0\nfor_ms = 300\n";
+    let drive = one_drive("", outage);
+    let message = drive.fails(5, &motion("jog", &["--velocity", "5", "--for", "20000"]));
+    let next = "the motion ended: holding: the working counter stayed incomplete; next: check the \
+                EtherCAT link and the real-time priority, then run the command again";
+    assert!(message.ends_with(next), "{message}");
+}
+
+#[test]
 fn drive_in_fault_is_explained_and_reset_on_request() {
     let faulty = one_drive("", &fault_after(1, 0x3210));
     let message = faulty.fails(5, &motion("enable", &["--for", "100"]));

@@ -368,7 +368,15 @@ impl AxisSession {
     }
 
     fn failed(&self, what: &str) -> Failure {
-        Failure::Rejected(format!("{}: {what}: {}", self.label, self.phase_text()))
+        // The command switches the drive off.
+        let next = match self.cia402.phase(AXIS) {
+            Some(AxisPhase::Holding(reason)) => match reason.remedy() {
+                Some(remedy) => format!("; next: {remedy}, then run the command again"),
+                None => "; next: run the command again".to_owned(),
+            },
+            _ => String::new(),
+        };
+        Failure::Rejected(format!("{}: {what}: {}{next}", self.label, self.phase_text()))
     }
 
     /// Starts to enable the drive; a stop that is pending comes first.
