@@ -150,11 +150,71 @@ static bool print_loads(igh_cia402_context_t *cia402)
     return true;
 }
 
+enum { PHASES = 24, PHASE_BYTES = 96 };
+
+/* Phases, and the axes that have entered each. */
+typedef struct {
+    size_t axis_count;
+    size_t count;
+    struct {
+        char text[PHASE_BYTES];
+        uint32_t axes;
+    } phases[PHASES];
+} progress_t;
+
+/* Copies the phase from "axis 2, node 5 (slave 0, channel 1): configured, for 10 ms". */
+static void copy_phase(char *phase, size_t size, const char *text)
+{
+    const char *start = strstr(text, "): ");
+    const char *end;
+    start = start != NULL ? start + 3 : text;
+    end = strstr(start, ", for ");
+    snprintf(phase, size, "%.*s", (int)(end != NULL ? (size_t)(end - start) : strlen(start)),
+             start);
+}
+
+/* Returns true if the other axes need not enter this phase. */
+static bool concerns_one(const char *phase)
+{
+    static const char *const phases[] = {"holding", "fault", "uncontrolled", "configuration failed",
+                                         "being stopped: hold", "stopped: hold"};
+    for (size_t i = 0; i < sizeof(phases) / sizeof(phases[0]); i++) {
+        if (strncmp(phase, phases[i], strlen(phases[i])) == 0) {
+            return true;
+        }
+    }
+    return false;
+}
+
+/* Prints each phase of one axis; of several axes what concerns one of them, and each phase that all
+ * of them have entered. */
 static void print_progress(void *user, size_t axis, const char *text)
 {
-    (void)user;
-    (void)axis;
-    printf("  %s\n", text);
+    progress_t *progress = (progress_t *)user;
+    char phase[PHASE_BYTES];
+    size_t i = 0;
+    copy_phase(phase, sizeof(phase), text);
+    if (progress->axis_count == 1 || concerns_one(phase)) {
+        printf("  %s\n", text);
+        return;
+    }
+    while (i < progress->count && strcmp(progress->phases[i].text, phase) != 0) {
+        i++;
+    }
+    if (i == PHASES) {
+        printf("  %s\n", text);
+        return;
+    }
+    if (i == progress->count) {
+        progress->count++;
+        memcpy(progress->phases[i].text, phase, sizeof(phase));
+        progress->phases[i].axes = 0;
+    }
+    progress->phases[i].axes |= UINT32_C(1) << axis;
+    if (progress->phases[i].axes == (UINT32_C(1) << progress->axis_count) - 1) {
+        progress->phases[i].axes = 0;
+        printf("  all %zu axes: %s\n", progress->axis_count, phase);
+    }
 }
 
 /* Prints the drives that would not stop if the host were lost. */
@@ -257,7 +317,10 @@ static bool move(igh_cia402_context_t *cia402, bus_t *bus, const motion_t *motio
 static bool run_axes(igh_cia402_context_t *cia402, bus_t *bus, const motion_t *motion)
 {
     motion_table_t table;
-    if (igh_cia402_set_progress_callback(cia402, print_progress, NULL) != ECAN_OK) {
+    /* Outlives this function, like the callback. */
+    static progress_t progress;
+    progress.axis_count = motion->drive_count;
+    if (igh_cia402_set_progress_callback(cia402, print_progress, &progress) != ECAN_OK) {
         report_sdk_error();
         return false;
     }

@@ -1,11 +1,11 @@
 //! Observations of a motion demo: progress of the axes, plot and summary.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::error::Error;
 use std::path::Path;
 use std::sync::Arc;
 
-use ecan_cia402::{AxisProgress, Cia402, LoadWarning};
+use ecan_cia402::{AxisPhase, AxisProgress, Cia402, LoadWarning};
 use ecan_host::Clock;
 use ecan_mcan_port::Port;
 use ecan_plot::{AxisRecorder, Heading};
@@ -29,7 +29,7 @@ impl MotionRecord {
         print_loads(cia402, port);
         let clock = port.adapter().ecrt().clock().clone();
         Self {
-            printer: ProgressPrinter::default(),
+            printer: ProgressPrinter::new(cia402.axis_count()),
             recorder: AxisRecorder::new(cia402.axis_count(), cycles),
             progress: progress::bar(cycles),
             start_ns: clock.now_ns(),
@@ -88,20 +88,52 @@ impl MotionRecord {
     }
 }
 
-#[derive(Default)]
+/// Prints each phase of one axis; of several axes what concerns one of them, and each phase that all of
+/// them have entered.
 struct ProgressPrinter {
+    axis_count: usize,
     printed: HashMap<usize, String>,
+    /// Axes that have entered a phase.
+    entered: HashMap<String, HashSet<usize>>,
 }
 
 impl ProgressPrinter {
+    fn new(axis_count: usize) -> Self {
+        Self { axis_count, printed: HashMap::new(), entered: HashMap::new() }
+    }
+
     fn print(&mut self, progress: &AxisProgress) {
         let phase = progress.phase.to_string();
         let printed = self.printed.entry(progress.axis).or_default();
-        if *printed != phase {
+        if *printed == phase {
+            return;
+        }
+        printed.clone_from(&phase);
+        if self.axis_count == 1 || concerns_one(progress) {
             println!("  {progress}");
-            *printed = phase;
+            return;
+        }
+        let axes = self.entered.entry(phase).or_default();
+        axes.insert(progress.axis);
+        if axes.len() == self.axis_count {
+            axes.clear();
+            println!("  all {} axes: {}", self.axis_count, progress.phase);
         }
     }
+}
+
+/// Returns whether the other axes need not enter this phase.
+fn concerns_one(progress: &AxisProgress) -> bool {
+    let is_own_phase = match progress.phase {
+        AxisPhase::SetupFailed
+        | AxisPhase::Holding(_)
+        | AxisPhase::Uncontrolled(_)
+        | AxisPhase::ResettingFault
+        | AxisPhase::Fault => true,
+        AxisPhase::Stopping(cause) | AxisPhase::Stopped(cause) => !cause.is_commanded(),
+        _ => false,
+    };
+    is_own_phase || progress.error.is_some()
 }
 
 fn print_loads(cia402: &Cia402, port: &Port) {

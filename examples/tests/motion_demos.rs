@@ -83,6 +83,10 @@ fn ten_axes_run_on_one_and_three_gateways() {
     for (slaves, extra) in [("1", &[][..]), ("3", &fast[..]), ("1", &fast[..])] {
         let base = ["--ecrt", "sim", "--slaves", slaves];
         let printed = succeeds(TEN, &[&base[..], extra].concat());
+        assert!(printed.contains("\n  all 10 axes: following targets\n"), "{printed}");
+        let lines = printed.lines().filter(|line| line.starts_with("  ")).count();
+        assert!(lines < 20, "{lines} lines of progress: {printed}");
+        assert!(!printed.contains("for 0 ms"), "{printed}");
         for axis in 0..10 {
             let (line, numbers) = axis_line(&printed, axis);
             assert!(line.contains("operation enabled"), "{line}");
