@@ -11,6 +11,7 @@ use toml::de::{DeInteger, DeTable, DeValue};
 
 use crate::fault::FileFaults;
 use crate::located::Located;
+use crate::schema::{Form, Recorder};
 use crate::text_lines::TextLines;
 
 /// Files that a text may include, by their names in it.
@@ -33,9 +34,19 @@ pub(crate) struct Document<'i> {
     /// Paths with a known fault.
     faulty: RefCell<Vec<String>>,
     syntax_lines: BTreeSet<usize>,
+    /// Notes the keys that are asked for: the text is empty then.
+    recorder: Option<Recorder>,
 }
 
 impl Document<'_> {
+    /// Calls the functions that read a file with an empty one, and notes what they ask for.
+    pub(crate) fn record(read: impl FnOnce(&Document<'_>, &Spanned<DeTable<'_>>)) -> Recorder {
+        let (mut document, root) = Document::parse("");
+        document.recorder = Some(Recorder::default());
+        read(&document, &root);
+        document.recorder.unwrap_or_default()
+    }
+
     /// Reads the bytes of a file with the files that it may include.
     ///
     /// # Errors
@@ -76,6 +87,7 @@ impl<'i> Document<'i> {
             locations: RefCell::default(),
             faulty: RefCell::default(),
             syntax_lines: BTreeSet::new(),
+            recorder: None,
         };
         for error in errors {
             let at = error.span().map_or(0, |span| span.start);
@@ -103,6 +115,10 @@ impl<'i> Document<'i> {
     /// Reports a fault of the value at a path. A consequence of a fault of the syntax in the same line
     /// is not reported.
     fn fault(&self, path: &str, at: usize, reason: impl Into<String>) {
+        if let Some(recorder) = &self.recorder {
+            // The file is empty: it lacks the key.
+            recorder.required(path);
+        }
         let (line, _) = self.text.line_and_column(at);
         self.faulty.borrow_mut().push(path.to_owned());
         if !self.syntax_lines.contains(&line) {
@@ -208,6 +224,29 @@ impl<'t, 'i> Table<'t, 'i> {
         Some(value)
     }
 
+    /// True if the keys are recorded, and not read.
+    pub(crate) fn is_recorded(&self) -> bool {
+        self.document.recorder.is_some()
+    }
+
+    fn record(&self, key: &'static str, form: impl FnOnce() -> Form) {
+        if let Some(recorder) = &self.document.recorder {
+            recorder.key(&self.path, key, form());
+        }
+    }
+
+    /// A table of a recorded key, with this path.
+    fn recorded(&self, path: String) -> Option<Self> {
+        self.is_recorded().then(|| Self {
+            document: self.document,
+            path,
+            table: self.table,
+            at: 0,
+            known: Vec::new(),
+            is_open: false,
+        })
+    }
+
     /// True if a fault of the key is known.
     pub(crate) fn is_faulty(&self, key: &str) -> bool {
         self.document.is_faulty(&self.path(key))
@@ -274,6 +313,9 @@ impl<'t, 'i> Table<'t, 'i> {
     /// of their values.
     pub(crate) fn scalars(&mut self) -> Vec<(String, usize, String)> {
         self.is_open = true;
+        if let Some(recorder) = &self.document.recorder {
+            recorder.open(&self.path);
+        }
         let mut scalars = Vec::new();
         for (key, value) in self.table {
             let name: &str = key.get_ref();
@@ -303,6 +345,7 @@ impl<'t, 'i> Table<'t, 'i> {
 
     /// A date, with or without a time of day.
     pub(crate) fn datetime(&mut self, key: &'static str) -> Option<toml::value::Datetime> {
+        self.record(key, || Form::Date);
         let value = self.value(key)?.get_ref();
         if let DeValue::Datetime(datetime) = value {
             return Some(*datetime);
@@ -313,6 +356,7 @@ impl<'t, 'i> Table<'t, 'i> {
 
     /// A list of strings with their locations.
     pub(crate) fn texts(&mut self, key: &'static str) -> Option<Vec<Located<String>>> {
+        self.record(key, || Form::Texts);
         let value = self.value(key)?.get_ref();
         let DeValue::Array(array) = value else {
             self.wrong(key, "an array of strings", value);
@@ -333,14 +377,18 @@ impl<'t, 'i> Table<'t, 'i> {
 
     /// A table in this one.
     pub(crate) fn table(&mut self, key: &'static str) -> Option<Table<'t, 'i>> {
+        self.record(key, || Form::Table);
         let path = self.path(key);
-        let value = self.value(key)?;
+        let Some(value) = self.value(key) else { return self.recorded(path) };
         Table::nested(self.document, path, value)
     }
 
     /// An array of tables.
     pub(crate) fn tables(&mut self, key: &'static str) -> Vec<Table<'t, 'i>> {
-        let Some(value) = self.value(key) else { return Vec::new() };
+        self.record(key, || Form::Tables);
+        let Some(value) = self.value(key) else {
+            return self.recorded(format!("{}[0]", self.path(key))).into_iter().collect();
+        };
         let DeValue::Array(array) = value.get_ref() else {
             let reason = format!("`{key}` must be an array of tables, [[{}]]", self.path(key));
             self.fault(key, reason);
@@ -359,8 +407,8 @@ impl<'t, 'i> Table<'t, 'i> {
             Some(DeValue::Table(_)) => self.table(key).into_iter().collect(),
             Some(_) => self.tables(key),
             None => {
-                self.value(key);
-                Vec::new()
+                self.record(key, || Form::TableOrTables);
+                self.tables(key)
             }
         }
     }
@@ -372,6 +420,7 @@ impl<'t, 'i> Table<'t, 'i> {
 
     /// A string.
     pub(crate) fn text(&mut self, key: &'static str) -> Option<&'t str> {
+        self.record(key, || Form::Text);
         let value = self.value(key)?.get_ref();
         if value.as_str().is_none() {
             self.wrong(key, "a string", value);
@@ -381,6 +430,7 @@ impl<'t, 'i> Table<'t, 'i> {
 
     /// A list of two integers from `min` to `max`.
     pub(crate) fn pair(&mut self, key: &'static str, (min, max): (u32, u32)) -> Option<(u32, u32)> {
+        self.record(key, || Form::Integers { min, max, count: Some(2) });
         let value = self.value(key)?.get_ref();
         match integers(value, (min, max)).as_deref() {
             Some([first, last]) => Some((*first, *last)),
@@ -400,6 +450,7 @@ impl<'t, 'i> Table<'t, 'i> {
         key: &'static str,
         (min, max): (u32, u32),
     ) -> Option<Vec<u32>> {
+        self.record(key, || Form::Integers { min, max, count: None });
         let value = self.value(key)?.get_ref();
         let numbers = integers(value, (min, max));
         if numbers.is_none() {
@@ -414,6 +465,7 @@ impl<'t, 'i> Table<'t, 'i> {
         key: &'static str,
         (min, max): (u32, u32),
     ) -> Option<T> {
+        self.record(key, || Form::Integer { min: min.into(), max: max.into() });
         let value = self.value(key)?;
         match value.get_ref() {
             DeValue::Integer(number) => {
@@ -435,6 +487,7 @@ impl<'t, 'i> Table<'t, 'i> {
 
     /// A signed integer.
     pub(crate) fn signed(&mut self, key: &'static str) -> Option<i32> {
+        self.record(key, || Form::Integer { min: i32::MIN.into(), max: i32::MAX.into() });
         let value = self.value(key)?;
         match value.get_ref() {
             DeValue::Integer(number) => {
@@ -454,6 +507,7 @@ impl<'t, 'i> Table<'t, 'i> {
 
     /// An integer or float. Its range is checked by the configuration.
     pub(crate) fn float(&mut self, key: &'static str) -> Option<f64> {
+        self.record(key, || Form::AnyNumber);
         let value = self.value(key)?;
         let number = self.number(key, value.get_ref())?;
         if number.is_none() {
@@ -486,12 +540,15 @@ impl<'t, 'i> Table<'t, 'i> {
 
     /// A time in microseconds, as nanoseconds.
     pub(crate) fn microseconds(&mut self, key: &'static str) -> Option<u32> {
+        const MAX_US: f64 = 4_000_000.0;
+        self.record(key, || Form::Number { min: 0.0, max: MAX_US });
         let value = self.value(key)?;
-        self.scaled(key, value.get_ref(), 1_000.0, 4_000_000.0)
+        self.scaled(key, value.get_ref(), 1_000.0, MAX_US)
     }
 
     /// One percentage or a list of two, in 0.1 %.
     pub(crate) fn permille_window(&mut self, key: &'static str) -> Option<[u32; 2]> {
+        self.record(key, || Form::Percentages);
         let value = self.value(key)?;
         let one = |value: &DeValue<'_>| self.scaled(key, value, 10.0, 100.0);
         match value.get_ref() {
@@ -509,6 +566,7 @@ impl<'t, 'i> Table<'t, 'i> {
 
     /// True or false.
     pub(crate) fn flag(&mut self, key: &'static str) -> Option<bool> {
+        self.record(key, || Form::Flag);
         let value = self.value(key)?.get_ref();
         if let DeValue::Boolean(flag) = value {
             return Some(*flag);
@@ -523,6 +581,7 @@ impl<'t, 'i> Table<'t, 'i> {
         key: &'static str,
         words: &[(impl AsRef<str>, T)],
     ) -> Option<T> {
+        self.record(key, || Form::Word(texts(words)));
         let value = self.value(key)?;
         self.one_word(key, value, words)
     }
@@ -554,6 +613,7 @@ impl<'t, 'i> Table<'t, 'i> {
         key: &'static str,
         words: &[(impl AsRef<str>, T)],
     ) -> Option<Vec<T>> {
+        self.record(key, || Form::Words(texts(words)));
         let value = self.value(key)?.get_ref();
         let DeValue::Array(array) = value else {
             self.wrong(key, "an array of words", value);
@@ -580,6 +640,10 @@ impl Drop for Table<'_, '_> {
             self.document.fault(&self.path(name), key.span().start, reason);
         }
     }
+}
+
+fn texts<T>(words: &[(impl AsRef<str>, T)]) -> Vec<String> {
+    words.iter().map(|(word, _)| word.as_ref().to_owned()).collect()
 }
 
 /// Replaces a default by a value of the file.

@@ -11,6 +11,9 @@ use crate::fields;
 pub(crate) const STANDARD_TABLE: &str = "standard_filter";
 pub(crate) const EXTENDED_TABLE: &str = "extended_filter";
 
+/// Numbers of receive buffers.
+const BUFFERS: (u32, u32) = (0, 63);
+
 const KEYS: [&str; 5] = ["match", "action", "sync", "id1", "id2"];
 
 pub(crate) fn read_standard(table: &mut Table<'_, '_>) -> Vec<StandardFilter> {
@@ -63,7 +66,7 @@ impl Filter {
         let buffer_action = u32::from(FilterAction::RxBuffer(0).raw());
         let is_buffer = action == Some(buffer_action);
         // A filter into a receive buffer matches the one CAN ID `id1`.
-        let needed: &[&str] = match is_buffer {
+        let needed: &[&str] = match is_buffer || table.is_recorded() {
             true => &["action", "id1"],
             false => &["action", "match", "id1", "id2"],
         };
@@ -71,12 +74,15 @@ impl Filter {
             table.fault(key, format!("`{key}` is missing"));
         }
         let mut buffer = 0;
+        if table.is_recorded() {
+            table.unsigned::<u8>("rx_buffer", BUFFERS);
+        }
         if is_buffer {
             for key in ["match", "id2"].into_iter().filter(|key| table.has(key)) {
                 let why = "a filter into a receive buffer matches the one CAN ID `id1`";
                 table.fault(key, format!("`{key}` has no effect: {why}"));
             }
-            buffer = table.unsigned("rx_buffer", (0, 63)).unwrap_or(0);
+            buffer = table.unsigned("rx_buffer", BUFFERS).unwrap_or(0);
             if !table.has("rx_buffer") {
                 table.fault("rx_buffer", "`rx_buffer` is missing: the buffer's number");
             }

@@ -6,6 +6,7 @@ use ecan_protocol::config::{DataPathGlobal, NodeMode};
 use ecan_protocol::image::PdoProfile;
 use ecan_protocol::mapping::{Direction, MAX_MULTIPLIER};
 
+use crate::DEFAULT_N;
 use crate::channel;
 use crate::document::{Table, store};
 use crate::fields;
@@ -30,7 +31,7 @@ pub(crate) struct ReadGateway {
 
 pub(crate) fn read(mut table: Table<'_, '_>, at: usize) -> ReadGateway {
     // Without `alias` and `position` in the file, the gateways are the first slaves of the bus.
-    let mut slave = SlaveConfig::at(u16::try_from(at).unwrap_or(u16::MAX), 3);
+    let mut slave = SlaveConfig::at(u16::try_from(at).unwrap_or(u16::MAX), DEFAULT_N);
     let mut gateway = GatewayConfig::default();
     let mut startup = Vec::new();
     store(&mut slave.alias, table.unsigned("alias", (0, 0xFFFF)));
@@ -46,10 +47,6 @@ pub(crate) fn read(mut table: Table<'_, '_>, at: usize) -> ReadGateway {
     }
     for direction in Direction::ALL {
         read_direction(&mut table, direction, &mut slave, &mut gateway);
-    }
-    let has_each = table.has("rx_pdo") && table.has("tx_pdo");
-    if !table.has("n") && !has_each {
-        table.fault("n", "`n` is missing: the size of the PDOs in 128 bytes, 1 to 24");
     }
     store(&mut gateway.paced, table.flag("paced"));
     store(&mut gateway.allow_diagnostic_tests, table.flag("allow_diagnostic_tests"));
@@ -142,7 +139,6 @@ fn read_direction(
             &mut gateway.rx_options,
         ),
     };
-    let has_common_n = table.has("n");
     let Some(mut table) = table.table(key) else { return };
     let mut requested = PdoProfile {
         multiplier: *n,
@@ -155,9 +151,6 @@ fn read_direction(
     (*n, *profile) = (requested.multiplier, requested.profile);
     *mask = table.has("channels").then_some(requested.channel_mask);
     (*budget, *options) = (requested.budget, requested.options);
-    if !has_common_n && !table.has("n") {
-        table.fault("n", "`n` is missing: the size of the PDO in 128 bytes, 1 to 24");
-    }
 }
 
 fn read_schedule(mut table: Table<'_, '_>, schedule: &mut ScheduleConfig) {

@@ -54,6 +54,7 @@ mod located;
 mod network;
 mod node;
 mod process_data;
+mod schema;
 mod service;
 mod text_lines;
 
@@ -75,6 +76,7 @@ pub use included_profile::{IncludedProfile, ProfileEffect};
 pub use input::read_bytes;
 pub use network::NetworkSettings;
 pub use node::parse_bus_yml;
+pub use schema::schema;
 pub use service::ServiceSettings;
 
 use bus::Bus;
@@ -82,6 +84,12 @@ use document::{Document, Includes, Table};
 
 /// A commented file with every key. The values are the defaults, unless a comment says otherwise.
 pub const EXAMPLE: &str = include_str!("example.toml");
+
+/// A first file with one gateway and one channel.
+pub const INIT: &str = include_str!("init.toml");
+
+/// Size of both PDOs of a gateway without `n`, in 128 bytes; also the default of `ecan --pdo-n`.
+pub const DEFAULT_N: u8 = 5;
 
 /// Returns the complete startup sequence of a gateway (manual 5.4.3, phases A to E, and 13.2.2):
 /// checks of its capabilities, PDO assignment, profiles, channels with their filters and data paths,

@@ -4,7 +4,7 @@
 use std::time::Duration;
 
 use ecan_config_file::{
-    ConfigFileError, EXAMPLE, FileFaults, ServiceSettings, load, load_service, parse,
+    ConfigFileError, DEFAULT_N, EXAMPLE, FileFaults, ServiceSettings, load, load_service, parse,
 };
 use ecan_host::{ClockSource, DcSync, Expectation, StartupStep};
 use ecan_mcan_port::Config;
@@ -58,6 +58,17 @@ fn example_is_valid_and_shows_the_defaults() {
         })
     );
     assert_eq!(example.port.gateways[0].channel_mask(), 0b11);
+}
+
+#[test]
+fn n_has_a_default() {
+    let sizes = |keys: &str| {
+        let file = read(&format!("[[gateway]]\n{keys}\ncan0 = {{ bitrate = 500_000 }}\n")).unwrap();
+        (file.adapter.slaves[0].rx_multiplier, file.adapter.slaves[0].tx_multiplier)
+    };
+    assert_eq!(sizes(""), (DEFAULT_N, DEFAULT_N));
+    assert_eq!(sizes("rx_pdo = { n = 2 }"), (2, DEFAULT_N));
+    assert_eq!(sizes("n = 3\ntx_pdo = { n = 4 }"), (3, 4));
 }
 
 /// Every key of every table is in the example: the fault of an unknown key lists the known ones.

@@ -86,7 +86,7 @@ void bus_settings_add_config_option(bus_settings_t *settings, option_list_t *lis
     options_add(list, (option_t){
         .name = "config", .value_name = "FILE", .text = &settings->config,
         .help = "Read gateways, channels, bit rates, filters, cycle and clocks from this "
-                "configuration file (`ecan config example` prints one)"});
+                "configuration file (`ecan config init` prints one); `-` is standard input"});
 }
 
 void bus_settings_add_plan_option(bus_settings_t *settings, option_list_t *list)

@@ -7,6 +7,7 @@ use std::path::PathBuf;
 use clap::Args;
 use ecan_command_line::bit_rate::parse_bit_rate;
 use ecan_command_line::real_time::RealTimeArguments;
+use ecan_config_file::DEFAULT_N;
 use ecan_host::AdapterConfig;
 use ecan_mcan_port::ChannelConfig;
 use ecan_protocol::config::SamplePointWindow;
@@ -72,7 +73,7 @@ pub struct SetupOptions {
     #[arg(long, value_name = "PERCENT", value_parser = parse_percent, requires = "data_bitrate")]
     data_sample_point: Option<u16>,
     /// PDO size per direction in chunks of 128 bytes, 1 to 24
-    #[arg(long, value_name = "N", default_value_t = 5)]
+    #[arg(long, value_name = "N", default_value_t = DEFAULT_N)]
     pub pdo_n: u8,
     /// Allow PDO sizes above 11 chunks, for masters that support large PDOs
     #[arg(long)]

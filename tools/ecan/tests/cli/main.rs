@@ -10,6 +10,7 @@ mod bridge;
 mod bus_symptoms;
 mod capture;
 mod config;
+mod config_schema;
 mod crowd;
 mod diagnosis;
 mod dump;

@@ -9,7 +9,7 @@ mod flash;
 use std::path::PathBuf;
 
 use clap::{Args, Subcommand};
-use ecan_config_file::{EXAMPLE, FlashCommand, ResolvedGateway};
+use ecan_config_file::{EXAMPLE, FlashCommand, INIT, ResolvedGateway};
 use ecan_mcan_port::Config;
 use ecan_sim::ClockKind;
 
@@ -19,7 +19,7 @@ use crate::context::{Bus, Context, Result};
 #[derive(Debug, Args)]
 #[command(after_help = "\
 First configuration, from the file to the Flash of the gateway:
-  ecan config example > cell.toml      # every key, with comments
+  ecan config init > cell.toml         # one gateway; `example` prints every key, with comments
   ecan config check cell.toml          # faults, bit timing, Message RAM, sizes
   ecan config apply cell.toml          # in PREOP, with readback
   ecan config diff cell.toml && ecan config save cell.toml
@@ -33,8 +33,12 @@ pub struct ConfigArguments {
 
 #[derive(Debug, Subcommand)]
 enum Action {
+    /// Print a first file: one gateway, one channel
+    Init,
     /// Print a commented file with every key
     Example,
+    /// Print the JSON schema of the file, for editors
+    Schema,
     /// Check a file offline: print all faults, or the derived settings
     ///
     /// Bit timings are computed for the default MCAN clock of 80 MHz.
@@ -76,7 +80,9 @@ enum Action {
 
 pub fn run(arguments: &ConfigArguments, context: &Context) -> Result {
     match &arguments.action {
+        Action::Init => context.output.bytes(INIT.as_bytes()),
         Action::Example => context.output.bytes(EXAMPLE.as_bytes()),
+        Action::Schema => context.output.bytes(ecan_config_file::schema().as_bytes()),
         Action::Check { file } => {
             context.global.without_slave("the whole file is checked offline")?;
             check::run(file, &context.output)

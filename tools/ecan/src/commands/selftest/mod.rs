@@ -24,6 +24,7 @@ use std::path::PathBuf;
 use clap::Args;
 use ecan_command_line::interrupt::Interrupt;
 use ecan_command_line::real_time::RealTimeArguments;
+use ecan_config_file::DEFAULT_N;
 use ecan_sim::ClockKind;
 use serde::Serialize;
 
@@ -102,7 +103,7 @@ pub struct SelftestArguments {
     #[arg(long)]
     restart: bool,
     /// PDO size per direction in chunks of 128 bytes, 1 to 24
-    #[arg(long, value_name = "N", default_value_t = 5)]
+    #[arg(long, value_name = "N", default_value_t = DEFAULT_N)]
     pdo_n: u8,
     /// Allow PDO sizes above 11 chunks, for masters that support large PDOs
     #[arg(long)]
