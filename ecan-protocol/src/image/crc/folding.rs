@@ -211,7 +211,7 @@ mod tests {
                 assert_eq!(crc16(data), crc16_portable(data), "level {level}, {length} bytes");
             }
         });
-        assert!(tested >= 1 + usize::from(is_available), "{tested} levels");
+        assert!(tested > usize::from(is_available), "{tested} levels");
         assert_eq!(processor::is_available(), is_available);
     }
 }
