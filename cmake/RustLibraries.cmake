@@ -6,6 +6,13 @@
 find_program(ECAN_CARGO cargo HINTS "$ENV{HOME}/.cargo/bin" REQUIRED)
 find_package(Threads REQUIRED)
 
+set(_rust_target "")
+if(CMAKE_CROSSCOMPILING)
+    set(_rust_target "${CMAKE_SYSTEM_PROCESSOR}-unknown-linux-gnu")
+endif()
+set(ECAN_RUST_TARGET "${_rust_target}" CACHE STRING
+    "Target of rustc that fits CMAKE_C_COMPILER; empty: this machine")
+
 # System libraries of a Rust static library.
 set(ECAN_SYSTEM_LIBRARIES Threads::Threads ${CMAKE_DL_LIBS} m)
 
@@ -44,31 +51,42 @@ else()
     set(ECAN_SOVERSION ${PROJECT_VERSION_MAJOR})
 endif()
 
-# cargo's release build of a package with further FLAGS; OUTPUT gets the path of its static library.
+# cargo's release build of PACKAGES with further FLAGS; FILES are what it makes, and OUTPUT gets the
+# directory in which they are.
 function(ecan_cargo_build target)
-    cmake_parse_arguments(_arg "" "PACKAGE;LIBRARY;OUTPUT" "FLAGS" ${ARGN})
-    set(_file "${ECAN_CARGO_TARGET_DIR}/release/lib${_arg_LIBRARY}.a")
+    cmake_parse_arguments(_arg "" "OUTPUT" "PACKAGES;FILES;FLAGS" ${ARGN})
+    set(_directory "${ECAN_CARGO_TARGET_DIR}/release")
     set(_environment "CARGO_TARGET_DIR=${ECAN_CARGO_TARGET_DIR}"
         "CARGO_ENCODED_RUSTFLAGS=${ECAN_RUST_FLAGS}")
     if(ECRT_LIBRARY)
         list(APPEND _environment "ECAN_DEFAULT_ECRT=${ECRT_LIBRARY}")
     endif()
+    if(ECAN_RUST_TARGET)
+        set(_directory "${ECAN_CARGO_TARGET_DIR}/${ECAN_RUST_TARGET}/release")
+        string(TOUPPER "${ECAN_RUST_TARGET}" _name)
+        string(REPLACE "-" "_" _name "${_name}")
+        list(APPEND _environment "CARGO_TARGET_${_name}_LINKER=${CMAKE_C_COMPILER}")
+        list(APPEND _arg_FLAGS --target ${ECAN_RUST_TARGET})
+    endif()
+    list(TRANSFORM _arg_PACKAGES PREPEND "--package=")
+    list(TRANSFORM _arg_FILES PREPEND "${_directory}/")
     # cargo decides what is out of date.
     add_custom_target(${target}_cargo ALL
         COMMAND ${CMAKE_COMMAND} -E env ${_environment} ${ECAN_CARGO} build --release --locked --quiet
-            -p ${_arg_PACKAGE} ${_arg_FLAGS}
+            ${_arg_PACKAGES} ${_arg_FLAGS}
         WORKING_DIRECTORY "${PROJECT_SOURCE_DIR}"
-        BYPRODUCTS "${_file}"
-        COMMENT "cargo build ${_arg_PACKAGE}"
+        BYPRODUCTS ${_arg_FILES}
+        COMMENT "cargo build ${target}"
         USES_TERMINAL VERBATIM)
-    set(${_arg_OUTPUT} "${_file}" PARENT_SCOPE)
+    set(${_arg_OUTPUT} "${_directory}" PARENT_SCOPE)
 endfunction()
 
 # A library of the SDK: <name> (shared) and <name>_static, on top of the library NEEDS.
 function(ecan_add_library name)
     cmake_parse_arguments(_arg "" "PACKAGE;NEEDS" "FLAGS" ${ARGN})
-    ecan_cargo_build(${name} PACKAGE ${_arg_PACKAGE} LIBRARY ${name} FLAGS ${_arg_FLAGS}
-        OUTPUT _archive)
+    ecan_cargo_build(${name} PACKAGES ${_arg_PACKAGE} FILES lib${name}.a FLAGS ${_arg_FLAGS}
+        OUTPUT _directory)
+    set(_archive "${_directory}/lib${name}.a")
     set(_static "${CMAKE_CURRENT_BINARY_DIR}/lib${name}.a")
     set(_map "${PROJECT_SOURCE_DIR}/capi/lib${name}.map")
     set(_prelink "${PROJECT_SOURCE_DIR}/cmake/PrelinkArchive.cmake")

@@ -4,8 +4,9 @@
 #
 # It is never installed: the loader must not find it without LD_LIBRARY_PATH.
 # The bridges of a scenario have threads, so the code stays loaded (nodelete).
-ecan_cargo_build(simulated_ethercat PACKAGE ecan-sim-ethercat LIBRARY ethercat_sim
-    OUTPUT _sim_archive)
+ecan_cargo_build(simulated_ethercat PACKAGES ecan-sim-ethercat FILES libethercat_sim.a
+    OUTPUT _sim_directory)
+set(_sim_archive "${_sim_directory}/libethercat_sim.a")
 set(_sim_map "${PROJECT_SOURCE_DIR}/capi/sim-ethercat/libethercat.map")
 add_library(simulated_ethercat SHARED "${CMAKE_CURRENT_BINARY_DIR}/empty.c")
 add_dependencies(simulated_ethercat simulated_ethercat_cargo)
