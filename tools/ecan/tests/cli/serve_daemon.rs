@@ -235,6 +235,20 @@ fn other_passed_sockets_are_rejected() {
     }
 }
 
+/// The user of a unit need not be root, and has no `XDG_RUNTIME_DIR`.
+#[test]
+fn folder_of_the_unit_has_the_socket() {
+    let manager = Manager::new(FILE);
+    let mut command = Command::new(env!("CARGO_BIN_EXE_ecan"));
+    command.args(["--ecrt", "sim", "serve", "--idle"]);
+    command.env("RUNTIME_DIRECTORY", manager.directory.path()).env_remove("XDG_RUNTIME_DIR");
+    let mut program = Running::spawn(&mut command);
+    let socket = manager.path("master0.sock");
+    program.wait_for_error(&format!("serving master 0 at {}", socket.display()));
+    Client::connect(&socket, "test").unwrap();
+    ends(program);
+}
+
 #[test]
 fn hang_up_applies_what_it_can_and_names_the_rest() {
     let mut manager = Manager::new(FILE);

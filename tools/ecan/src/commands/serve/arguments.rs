@@ -13,8 +13,8 @@ const MAX_CLIENTS: u16 = 64;
 
 #[derive(Debug, Args)]
 pub struct ServeArguments {
-    /// Socket for clients [default: /run/ecan/master<N>.sock for root, otherwise
-    /// $XDG_RUNTIME_DIR/ecan/master<N>.sock]
+    /// Socket for clients [default: master<N>.sock in $RUNTIME_DIRECTORY, otherwise in /run/ecan for
+    /// root and in $XDG_RUNTIME_DIR/ecan for other users]
     #[arg(long, value_name = "PATH")]
     pub socket: Option<PathBuf>,
     /// Group of the socket [default: of this process]

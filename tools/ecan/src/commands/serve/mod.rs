@@ -10,7 +10,7 @@ mod reload;
 mod simulation;
 
 use std::os::unix::net::UnixListener;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::mpsc::channel;
 use std::thread::sleep;
@@ -166,7 +166,11 @@ pub fn keeps_gateways(hello: &Hello) -> bool {
     hello.server == NAME && hello.cycle_ns.is_some()
 }
 
+/// In the folder that systemd has made for the unit (`RuntimeDirectory=`), whose user may not be root.
 fn default_socket(master: u32) -> Result<PathBuf> {
+    if let Some(directory) = std::env::var_os("RUNTIME_DIRECTORY") {
+        return Ok(Path::new(&directory).join(format!("master{master}.sock")));
+    }
     let is_root = rustix::process::geteuid().is_root();
     let path = default_paths(master).into_iter().nth(usize::from(!is_root));
     path.ok_or_else(|| Failure::Usage("XDG_RUNTIME_DIR is not set; set --socket".to_owned()))
