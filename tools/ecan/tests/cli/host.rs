@@ -219,6 +219,35 @@ fn each_problem_has_a_remedy() {
 }
 
 #[test]
+fn missing_module_names_its_cause() {
+    let release = ("proc/sys/kernel/osrelease", "6.1.0-1-amd64\n");
+    let modules = "lib/modules/6.1.0-1-amd64/modules.dep";
+    let installed = (modules, "ethercat/master/ec_master.ko.xz:\n");
+    let signed = "the kernel loads signed modules only";
+    let cases: [(&[(&str, &str)], &str); 5] = [
+        (
+            &[release, (modules, "kernel/net/can/can.ko:\n")],
+            "not installed for the kernel 6.1.0-1-amd64",
+        ),
+        (&[release, installed], "ec_master is not loaded\n"),
+        (&[("sys/kernel/security/lockdown", "none [integrity] confidentiality\n")], signed),
+        (
+            &[("sys/kernel/security/lockdown", "[none] integrity confidentiality\n")],
+            "ec_master is not loaded\n",
+        ),
+        (&[release, installed, ("sys/module/module/parameters/sig_enforce", "Y\n")], signed),
+    ];
+    for (files, found) in cases {
+        let host = host();
+        std::fs::remove_dir_all(host.path().join("sys/module/ec_master")).unwrap();
+        files.iter().for_each(|(file, text)| put(host.path(), file, text));
+        let (status, text) = doctor(host.path(), &[]);
+        assert_eq!(status, Some(1), "{text}");
+        assert!(text.contains(found), "{files:?}: {text}");
+    }
+}
+
+#[test]
 fn capabilities_and_native_driver_are_accepted() {
     let host = host();
     put(

@@ -97,10 +97,10 @@ pub(super) fn link(root: &Root, master: u32) -> Check {
     let driver = driver.map_or_else(String::new, |driver| format!(", driver {driver}"));
     let speed = of("speed").unwrap_or_default();
     if of("carrier").as_deref() != Some("1") {
-        return Check::bad(
-            format!("{interface}{driver}: no link"),
-            "ip link set IFACE up; check the cable and the supply of the first slave",
+        let remedy = format!(
+            "ip link set {interface} up; check the cable and the supply of the first slave"
         );
+        return Check::bad(format!("{interface}{driver}: no link"), &remedy);
     }
     if !matches!(speed.as_str(), "100" | "" | "-1") {
         return Check::warning(

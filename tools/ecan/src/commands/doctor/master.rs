@@ -12,16 +12,49 @@ const GENERIC: &str = "ec_generic";
 
 pub(super) fn kernel_module(root: &Root) -> Check {
     if !root.exists("sys/module/ec_master") {
-        return Check::bad(
-            "ec_master is not loaded",
-            "systemctl enable --now ethercat (or ethercatctl start); after a kernel update rebuild \
-             the modules anew",
-        );
+        return missing_module(root);
     }
     match root.first_line("sys/module/ec_master/version") {
         Some(version) => Check::good(format!("ec_master {version}")),
         None => Check::good("ec_master, version unknown"),
     }
+}
+
+/// States why the module is not loaded, from the files of the host.
+fn missing_module(root: &Root) -> Check {
+    if let Some(release) = kernel_without_module(root) {
+        return Check::bad(
+            format!("ec_master is not installed for the kernel {release}"),
+            "build IgH's modules for this kernel: make modules, make modules_install, depmod; \
+             or boot the kernel that they were built for",
+        );
+    }
+    if requires_signatures(root) {
+        return Check::bad(
+            "ec_master is not loaded, and the kernel loads signed modules only",
+            "sign ec_master.ko and the driver's module with an enrolled key (mokutil --import), \
+             then start the master; or switch Secure Boot off",
+        );
+    }
+    Check::bad(
+        "ec_master is not loaded",
+        "systemctl enable --now ethercat (or ethercatctl start); after a kernel update rebuild \
+         the modules",
+    )
+}
+
+/// Returns the release of the running kernel if no ec_master is installed for it.
+fn kernel_without_module(root: &Root) -> Option<String> {
+    let release = root.first_line("proc/sys/kernel/osrelease")?;
+    let installed = root.text(format!("lib/modules/{release}/modules.dep"))?;
+    (!installed.contains("/ec_master.ko")).then_some(release)
+}
+
+/// Secure Boot locks the kernel down; `module.sig_enforce` has the same effect on modules.
+fn requires_signatures(root: &Root) -> bool {
+    let lockdown = root.first_line("sys/kernel/security/lockdown").unwrap_or_default();
+    ["[integrity]", "[confidentiality]"].iter().any(|it| lockdown.contains(it))
+        || root.first_line("sys/module/module/parameters/sig_enforce").as_deref() == Some("Y")
 }
 
 /// Modules of the master for network interfaces.
