@@ -3,7 +3,7 @@
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
-documents=(README.md CONTRIBUTING.md API.md docs/*.md)
+documents=(README.md CONTRIBUTING.md API.md docs/*.md docs/guide/*.md)
 sources=$(mktemp)
 trap 'rm -f "$sources"' EXIT
 git grep -ohE '\bfn [a-z0-9_]+' -- '*.rs' | sed 's/^fn //' | sort -u >"$sources"
@@ -43,7 +43,7 @@ for document in "${documents[@]}"; do
     # Links to files of the project.
     while read -r link; do
         [ -e "$(dirname "$document")/$link" ] || report "$document" "link $link"
-    done < <(grep -oE '\]\([^)#:]+' "$document" | sed 's/^](//' | sort -u)
+    done < <(grep -oE '\]\([^)#:]+[)#]' "$document" | sed -e 's/^](//' -e 's/.$//' | sort -u)
 done
 if ((missing)); then
     exit 1
