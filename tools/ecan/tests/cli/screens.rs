@@ -1,10 +1,10 @@
-//! The screens in docs/TOOL.md are what the program prints.
+//! The screens in docs/TOOL.md and in the pages of docs/guide are what the program prints.
 //!
 //! In a block of kind `console` a line that begins with `$ ` is a command, the lines after it are its
 //! output and its error messages. A line `...` stands for any number of lines, `...` in a line for any
 //! text. A command that ends in ` &` runs in the background until `kill %1`; its lines are those of its
-//! start. A comment of one line `<!-- $ command -->` prepares what a reader has anyway. All run in one
-//! directory, in their order. The banner of a simulation and the note on a service are left out.
+//! start. A comment of one line `<!-- $ command -->` prepares what a reader has anyway. Those of a document
+//! run in one directory, in their order. The banner of a simulation and the note on a service are left out.
 
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
@@ -131,25 +131,43 @@ fn line_fits(wanted: &str, line: &str) -> bool {
     }
 }
 
-#[test]
-fn screens_of_tool_md_match_the_program() {
-    let document =
-        std::fs::read_to_string(concat!(env!("CARGO_MANIFEST_DIR"), "/../../docs/TOOL.md"))
-            .unwrap();
+/// Runs the screens of a document and adds those that differ. Returns their number.
+fn run_document(document: &Path, wrong: &mut String) -> usize {
+    let text = std::fs::read_to_string(document).unwrap();
     let directory = tempfile::tempdir().unwrap();
     let mut shell = Shell { directory: directory.path().to_owned(), background: None };
-    let screens = screens(&document);
-    assert!(screens.len() > 10, "{} screens", screens.len());
-    let mut wrong = String::new();
-    for screen in screens {
-        let count = screen.expected.as_ref().map_or(0, Vec::len);
-        let shown = shell.run(screen.command, count);
-        let Some(expected) = screen.expected else { continue };
-        if !fits(&expected, &shown.lines().collect::<Vec<_>>()) {
-            let Screen { line, command, .. } = screen;
-            wrong.push_str(&format!("docs/TOOL.md:{line}: $ {command}\n{shown}\n"));
+    let screens = screens(&text);
+    for screen in &screens {
+        let Screen { line, command, expected } = screen;
+        let shown = shell.run(command, expected.as_ref().map_or(0, Vec::len));
+        let Some(expected) = expected else { continue };
+        if !fits(expected, &shown.lines().collect::<Vec<_>>()) {
+            wrong.push_str(&format!("{}:{line}: $ {command}\n{shown}\n", document.display()));
         }
     }
+    screens.len()
+}
+
+fn docs() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs")
+}
+
+#[test]
+fn screens_of_tool_md_match_the_program() {
+    let mut wrong = String::new();
+    let count = run_document(&docs().join("TOOL.md"), &mut wrong);
+    assert!(count > 10, "{count} screens");
+    assert!(wrong.is_empty(), "the program prints:\n{wrong}");
+}
+
+#[test]
+fn screens_of_the_guide_match_the_program() {
+    let mut wrong = String::new();
+    let mut count = 0;
+    for entry in std::fs::read_dir(docs().join("guide")).unwrap() {
+        count += run_document(&entry.unwrap().path(), &mut wrong);
+    }
+    assert!(count > 10, "{count} screens");
     assert!(wrong.is_empty(), "the program prints:\n{wrong}");
 }
 
