@@ -18,7 +18,7 @@ pub struct RecordingError {
 pub enum RecordingErrorKind {
     /// The line belongs to no format.
     #[error(
-        "format not recognized; allowed: candump log, candump screen, Vector ASC, PEAK TRC; select it"
+        "format not recognized; allowed: candump log, candump screen, Vector ASC, PEAK TRC; select the format"
     )]
     UnknownFormat,
     /// Syntax error in a line of candump.

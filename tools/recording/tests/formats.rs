@@ -151,7 +151,7 @@ fn screen_times_are_recognized_or_selected() {
     let mut late: Vec<_> = (0..40).map(|it| f64::from(it) / 100.0).collect();
     late.swap(20, 21);
     assert_eq!(times_us(&screen(&late), None).0, ScreenTimes::SinceFirst);
-    let absolute = screen(&[1_398_128_223.803_317, 1_398_128_223.803_300]);
+    let absolute = screen(&[1_398_128_223.803_317, 1_398_128_223.803_3]);
     assert_eq!(times_us(&absolute, None).0, ScreenTimes::Absolute);
 }
 

@@ -162,7 +162,9 @@ fn fd_messages_give_fd_frames() {
 
 #[test]
 fn invalid_values_name_what_is_allowed() {
-    let cases: [(&str, &[(&str, &str)], &str); 9] = [
+    /// Message, signals with their values, error.
+    type Case = (&'static str, &'static [(&'static str, &'static str)], &'static str);
+    let cases: [Case; 9] = [
         ("Engine", &[("Sped", "1")], "message Engine: unknown signal \"Sped\"; similar: Speed"),
         ("Engine", &[("Speed", "1"), ("Speed", "2")], "signal Speed is given twice"),
         ("Engine", &[("Speed", "700")], "Speed = 700 is out of range; allowed: 0 to 655.35 km/h"),
