@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# Gives a group the rights for programs that use an ECAN-Lite: open /dev/EtherCAT*, real-time
-# priority, locked memory. Shows the changes first, and can undo them.
+# Gives a group the rights for programs that use an ECAN-Lite: open /dev/EtherCAT*, limit the sleep
+# states of the processor, real-time priority, locked memory. Shows the changes first, and can undo them.
 set -euo pipefail
 export LC_ALL=C
 
@@ -72,6 +72,8 @@ rule_text() {
 # Members of $group may use the EtherCAT masters of this host.
 # := so that rules in other files cannot override it.
 KERNEL=="EtherCAT[0-9]*", GROUP:="$group", MODE:="0660"
+# They may limit the time that a processor needs to wake up.
+KERNEL=="cpu_dma_latency", GROUP:="$group", MODE:="0660"
 END
 }
 
@@ -131,6 +133,7 @@ do_show() {
     printf 'commands:\n'
     has_group || printf '    groupadd --system %s\n' "$group"
     printf '    udevadm control --reload\n    udevadm trigger --subsystem-match=EtherCAT\n'
+    printf '    udevadm trigger --sysname-match=cpu_dma_latency\n'
     printf 'nothing was changed; to apply: sudo %s apply\n' "$0"
 }
 
@@ -156,7 +159,8 @@ write_file() { # FILE TEXT
 reload() {
     if [[ -n $root ]]; then return; fi
     if command -v udevadm >/dev/null; then
-        udevadm control --reload && udevadm trigger --subsystem-match=EtherCAT ||
+        udevadm control --reload && udevadm trigger --subsystem-match=EtherCAT &&
+            udevadm trigger --sysname-match=cpu_dma_latency ||
             printf 'udev not reloaded; the rule takes effect at the next boot\n'
     fi
 }

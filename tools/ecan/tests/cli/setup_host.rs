@@ -47,8 +47,9 @@ fn show_prints_what_apply_writes() {
         let text = std::fs::read_to_string(root.join(file)).unwrap();
         assert!(text.lines().all(|line| shown.contains(&format!("    {line}\n"))), "{text}");
     }
-    let rule = "KERNEL==\"EtherCAT[0-9]*\", GROUP:=\"robot\", MODE:=\"0660\"";
-    assert_eq!(lines(root, RULE), [rule]);
+    let rules = ["EtherCAT[0-9]*", "cpu_dma_latency"]
+        .map(|device| format!("KERNEL==\"{device}\", GROUP:=\"robot\", MODE:=\"0660\""));
+    assert_eq!(lines(root, RULE), rules);
     assert_eq!(lines(root, LIMITS), ["@robot - rtprio 90", "@robot - memlock unlimited"]);
 }
 
