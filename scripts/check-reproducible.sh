@@ -31,11 +31,14 @@ done
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
 
+# Both builds are of the same files, also if the tree changes in between.
+git ls-files -z | tar --create --null --files-from=- --file="$work/source.tar"
+
 # Arguments: directory of the copy, further options of `cmake --build`.
 build() {
     local copy=$work/$1
     mkdir -p "$copy"
-    git ls-files -z | tar --create --null --files-from=- | tar --extract --directory "$copy"
+    tar --extract --directory "$copy" --file "$work/source.tar"
     (
         cd "$copy"
         unset CARGO_TARGET_DIR
