@@ -97,8 +97,8 @@ scripts/build-book.sh "$work/$name-docs"
 archive "$output/$name-docs.tar.gz" "$work" "$name-docs"
 
 step "licences of the dependencies"
-scripts/licences.sh --check
-scripts/licences.sh --texts >"$output/THIRD-PARTY-LICENSES"
+scripts/regenerate-licenses.sh --check
+scripts/third-party-licenses.sh >"$output/THIRD-PARTY-LICENSES"
 
 step "SBOM"
 if cargo cyclonedx --version >/dev/null 2>&1; then
