@@ -1,6 +1,14 @@
 //! The scheduling of the thread that runs the cycle.
 use ecrt_sys::Errno;
 
+/// musl has further fields, for a policy that is not used.
+fn parameters(priority: u8) -> libc::sched_param {
+    // SAFETY: all fields are numbers, or structures of numbers, for which zeros are valid.
+    let mut parameters: libc::sched_param = unsafe { std::mem::zeroed() };
+    parameters.sched_priority = libc::c_int::from(priority);
+    parameters
+}
+
 /// Puts the calling thread under SCHED_FIFO with a priority of 1 (lowest) to 99; threads that it
 /// starts later inherit it.
 ///
@@ -9,7 +17,7 @@ use ecrt_sys::Errno;
 /// # Errors
 /// [`Errno::EPERM`] where that is not permitted, [`Errno::EINVAL`] for a priority out of range.
 pub fn set_fifo_priority(priority: u8) -> Result<(), Errno> {
-    let parameters = libc::sched_param { sched_priority: libc::c_int::from(priority) };
+    let parameters = parameters(priority);
     // SAFETY: `pthread_self` always names a living thread, and `parameters` is valid for reading
     // and initialised as a whole.
     let fault =
@@ -23,7 +31,7 @@ pub fn set_fifo_priority(priority: u8) -> Result<(), Errno> {
 /// # Errors
 /// The error of the system.
 pub fn leave_real_time() -> Result<bool, Errno> {
-    let (mut policy, mut parameters) = (0, libc::sched_param { sched_priority: 0 });
+    let (mut policy, mut parameters) = (0, parameters(0));
     // SAFETY: `pthread_self` always names a living thread; the pointers are valid for the calls.
     let fault = unsafe {
         match libc::pthread_getschedparam(libc::pthread_self(), &mut policy, &mut parameters) {
