@@ -364,7 +364,7 @@ fn library_and_bus_are_checked() {
 fn invalid_use_has_message_and_status() {
     let cases: [(i32, &[&str], &str); 4] = [
         (6, &["doctor", "--root", "/none"], "cannot read /none: not a directory"),
-        (3, &["--ecrt", "sim:none", "doctor"], "unknown scenario \"none\""),
+        (6, &["--ecrt", "sim:none", "doctor"], "unknown scenario \"none\""),
         (2, &["doctor", "now"], "unexpected argument"),
         (2, &["--ecrt", "sim", "--slave", "0", "doctor"], "use `ecan diag` for a gateway"),
     ];
