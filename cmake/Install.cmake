@@ -16,9 +16,12 @@ if(TARGET ecan_igh_host)
 endif()
 install(FILES API.md CHANGELOG.md LICENSE-APACHE LICENSE-MIT NOTICE DESTINATION ${CMAKE_INSTALL_DOCDIR})
 # In the layout of the repository, in which they refer to each other.
-install(DIRECTORY docs DESTINATION ${CMAKE_INSTALL_DOCDIR} FILES_MATCHING PATTERN "*.md" PATTERN "*.svg")
+# SUMMARY.md is the table of contents of the site.
+install(DIRECTORY docs DESTINATION ${CMAKE_INSTALL_DOCDIR}
+    FILES_MATCHING PATTERN "*.md" PATTERN "*.svg" PATTERN "SUMMARY.md" EXCLUDE)
 install(DIRECTORY examples/python DESTINATION ${CMAKE_INSTALL_DOCDIR}/examples
     FILES_MATCHING PATTERN "*.py")
+install(FILES examples/grafana/ecan-lite.json DESTINATION ${CMAKE_INSTALL_DOCDIR}/examples/grafana)
 install(FILES wireshark/README.md wireshark/ecan_pdo.lua DESTINATION ${CMAKE_INSTALL_DOCDIR}/wireshark)
 install(TARGETS ${_libraries} LIBRARY DESTINATION ${CMAKE_INSTALL_LIBDIR})
 foreach(_library IN LISTS _libraries)
