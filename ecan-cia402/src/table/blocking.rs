@@ -165,6 +165,7 @@ impl Cia402 {
         timeout: Duration,
         mut progress: impl FnMut(&AxisProgress),
     ) -> Result<(), Cia402Error> {
+        let start_ns = self.now_ns;
         self.begin_shutdown();
         let ended = run_cycle_uninterrupted(port, timeout, |cycle, _| {
             self.serve(cycle);
@@ -176,7 +177,9 @@ impl Cia402 {
         let axes = self.progress_of(|axis| !axis.is_stopped(self.now_ns));
         match ended {
             Ok(()) | Err(WaitError::TimedOut { .. }) if !axes.is_empty() => {
-                Err(AxisTimeout { what: "switched off", waited: timeout, axes }.into())
+                // A shutdown ends early if nothing more can reach the axes.
+                let waited = Duration::from_nanos(self.now_ns.saturating_sub(start_ns));
+                Err(AxisTimeout { what: "switched off", waited, axes }.into())
             }
             Ok(()) | Err(WaitError::TimedOut { .. }) => Ok(()),
             Err(error) => Err(error.into()),
