@@ -13,6 +13,7 @@ use super::POLYNOMIAL;
 
 #[cfg(target_arch = "aarch64")]
 mod aarch64;
+mod level;
 #[cfg(target_arch = "x86_64")]
 mod wide;
 #[cfg(target_arch = "x86_64")]
@@ -23,13 +24,13 @@ use aarch64 as processor;
 #[cfg(target_arch = "x86_64")]
 use x86_64 as processor;
 
+pub(super) use level::{is_available, pretend_absent};
 use processor::{Block, add, bring_down, from_halves, load, polynomial_of, reduce};
-pub(super) use processor::{is_available, pretend_absent};
 
 /// Shortest input, that of the smallest packet.
 const MIN_BYTES: usize = 4;
 
-/// Remainders that run side by side on long inputs.
+/// Remainders that are folded in parallel on long inputs.
 const LANES: usize = 4;
 
 /// Blocks of 16 bytes, after the first, that are summed without folding.
@@ -197,21 +198,21 @@ mod tests {
     extern crate std;
 
     use super::super::{crc16, crc16_portable};
-    use super::processor;
+    use super::level;
     use std::vec::Vec;
 
     /// A processor would otherwise use its best level only.
     #[test]
     fn every_level_gives_the_same() {
         let data: Vec<u8> = (0..1000_u32).map(|i| ((i * i) >> 3) as u8).collect();
-        let is_available = processor::is_available();
-        let tested = processor::with_each_level(|level| {
+        let is_available = level::is_available();
+        let tested = level::with_each_level(|level| {
             for length in 0..data.len() {
                 let data = &data[..length];
                 assert_eq!(crc16(data), crc16_portable(data), "level {level}, {length} bytes");
             }
         });
         assert!(tested > usize::from(is_available), "{tested} levels");
-        assert_eq!(processor::is_available(), is_available);
+        assert_eq!(level::is_available(), is_available);
     }
 }

@@ -5,36 +5,19 @@ use core::arch::aarch64::{
     vld1q_u8, vmull_high_p64, vmull_p64, vqtbl1q_u8, vreinterpretq_p64_u8, vreinterpretq_u8_p128,
     vreinterpretq_u8_u64, vreinterpretq_u64_u8, vsubq_u8,
 };
-use core::sync::atomic::{AtomicU8, Ordering};
 
 use super::super::POLYNOMIAL;
+use super::level::{ABSENT, PRESENT};
 use super::quotient;
 
 /// 16 bytes, or a polynomial of degree 127 at most, its lowest byte first.
 pub(super) type Block = uint8x16_t;
 
-const UNKNOWN: u8 = 0;
-const ABSENT: u8 = 1;
-const PRESENT: u8 = 2;
-static AVAILABLE: AtomicU8 = AtomicU8::new(UNKNOWN);
+/// The compiler may use the instructions anywhere.
+pub(super) const IS_CERTAIN: bool = cfg!(target_feature = "aes");
 
-#[inline]
-pub(in super::super) fn is_available() -> bool {
-    if cfg!(target_feature = "aes") {
-        return true;
-    }
-    match AVAILABLE.load(Ordering::Relaxed) {
-        UNKNOWN => detect() == PRESENT,
-        known => known == PRESENT,
-    }
-}
-
-#[cold]
-#[inline(never)]
-fn detect() -> u8 {
-    let level = if cfg!(target_feature = "aes") || has_pmull() { PRESENT } else { ABSENT };
-    AVAILABLE.store(level, Ordering::Relaxed);
-    level
+pub(super) fn detect() -> u8 {
+    if IS_CERTAIN || has_pmull() { PRESENT } else { ABSENT }
 }
 
 /// True if the processor has PMULL, and AES, which is the same feature to the compiler.
@@ -50,11 +33,6 @@ fn has_pmull() -> bool {
 #[cfg(not(target_os = "linux"))]
 fn has_pmull() -> bool {
     false
-}
-
-/// Uses the instructions no longer, or as the processor has them.
-pub(in super::super) fn pretend_absent(on: bool) {
-    AVAILABLE.store(if on { ABSENT } else { UNKNOWN }, Ordering::Relaxed);
 }
 
 /// The bytes as they lie in memory.
@@ -121,16 +99,4 @@ pub(super) fn reduce(sum: Block) -> u16 {
     let times = add(upper, multiply_high(upper, quotient));
     let product = multiply_high(times, divisor);
     vgetq_lane_u64::<0>(vreinterpretq_u64_u8(add(sum, product))) as u16
-}
-
-/// Calls `test` with each level of this processor, then returns their number.
-#[cfg(test)]
-pub(super) fn with_each_level(test: impl Fn(u8)) -> usize {
-    let highest = detect();
-    for level in ABSENT..=highest {
-        AVAILABLE.store(level, Ordering::Relaxed);
-        test(level);
-    }
-    AVAILABLE.store(highest, Ordering::Relaxed);
-    usize::from(highest)
 }

@@ -5,56 +5,37 @@ use core::arch::x86_64::{
     _mm_set_epi8, _mm_set_epi64x, _mm_set1_epi8, _mm_shuffle_epi8, _mm_slli_si128, _mm_sub_epi8,
     _mm_xor_si128, _xgetbv,
 };
-use core::sync::atomic::{AtomicU8, Ordering};
 
 use super::super::POLYNOMIAL;
+use super::level::{ABSENT, PRESENT, level};
 use super::quotient;
 
 /// 16 bytes, or a polynomial of degree 127 at most.
 pub(super) type Block = __m128i;
 
-const UNKNOWN: u8 = 0;
-const ABSENT: u8 = 1;
-/// PCLMULQDQ and SSSE3.
-const PRESENT: u8 = 2;
 /// AVX2 and VPCLMULQDQ besides.
-const WIDE: u8 = 3;
-static AVAILABLE: AtomicU8 = AtomicU8::new(UNKNOWN);
+const WIDE: u8 = PRESENT + 1;
 
-#[inline]
-pub(in super::super) fn is_available() -> bool {
-    if cfg!(all(target_feature = "pclmulqdq", target_feature = "ssse3")) {
-        return true;
-    }
-    match AVAILABLE.load(Ordering::Relaxed) {
-        UNKNOWN => detect() >= PRESENT,
-        known => known >= PRESENT,
-    }
-}
+/// The compiler may use the instructions anywhere.
+pub(super) const IS_CERTAIN: bool =
+    cfg!(all(target_feature = "pclmulqdq", target_feature = "ssse3"));
 
 #[inline]
 pub(super) fn is_wide() -> bool {
-    match AVAILABLE.load(Ordering::Relaxed) {
-        UNKNOWN => detect() == WIDE,
-        known => known == WIDE,
-    }
+    level() == WIDE
 }
 
-#[cold]
-#[inline(never)]
-fn detect() -> u8 {
+pub(super) fn detect() -> u8 {
     const PCLMULQDQ: u32 = 1 << 1;
     const SSSE3: u32 = 1 << 9;
     let features = __cpuid(1).ecx;
-    let level = if features & PCLMULQDQ == 0 || features & SSSE3 == 0 {
+    if features & PCLMULQDQ == 0 || features & SSSE3 == 0 {
         ABSENT
     } else if has_wide() {
         WIDE
     } else {
         PRESENT
-    };
-    AVAILABLE.store(level, Ordering::Relaxed);
-    level
+    }
 }
 
 /// True if the processor has AVX2 and VPCLMULQDQ, and the system keeps their registers.
@@ -75,11 +56,6 @@ fn has_wide() -> bool {
     kept & SSE_AND_AVX_STATE == SSE_AND_AVX_STATE
         && extended.ebx & AVX2 != 0
         && extended.ecx & VPCLMULQDQ != 0
-}
-
-/// Takes the instructions for absent from now on, or asks the processor anew.
-pub(in super::super) fn pretend_absent(on: bool) {
-    AVAILABLE.store(if on { ABSENT } else { UNKNOWN }, Ordering::Relaxed);
 }
 
 /// The bytes as they lie in memory.
@@ -134,16 +110,4 @@ pub(super) fn reduce(sum: Block) -> u16 {
     let times = _mm_xor_si128(upper, _mm_clmulepi64_si128::<0x01>(upper, constants));
     let product = _mm_clmulepi64_si128::<0x11>(times, constants);
     _mm_cvtsi128_si32(_mm_xor_si128(sum, product)) as u16
-}
-
-/// Calls `test` with each level of this processor, then returns their number.
-#[cfg(test)]
-pub(super) fn with_each_level(test: impl Fn(u8)) -> usize {
-    let highest = detect();
-    for level in ABSENT..=highest {
-        AVAILABLE.store(level, Ordering::Relaxed);
-        test(level);
-    }
-    AVAILABLE.store(highest, Ordering::Relaxed);
-    usize::from(highest)
 }
