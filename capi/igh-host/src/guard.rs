@@ -4,11 +4,10 @@
 //! inherits its priority, and never gets an error because of one. Other threads get an error while
 //! a call is in progress or an image is open, and for long calls from the wait to the end of a cycle.
 
-use std::cell::{Cell, UnsafeCell};
-use std::mem::MaybeUninit;
-use std::sync::atomic::{AtomicBool, AtomicI32, AtomicU64, Ordering};
+use std::cell::Cell;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
-use libc::{c_int, pthread_mutex_t};
+use crate::robust_mutex::{Locked, RobustMutex};
 
 /// Attempts of the cycle thread before it sleeps in the kernel: a call of another thread that runs
 /// takes less than a microsecond.
@@ -16,7 +15,7 @@ const ATTEMPTS: u32 = 64;
 
 /// A lock that an open image keeps between the calls of its thread.
 pub(crate) struct Guard {
-    mutex: UnsafeCell<MaybeUninit<pthread_mutex_t>>,
+    mutex: RobustMutex,
     /// The thread that has locked the mutex; 0 for none. Only that thread finds its own number.
     holder: AtomicU64,
     /// A call of the holder is in progress.
@@ -25,16 +24,12 @@ pub(crate) struct Guard {
     is_kept: AtomicBool,
     /// The thread that runs the cycle; 0 for none so far.
     cycle_thread: AtomicU64,
-    /// Its number in the kernel.
-    cycle_tid: AtomicI32,
     /// The cycle thread waits for its next cycle, or is in it.
     is_in_cycle: AtomicBool,
+    /// Locked by the cycle thread meanwhile. When that thread ends, it is free before a join of the
+    /// thread returns, which no question to the kernel for the thread itself promises.
+    cycle: RobustMutex,
 }
-
-// SAFETY: the mutex is made for several threads.
-unsafe impl Sync for Guard {}
-// SAFETY: it moves only before `init`.
-unsafe impl Send for Guard {}
 
 /// Kind of a call.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -76,19 +71,16 @@ impl Busy {
     }
 }
 
-/// This thread: a number that is never 0 and, unlike the system's, not used again after the thread's
-/// end; and its number in the kernel.
+/// Number of this thread: never 0 and, unlike the system's, not used again after the thread's end.
 #[inline]
-fn this_thread() -> (u64, c_int) {
-    thread_local!(static NUMBERS: Cell<(u64, c_int)> = const { Cell::new((0, 0)) });
+fn this_thread() -> u64 {
+    thread_local!(static NUMBER: Cell<u64> = const { Cell::new(0) });
     static LAST: AtomicU64 = AtomicU64::new(0);
-    NUMBERS.with(|numbers| {
-        if numbers.get().0 == 0 {
-            // SAFETY: the call has no arguments.
-            let tid = unsafe { libc::syscall(libc::SYS_gettid) };
-            numbers.set((LAST.fetch_add(1, Ordering::Relaxed) + 1, tid as c_int));
+    NUMBER.with(|number| {
+        if number.get() == 0 {
+            number.set(LAST.fetch_add(1, Ordering::Relaxed) + 1);
         }
-        numbers.get()
+        number.get()
     })
 }
 
@@ -96,45 +88,26 @@ impl Guard {
     /// A guard that [`init`](Self::init) makes usable.
     pub(crate) const fn new() -> Self {
         Self {
-            mutex: UnsafeCell::new(MaybeUninit::uninit()),
+            mutex: RobustMutex::new(),
             holder: AtomicU64::new(0),
             is_in_call: AtomicBool::new(false),
             is_kept: AtomicBool::new(false),
             cycle_thread: AtomicU64::new(0),
-            cycle_tid: AtomicI32::new(0),
             is_in_cycle: AtomicBool::new(false),
+            cycle: RobustMutex::new(),
         }
     }
 
-    /// Prepares the mutex at its final address, once.
+    /// Prepares the mutexes at their final address, once.
     pub(crate) fn init(&'static self) {
-        let settings = [libc::PTHREAD_PRIO_INHERIT, libc::PTHREAD_PRIO_NONE];
-        let is_ready = settings.into_iter().any(|protocol| {
-            let mut attributes = MaybeUninit::uninit();
-            let attributes = attributes.as_mut_ptr();
-            // SAFETY: the attributes are initialised by the first call; the mutex does not move and
-            // has no user yet.
-            unsafe {
-                libc::pthread_mutexattr_init(attributes);
-                libc::pthread_mutexattr_settype(attributes, libc::PTHREAD_MUTEX_ERRORCHECK);
-                libc::pthread_mutexattr_setrobust(attributes, libc::PTHREAD_MUTEX_ROBUST);
-                libc::pthread_mutexattr_setprotocol(attributes, protocol);
-                let code = libc::pthread_mutex_init(self.mutex(), attributes);
-                libc::pthread_mutexattr_destroy(attributes);
-                code == 0
-            }
-        });
-        assert!(is_ready, "the system rejects a mutex");
-    }
-
-    fn mutex(&self) -> *mut pthread_mutex_t {
-        self.mutex.get().cast()
+        self.mutex.init();
+        self.cycle.init();
     }
 
     /// Starts a call of this thread.
     #[inline]
     pub(crate) fn enter(&self, access: Access) -> Result<(), Busy> {
-        let (thread, _) = this_thread();
+        let thread = this_thread();
         if self.holder.load(Ordering::Relaxed) != thread {
             self.lock(thread, access)?;
         } else if self.is_in_call.load(Ordering::Relaxed) {
@@ -157,23 +130,19 @@ impl Guard {
     fn unlock(&self) {
         self.is_kept.store(false, Ordering::Relaxed);
         self.holder.store(0, Ordering::Relaxed);
-        // SAFETY: the mutex is initialised and locked by this thread.
-        unsafe { libc::pthread_mutex_unlock(self.mutex()) };
+        self.mutex.unlock();
     }
 
     fn lock(&self, thread: u64, access: Access) -> Result<(), Busy> {
-        // SAFETY: the mutex is initialised.
-        let mut code = unsafe { libc::pthread_mutex_trylock(self.mutex()) };
-        if code == libc::EBUSY && self.cycle_thread.load(Ordering::Relaxed) == thread {
-            code = self.wait_for_visitor();
+        let mut locked = self.mutex.try_lock();
+        if locked == Locked::No && self.cycle_thread.load(Ordering::Relaxed) == thread {
+            locked = self.wait_for_visitor();
         }
-        if code == libc::EOWNERDEAD {
+        match locked {
+            Locked::Yes => {}
             // Its thread ended in an open cycle, which is no obstacle.
-            // SAFETY: this thread has locked the mutex.
-            unsafe { libc::pthread_mutex_consistent(self.mutex()) };
-            self.is_in_call.store(false, Ordering::Relaxed);
-        } else if code != 0 {
-            return Err(Busy::OtherThread);
+            Locked::OwnerEnded => self.is_in_call.store(false, Ordering::Relaxed),
+            Locked::No => return Err(Busy::OtherThread),
         }
         self.holder.store(thread, Ordering::Relaxed);
         self.is_kept.store(false, Ordering::Relaxed);
@@ -185,51 +154,58 @@ impl Guard {
     }
 
     #[cold]
-    fn wait_for_visitor(&self) -> c_int {
+    fn wait_for_visitor(&self) -> Locked {
         for _ in 0..ATTEMPTS {
             std::hint::spin_loop();
-            // SAFETY: the mutex is initialised.
-            let code = unsafe { libc::pthread_mutex_trylock(self.mutex()) };
-            if code != libc::EBUSY {
-                return code;
+            let locked = self.mutex.try_lock();
+            if locked != Locked::No {
+                return locked;
             }
         }
-        // SAFETY: as above. In a signal handler that interrupts the lock itself it is an error.
-        unsafe { libc::pthread_mutex_lock(self.mutex()) }
+        self.mutex.lock()
     }
 
-    /// Returns true while another thread waits for its next cycle or is in it. A thread that ended has
-    /// no cycle.
+    /// Returns true while another thread waits for its next cycle or is in it. Ends the cycle of a
+    /// thread that has ended.
     fn has_other_cycle(&self, thread: u64) -> bool {
-        self.is_in_cycle.load(Ordering::Relaxed)
-            && self.cycle_thread.load(Ordering::Relaxed) != thread
-            // SAFETY: signal 0 only checks that the thread exists.
-            && unsafe {
-                let tid = self.cycle_tid.load(Ordering::Relaxed);
-                libc::syscall(libc::SYS_tgkill, libc::getpid(), tid, 0) == 0
-            }
+        if !self.is_in_cycle.load(Ordering::Relaxed)
+            || self.cycle_thread.load(Ordering::Relaxed) == thread
+        {
+            return false;
+        }
+        if self.cycle.try_lock() == Locked::No {
+            return true;
+        }
+        self.cycle.unlock();
+        self.is_in_cycle.store(false, Ordering::Relaxed);
+        false
     }
 
     /// Begins a cycle of this thread, which is in a call, or the wait for one.
     #[inline]
     pub(crate) fn begin_cycle(&self) -> Result<(), Busy> {
-        let (thread, tid) = this_thread();
+        let thread = this_thread();
         if self.has_other_cycle(thread) {
             return Err(Busy::CycleRuns);
         }
-        self.cycle_thread.store(thread, Ordering::Relaxed);
-        self.cycle_tid.store(tid, Ordering::Relaxed);
-        self.is_in_cycle.store(true, Ordering::Relaxed);
+        if !self.is_in_cycle.load(Ordering::Relaxed) {
+            self.cycle.try_lock();
+            self.cycle_thread.store(thread, Ordering::Relaxed);
+            self.is_in_cycle.store(true, Ordering::Relaxed);
+        }
         Ok(())
     }
 
     /// Ends the cycle of this thread, which is in a call: other threads may run the next one.
     #[inline]
     pub(crate) fn end_cycle(&self) -> Result<(), Busy> {
-        if self.has_other_cycle(this_thread().0) {
+        if self.has_other_cycle(this_thread()) {
             return Err(Busy::CycleRuns);
         }
-        self.is_in_cycle.store(false, Ordering::Relaxed);
+        if self.is_in_cycle.load(Ordering::Relaxed) {
+            self.is_in_cycle.store(false, Ordering::Relaxed);
+            self.cycle.unlock();
+        }
         Ok(())
     }
 
@@ -243,7 +219,7 @@ impl Guard {
     pub(crate) fn sleep<R>(&self, sleep: impl FnOnce() -> R) -> R {
         self.leave(false);
         let slept = sleep();
-        let (thread, _) = this_thread();
+        let thread = this_thread();
         // It succeeds at once: no other thread can begin a cycle or keep the guard during the sleep.
         while self.lock(thread, Access::Short).is_err() {}
         self.is_in_call.store(true, Ordering::Relaxed);

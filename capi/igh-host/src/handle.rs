@@ -171,6 +171,8 @@ impl<T: Pooled> Entered<T> {
         // SAFETY: this value has entered the guard.
         let object = unsafe { (*slot.object.get()).take() };
         slot.generation.fetch_add(1, Ordering::Release);
+        // Not the next object in this slot. A cycle of another thread has ended: `enter` was long.
+        let _ = slot.guard.end_cycle();
         drop(self);
         let mut slots = T::pool().slots();
         slots.living.retain(|(_, living)| !std::ptr::eq(*living, slot));

@@ -22,6 +22,7 @@ mod guard;
 mod handle;
 mod milliseconds;
 mod port_config;
+mod robust_mutex;
 mod standard_error;
 
 pub mod adapter;
