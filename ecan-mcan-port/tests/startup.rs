@@ -121,3 +121,14 @@ fn gateway_with_a_bypass_test_is_rejected_unless_allowed() {
     gateway.allow_diagnostic_tests = true;
     fixture.port.reconfigure((adapter, PortConfig::uniform(1, gateway))).unwrap();
 }
+
+/// The frames of a cycle take longer than the master waits for a datagram that it has not received.
+#[test]
+fn gateways_with_long_frames_become_ready() {
+    let adapter = AdapterConfig::new(5).with_multiplier(8).with_cycle(Duration::from_millis(2));
+    let wire_ns = ecan_host::Plan::of(&adapter).wire_ns();
+    assert!(wire_ns > 750_000, "{wire_ns}");
+    let config = PortConfig::uniform(5, GatewayConfig::on_channel(0, classic()));
+    let fixture = Fixture::ready(ecan_sim::echo(5), adapter, config);
+    assert!(fixture.port.is_ready());
+}

@@ -49,8 +49,10 @@ impl Adapter {
         let clock = self.ecrt.clock().clone();
         let end_ns =
             self.cycle_timer.next_deadline_ns().map(|deadline| deadline.saturating_sub(PAUSE_NS));
+        // Each receive makes the master give up datagrams that were sent more than 500 us ago.
+        let back_ns = self.sent_ns + self.response_ns;
         let pause = || {
-            let next_ns = clock.now_ns() + PAUSE_NS;
+            let next_ns = back_ns.max(clock.now_ns() + PAUSE_NS);
             let in_time = end_ns.is_some_and(|end_ns| next_ns <= end_ns);
             if in_time {
                 clock.sleep_until_ns(next_ns);
