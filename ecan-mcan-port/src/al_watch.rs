@@ -67,11 +67,12 @@ impl AlWatch {
         if now_ns < self.next_ns {
             return None;
         }
+        if self.running.is_none() && !answers {
+            return None;
+        }
         self.next_ns = now_ns.saturating_add(QUERY_NS);
         let Some(read) = self.running else {
-            if answers {
-                self.begin(adapter, mark, now_ns);
-            }
+            self.begin(adapter, mark, now_ns);
             return None;
         };
         let state = adapter.register_request_state(self.request);

@@ -114,6 +114,21 @@ fn delivered_frames_are_pending_until_op_is_proven() {
     assert_eq!(pending_and_delivered(&fixture), (0, 50));
 }
 
+/// Only every fourth image is confirmed, in step with the interval of the reads.
+#[test]
+fn delivery_to_a_slow_gateway_is_proven() {
+    let text = "[[gateway]]\n[gateway.variant]\nservice_period_us = 1000\n\
+                [[node]]\nkind = \"echo\"\nbus = \"0.0\"\n";
+    let scenario = Scenario::from_toml(text, "slow", Path::new(".")).unwrap();
+    let adapter = AdapterConfig::new(1).with_cycle(Duration::from_micros(250));
+    let config = PortConfig::uniform(1, GatewayConfig::on_channel(0, classic()));
+    let mut fixture = Fixture::ready(scenario, adapter, config);
+    send_until_lost(&mut fixture, 100);
+    fixture.idle(2_000);
+    let (pending, delivered) = pending_and_delivered(&fixture);
+    assert!(pending == 0 && delivered > 20, "{pending} pending, {delivered} delivered");
+}
+
 #[test]
 fn transmit_results_prove_the_delivery() {
     let mut fixture = sent_without_al_status(true);
