@@ -5,9 +5,9 @@ use std::time::Duration;
 
 mod common;
 
-use common::{Fixture, classic, frame};
+use common::{Fixture, Handles, classic, frame};
 use ecan_host::{AdapterConfig, Diagnostics, Phase};
-use ecan_mcan_port::{ChannelConfig, GatewayConfig, PortConfig, PortError};
+use ecan_mcan_port::{ChannelConfig, GatewayConfig, PendingStep, PortConfig, PortError};
 use ecan_sim::{Fault, LossDirection};
 
 fn adapter(multiplier: u8) -> AdapterConfig {
@@ -109,4 +109,15 @@ fn another_master_is_rejected_and_nothing_changes() {
     let rejected = fixture.port.reconfigure((elsewhere, config)).unwrap_err();
     assert!(rejected.to_string().contains("master 3"), "{rejected}");
     assert_eq!(fixture.carry(0, &[frame(1, &[])], 50).len(), 1);
+}
+
+/// Cycles without a `wait_ready` do not activate the master.
+#[test]
+fn gateway_waits_for_op_until_the_master_is_activated() {
+    let config = PortConfig::uniform(1, GatewayConfig::on_channel(0, classic()));
+    let mut fixture = Fixture::ready(ecan_sim::echo(1), adapter(3), config);
+    fixture.port.reconfigure((adapter(3), config)).unwrap();
+    fixture.idle(10_000);
+    let waiting_for = fixture.port.waiting_for(fixture.port.gw(0));
+    assert_eq!(waiting_for, Some(PendingStep::Operational));
 }

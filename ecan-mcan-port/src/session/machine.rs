@@ -6,7 +6,7 @@
 
 use std::fmt;
 
-use ecan_host::{Adapter, Delivery, Error};
+use ecan_host::{Adapter, Delivery, Error, Phase};
 use ecan_protocol::device::{AlState, CCCR, Capabilities};
 use ecan_protocol::mapping::Direction;
 
@@ -177,6 +177,7 @@ impl SessionMachine {
             Session::Ready => None,
             Session::Verifying => Some(self.runner.awaited()),
             Session::Waiting | Session::Failed(_) => Some(match () {
+                () if adapter.phase() != Phase::Active => PendingStep::Operational,
                 () if !self.is_online(adapter) => PendingStep::Answer,
                 () if self.startup_retry.is_due() || self.startup_retry.requests() > 0 => {
                     PendingStep::StartupRetry
