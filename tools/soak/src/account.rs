@@ -1,0 +1,247 @@
+//! The account of a channel's frames: what the Port reports, what the bus carried, what the application got.
+
+use ecan_mcan_port::ChannelStatistics;
+use ecan_protocol::can::CanFrame;
+
+use crate::frame_number::{FrameNumber, Stream};
+use crate::seen::Seen;
+
+/// Frames of one channel.
+#[derive(Debug, Default)]
+pub struct Account {
+    /// Index in frame numbers.
+    pub channel: u8,
+    pub is_fd: bool,
+    /// Next number of each stream of the host.
+    next: [u32; 3],
+    /// Sent by the gateway on the bus, by stream.
+    on_bus: [Seen; 3],
+    /// Sent by the node: own frames, or the answers to those of the host.
+    of_node: [Seen; 4],
+    received: [Seen; 4],
+    /// Columns of earlier Ports; those that were pending are unknown.
+    ended: ChannelStatistics,
+    now: ChannelStatistics,
+}
+
+impl Account {
+    pub fn new(channel: u8, is_fd: bool) -> Self {
+        Self { channel, is_fd, ..Self::default() }
+    }
+
+    /// The next frame of a stream, with its number.
+    pub fn next_frame(&self, stream: Stream) -> CanFrame {
+        let number = self.next[stream as usize];
+        FrameNumber { channel: self.channel, stream, number }.frame(self.is_fd)
+    }
+
+    /// The Port has accepted the next frame.
+    pub fn accepted(&mut self, stream: Stream) {
+        self.next[stream as usize] += 1;
+    }
+
+    pub fn has_numbers(&self) -> bool {
+        self.next.iter().all(|next| *next < FrameNumber::MAX)
+    }
+
+    fn number(&self, frame: &CanFrame) -> Result<FrameNumber, String> {
+        let number = FrameNumber::of(frame, self.is_fd);
+        let number = number.ok_or_else(|| format!("a frame that nobody sent: {frame:?}"))?;
+        if number.channel != self.channel {
+            return Err(format!("a frame of another channel: {number:?}"));
+        }
+        Ok(number)
+    }
+
+    /// The gateway has sent a frame on the bus.
+    pub fn sent_on_bus(&mut self, frame: &CanFrame) -> Result<(), String> {
+        let FrameNumber { stream, number, .. } = self.number(frame)?;
+        let stream_index = stream as usize;
+        let Some(next) = self.next.get(stream_index) else {
+            return Err(format!("the gateway sent a frame of the node: {number}"));
+        };
+        if number >= *next {
+            return Err(format!("{stream:?} frame {number} was sent and not accepted"));
+        }
+        let seen = &mut self.on_bus[stream_index];
+        if seen.contains(number) {
+            return Err(format!("{stream:?} frame {number} was sent twice"));
+        }
+        if stream == Stream::Immediate && number < seen.next() {
+            return Err(format!("{stream:?} frame {number} was sent after {}", seen.next() - 1));
+        }
+        seen.insert(number);
+        Ok(())
+    }
+
+    /// The node has sent a frame.
+    pub fn sent_by_node(&mut self, frame: &CanFrame) -> Result<(), String> {
+        let FrameNumber { stream, number, .. } = self.number(frame)?;
+        self.of_node[stream as usize].insert(number);
+        Ok(())
+    }
+
+    /// The application got a frame.
+    pub fn received(&mut self, frame: &CanFrame) -> Result<(), String> {
+        let FrameNumber { stream, number, .. } = self.number(frame)?;
+        let index = stream as usize;
+        if !self.of_node[index].contains(number) {
+            return Err(format!("{stream:?} frame {number} was received and not sent"));
+        }
+        let seen = &mut self.received[index];
+        if seen.contains(number) {
+            return Err(format!("{stream:?} frame {number} was received twice"));
+        }
+        if matches!(stream, Stream::Immediate | Stream::Node) && number < seen.next() {
+            return Err(format!(
+                "{stream:?} frame {number} was received after {}",
+                seen.next() - 1
+            ));
+        }
+        seen.insert(number);
+        Ok(())
+    }
+
+    /// The counters of the Port after a cycle.
+    pub fn update(&mut self, now: ChannelStatistics) -> Result<(), String> {
+        let before = std::mem::replace(&mut self.now, now);
+        let columns = now.frames_delivered
+            + now.frames_lost
+            + now.frames_discarded
+            + now.frames_unknown
+            + now.frames_pending;
+        if now.frames_accepted != columns {
+            return Err(format!("accepted frames are not in one column each: {now:?}"));
+        }
+        let falls = [
+            now.frames_delivered < before.frames_delivered,
+            now.frames_lost < before.frames_lost,
+            now.frames_discarded < before.frames_discarded,
+            now.frames_unknown < before.frames_unknown,
+            now.frames_received < before.frames_received,
+        ];
+        if falls.contains(&true) {
+            return Err(format!("a counter falls: {now:?} after {before:?}"));
+        }
+        let (on_bus, taken) = (self.on_bus(), self.perhaps_taken());
+        if on_bus > taken {
+            return Err(format!("{on_bus} frames on the bus, of {taken} that it can be: {now:?}"));
+        }
+        let accepted = self.next.iter().map(|next| u64::from(*next)).sum::<u64>();
+        let known = self.ended.frames_accepted + now.frames_accepted;
+        if known != accepted {
+            return Err(format!("{accepted} frames accepted, of which the Port knows {known}"));
+        }
+        Ok(())
+    }
+
+    /// The Port has ended, or its statistics start again.
+    pub fn end_statistics(&mut self) {
+        let now = std::mem::take(&mut self.now);
+        let ended = &mut self.ended;
+        ended.frames_accepted += now.frames_accepted;
+        ended.frames_delivered += now.frames_delivered;
+        ended.frames_lost += now.frames_lost;
+        ended.frames_discarded += now.frames_discarded;
+        ended.frames_unknown += now.frames_unknown + now.frames_pending;
+        ended.frames_received += now.frames_received;
+        ended.frames_not_taken += now.frames_not_taken;
+    }
+
+    /// Frames that the gateway has sent.
+    pub fn on_bus(&self) -> u64 {
+        self.on_bus.iter().map(Seen::count).sum()
+    }
+
+    pub fn accepted_so_far(&self) -> u64 {
+        self.ended.frames_accepted + self.now.frames_accepted
+    }
+
+    pub fn delivered(&self) -> u64 {
+        self.ended.frames_delivered + self.now.frames_delivered
+    }
+
+    pub fn pending(&self) -> u64 {
+        self.now.frames_pending
+    }
+
+    /// Frames that the gateway has or may have taken.
+    pub fn perhaps_taken(&self) -> u64 {
+        let unknown = self.ended.frames_unknown + self.now.frames_unknown;
+        self.delivered() + unknown + self.pending()
+    }
+
+    /// Frames that came in images.
+    pub fn arrived(&self) -> u64 {
+        let sum = |it: &ChannelStatistics| it.frames_received + it.frames_not_taken;
+        sum(&self.ended) + sum(&self.now)
+    }
+
+    pub fn taken_by_application(&self) -> u64 {
+        self.received.iter().map(Seen::count).sum()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn account() -> Account {
+        let mut account = Account::new(5, true);
+        (0..10).for_each(|_| account.accepted(Stream::Immediate));
+        account
+    }
+
+    fn frame(number: u32) -> CanFrame {
+        FrameNumber { channel: 5, stream: Stream::Immediate, number }.frame(true)
+    }
+
+    fn statistics(accepted: u64, delivered: u64) -> ChannelStatistics {
+        ChannelStatistics {
+            frames_accepted: accepted,
+            frames_delivered: delivered,
+            frames_discarded: accepted - delivered,
+            ..ChannelStatistics::default()
+        }
+    }
+
+    #[test]
+    fn frames_in_order_are_no_finding() {
+        let mut account = account();
+        for number in [0, 1, 2, 5, 9] {
+            account.sent_on_bus(&frame(number)).unwrap();
+            account.sent_by_node(&frame(number)).unwrap();
+        }
+        [1, 2, 9].iter().for_each(|number| account.received(&frame(*number)).unwrap());
+        account.update(statistics(10, 5)).unwrap();
+    }
+
+    #[test]
+    fn each_violation_is_a_finding() {
+        let text = |result: Result<(), String>| result.unwrap_err();
+        let mut account = account();
+        account.sent_on_bus(&frame(3)).unwrap();
+        assert!(text(account.sent_on_bus(&frame(3))).contains("sent twice"));
+        assert!(text(account.sent_on_bus(&frame(2))).contains("sent after 3"));
+        assert!(text(account.sent_on_bus(&frame(10))).contains("not accepted"));
+        assert!(text(account.received(&frame(3))).contains("received and not sent"));
+        account.sent_by_node(&frame(3)).unwrap();
+        account.sent_by_node(&frame(2)).unwrap();
+        account.received(&frame(3)).unwrap();
+        assert!(text(account.received(&frame(3))).contains("received twice"));
+        assert!(text(account.received(&frame(2))).contains("received after 3"));
+        assert!(text(account.update(statistics(10, 0))).contains("frames on the bus"));
+        let foreign = FrameNumber { channel: 6, stream: Stream::Immediate, number: 1 }.frame(true);
+        assert!(text(account.received(&foreign)).contains("another channel"));
+    }
+    #[test]
+    fn columns_add_up() {
+        let text = |statistics| account().update(statistics).unwrap_err();
+        assert!(text(statistics(9, 9)).contains("Port knows 9"));
+        let lost = ChannelStatistics { frames_discarded: 2, ..statistics(10, 9) };
+        assert!(text(lost).contains("one column each"));
+        let mut account = account();
+        account.update(statistics(10, 6)).unwrap();
+        assert!(account.update(statistics(10, 5)).unwrap_err().contains("a counter falls"));
+    }
+}

@@ -1,0 +1,135 @@
+//! Numbered frames: the content follows from the number, so that each frame names itself on the bus and is
+//! compared without a memory of what was sent.
+
+use ecan_protocol::can::{CanFrame, CanId, Dlc, FrameKind};
+
+/// Bits of a number.
+const NUMBER_BITS: u32 = 21;
+const NUMBER_MASK: u32 = (1 << NUMBER_BITS) - 1;
+/// Marks an extended CAN ID that holds the whole number; the data is arbitrary.
+const IN_ID: u32 = 1 << 28;
+/// Bytes that hold the number in the data.
+const DATA_BYTES: usize = 4;
+
+/// Way on which frames of one sender keep their order.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Stream {
+    /// Sent by the host at once.
+    Immediate,
+    /// Sent by the host at a phase of Sync0.
+    Scheduled,
+    /// Sent by the host with a hint for another path in the gateway.
+    Hinted,
+    /// Sent by a node.
+    Node,
+}
+
+impl Stream {
+    pub const ALL: [Self; 4] = [Self::Immediate, Self::Scheduled, Self::Hinted, Self::Node];
+}
+
+/// Number of a frame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct FrameNumber {
+    /// Index of the channel: of the sender, or on whose bus the node is.
+    pub channel: u8,
+    pub stream: Stream,
+    /// From 0; the lower 21 bits.
+    pub number: u32,
+}
+
+impl FrameNumber {
+    /// Largest number; a longer run needs more bits.
+    pub const MAX: u32 = NUMBER_MASK;
+
+    fn word(self) -> u32 {
+        (u32::from(self.channel) << 2 | self.stream as u32) << NUMBER_BITS
+            | self.number & NUMBER_MASK
+    }
+
+    fn from_word(word: u32) -> Self {
+        Self {
+            channel: (word >> (NUMBER_BITS + 2)) as u8,
+            stream: Stream::ALL[(word >> NUMBER_BITS) as usize & 3],
+            number: word & NUMBER_MASK,
+        }
+    }
+
+    /// The frame of this number on a channel.
+    pub fn frame(self, is_fd: bool) -> CanFrame {
+        let word = self.word();
+        let mut content = fastrand::Rng::with_seed(u64::from(word) ^ u64::from(is_fd) << 32);
+        let mut data = [0; 64];
+        content.fill(&mut data);
+        if content.u8(..16) == 0 {
+            let id = CanId::extended(IN_ID | word).expect("28 bits");
+            return match content.u8(..4) {
+                0 => CanFrame::remote(id, Dlc::new(content.u8(..9)).expect("at most 8")),
+                1 if is_fd => CanFrame::fd(id, &data[..3], content.bool(), false),
+                _ => CanFrame::classic(id, &data[..usize::from(content.u8(..9))]),
+            }
+            .expect("valid");
+        }
+        data[..DATA_BYTES].copy_from_slice(&word.to_le_bytes());
+        let id = match content.u8(..4) {
+            0 => CanId::extended(content.u32(..IN_ID)),
+            _ => CanId::standard(content.u16(..0x800)),
+        };
+        let id = id.expect("in range");
+        let frame = if is_fd && content.u8(..3) > 0 {
+            let length = [4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 48, 64][content.usize(..12)];
+            CanFrame::fd(id, &data[..length], content.bool(), false)
+        } else {
+            CanFrame::classic(id, &data[..content.usize(DATA_BYTES..=8)])
+        };
+        frame.expect("valid")
+    }
+
+    /// The number of a frame, if it has the content that belongs to it. A sender that is error passive
+    /// sets the ESI of its FD frames.
+    pub fn of(frame: &CanFrame, is_fd: bool) -> Option<Self> {
+        let id = frame.id();
+        let word = if id.is_extended() && id.raw() & IN_ID != 0 {
+            id.raw() & (IN_ID - 1)
+        } else {
+            u32::from_le_bytes(frame.data().get(..DATA_BYTES)?.try_into().ok()?)
+        };
+        let number = Self::from_word(word);
+        let sent = match frame.kind() {
+            FrameKind::Fd { brs, esi: true } => {
+                &CanFrame::fd(id, frame.data(), brs, false).expect("valid")
+            }
+            _ => frame,
+        };
+        (word >> (NUMBER_BITS + 7) == 0 && *sent == number.frame(is_fd)).then_some(number)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn frames_name_themselves() {
+        let mut kinds = [0; 3];
+        for is_fd in [false, true] {
+            for number in 0..5_000 {
+                let number = FrameNumber { channel: 31, stream: Stream::Scheduled, number };
+                let frame = number.frame(is_fd);
+                assert_eq!(FrameNumber::of(&frame, is_fd), Some(number));
+                kinds[usize::from(frame.is_fd()) + 2 * usize::from(frame.is_remote())] += 1;
+            }
+        }
+        assert!(kinds.iter().all(|count| *count > 50), "{kinds:?}");
+    }
+
+    #[test]
+    fn other_content_has_no_number() {
+        let number = FrameNumber { channel: 3, stream: Stream::Immediate, number: 17 };
+        let frame = number.frame(false);
+        let mut data = frame.data().to_vec();
+        data[3] ^= 0x40;
+        let changed = CanFrame::classic(frame.id(), &data).unwrap();
+        assert_eq!(FrameNumber::of(&changed, false), None);
+    }
+}

@@ -1,0 +1,502 @@
+//! Runs a plan.
+
+use ecan_mcan_port::{
+    ChannelHandle, PendingStep, Port, ReceivedView, SendOptions, SlaveStatistics, TransmitHint,
+};
+use ecan_protocol::image::Schedule;
+use ecan_sim::{
+    AttachedNode, Backend, ClockKind, Fault, GatewayCounters, SimOptions, Simulation,
+    TransmitLosses,
+};
+use fastrand::Rng;
+
+use crate::account::Account;
+use crate::draw::{chance, pick};
+use crate::event::Action;
+use crate::finding::{Finding, Outcome, Rule};
+use crate::frame_number::Stream;
+use crate::machine::{Machine, Partner};
+use crate::plan::Plan;
+use crate::talker::Talker;
+
+const MS: u64 = 1_000_000;
+/// Longest time until all gateways are ready after the last fault.
+const RECOVERY_NS: u64 = 300_000 * MS;
+/// Longest fault.
+const LONGEST_FAULT_NS: u64 = 800 * MS;
+/// Time for which all gateways must be ready.
+const STEADY_NS: u64 = 200 * MS;
+/// Time between two attempts of a gateway's startup.
+const RETRY_NS: u64 = 2_000 * MS;
+/// Time in which what waits for a bus or an image has passed.
+const QUIET_NS: u64 = 400 * MS;
+
+/// Longest time until the delivery of a frame is known: while a master reads the SDO dictionary of a slave
+/// it executes no requests.
+const PENDING_NS: u64 = 200_000 * MS;
+
+type Check = Result<(), (Rule, String)>;
+
+pub struct Trial {
+    plan: Plan,
+    random: Rng,
+    backend: Backend,
+    simulation: Simulation,
+    port: Option<Port>,
+    _talkers: Vec<AttachedNode>,
+    accounts: Vec<Side>,
+    gateways: Vec<Images>,
+    cycle: u64,
+    leave_until: u64,
+    retry_at: u64,
+    /// Nothing has happened that loses frames.
+    is_undisturbed: bool,
+    outcome: Outcome,
+}
+
+/// A channel, with its place in the machine.
+struct Side {
+    slave: usize,
+    channel: u8,
+    bus: String,
+    /// Frames in 1000 cycles.
+    frames: u32,
+    sends: bool,
+    has_partner: bool,
+    account: Account,
+    handle: Option<ChannelHandle>,
+}
+
+/// Images of a gateway that may have lost frames on their way, of all Ports.
+#[derive(Default)]
+struct Images {
+    ended: u64,
+    now: u64,
+    /// Frames in images before the gateways were ready for the first time, and shortly before the end.
+    before: u64,
+    at_end: u64,
+}
+
+impl Trial {
+    /// Runs a plan to its end or to the first violation.
+    pub fn run(plan: &Plan) -> Outcome {
+        let mut trial = match Self::start(plan) {
+            Ok(trial) => trial,
+            Err(text) if plan.machine.explains(&text) => return Outcome::default(),
+            Err(text) => {
+                let finding = Finding { rule: Rule::Start, cycle: 0, text };
+                return Outcome { finding: Some(finding), ..Outcome::default() };
+            }
+        };
+        let begin = trial.now_ns();
+        let check = trial.all_phases();
+        let world =
+            |trial: &Self| trial.simulation.with_world(|w| (w.cycles(), w.faults().count()));
+        let (cycles, faults) = world(&trial);
+        let sum = |of: fn(&Account) -> u64| trial.accounts.iter().map(|it| of(&it.account)).sum();
+        let finding = check.err().map(|(rule, text)| Finding { rule, cycle: trial.cycle, text });
+        Outcome {
+            finding,
+            cycles,
+            simulated_ns: trial.now_ns() - begin,
+            accepted: sum(Account::accepted_so_far),
+            on_bus: sum(Account::on_bus),
+            received: sum(Account::taken_by_application),
+            faults: faults as u64,
+            gateways: plan.machine.gateway.len() as u64,
+            ..trial.outcome
+        }
+    }
+
+    fn start(plan: &Plan) -> Result<Self, String> {
+        let scenario = plan.machine.scenario(plan.seed).map_err(|error| error.to_string())?;
+        let options = SimOptions { clock: Some(ClockKind::Stepped), ..SimOptions::default() };
+        let backend =
+            ecan_sim::open_scenario(scenario, &options).map_err(|error| error.to_string())?;
+        let simulation = backend.simulation.clone().ok_or("no simulation")?;
+        simulation.with_world(ecan_sim::World::record_all_buses);
+        let mut accounts = Vec::new();
+        let mut talkers = Vec::new();
+        for (slave, gateway) in plan.machine.gateway.iter().enumerate() {
+            for channel in &gateway.channel {
+                let bus = Machine::bus(slave, channel);
+                let number = (slave * 4) as u8 + channel.number;
+                let is_fd = channel.is_fd();
+                if let Partner::Talker { period_us, burst } = channel.partner {
+                    let period_ns = u64::from(period_us) * 1_000;
+                    let talker = Talker::new(number, is_fd, period_ns, burst);
+                    let node = simulation.attach_node(&bus, "talker", Box::new(talker));
+                    talkers.push(node.map_err(|error| error.to_string())?);
+                }
+                accounts.push(Side {
+                    slave,
+                    channel: channel.number,
+                    bus,
+                    frames: channel.frames,
+                    sends: channel.sends,
+                    has_partner: channel.partner != Partner::Nobody,
+                    account: Account::new(number, is_fd),
+                    handle: None,
+                });
+            }
+        }
+        let mut trial = Self {
+            random: Rng::with_seed(plan.seed),
+            gateways: plan.machine.gateway.iter().map(|_| Images::default()).collect(),
+            plan: plan.clone(),
+            backend,
+            simulation,
+            port: None,
+            _talkers: talkers,
+            accounts,
+            cycle: 0,
+            leave_until: 0,
+            retry_at: 0,
+            is_undisturbed: true,
+            outcome: Outcome::default(),
+        };
+        trial.open()?;
+        Ok(trial)
+    }
+
+    fn open(&mut self) -> Result<(), String> {
+        // The master has one owner.
+        self.port = None;
+        let port = Port::open(&self.backend.ecrt, self.plan.machine.config())
+            .map_err(|error| error.to_string())?;
+        let port = self.port.insert(port);
+        port.wait_ready().map_err(|error| error.to_string())?;
+        self.take_handles()
+    }
+
+    fn take_handles(&mut self) -> Result<(), String> {
+        let Some(port) = &self.port else { return Ok(()) };
+        for side in &mut self.accounts {
+            let handle = port.channel(side.slave, side.channel);
+            side.handle = Some(handle.map_err(|error| error.to_string())?);
+        }
+        Ok(())
+    }
+
+    fn now_ns(&self) -> u64 {
+        self.simulation.with_world(|world| world.now_ns())
+    }
+
+    fn all_phases(&mut self) -> Check {
+        self.drain_buses()?;
+        for (slave, images) in self.gateways.iter_mut().enumerate() {
+            images.before = counters(&self.simulation, slave).frames_to_master;
+        }
+        let mut events = self.plan.event.clone().into_iter().peekable();
+        while self.cycle < self.plan.cycles {
+            while let Some(event) = events.next_if(|event| event.cycle <= self.cycle) {
+                self.act(&event.action)?;
+            }
+            if self.port.is_some() {
+                self.cycle(true)?;
+            }
+            self.cycle += 1;
+        }
+        self.recover()?;
+        self.quiet()?;
+        self.check_sums()
+    }
+
+    fn act(&mut self, action: &Action) -> Check {
+        self.is_undisturbed = false;
+        match action {
+            Action::Fault(fault) => {
+                let effect = self.simulation.execute(fault);
+                effect.map_err(|error| (Rule::Call, format!("{fault:?}: {error}")))?;
+            }
+            Action::Discard(slave) => {
+                let Some(port) = &mut self.port else { return Ok(()) };
+                let gateway = port.gateway(*slave).map_err(call)?;
+                port.discard_pending(gateway);
+            }
+            Action::Reconfigure => self.reconfigure()?,
+            Action::Pause(ms) => self.simulation.pass_ns(u64::from(*ms) * MS),
+            Action::Restart(ms) => {
+                self.port = None;
+                self.end_statistics();
+                self.simulation.pass_ns(u64::from(*ms) * MS);
+                self.repeat(Self::open)?;
+            }
+            Action::LeaveFrames(cycles) => self.leave_until = self.cycle + u64::from(*cycles),
+        }
+        Ok(())
+    }
+
+    fn reconfigure(&mut self) -> Check {
+        self.end_statistics();
+        self.repeat(|trial| {
+            let config = trial.plan.machine.config();
+            let Some(port) = &mut trial.port else { return trial.open() };
+            port.reconfigure(config)
+                .and_then(|()| port.wait_ready())
+                .map_err(|error| error.to_string())?;
+            trial.take_handles()
+        })
+    }
+
+    /// The statistics of the Port start again.
+    fn end_statistics(&mut self) {
+        self.accounts.iter_mut().for_each(|side| side.account.end_statistics());
+        for images in &mut self.gateways {
+            images.ended += std::mem::take(&mut images.now) + 1;
+        }
+    }
+
+    /// Calls until it succeeds: gateways may be away. Those that were switched off return.
+    fn repeat(&mut self, step: impl Fn(&mut Self) -> Result<(), String>) -> Check {
+        let begin = self.now_ns();
+        loop {
+            let result = step(self);
+            self.drain_buses()?;
+            let Err(text) = result else { return Ok(()) };
+            if self.now_ns() - begin > RECOVERY_NS {
+                return Err((Rule::Recovery, text));
+            }
+            self.switch_on();
+            self.simulation.pass_ns(500 * MS);
+        }
+    }
+
+    fn switch_on(&self) {
+        for gateway in 0..self.plan.machine.gateway.len() {
+            self.simulation.inject(Fault::PowerOn { gateway });
+        }
+    }
+
+    /// One cycle of the application.
+    fn cycle(&mut self, sends: bool) -> Check {
+        let Some(port) = &mut self.port else { return Ok(()) };
+        let r = &mut self.random;
+        let sync0_ns = self.plan.machine.sync0_shift_us.map(|_| self.plan.machine.cycle_us * 1_000);
+        let leaves = self.cycle < self.leave_until;
+        let mut received = Vec::new();
+        let mut cycle = port.next_cycle();
+        let most = if leaves { r.usize(..4) } else { usize::MAX };
+        for item in cycle.received().take(most) {
+            if let ReceivedView::Frame { slave, packet } = item {
+                received.push((slave, packet.channel, packet.frame.to_owned()));
+            }
+        }
+        for side in self.accounts.iter_mut().filter(|side| sends && side.sends) {
+            let Some(handle) = side.handle else { continue };
+            // Bursts, with the mean of the channel.
+            let mean = side.frames;
+            let count = match r.u8(..8) {
+                0..6 => mean / 1_000 + u32::from(r.u32(..1_000) < mean % 1_000),
+                6 => 0,
+                _ => mean * 2 / 1_000,
+            };
+            for _ in 0..count {
+                if !side.account.has_numbers() {
+                    break;
+                }
+                let stream = match r.u8(..40) {
+                    0 if sync0_ns.is_some() => Stream::Scheduled,
+                    1 => Stream::Hinted,
+                    _ => Stream::Immediate,
+                };
+                let options = match (stream, sync0_ns) {
+                    (Stream::Scheduled, Some(period)) => {
+                        Schedule { tag: r.u16(..), offset_ns: r.u32(..period) }.into()
+                    }
+                    (Stream::Hinted, _) => SendOptions {
+                        hint: pick(
+                            r,
+                            &[
+                                TransmitHint::HighPriority,
+                                TransmitHint::DedicatedBuffer,
+                                TransmitHint::Queue,
+                            ],
+                        ),
+                        ..SendOptions::default()
+                    },
+                    _ => SendOptions::default(),
+                };
+                let frame = side.account.next_frame(stream);
+                match cycle.send_with(handle, &frame, options) {
+                    Ok(_) => side.account.accepted(stream),
+                    Err(error) if error.is_temporary() || stream == Stream::Scheduled => break,
+                    Err(error) => return Err((Rule::Call, error.to_string())),
+                }
+            }
+        }
+        let _ = cycle.finish();
+        self.drain_buses()?;
+        for (slave, channel, frame) in received {
+            let side =
+                self.accounts.iter_mut().find(|it| (it.slave, it.channel) == (slave, channel));
+            let side = side.ok_or_else(|| {
+                (Rule::Receive, format!("a frame of slave {slave} channel {channel}: {frame:?}"))
+            })?;
+            side.account.received(&frame).map_err(|text| (Rule::Receive, side.named(&text)))?;
+        }
+        self.update()
+    }
+
+    fn update(&mut self) -> Check {
+        let Some(port) = &self.port else { return Ok(()) };
+        for (slave, images) in self.gateways.iter_mut().enumerate() {
+            let statistics = port.statistics(port.gateway(slave).map_err(call)?);
+            let SlaveStatistics { txpdo_lost, txpdo_unknown, parse_errors, .. } = statistics;
+            images.now = txpdo_lost + txpdo_unknown + parse_errors;
+            for side in self.accounts.iter_mut().filter(|side| side.slave == slave) {
+                let columns = statistics.channels[usize::from(side.channel)];
+                let update = side.account.update(columns);
+                update.map_err(|text| (Rule::Transmit, side.named(&text)))?;
+            }
+            let counters = counters(&self.simulation, slave);
+            let sides = self.accounts.iter().filter(|side| side.slave == slave);
+            let (mut delivered, mut most) = (0, 0);
+            for side in sides {
+                delivered += side.account.delivered();
+                most += side.account.perhaps_taken();
+            }
+            let parsed = counters.frames_parsed;
+            if parsed < delivered || parsed > most {
+                let text = format!(
+                    "slave {slave}: {parsed} frames parsed, {delivered} delivered, {most} perhaps taken"
+                );
+                return Err((Rule::Transmit, text));
+            }
+        }
+        Ok(())
+    }
+
+    fn drain_buses(&mut self) -> Check {
+        let Self { simulation, accounts, .. } = self;
+        let mut check = Ok(());
+        simulation.with_world(|world| {
+            world.drain_recorded(|bus, frame| {
+                let Some(side) = accounts.iter_mut().find(|side| side.bus == bus) else { return };
+                let account = &mut side.account;
+                let result = match frame.is_from_channel {
+                    true => account.sent_on_bus(&frame.frame),
+                    false => account.sent_by_node(&frame.frame),
+                };
+                if let (Ok(()), Err(text)) = (&check, result) {
+                    check = Err((Rule::Transmit, side.named(&text)));
+                }
+            });
+        });
+        check
+    }
+
+    /// Runs on until the last fault is over and all gateways stay ready.
+    fn recover(&mut self) -> Check {
+        self.switch_on();
+        let begin = self.now_ns();
+        let mut ready_since = None;
+        loop {
+            let sends = chance(&mut self.random, 50);
+            self.cycle(sends)?;
+            self.cycle += 1;
+            let now = self.now_ns();
+            let Some(port) = &mut self.port else { return Ok(()) };
+            let is_ready = port.is_ready() && now - begin > LONGEST_FAULT_NS;
+            let since = if is_ready { *ready_since.get_or_insert(now) } else { now };
+            ready_since = ready_since.filter(|_| is_ready);
+            if now - since > STEADY_NS {
+                self.outcome.recovery_ns = since - begin;
+                return Ok(());
+            }
+            if now - begin > RECOVERY_NS {
+                return Err((Rule::Recovery, status(port)));
+            }
+            // As an operator does who reads what a gateway waits for.
+            let mut gateways = port.gateways();
+            let waits = gateways.any(|it| port.waiting_for(it) == Some(PendingStep::StartupRetry));
+            if waits && now >= self.retry_at {
+                self.retry_at = now + RETRY_NS;
+                let _ = port.retry_startup();
+            }
+        }
+    }
+
+    /// Cycles without sending, until what waits has passed.
+    fn quiet(&mut self) -> Check {
+        let begin = self.now_ns();
+        // A master that serves requests in turn reads an AL status slowly.
+        let has_pending = |trial: &Self| trial.accounts.iter().any(|it| it.account.pending() > 0);
+        while self.now_ns() - begin < QUIET_NS
+            || has_pending(self) && self.now_ns() - begin < PENDING_NS
+        {
+            self.cycle(false)?;
+            self.cycle += 1;
+        }
+        for (slave, images) in self.gateways.iter_mut().enumerate() {
+            images.at_end = counters(&self.simulation, slave).frames_to_master;
+        }
+        for _ in 0..20 {
+            self.cycle(false)?;
+            self.cycle += 1;
+        }
+        Ok(())
+    }
+
+    fn check_sums(&self) -> Check {
+        for (slave, images) in self.gateways.iter().enumerate() {
+            let counters = counters(&self.simulation, slave);
+            let sides = || self.accounts.iter().filter(|side| side.slave == slave);
+            let arrived: u64 = sides().map(|side| side.account.arrived()).sum();
+            let missing = images.now + images.ended;
+            let most = counters.frames_to_master;
+            let least = if missing == 0 { images.at_end - images.before } else { 0 };
+            if !(least..=most).contains(&arrived) {
+                let text = format!(
+                    "slave {slave}: {arrived} frames arrived of {least} to {most} in images, {missing} images missing"
+                );
+                return Err((Rule::Receive, text));
+            }
+            for side in sides() {
+                let (pending, accepted) = (side.account.pending(), side.account.accepted_so_far());
+                if pending > 0 {
+                    return Err((Rule::Transmit, side.named(&format!("{pending} frames pending"))));
+                }
+                // What the gateway did not send, it counts.
+                let (on_bus, losses) = (side.account.on_bus(), counters.transmit_losses);
+                let is_complete = on_bus == accepted || losses != TransmitLosses::default();
+                if self.is_undisturbed && side.has_partner && !is_complete {
+                    let text = format!(
+                        "{on_bus} frames on the bus of {accepted} accepted, undisturbed: {counters:?}"
+                    );
+                    return Err((Rule::Transmit, side.named(&text)));
+                }
+            }
+        }
+        let log = self.simulation.kernel_log();
+        match log.iter().find(|line| line.starts_with("simulator:")) {
+            Some(line) => Err((Rule::Master, line.clone())),
+            None => Ok(()),
+        }
+    }
+}
+
+impl Side {
+    fn named(&self, text: &str) -> String {
+        format!("slave {} channel {}: {text}", self.slave, self.channel)
+    }
+}
+
+fn counters(simulation: &Simulation, slave: usize) -> GatewayCounters {
+    simulation.with_world(|world| world.counters(slave)).unwrap_or_default()
+}
+
+fn call(error: impl std::fmt::Display) -> (Rule, String) {
+    (Rule::Call, error.to_string())
+}
+
+fn status(port: &Port) -> String {
+    let states = port.gateways().map(|gateway| {
+        let waits = port.waiting_for(gateway);
+        let waits = waits.map_or_else(String::new, |step| format!(" (waits for {step})"));
+        let fault = port.last_verification_fault(gateway);
+        let fault = fault.map_or_else(String::new, |fault| format!(", last fault: {fault}"));
+        format!("{}{waits}{fault}", port.session(gateway))
+    });
+    states.collect::<Vec<_>>().join("; ")
+}
