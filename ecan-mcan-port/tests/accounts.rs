@@ -1,12 +1,10 @@
 //! Accounts of frames and images over faults, compared with the records of the simulated gateway.
 #![allow(missing_docs)]
 
-mod common;
-
 use std::path::Path;
 use std::time::Duration;
 
-use common::{Fixture, Handles, SendData, classic, id};
+use crate::common::{Fixture, Handles, SendData, classic, id};
 use ecan_host::{AdapterConfig, Delivery};
 use ecan_mcan_port::{
     ChannelStatistics, GatewayConfig, ImageReport, Port, PortConfig, Session, SlaveStatistics,

@@ -3,9 +3,7 @@
 
 use std::time::Duration;
 
-mod common;
-
-use common::{Handles, SendData, classic, id};
+use crate::common::{Handles, SendData, classic, id};
 use ecan_host::{Adapter, AdapterConfig, DcSync, Master, WcState};
 use ecan_mcan_port::{Cycle, GatewayConfig, Port, PortConfig, Received};
 use ecan_protocol::image::Schedule;
@@ -17,7 +15,7 @@ use ecan_sim::{ClockKind, Fault, IoSpec, Scenario, SimOptions};
 fn lateness_is_not_judged_by_a_grid_that_sync0_does_not_follow() {
     let options = SimOptions { clock: Some(ClockKind::Stepped), ..SimOptions::default() };
     // The pulses of the owner come close to the arrivals of this Port.
-    let scenario = common::without_sync0_window(ecan_sim::echo(1));
+    let scenario = crate::common::without_sync0_window(ecan_sim::echo(1));
     let backend = ecan_sim::open_scenario(scenario, &options).unwrap();
     let simulation = backend.simulation.unwrap();
     let ecrt = backend.ecrt;

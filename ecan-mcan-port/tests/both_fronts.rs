@@ -2,19 +2,15 @@
 //! the same CAN traffic, over the simulated libethercat and over Ethernet frames.
 #![allow(missing_docs)]
 
-mod common;
-#[path = "../../ecan-sim/tests/wire_support/mod.rs"]
-mod wire_support;
-
 use std::path::Path;
 use std::time::Duration;
 
-use common::{Fixture, SendData, classic, id};
+use crate::common::{Fixture, SendData, classic, id};
+use crate::wire_support::{Line, MS, command::LRW};
 use ecan_host::{AdapterConfig, StartupStep};
 use ecan_mcan_port::{GatewayConfig, PortConfig};
 use ecan_protocol::can::CanFrame;
 use ecan_sim::{BusFrame, Scenario};
-use wire_support::{Line, MS, command::LRW};
 
 /// An echo that drops, corrupts and repeats, and a silent listener.
 const SCENARIO: &str = r#"

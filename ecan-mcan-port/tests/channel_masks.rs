@@ -1,12 +1,10 @@
 //! Channel masks per direction (manual 3, 13.2): channels that only receive or only send.
 #![allow(missing_docs)]
 
-mod common;
-
 use std::path::Path;
 use std::time::Duration;
 
-use common::{Fixture, Handles, SendData, classic, frame, frames_of, id};
+use crate::common::{Fixture, Handles, SendData, classic, frame, frames_of, id};
 use ecan_host::{AdapterConfig, StartupStep};
 use ecan_mcan_port::{
     FrameRate, FrameStream, GatewayConfig, PortConfig, PortConfigFault, PortPlan, PortPlanError,

@@ -3,9 +3,7 @@
 
 use std::time::Duration;
 
-mod common;
-
-use common::{Fixture, Handles, SendData, classic, frame, frames_of, id};
+use crate::common::{Fixture, Handles, SendData, classic, frame, frames_of, id};
 use ecan_host::{AdapterConfig, ConfigFault, PlanError};
 use ecan_mcan_port::{
     AddressError, Backpressure, ChannelConfig, GatewayConfig, PortConfig, PortConfigFault,

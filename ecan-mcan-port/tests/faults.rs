@@ -3,9 +3,7 @@
 
 use std::time::Duration;
 
-mod common;
-
-use common::{Fixture, Handles, SendData, classic, frame, frames_of, id};
+use crate::common::{Fixture, Handles, SendData, classic, frame, frames_of, id};
 use ecan_host::{AdapterConfig, DcSync, Diagnostics, Error};
 use ecan_mcan_port::{
     Backpressure, GatewayConfig, ImageReport, Port, PortConfig, PortError, SendError, Session,

@@ -5,9 +5,7 @@
 use std::path::Path;
 use std::time::Duration;
 
-mod common;
-
-use common::{Fixture, Handles, SendData, classic, frame, frames_of, id};
+use crate::common::{Fixture, Handles, SendData, classic, frame, frames_of, id};
 use ecan_host::{AdapterConfig, DcSync};
 use ecan_mcan_port::{GatewayConfig, PortConfig};
 use ecan_protocol::image::{OptionFlags, Schedule};

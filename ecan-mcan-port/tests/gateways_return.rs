@@ -2,12 +2,10 @@
 //! again, or with a state that names what to do; and no frame reaches another gateway.
 #![allow(missing_docs)]
 
-mod common;
-
 use std::collections::{BTreeMap, HashMap};
 use std::time::Duration;
 
-use common::{Fixture, Handles, SendData, classic, id};
+use crate::common::{Fixture, Handles, SendData, classic, id};
 use ecan_host::AdapterConfig;
 use ecan_mcan_port::{GatewayConfig, PendingStep, Port, PortConfig, PortError, Session};
 use ecan_protocol::device::AlState;

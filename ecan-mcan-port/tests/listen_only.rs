@@ -5,9 +5,7 @@
 use std::path::Path;
 use std::time::Duration;
 
-mod common;
-
-use common::{Fixture, Handles, SendData, classic, id};
+use crate::common::{Fixture, Handles, SendData, classic, id};
 use ecan_host::{AdapterConfig, CanController};
 use ecan_mcan_port::{GatewayConfig, Port, PortConfig, PortError, VerificationFault};
 use ecan_protocol::config::NodeMode;

@@ -1,9 +1,7 @@
 //! Log events of Adapter and Port: one per transition, none in undisturbed cycles.
 #![allow(missing_docs)]
 
-mod common;
-
-use common::{Fixture, Handles, classic};
+use crate::common::{Fixture, Handles, classic};
 use ecan_mcan_port::{GatewayConfig, Port, Session};
 use ecan_sim::{Fault, GatewayFault};
 use tracing_test::traced_test;

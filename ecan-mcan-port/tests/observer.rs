@@ -3,9 +3,7 @@
 
 use std::time::Duration;
 
-mod common;
-
-use common::{Fixture, Handles};
+use crate::common::{Fixture, Handles};
 use ecan_host::{AdapterConfig, Observer, Snapshot};
 use ecan_mcan_port::{
     ChannelConfig, Config, GatewayConfig, PendingStep, Port, PortConfig, PortError, PortSnapshot,

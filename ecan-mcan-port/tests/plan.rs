@@ -3,10 +3,8 @@
 
 use std::time::Duration;
 
-mod common;
-mod plan_support;
-
-use common::{Fixture, Handles, classic, frame};
+use crate::common::{Fixture, Handles, classic, frame};
+use crate::plan_support::{EVERY_CYCLE, adapter, eight, one_channel};
 use ecan_host::{AdapterConfig, DcSync, PlanError};
 use ecan_mcan_port::{
     ChannelConfig, CpuCost, FrameRate, FrameRoute, FrameStream, GatewayConfig, ImageFill,
@@ -15,7 +13,6 @@ use ecan_mcan_port::{
 use ecan_protocol::can::{CanFrame, CanId};
 use ecan_protocol::image::{BudgetPolicy, EncapsulationProfile, OptionFlags};
 use ecan_protocol::mapping::Direction;
-use plan_support::{EVERY_CYCLE, adapter, eight, one_channel};
 
 fn fd_frame(length: usize) -> CanFrame {
     CanFrame::fd(CanId::standard(0x123).unwrap(), &[0x5A; 64][..length], true, false).unwrap()

@@ -4,10 +4,8 @@
 
 use std::time::Duration;
 
-mod common;
-mod plan_support;
-
-use common::{Fixture, Handles, SendData, classic};
+use crate::common::{Fixture, Handles, SendData, classic};
+use crate::plan_support::{EVERY_CYCLE, adapter, eight, one_channel};
 use ecan_host::{AdapterConfig, DcSync, PlanWarning};
 use ecan_mcan_port::{
     FrameRate, FrameStream, GatewayConfig, MarginCheck, NotSchedulable, PortConfig, PortPlan,
@@ -15,7 +13,6 @@ use ecan_mcan_port::{
 };
 use ecan_protocol::can::CanId;
 use ecan_protocol::image::Schedule;
-use plan_support::{EVERY_CYCLE, adapter, eight, one_channel};
 
 /// Two clock datagrams with N = 3: the image is there 67.2 us after the send at the latest, and
 /// not before its own 384 bytes, 30.72 us; 100 us until the send and 30 us through the host come
@@ -192,7 +189,7 @@ fn port_has_the_margins_of_the_plan() {
         let config = PortConfig::uniform(2, gateway);
         // Some shifts are among the arrivals, where a gateway with the window would leave OP.
         let mut fixture =
-            Fixture::ready(common::without_sync0_window(ecan_sim::echo(2)), adapter, config);
+            Fixture::ready(crate::common::without_sync0_window(ecan_sim::echo(2)), adapter, config);
         for (slave, offset_ns) in [0, 1]
             .into_iter()
             .flat_map(|slave| [0, 20_000, 60_000, 999_999, 1_000_000].map(|ns| (slave, ns)))
@@ -204,7 +201,7 @@ fn port_has_the_margins_of_the_plan() {
             let mut sent = None;
             fixture.cycle(|cycle| {
                 let at = Schedule { tag: 0, offset_ns };
-                sent = Some(cycle.schedule_can(slave, 0, common::id(1), &[], at).map(drop));
+                sent = Some(cycle.schedule_can(slave, 0, crate::common::id(1), &[], at).map(drop));
             });
             let expected = match plan.rejections[..] {
                 [] => Ok(()),

@@ -3,9 +3,7 @@
 
 use std::time::Duration;
 
-mod common;
-
-use common::{Fixture, Handles, classic, frame};
+use crate::common::{Fixture, Handles, classic, frame};
 use ecan_host::{AdapterConfig, Diagnostics, Phase};
 use ecan_mcan_port::{ChannelConfig, GatewayConfig, PendingStep, PortConfig, PortError};
 use ecan_sim::{Fault, LossDirection};

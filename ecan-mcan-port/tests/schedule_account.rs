@@ -4,14 +4,11 @@
 
 use std::time::Duration;
 
-mod common;
-mod schedule_support;
-
-use common::{Fixture, Handles, SendData, id, with_sync0};
+use crate::common::{Fixture, Handles, SendData, id, with_sync0};
+use crate::schedule_support::{OFFSET_NS, SHIFT_NS, check, results, schedule, sluggish};
 use ecan_mcan_port::{GatewayConfig, Received, ScheduleDiagnostics};
 use ecan_protocol::image::Schedule;
 use ecan_sim::{Fault, GatewayFault, LossDirection, MasterBehaviour, echo};
-use schedule_support::{OFFSET_NS, SHIFT_NS, check, results, schedule, sluggish};
 
 #[test]
 fn every_frame_is_sent_with_and_without_results() {
@@ -200,7 +197,7 @@ fn reading_before_the_phase_decides_nothing() {
             .with_multiplier(8);
         adapter.dc =
             Some(ecan_host::DcSync::new(Duration::from_millis(100), Duration::from_millis(5)));
-        let mut gateway = GatewayConfig::on_channel(0, common::classic());
+        let mut gateway = GatewayConfig::on_channel(0, crate::common::classic());
         results(&mut gateway);
         gateway.paced = false;
         let config = ecan_mcan_port::PortConfig::uniform(1, gateway);

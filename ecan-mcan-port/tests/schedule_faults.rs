@@ -2,15 +2,12 @@
 //! unknown for a stated reason, and what the reason proposes helps.
 #![allow(missing_docs)]
 
-mod common;
-mod schedule_support;
-
-use common::{Fixture, Handles, with_sync0};
+use crate::common::{Fixture, Handles, with_sync0};
+use crate::schedule_support::{OFFSET_NS, SHIFT_NS, check, results, schedule};
 use ecan_mcan_port::{GatewayConfig, ScheduleFault};
 use ecan_protocol::image::OptionFlags;
 use ecan_sim::variant::{GatewayVariant, TxResultCodes};
 use ecan_sim::{Fault, GatewayFault, Scenario, echo};
-use schedule_support::{OFFSET_NS, SHIFT_NS, check, results, schedule};
 
 fn gateway(variant: GatewayVariant) -> Scenario {
     let mut scenario = echo(1);
@@ -74,7 +71,7 @@ fn late_flag_of_an_earlier_run_is_named_until_it_is_cleared() {
         schedule(&mut fixture, 1, OFFSET_NS);
     }
     fixture.idle(300);
-    let account = schedule_support::account(&fixture);
+    let account = crate::schedule_support::account(&fixture);
     assert_eq!((account.unknown, account.open), (50, 0), "{account:?}");
     assert_eq!(fault(&fixture), Some(ScheduleFault::CodesUnverified));
 
@@ -87,7 +84,7 @@ fn late_flag_of_an_earlier_run_is_named_until_it_is_cleared() {
         schedule(&mut fixture, 1, OFFSET_NS);
     }
     fixture.idle(300);
-    let account = schedule_support::account(&fixture);
+    let account = crate::schedule_support::account(&fixture);
     assert!(account.late_dropped > 0 && account.sent > 190 && account.open == 0, "{account:?}");
     assert_eq!(fault(&fixture), None);
 }

@@ -2,18 +2,15 @@
 //! reported as sent (manual 8.4, 13.8).
 #![allow(missing_docs)]
 
-mod common;
-mod schedule_support;
-
-use common::{Handles, SendData, id, with_sync0, without_sync0_window};
+use crate::common::{Handles, SendData, id, with_sync0, without_sync0_window};
+use crate::schedule_support::{
+    OFFSET_NS, SHIFT_NS, account, check, counters, results, schedule, sluggish, with_long_sync0,
+};
 use ecan_mcan_port::{
     Backpressure, GatewayConfig, MarginCheck, NotSchedulable, Received, SendError,
 };
 use ecan_protocol::image::Schedule;
 use ecan_sim::{Fault, LossDirection, echo};
-use schedule_support::{
-    OFFSET_NS, SHIFT_NS, account, check, counters, results, schedule, sluggish, with_long_sync0,
-};
 
 #[test]
 fn frame_of_a_cycle_after_the_pulse_is_rejected() {

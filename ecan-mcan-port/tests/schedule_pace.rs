@@ -4,14 +4,11 @@
 
 use std::time::Duration;
 
-mod common;
-mod schedule_support;
-
-use common::{Fixture, Handles, classic};
+use crate::common::{Fixture, Handles, classic};
+use crate::schedule_support::{OFFSET_NS, SHIFT_NS, account, check, results, schedule};
 use ecan_host::{AdapterConfig, DcSync};
 use ecan_mcan_port::{GatewayConfig, PortConfig};
 use ecan_sim::MasterBehaviour;
-use schedule_support::{OFFSET_NS, SHIFT_NS, account, check, results, schedule};
 
 /// Sync0 and cycle have this period.
 fn at_pace_of_igh(cycle: Duration) -> Fixture {

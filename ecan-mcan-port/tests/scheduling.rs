@@ -3,9 +3,7 @@
 
 use std::time::Duration;
 
-mod common;
-
-use common::{Fixture, SendData, classic, frames_of, id};
+use crate::common::{Fixture, SendData, classic, frames_of, id};
 use ecan_host::{AdapterConfig, DcSync};
 use ecan_mcan_port::{GatewayConfig, NotSchedulable, PortConfig, SendError};
 use ecan_protocol::image::Schedule;

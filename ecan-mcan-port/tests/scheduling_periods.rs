@@ -2,9 +2,7 @@
 //! does not (manual 13.9).
 #![allow(missing_docs)]
 
-mod common;
-
-use common::{Fixture, Handles, id, with_sync0};
+use crate::common::{Fixture, Handles, id, with_sync0};
 use ecan_host::{CycleTiming, Distribution, OverrunPolicy};
 use ecan_mcan_port::GatewayConfig;
 use ecan_protocol::can::{CanId, FrameRef};

@@ -4,9 +4,7 @@
 use std::collections::VecDeque;
 use std::time::Duration;
 
-mod common;
-
-use common::Fixture;
+use crate::common::Fixture;
 use ecan_host::AdapterConfig;
 use ecan_mcan_port::{
     AddressError, ChannelConfig, GatewayConfig, ImageEvent, ImageStream, PortConfig, QueueError,

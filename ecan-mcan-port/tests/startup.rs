@@ -3,9 +3,7 @@
 
 use std::time::Duration;
 
-mod common;
-
-use common::{Fixture, classic};
+use crate::common::{Fixture, classic};
 use ecan_host::{AdapterConfig, Diagnostics, Error, Expectation, StartupStep};
 use ecan_mcan_port::{ChannelConfig, GatewayConfig, PortConfig, PortConfigFault, PortError};
 use ecan_protocol::config::{FilterAction, StandardFilter, StandardMatch};

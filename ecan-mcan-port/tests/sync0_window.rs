@@ -3,9 +3,7 @@
 
 use std::time::Duration;
 
-mod common;
-
-use common::{Fixture, Handles, classic, frame};
+use crate::common::{Fixture, Handles, classic, frame};
 use ecan_host::{AdapterConfig, DcSync};
 use ecan_mcan_port::{GatewayConfig, PortConfig};
 use ecan_protocol::device::AlStatusCode;

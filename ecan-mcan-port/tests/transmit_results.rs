@@ -1,11 +1,9 @@
 //! Transmit results find the sends that caused them (manual 10).
 #![allow(missing_docs)]
 
-mod common;
-
 use std::collections::HashSet;
 
-use common::{Fixture, Handles, SendData, classic, id};
+use crate::common::{Fixture, Handles, SendData, classic, id};
 use ecan_mcan_port::{GatewayConfig, Received, TransmitReport};
 use ecan_protocol::image::{OptionFlags, ResultCode};
 

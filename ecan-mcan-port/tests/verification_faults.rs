@@ -1,11 +1,9 @@
 //! Faults that strike while a gateway is being verified: rows 31 and 32 of docs/FAULT-SCENARIOS.md.
 #![allow(missing_docs)]
 
-mod common;
-
 use std::time::Duration;
 
-use common::{Fixture, Handles, SendData, classic, frame, id};
+use crate::common::{Fixture, Handles, SendData, classic, frame, id};
 use ecan_host::AdapterConfig;
 use ecan_mcan_port::{
     GatewayConfig, PendingStep, Port, PortConfig, PortError, SendError, Session, VerificationFault,

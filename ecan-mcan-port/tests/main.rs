@@ -1,0 +1,34 @@
+//! All tests of the crate in one program; those that need a process of their own are separate.
+#![allow(missing_docs)]
+
+mod common;
+mod plan_support;
+mod schedule_support;
+#[path = "../../ecan-sim/tests/wire_support/mod.rs"]
+mod wire_support;
+
+mod accounts;
+mod attached;
+mod both_fronts;
+mod channel_masks;
+mod exchange;
+mod faults;
+mod gateway_variants;
+mod gateways_return;
+mod listen_only;
+mod log_events;
+mod observer;
+mod plan;
+mod plan_schedule;
+mod reconfiguration;
+mod schedule_account;
+mod schedule_faults;
+mod schedule_lateness;
+mod schedule_pace;
+mod scheduling;
+mod scheduling_periods;
+mod sharing;
+mod startup;
+mod sync0_window;
+mod transmit_results;
+mod verification_faults;
