@@ -2,11 +2,9 @@
 //! drives' own testimony that nothing jumped.
 #![allow(missing_docs)]
 
-mod axes;
-
 use std::time::Duration;
 
-use axes::{Fixture, START, axes, axis, with_quirk};
+use crate::axes::{Fixture, START, axes, axis, with_quirk};
 use ecan_canopen::{DriveState, NmtState, StepFault};
 use ecan_cia402::{
     AxisConfig, AxisError, AxisPhase, AxisTimeout, Cia402, Cia402Error, Decision, HoldReason,
@@ -223,7 +221,7 @@ fn missing_boot_up_is_reported() {
 
 #[test]
 fn slow_brake_is_reported_as_enable_timeout() {
-    let scenario = axes::scenario(1, |settings| settings.enable_ms = 400);
+    let scenario = crate::axes::scenario(1, |settings| settings.enable_ms = 400);
     let mut table = moving(1);
     let mut fixture = Fixture::with(scenario.clone(), table.clone()).started();
     fixture.steps(50);

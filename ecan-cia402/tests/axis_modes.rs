@@ -3,9 +3,7 @@
 
 use std::time::Duration;
 
-mod axes;
-
-use axes::{Fixture, axes, axis, with_quirk};
+use crate::axes::{Fixture, axes, axis, with_quirk};
 use ecan_canopen::{DriveState, OperatingMode, SyncConfig, object};
 use ecan_cia402::{
     AxisConfig, AxisError, AxisPhase, Cia402, Cia402Config, CommandError, Decision, HomingConfig,

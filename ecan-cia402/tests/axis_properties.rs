@@ -2,9 +2,7 @@
 //! is judged by the drives.
 #![allow(missing_docs)]
 
-mod axes;
-
-use axes::{Fixture, axes, scenario};
+use crate::axes::{Fixture, axes, scenario};
 use ecan_canopen::{DriveState, OperatingMode};
 use ecan_cia402::{
     AxisConfig, AxisPhase, FeedForward, FeedForwardLimits, InputObject, OutputObject,
@@ -226,7 +224,7 @@ fn run(
 
 proptest! {
     #![proptest_config(ProptestConfig {
-        cases: axes::cases(64),
+        cases: crate::axes::cases(64),
         failure_persistence: None,
         max_shrink_iters: 200,
         ..ProptestConfig::default()

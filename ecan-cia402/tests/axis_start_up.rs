@@ -1,11 +1,9 @@
 //! From drives in whatever state to axes that follow targets.
 #![allow(missing_docs)]
 
-mod axes;
-
 use std::time::Duration;
 
-use axes::{Fixture, axes, axis, with_quirk};
+use crate::axes::{Fixture, axes, axis, with_quirk};
 use ecan_canopen::DriveState;
 use ecan_cia402::{
     AxisConfig, AxisFault, AxisFaults, AxisPhase, Cia402, Cia402Config, Cia402Error, Shutdown,

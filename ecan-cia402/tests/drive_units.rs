@@ -1,9 +1,7 @@
 //! Limits and units of the drives: written, read back, and in force.
 #![allow(missing_docs)]
 
-mod axes;
-
-use axes::{Fixture, axis, scenario};
+use crate::axes::{Fixture, axis, scenario};
 use ecan_canopen::{OperatingMode, object};
 use ecan_cia402::{
     AxesSnapshot, AxisConfig, AxisError, AxisFault, Decision, ScaleFinding, ScaleSource,

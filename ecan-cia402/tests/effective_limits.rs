@@ -2,21 +2,18 @@
 //! velocity of its motor in each controller period.
 #![allow(missing_docs)]
 
-mod axes;
-mod support;
-
 use std::time::Duration;
 
-use axes::{Fixture, axis, scenario};
+use crate::axes::{Fixture, axis, scenario};
+use crate::support::limits::{
+    MS, MotorWatch, Random, STEP, adapter, at_limit, config, fixture, largest_step,
+};
 use ecan_canopen::{DriveState, OperatingMode, object};
 use ecan_cia402::{AxisPhase, Cia402, Decision, WaitReason};
 use ecan_host::DcSync;
 use ecan_mcan_port::{Cycle, SendOptions};
 use ecan_protocol::can::{CanFrame, CanId};
 use ecan_sim::{AttachedNode, Fault, GatewayFault, LossDirection, Node, NodeOutput, TraceEvent};
-use support::limits::{
-    MS, MotorWatch, Random, STEP, adapter, at_limit, config, fixture, largest_step,
-};
 
 // Cycles without calls
 

@@ -1,17 +1,14 @@
 //! Enabling, configuration and recovery of an axis during and after its stop.
 #![allow(missing_docs)]
 
-mod axes;
-mod support;
-
-use axes::{Fixture, START};
-use ecan_canopen::{DriveState, FaultReaction, OperatingMode, Step, object};
-use ecan_cia402::{AxisPhase, Cia402, CommandError, HomingConfig};
-use ecan_sim::{DriveFault, Fault, LossDirection, MasterBehaviour, Scenario};
-use support::stops::{
+use crate::axes::{Fixture, START};
+use crate::support::stops::{
     HostHeartbeat, QUICK, RATE_AND_PROFILE_MODES, REACTION_MS, REST, RETURN_MS, Sample, Trace,
     at_speed, at_speed_with, axis_in, drives, now_ms, open, state, velocity,
 };
+use ecan_canopen::{DriveState, FaultReaction, OperatingMode, Step, object};
+use ecan_cia402::{AxisPhase, Cia402, CommandError, HomingConfig};
+use ecan_sim::{DriveFault, Fault, LossDirection, MasterBehaviour, Scenario};
 
 #[test]
 fn enable_in_the_cycle_of_a_quick_stop_waits_for_rest() {

@@ -1,11 +1,9 @@
 //! Feed-forward of velocity and torque with the targets: effect at the motor, limits, end.
 #![allow(missing_docs)]
 
-mod axes;
-
 use std::time::Duration;
 
-use axes::{Fixture, axis, scenario};
+use crate::axes::{Fixture, axis, scenario};
 use ecan_canopen::{DriveState, OperatingMode, QuickStopOption, SyncConfig, object};
 use ecan_cia402::{
     AxisConfig, AxisPhase, Cia402, Cia402Config, FeedForward, FeedForwardLimits, OutputObject,

@@ -1,12 +1,14 @@
 //! A new owner of drives that another one left: it stops or adopts them before it feeds them.
 #![allow(missing_docs)]
 
-mod axes;
-mod support;
-
 use std::time::Duration;
 
-use axes::{Fixture, START};
+use crate::axes::{Fixture, START};
+use crate::support::stops::{
+    HostHeartbeat, QUICK, RATE_AND_PROFILE_MODES, RETURN_MS, SPEED, Trace, accelerate,
+    assert_runs_again, assert_stays_stopped, at_speed, at_speed_with, config, drives, open,
+    replace_owner, state, table, velocity,
+};
 use ecan_canopen::{
     CobId, Command, DriveState, NodeId, OperatingMode, QuickStopOption, SyncConfig, object,
 };
@@ -14,11 +16,6 @@ use ecan_cia402::{AxisPhase, Cia402, Cia402Config, Takeover};
 use ecan_host::{AdapterConfig, DcSync};
 use ecan_protocol::object::AbortCode;
 use ecan_sim::{CommandSource, Fault, SdoDirection, SdoEffect, SdoRule};
-use support::stops::{
-    HostHeartbeat, QUICK, RATE_AND_PROFILE_MODES, RETURN_MS, SPEED, Trace, accelerate,
-    assert_runs_again, assert_stays_stopped, at_speed, at_speed_with, config, drives, open,
-    replace_owner, state, table, velocity,
-};
 
 /// COB-IDs of SYNC and of the heartbeat of the host, by which a drive continues.
 fn feeds(frame: &ecan_sim::BusFrame) -> bool {

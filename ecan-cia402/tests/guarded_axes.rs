@@ -1,11 +1,9 @@
 //! Axes of drives without heartbeat, by node guarding in both directions; SYNC with a counter.
 #![allow(missing_docs)]
 
-mod axes;
-
 use std::time::Duration;
 
-use axes::{Fixture, START, axes, scenario};
+use crate::axes::{Fixture, START, axes, scenario};
 use ecan_canopen::{DriveState, GuardErrors, GuardingConfig, Heartbeat, SyncConfig, object};
 use ecan_cia402::{AxisConfig, AxisFault, Cia402, Cia402Config, Cia402Error, HostWatch};
 use ecan_host::AdapterConfig;

@@ -2,11 +2,9 @@
 //! simulated drives do.
 #![allow(missing_docs)]
 
-mod axes;
-
 use std::time::Duration;
 
-use axes::{Fixture, axis, scenario, with_quirk};
+use crate::axes::{Fixture, axis, scenario, with_quirk};
 use ecan_canopen::{
     CobId, DriveState, FaultReaction, HaltOption, NmtState, NodeId, NodeLossReaction,
     OperatingMode, QuickStopOption, Step, StopOption, object,
@@ -431,7 +429,7 @@ fn option_codes_arrive_and_are_read_back() {
 fn released_drives_are_reported_as_unwatched() {
     let mut fixture = started(|_| {}, Cia402Config::default());
     assert_eq!(fixture.cia402.host_loss_risks().count(), 0);
-    fixture.cia402.shutdown_timeout(&mut fixture.port, axes::START, |_| {}).unwrap();
+    fixture.cia402.shutdown_timeout(&mut fixture.port, crate::axes::START, |_| {}).unwrap();
     for (n, mode) in MODES.iter().enumerate() {
         assert_eq!(fixture.drive(n, |drive| drive.object(0x1016, 1)), Some(0), "{mode}");
         let reported = fixture.cia402.host_loss(n).unwrap();

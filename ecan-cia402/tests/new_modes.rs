@@ -1,9 +1,7 @@
 //! The modes IP, PT and VL.
 #![allow(missing_docs)]
 
-mod axes;
-
-use axes::{Fixture, axis};
+use crate::axes::{Fixture, axis};
 use ecan_canopen::{DriveState, OperatingMode, Statusword, object};
 use ecan_cia402::{AxisConfig, AxisPhase, Cia402, Decision, HoldReason, VlConfig};
 use ecan_sim::{Fault, LossDirection};

@@ -1,11 +1,9 @@
 //! Several axes of one node: drives with two axes, each with its own objects, PDOs and motor.
 #![allow(missing_docs)]
 
-mod axes;
-
 use std::time::Duration;
 
-use axes::{Fixture, START, axis, scenario};
+use crate::axes::{Fixture, START, axis, scenario};
 use ecan_canopen::{DriveState, GuardingConfig, NmtCommand, object};
 use ecan_cia402::{
     AxisConfig, AxisFault, AxisPhase, Cia402, Cia402Config, Cia402Error, PdoCobIds, StopCause,

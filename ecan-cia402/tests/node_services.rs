@@ -1,11 +1,9 @@
 //! Services of nodes that wait while axes follow their targets.
 #![allow(missing_docs)]
 
-mod axes;
-
 use std::time::Duration;
 
-use axes::{Fixture, address, axis};
+use crate::axes::{Fixture, address, axis};
 use ecan_canopen::{
     BootConfig, BootPhase, BootState, IdentityCheck, LssCommand, LssResult, NodeConfig, NodeHandle,
     ParameterGroup, Step, WaitError, object,

@@ -1,12 +1,10 @@
 //! The axes' part of a snapshot, and quick stops from other threads.
 #![allow(missing_docs)]
 
-mod axes;
-
 use std::thread;
 use std::time::Duration;
 
-use axes::{Fixture, START, axes, axis, node};
+use crate::axes::{Fixture, START, axes, axis, node};
 use ecan_canopen::{CobId, Controlword, OperatingMode};
 use ecan_cia402::{
     AxesSnapshot, AxisPhase, Cia402, Cia402Config, Cia402Error, HomingConfig, StopCause,

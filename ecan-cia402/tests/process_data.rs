@@ -2,9 +2,7 @@
 //! probes.
 #![allow(missing_docs)]
 
-mod axes;
-
-use axes::{Fixture, axis, scenario};
+use crate::axes::{Fixture, axis, scenario};
 use ecan_canopen::{OperatingMode, Probe, ProbeSource, ProbeTrigger, object};
 use ecan_cia402::{
     AxesSnapshot, AxisConfig, AxisFault, Cia402, CommandError, InputObject, OutputObject,
@@ -73,7 +71,7 @@ fn further_pdos_are_mapped_and_verified() {
     fixture.cia402.enable(0).unwrap();
     fixture.until(2_000, Cia402::all_running);
     // Another master changes the third TPDO while the drive cannot be reached.
-    let node = fixture.cia402.network().find(axes::address(0, 0, 1)).unwrap();
+    let node = fixture.cia402.network().find(crate::axes::address(0, 0, 1)).unwrap();
     fixture.cia402.network_mut().start_download(node, 0x1802, 2, &[255]).unwrap();
     fixture.idle(50);
     assert_eq!(mapping(&fixture, 0x1802, 2), 255);

@@ -1,11 +1,9 @@
 //! Applications that leave out cycles, take items first, or create the axes again on the same Port.
 #![allow(missing_docs)]
 
-mod axes;
-
 use std::time::Duration;
 
-use axes::{Fixture, START, axes, scenario};
+use crate::axes::{Fixture, START, axes, scenario};
 use ecan_cia402::{AxisConfig, AxisPhase, Cia402, Cia402Config, HoldReason};
 use ecan_host::AdapterConfig;
 use ecan_mcan_port::{ChannelConfig, GatewayConfig};

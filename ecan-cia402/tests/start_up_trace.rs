@@ -4,11 +4,9 @@
 //! With `UPDATE_GOLDEN=1` the trace is written anew instead of compared.
 #![allow(missing_docs)]
 
-mod axes;
-
 use std::path::Path;
 
-use axes::{Fixture, axis, node};
+use crate::axes::{Fixture, axis, node};
 use ecan_canopen::{
     ClientFrame, CobId, Controlword, Initiate, NmtRequest, NodeId, ServerFrame, Service,
     Statusword, parse_heartbeat,

@@ -5,9 +5,7 @@
 use std::f64::consts::TAU;
 use std::time::Duration;
 
-mod axes;
-
-use axes::{Fixture, axes, axis};
+use crate::axes::{Fixture, axes, axis};
 use ecan_canopen::{OperatingMode, SyncConfig};
 use ecan_cia402::{
     AxisConfig, AxisPhase, Cia402, Cia402Config, CommandError, Decision, HoldReason, MotionLimits,
@@ -387,7 +385,7 @@ fn axis_that_gets_no_target_stops_the_others_on_the_path() {
 
 proptest! {
     #![proptest_config(ProptestConfig {
-        cases: axes::cases(16),
+        cases: crate::axes::cases(16),
         failure_persistence: None,
         max_shrink_iters: 200,
         ..ProptestConfig::default()

@@ -1,21 +1,18 @@
 //! Stops in every state and mode, judged by velocity and state of the simulated drive.
 #![allow(missing_docs)]
 
-mod axes;
-mod support;
-
 use std::time::Duration;
 
-use axes::{Fixture, START};
-use ecan_canopen::{DriveState, OperatingMode, QuickStopOption};
-use ecan_cia402::{AxisPhase, Cia402, Cia402Config, HomingConfig, StopCause};
-use ecan_host::{AdapterConfig, DcSync};
-use ecan_sim::{DriveFault, Fault, LibraryCall, LossDirection, TraceEvent, TraceRecord};
-use support::stops::{
+use crate::axes::{Fixture, START};
+use crate::support::stops::{
     HostHeartbeat, PROFILE, QUICK, RATE_AND_PROFILE_MODES, REACTION_MS, REST, RETURN_MS, SPEED,
     Trace, assert_runs_again, assert_stays_stopped, at_speed, at_speed_with, config, drives,
     now_ms, open, replace_owner, silence, state, table, until_reached, velocity,
 };
+use ecan_canopen::{DriveState, OperatingMode, QuickStopOption};
+use ecan_cia402::{AxisPhase, Cia402, Cia402Config, HomingConfig, StopCause};
+use ecan_host::{AdapterConfig, DcSync};
+use ecan_sim::{DriveFault, Fault, LibraryCall, LossDirection, TraceEvent, TraceRecord};
 
 // A stop acts in every state of the axis
 

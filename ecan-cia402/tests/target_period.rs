@@ -1,12 +1,10 @@
 //! Targets in each target period of several SYNC periods (`motion_div`), as the drive executes them.
 #![allow(missing_docs)]
 
-mod axes;
-mod support;
-
 use std::time::Duration;
 
-use axes::axis;
+use crate::axes::axis;
+use crate::support::limits::{MS, MotorWatch, STEP, at_limit, config, fixture, largest_step};
 use ecan_canopen::{DriveState, OperatingMode, object};
 use ecan_cia402::{
     AxisConfig, AxisFault, AxisPhase, Cia402, Cia402Error, CommandError, HomingConfig,
@@ -14,7 +12,6 @@ use ecan_cia402::{
 use ecan_host::AdapterConfig;
 use ecan_mcan_port::{ChannelConfig, GatewayConfig, Port, PortConfig};
 use ecan_sim::{ClockKind, DriveFault, SimOptions};
-use support::limits::{MS, MotorWatch, STEP, at_limit, config, fixture, largest_step};
 
 const DIVISORS: [(u32, u32, u32); 7] =
     [(1, 1, 1), (2, 1, 2), (4, 1, 4), (1, 2, 2), (3, 2, 4), (1, 4, 4), (4, 4, 4)];

@@ -1,11 +1,9 @@
 //! Writing, comparing, saving and losing a configuration, on simulated gateways.
 #![allow(missing_docs)]
 
-mod common;
-
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use common::{MS, fixture, two, with};
+use crate::common::{MS, fixture, two, with};
 use ecan_config_file::{
     Difference, Expected, FlashCommand, ResolveError, ResolvedGateway, apply, differences, find,
     missing_entries, startup,

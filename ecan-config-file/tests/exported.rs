@@ -2,12 +2,9 @@
 //! independent master (ethercrab).
 #![allow(missing_docs)]
 
-mod common;
-#[path = "../../ecan-sim/tests/ethercrab_support/mod.rs"]
-mod ethercrab_support;
-mod startup_lists;
-
-use common::two;
+use crate::common::two;
+use crate::ethercrab_support::{Fixture, Group, MAX_GATEWAYS, MAX_PDI, MS, on_a_deep_stack};
+use crate::startup_lists::{Line, codesys, csv, run_script, twincat};
 use ecan_config_file::export::{Format, SlaveAddress, export};
 use ecan_host::StartupStep;
 use ecan_mcan_port::Config;
@@ -15,8 +12,6 @@ use ecan_protocol::can::{CanFrame, CanId};
 use ecan_protocol::image::{CommitFields, ImageReader, ImageWriter, Packet, Timestamp};
 use ecan_protocol::mapping::Direction;
 use ethercrab::subdevice_group::PreOp;
-use ethercrab_support::{Fixture, Group, MAX_GATEWAYS, MAX_PDI, MS, on_a_deep_stack};
-use startup_lists::{Line, codesys, csv, run_script, twincat};
 
 /// A frame for the only channel of the first gateway, and one that passes the filters of the second.
 fn frame(gateway: usize) -> (u8, CanFrame) {

@@ -3,8 +3,6 @@
 
 use std::time::Duration;
 
-mod common;
-
 use ecan_host::{CycleStart, CycleStatistics, Distribution, StartupPlan};
 
 const CYCLE_NS: u64 = 1_000_000;
@@ -107,12 +105,12 @@ fn percentiles_of_a_list_are_nearest_ranks() {
 
 #[test]
 fn adapter_restarts_its_statistics_after_a_reconfiguration() {
-    let (mut config, _) = common::raw_config();
-    let mut adapter = common::open(ecan_sim::echo(1), config).unwrap();
+    let (mut config, _) = crate::common::raw_config();
+    let mut adapter = crate::common::open(ecan_sim::echo(1), config).unwrap();
     adapter.wait_op(Duration::from_secs(20)).unwrap();
     assert!(adapter.cycle_statistics().is_none());
     adapter.measure_cycles();
-    common::run(&mut adapter, 101);
+    crate::common::run(&mut adapter, 101);
     let measured = adapter.cycle_statistics().unwrap();
     assert_eq!((measured.cycles(), measured.period().count), (101, 100));
     assert_eq!((measured.run_time().count, measured.max_period_error_ns()), (101, 0));

@@ -3,12 +3,10 @@
 
 use std::time::Duration;
 
-mod common;
-
 use std::cell::Cell;
 use std::sync::Mutex;
 
-use common::{open, raw_config, raw_config_of, run, simulated};
+use crate::common::{open, raw_config, raw_config_of, run, simulated};
 use ecan_host::{
     Adapter, Clock, CycleStart, CycleTimer, CycleTiming, Ecrt, MAX_SPIN_NS, OverrunPolicy, Plan,
     StartupPlan,

@@ -3,9 +3,7 @@
 
 use std::time::Duration;
 
-mod common;
-
-use common::{raw_config, raw_config_of, simulated};
+use crate::common::{raw_config, raw_config_of, simulated};
 use ecan_host::{Adapter, ClockSource, ClockStatus, DcSync, StartupPlan};
 use ecan_sim::{
     EcrtVersion, Fault, GatewayFault, LossDirection, Scenario, Simulation, WakeUpDelay,

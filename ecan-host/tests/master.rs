@@ -2,14 +2,11 @@
 //! of 1.6, whose functions return a status; opening a master reports the cause of each failure.
 #![allow(missing_docs)]
 
-#[path = "../../ecrt-sys/tests/fake/mod.rs"]
-mod fake;
-
+use crate::fake::{Fake, RELEASES, assert_contains};
 use ecan_host::{
     DomainState, Errno, LinkState, Master, MasterInfo, MasterState, OpenFailure, PortKind,
     RequestState, SdoError, SlaveConfigState, SyncDirection, WatchdogMode, WcState,
 };
-use fake::{Fake, RELEASES, assert_contains};
 
 /// What the fake counts, see the enumeration there.
 #[derive(Clone, Copy)]

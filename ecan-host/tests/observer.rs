@@ -5,9 +5,7 @@ use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::{Arc, OnceLock};
 use std::time::Duration;
 
-mod common;
-
-use common::{open, raw_config, raw_config_of, run, simulated};
+use crate::common::{open, raw_config, raw_config_of, run, simulated};
 use ecan_host::{Adapter, AdapterConfig, Error, Master, Observer, ObserverError, StartupPlan};
 
 #[track_caller]

@@ -3,9 +3,7 @@
 
 use std::time::Duration;
 
-mod common;
-
-use common::{open, raw_config, simulated};
+use crate::common::{open, raw_config, simulated};
 use ecan_host::{Adapter, AdapterConfig, Error, Identity, Phase, StartupPlan, StartupStep};
 use ecan_protocol::object::{ObjectType, SdoWrite};
 

@@ -3,9 +3,7 @@
 
 use std::time::Duration;
 
-mod common;
-
-use common::{open, raw_config, run, simulated};
+use crate::common::{open, raw_config, run, simulated};
 use ecan_host::{
     Adapter, AdapterConfig, DcSync, Delivery, Diagnostics, Error, Master, Phase, RequestState,
     StartupPlan, StartupStep, WcState,

@@ -3,9 +3,7 @@
 
 use std::time::Duration;
 
-mod common;
-
-use common::{add_profile, run, simulated};
+use crate::common::{add_profile, run, simulated};
 use ecan_host::{
     Adapter, AdapterConfig, BYTE_NS, ClockSource, DatagramUse, DcSync, FRAME_OVERHEAD_BYTES,
     LogicalCommand, Plan, PlanError, PlanWarning, StartupPlan,

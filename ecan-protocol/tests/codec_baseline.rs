@@ -1,13 +1,10 @@
 //! The baseline of the benchmarks does the same work as this codec: it writes the same bytes and
 //! reads the same packets.
 
-#[path = "../benches/codec/pair.rs"]
-mod pair;
-
+use crate::pair::Random;
 use ecan_codec_baseline as baseline;
 use ecan_protocol::image::*;
 use ecan_protocol::mapping::*;
-use pair::Random;
 
 const STREAMS: u64 = 1500;
 
@@ -41,7 +38,7 @@ fn push(
     frame: &baseline::Frame<'_>,
 ) -> bool {
     let pushed =
-        rust.push(image, frame.channel, frame.id_aux, pair::frame(frame), timestamp(frame));
+        rust.push(image, frame.channel, frame.id_aux, crate::pair::frame(frame), timestamp(frame));
     let c_pushed = c.push(c_image, frame);
     match pushed {
         Ok(index) => assert_eq!(c_pushed, i32::from(index)),
@@ -68,7 +65,7 @@ fn assert_same_reading(reader: &ImageReader, c: &mut baseline::Reader, image: &[
     for (packet, c_packet) in packets.iter().zip(&c_packets) {
         match (packet, c_packet) {
             (Packet::Frame(packet), baseline::Packet::Frame(frame, index)) => {
-                assert_eq!(packet.frame, pair::frame(frame));
+                assert_eq!(packet.frame, crate::pair::frame(frame));
                 assert_eq!(packet.timestamp, timestamp(frame));
                 assert_eq!((packet.channel, packet.id_aux), (frame.channel, frame.id_aux));
                 assert_eq!(packet.index, *index);
@@ -97,7 +94,7 @@ fn both_codecs_write_and_read_the_same() {
     for seed in 0..STREAMS {
         let mut random = Random(seed);
         let (direction, profile) = any_profile(&mut random);
-        let c_profile = pair::profile(direction, &profile);
+        let c_profile = crate::pair::profile(direction, &profile);
         let results =
             direction == Direction::TxPdo && profile.options.contains(OptionFlags::TX_RESULT);
         let windows = c_profile.windows && random.chance(2);

@@ -1,8 +1,6 @@
 //! PDO profiles, data path and diagnostic tests as SDO downloads (manual 5.4.3, 13.2).
 
-mod common;
-
-use common::{all_sent, in_table, sent};
+use crate::common::{all_sent, in_table, sent};
 use ecan_protocol::config::{
     BusOffRecovery, CacheDepth, ConfigObject, CrcTest, CriticalFrames, DIAGNOSTIC_TEST_KEY,
     DataPathConfig, DataPathFault, DataPathGlobal, DiagnosticFault, DiagnosticTest, RangeFault,

@@ -1,8 +1,6 @@
 //! Filters through the editing window (manual 13.4).
 
-mod common;
-
-use common::{all_sent, in_table};
+use crate::common::{all_sent, in_table};
 use ecan_protocol::config::{
     ExtendedFilter, ExtendedMatch, FilterAction, FilterFault, McanChannelConfig, StandardFilter,
     StandardMatch, check_filters, filter_writes,

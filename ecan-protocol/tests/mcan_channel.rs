@@ -1,8 +1,6 @@
 //! Channel configurations as SDO downloads, and their checks (manual 5.4.3 E, 13.4).
 
-mod common;
-
-use common::{Sent, all_sent, in_table};
+use crate::common::{Sent, all_sent, in_table};
 use ecan_protocol::can::{BitTiming, Phase};
 use ecan_protocol::config::{
     BitTimingMode, ChannelFault, ConfigObject, DataSize, FifoMode, McanChannelConfig,

@@ -1,9 +1,7 @@
 //! Configurations of a channel that were not applied, saved or loaded (manual 13.4).
 #![allow(missing_docs)]
 
-mod common;
-
-use common::{only, with};
+use crate::common::{only, with};
 
 #[test]
 fn each_apply_status_has_its_causes() {

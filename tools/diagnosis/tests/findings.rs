@@ -1,9 +1,7 @@
 //! Each finding of manual 5.4.6, 13 and 16, fed by the values that a gateway would show.
 #![allow(missing_docs)]
 
-mod common;
-
-use common::{healthy, only, with};
+use crate::common::{healthy, only, with};
 use ecan_diagnosis::{Finding, Location, Severity, Snapshot, findings};
 
 /// Name and first cause: what an engineer looks at first.

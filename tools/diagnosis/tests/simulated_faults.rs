@@ -1,17 +1,15 @@
 //! Faults of the simulated gateway in operation, as the findings tell them.
 #![allow(missing_docs)]
 
-mod gateway_snapshot;
-
 use std::time::Duration;
 
+use crate::gateway_snapshot::snapshot_of;
 use ecan_diagnosis::{Finding, Snapshot, findings};
 use ecan_host::{AdapterConfig, DcSync};
 use ecan_mcan_port::{ChannelConfig, Cycle, GatewayConfig, Port, PortConfig};
 use ecan_protocol::can::{CanFrame, CanId};
 use ecan_protocol::mapping::{Direction, HEADER_BYTES};
 use ecan_sim::{ClockKind, Fault, GatewayFault, Scenario, SimOptions, Simulation};
-use gateway_snapshot::snapshot_of;
 
 struct Fixture {
     port: Port,

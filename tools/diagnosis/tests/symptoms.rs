@@ -2,11 +2,10 @@
 //! leads to the check of the manual: the table in docs/TROUBLESHOOTING.md.
 #![allow(missing_docs)]
 
-mod gateway_snapshot;
-
 use std::path::Path;
 use std::time::Duration;
 
+use crate::gateway_snapshot::snapshot_of;
 use ecan_diagnosis::{Finding, findings};
 use ecan_host::{AdapterConfig, DcSync, Diagnostics, Ecrt};
 use ecan_mcan_port::{ChannelConfig, GatewayConfig, Port, PortConfig};
@@ -16,7 +15,6 @@ use ecan_protocol::image::PdoProfile;
 use ecan_protocol::mapping::Direction;
 use ecan_protocol::object::lookup;
 use ecan_sim::{ClockKind, Fault, Gateway, GatewayFault, Scenario, SimOptions, Simulation};
-use gateway_snapshot::snapshot_of;
 
 const TABLE: &str = include_str!("../../../docs/TROUBLESHOOTING.md");
 const ECHO: &str = "[[node]]\nkind = \"echo\"\nbus = \"0.0\"\n";

@@ -1,0 +1,22 @@
+//! All tests of the crate in one program; those that need a process of their own are separate.
+#![allow(missing_docs)]
+
+mod common;
+#[path = "../benches/codec/pair.rs"]
+mod pair;
+
+mod bit_timing;
+mod codec_baseline;
+mod configuration;
+mod crc;
+mod device_answers;
+mod dictionary;
+mod dictionary_manual;
+mod filters;
+mod golden;
+mod image_checks;
+mod maintenance;
+mod mcan_channel;
+mod round_trip;
+mod sample_points;
+mod writer;
