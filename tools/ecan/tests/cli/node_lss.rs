@@ -98,8 +98,10 @@ fn selected_slave_stays_in_the_configuration_state() {
     let range = ["lss", "identify", "--vendor", "0x53494D00", "--product", "402", "--serial"];
     let identify = |serials: &str| served.node(&[&range[..], &[serials]].concat());
     assert!(identify("70-80").ends_with("at least one slave in the range responds\n"));
+    let selected = select(&["--node", "5"]);
     assert!(
-        select(&["--node", "5"]).ends_with("serial number 0x3: node-ID 5, configuration state\n")
+        selected.ends_with("serial number 0x3: node-ID 5, configuration state\n"),
+        "{selected}"
     );
     let message = served.node_fails(5, &["lss", "select", "--only"]);
     assert!(message.contains("LSS on can0: several slaves respond; select one"), "{message}");
