@@ -29,6 +29,9 @@ pub struct OnScreen {
     screen: vt100::Parser,
 }
 
+/// Time in which the system moves what was written to a terminal.
+const MOVED: Duration = Duration::from_millis(300);
+
 impl OnScreen {
     /// Starts the program on a terminal of this size, in columns and rows.
     pub fn start(size: (u16, u16), arguments: &[&str]) -> Self {
@@ -79,7 +82,7 @@ impl OnScreen {
         let deadline = Instant::now() + LIMIT;
         let mut buffer = [0; 4096];
         while !fits(self) {
-            if !self.has_output(deadline) {
+            if !self.has_output(deadline) || Instant::now() > deadline {
                 panic!("no {what}:\n{}\n{}", self.screen(), self.stopped());
             }
             let master = self.master.as_mut().unwrap();
@@ -142,7 +145,13 @@ impl OnScreen {
         loop {
             match rustix::io::write(&terminal, &[b' '; 256]) {
                 Ok(_) => {}
-                Err(Errno::AGAIN) => break,
+                // The system still moves what was written to the reader, which makes room.
+                Err(Errno::AGAIN) => {
+                    let mut end = [PollFd::new(&terminal, PollFlags::OUT)];
+                    if poll(&mut end, Some(&MOVED.try_into().unwrap())).unwrap() == 0 {
+                        return;
+                    }
+                }
                 Err(error) => panic!("{error}"),
             }
         }
