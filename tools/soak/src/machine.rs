@@ -108,7 +108,19 @@ impl Machine {
         let is_apart = adapter.dc.is_none_or(|dc| {
             plan.output_arrivals().is_none_or(|it| it.margin_ns(dc.shift_ns()) >= SYNC0_MARGIN_NS)
         });
-        port.check(&adapter).is_ok() && plan.warnings.is_empty() && is_apart
+        port.check(&adapter).is_ok() && plan.warnings.is_empty() && is_apart && self.can_start()
+    }
+
+    /// Gateways that take an image less often than the cycle, and those with Sync0 that need another
+    /// AssignActivate, do not start.
+    fn can_start(&self) -> bool {
+        let variant = |key| {
+            let mut lines = self.variants.iter().filter_map(|line| line.split_once(" = "));
+            lines.find(|(known, _)| *known == key).map(|(_, value)| value)
+        };
+        let period_us = variant("service_period_us").and_then(|value| value.parse().ok());
+        period_us.unwrap_or(0) <= self.cycle_us
+            && (self.sync0_shift_us.is_none() || variant("assign_activate").is_none())
     }
 
     /// Returns whether an error names an assumption that the gateways do not meet.
