@@ -2,7 +2,7 @@
 # Proves the Debian packages of scripts/package.sh: installs them in a clean Debian 12 root without
 # Rust and without network, uses the programs, compiles programs of C by pkg-config and by CMake, runs
 # the service by its unit, and purges them: nothing remains. As root, with mmdebstrap; for arm64 on
-# another processor with qemu-user-static.
+# another processor with qemu-user-static and arch-test.
 #
 #     scripts/check-package.sh DIR [--arch amd64|arm64] [--root FILE.tar] [--wireshark]
 #
