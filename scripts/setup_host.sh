@@ -13,7 +13,8 @@ apply  writes a udev rule and real-time limits, creates the group if it does not
 undo   removes the two files, if they were not modified
 
 Options:
-  --group NAME       group that gets the rights (default ethercat)
+  --group NAME       group that gets the rights (default that of the package ecan-lite, ecan, if it is
+                     installed, else ethercat)
   --rt-priority N    highest real-time priority of its members, 1 to 98 (default 80)
   --root DIR         write below this directory instead of /, and run no commands
 
@@ -29,7 +30,7 @@ fail() { # STATUS MESSAGE
 
 # ---- arguments
 
-command=show group=ethercat priority=80 root=''
+command=show group='' priority=80 root=''
 case ${1-} in
 show | apply | undo)
     command=$1
@@ -57,6 +58,11 @@ while [[ $# -gt 0 ]]; do
     esac
     shift
 done
+if [[ ! $group ]]; then
+    # Of two rules for the device only one can have effect.
+    group=ethercat
+    [[ ! -e $root/lib/udev/rules.d/60-ecan-lite.rules ]] || group=ecan
+fi
 [[ $group =~ ^[a-z_][a-z0-9_-]{0,31}$ ]] || fail 2 "invalid group name \"$group\""
 [[ $priority =~ ^[1-9][0-9]?$ && $priority -le 98 ]] ||
     fail 2 "--rt-priority $priority is out of range; allowed: 1 to 98"

@@ -53,6 +53,19 @@ fn show_prints_what_apply_writes() {
     assert_eq!(lines(root, LIMITS), ["@robot - rtprio 90", "@robot - memlock unlimited"]);
 }
 
+/// Of two rules for the device only one can have effect.
+#[test]
+fn group_of_the_package_is_the_default_where_it_is_installed() {
+    let root = TempDir::new().unwrap();
+    let rules = root.path().join("lib/udev/rules.d");
+    std::fs::create_dir_all(&rules).unwrap();
+    std::fs::write(rules.join("60-ecan-lite.rules"), "").unwrap();
+    let (status, said) = setup(root.path(), &["show"]);
+    assert!(status == 0 && said.contains("GROUP:=\"ecan\""), "{said}");
+    let (status, said) = setup(root.path(), &["show", "--group", "robot"]);
+    assert!(status == 0 && said.contains("GROUP:=\"robot\""), "{said}");
+}
+
 #[test]
 fn apply_is_idempotent_and_undoable() {
     let root = TempDir::new().unwrap();
