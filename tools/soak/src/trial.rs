@@ -1,13 +1,8 @@
 //! Runs a plan.
 
-use ecan_mcan_port::{
-    ChannelHandle, PendingStep, Port, ReceivedView, SendOptions, SlaveStatistics, TransmitHint,
-};
+use ecan_mcan_port::{ChannelHandle, PendingStep, Port, ReceivedView, SendOptions, TransmitHint};
 use ecan_protocol::image::Schedule;
-use ecan_sim::{
-    AttachedNode, Backend, ClockKind, Fault, GatewayCounters, SimOptions, Simulation,
-    TransmitLosses,
-};
+use ecan_sim::{AttachedNode, Backend, ClockKind, Fault, GatewayCounters, SimOptions, Simulation};
 use fastrand::Rng;
 
 use crate::account::Account;
@@ -18,6 +13,8 @@ use crate::frame_number::Stream;
 use crate::machine::{Machine, Partner};
 use crate::plan::Plan;
 use crate::talker::Talker;
+
+mod checks;
 
 const MS: u64 = 1_000_000;
 /// Longest time until all gateways are ready after the last fault.
@@ -90,9 +87,8 @@ impl Trial {
         };
         let begin = trial.now_ns();
         let check = trial.all_phases();
-        let world =
-            |trial: &Self| trial.simulation.with_world(|w| (w.cycles(), w.faults().count()));
-        let (cycles, faults) = world(&trial);
+        let (cycles, faults) =
+            trial.simulation.with_world(|world| (world.cycles(), world.faults().count()));
         let sum = |of: fn(&Account) -> u64| trial.accounts.iter().map(|it| of(&it.account)).sum();
         let finding = check.err().map(|(rule, text)| Finding { rule, cycle: trial.cycle, text });
         Outcome {
@@ -338,54 +334,6 @@ impl Trial {
         self.update()
     }
 
-    fn update(&mut self) -> Check {
-        let Some(port) = &self.port else { return Ok(()) };
-        for (slave, images) in self.gateways.iter_mut().enumerate() {
-            let statistics = port.statistics(port.gateway(slave).map_err(call)?);
-            let SlaveStatistics { txpdo_lost, txpdo_unknown, parse_errors, .. } = statistics;
-            images.now = txpdo_lost + txpdo_unknown + parse_errors;
-            for side in self.accounts.iter_mut().filter(|side| side.slave == slave) {
-                let columns = statistics.channels[usize::from(side.channel)];
-                let update = side.account.update(columns);
-                update.map_err(|text| (Rule::Transmit, side.named(&text)))?;
-            }
-            let counters = counters(&self.simulation, slave);
-            let sides = self.accounts.iter().filter(|side| side.slave == slave);
-            let (mut delivered, mut most) = (0, 0);
-            for side in sides {
-                delivered += side.account.delivered();
-                most += side.account.perhaps_taken();
-            }
-            let parsed = counters.frames_parsed;
-            if parsed < delivered || parsed > most {
-                let text = format!(
-                    "slave {slave}: {parsed} frames parsed, {delivered} delivered, {most} perhaps taken"
-                );
-                return Err((Rule::Transmit, text));
-            }
-        }
-        Ok(())
-    }
-
-    fn drain_buses(&mut self) -> Check {
-        let Self { simulation, accounts, .. } = self;
-        let mut check = Ok(());
-        simulation.with_world(|world| {
-            world.drain_recorded(|bus, frame| {
-                let Some(side) = accounts.iter_mut().find(|side| side.bus == bus) else { return };
-                let account = &mut side.account;
-                let result = match frame.is_from_channel {
-                    true => account.sent_on_bus(&frame.frame),
-                    false => account.sent_by_node(&frame.frame),
-                };
-                if let (Ok(()), Err(text)) = (&check, result) {
-                    check = Err((Rule::Transmit, side.named(&text)));
-                }
-            });
-        });
-        check
-    }
-
     /// Runs on until the last fault is over and all gateways stay ready.
     fn recover(&mut self) -> Check {
         self.switch_on();
@@ -436,43 +384,6 @@ impl Trial {
             self.cycle += 1;
         }
         Ok(())
-    }
-
-    fn check_sums(&self) -> Check {
-        for (slave, images) in self.gateways.iter().enumerate() {
-            let counters = counters(&self.simulation, slave);
-            let sides = || self.accounts.iter().filter(|side| side.slave == slave);
-            let arrived: u64 = sides().map(|side| side.account.arrived()).sum();
-            let missing = images.now + images.ended;
-            let most = counters.frames_to_master;
-            let least = if missing == 0 { images.at_end - images.before } else { 0 };
-            if !(least..=most).contains(&arrived) {
-                let text = format!(
-                    "slave {slave}: {arrived} frames arrived of {least} to {most} in images, {missing} images missing"
-                );
-                return Err((Rule::Receive, text));
-            }
-            for side in sides() {
-                let (pending, accepted) = (side.account.pending(), side.account.accepted_so_far());
-                if pending > 0 {
-                    return Err((Rule::Transmit, side.named(&format!("{pending} frames pending"))));
-                }
-                // What the gateway did not send, it counts.
-                let (on_bus, losses) = (side.account.on_bus(), counters.transmit_losses);
-                let is_complete = on_bus == accepted || losses != TransmitLosses::default();
-                if self.is_undisturbed && side.has_partner && !is_complete {
-                    let text = format!(
-                        "{on_bus} frames on the bus of {accepted} accepted, undisturbed: {counters:?}"
-                    );
-                    return Err((Rule::Transmit, side.named(&text)));
-                }
-            }
-        }
-        let log = self.simulation.kernel_log();
-        match log.iter().find(|line| line.starts_with("simulator:")) {
-            Some(line) => Err((Rule::Master, line.clone())),
-            None => Ok(()),
-        }
     }
 }
 
