@@ -46,6 +46,10 @@ pub enum Failure {
     /// An address or terminal for clients is not available.
     #[error("{0}")]
     Bridge(String),
+    /// Zenoh rejects its configuration, or opens no session with it.
+    #[cfg(feature = "zenoh")]
+    #[error("{0}")]
+    Publication(String),
     #[error("cannot {what} {}: {reason}", path.display())]
     File { what: &'static str, path: PathBuf, reason: String },
     #[error("cannot read the answer from standard input: {0}")]
@@ -83,12 +87,8 @@ impl Failure {
             ) => 3,
             Self::Slave(_) => 4,
             Self::Device(_) | Self::Rejected(_) | Self::NotReady { .. } => 5,
-            Self::File { .. }
-            | Self::Input(_)
-            | Self::Output(_)
-            | Self::Log(_)
-            | Self::Bridge(_) => 6,
-            Self::Host(_) | Self::Interrupt(_) | Self::RealTime(_) => 7,
+            Self::File { .. } | Self::Input(_) | Self::Output(_) | Self::Log(_) => 6,
+            Self::Host(_) | Self::Bridge(_) | Self::Interrupt(_) | Self::RealTime(_) => 7,
         }
     }
 }

@@ -14,7 +14,7 @@ Exit status:
   4  no such slave, or several slaves and none selected
   5  slave or node rejected a request or did not respond
   6  file or scenario cannot be read, written or parsed
-  7  host denied a resource: real time (--rt-required) or a thread
+  7  host denied a resource: real time (--rt-required), thread, socket, address or interface
 
 Without hardware: ecan --ecrt sim scan";
 

@@ -326,7 +326,7 @@ fn invalid_use_has_message_and_status() {
         ),
         (2, &["bridge", "--max-clients", "0"], "0 is not in 1..=1000"),
         (6, &["--ecrt", "sim", "bridge", "--pty", "/dev/null"], "cannot create the link /dev/null"),
-        (6, &["--ecrt", "sim", "bridge", "--slcan", &port], "cannot listen on 127.0.0.1:"),
+        (7, &["--ecrt", "sim", "bridge", "--slcan", &port], "cannot listen on 127.0.0.1:"),
     ];
     for (status, arguments, words) in cases {
         let message = fails(status, arguments);
