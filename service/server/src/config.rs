@@ -109,6 +109,10 @@ impl ServiceConfig {
     }
 }
 
+/// Longest path of the socket, in bytes: 107 (`sun_path` without its terminating 0), less the suffix of
+/// the process ID under which it is created.
+pub(crate) const MAX_SOCKET_PATH: usize = 99;
+
 /// Error of the start of a service.
 #[derive(Debug, Error)]
 #[non_exhaustive]
@@ -127,6 +131,15 @@ pub enum ServiceError {
     /// A file at the path is not a socket.
     #[error("{} is not a socket; remove it or set another path", path.display())]
     NotSocket {
+        /// The path.
+        path: PathBuf,
+    },
+    /// Linux does not allow longer paths of sockets.
+    #[error(
+        "socket path of {} bytes is too long: {}; allowed: at most {MAX_SOCKET_PATH}; set another path",
+        path.as_os_str().len(), path.display()
+    )]
+    PathTooLong {
         /// The path.
         path: PathBuf,
     },

@@ -12,7 +12,7 @@ use rustix::net::{
     AddressFamily, SocketAddrUnix, SocketFlags, SocketType, accept_with, socket_with,
 };
 
-use crate::config::{ServiceConfig, ServiceError};
+use crate::config::{MAX_SOCKET_PATH, ServiceConfig, ServiceError};
 use crate::permission::{Peer, group_id};
 
 /// File of a socket: device and inode.
@@ -57,6 +57,9 @@ impl Listener {
         group: Option<&str>,
     ) -> Result<Self, ServiceError> {
         let group = group.map(group_id).transpose()?;
+        if path.as_os_str().len() > MAX_SOCKET_PATH {
+            return Err(ServiceError::PathTooLong { path });
+        }
         check_free(&path)?;
         let (socket, id) = create(&path, mode, group)
             .map_err(|(what, source)| ServiceError::Socket { path: path.clone(), what, source })?;
@@ -216,6 +219,19 @@ mod tests {
         fs::write(&path, "text").unwrap();
         assert!(matches!(open(&path), Err(ServiceError::NotSocket { .. })));
         assert_eq!(fs::read(&path).unwrap(), b"text");
+    }
+
+    #[test]
+    fn path_is_limited_to_what_a_socket_allows() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = |length: usize| {
+            let folder = directory.path().as_os_str().len() + 1;
+            directory.path().join("s".repeat(length - folder))
+        };
+        open(&path(MAX_SOCKET_PATH)).unwrap();
+        let error = open(&path(MAX_SOCKET_PATH + 1)).unwrap_err();
+        assert!(matches!(error, ServiceError::PathTooLong { .. }), "{error:?}");
+        assert!(error.to_string().contains("100 bytes is too long"), "{error}");
     }
 
     #[test]

@@ -83,6 +83,7 @@ fn failure(path: &Path, error: &ClientError) -> Failure {
             "no program listens there; start the service (ecan serve), or use --via direct"
         }
         Some(ErrorKind::PermissionDenied) => "add the user to the group of the socket (ls -l)",
+        Some(ErrorKind::InvalidInput) => "allowed: at most 107 bytes",
         _ => return Failure::Master(format!("service at {path}: {error}")),
     };
     Failure::Master(format!("{error}; {action}"))

@@ -101,6 +101,11 @@ fn second_service_and_wrong_paths_are_rejected() {
     assert!(error.contains("is in use by process"), "{error}");
     let error = fails(7, &["--ecrt", "sim", "serve", "--idle", "--socket", "/none/such/bus.sock"]);
     assert!(error.contains("cannot create socket /none/such/bus.sock"), "{error}");
+    let long = format!("/tmp/{}.sock", "s".repeat(120));
+    let error = fails(2, &["--ecrt", "sim", "serve", "--idle", "--socket", &long]);
+    assert!(error.contains("allowed: at most 99; set another path"), "{error}");
+    let error = fails(3, &["--via", &long, "scan"]);
+    assert!(error.contains("allowed: at most 107 bytes"), "{error}");
     let error = fails(2, &["--ecrt", "sim", "--slave", "0", "serve", "--idle"]);
     assert!(error.contains("--slave is not used"), "{error}");
     served.end();

@@ -69,7 +69,9 @@ pub fn run(arguments: &ServeArguments, context: &Context) -> Result {
     let access = access_text(&config.control);
     let service = Service::of_bus(&backend.ecrt, master, config);
     let service = Arc::new(service.map_err(|error| match error {
-        ServiceError::RemoteMetrics(_) => Failure::Usage(error.to_string()),
+        ServiceError::RemoteMetrics(_) | ServiceError::PathTooLong { .. } => {
+            Failure::Usage(error.to_string())
+        }
         error => Failure::Host(error.to_string()),
     })?);
     match service.metrics_address() {
