@@ -106,6 +106,10 @@ fn second_service_and_wrong_paths_are_rejected() {
     assert!(error.contains("allowed: at most 99; set another path"), "{error}");
     let error = fails(3, &["--via", &long, "scan"]);
     assert!(error.contains("allowed: at most 107 bytes"), "{error}");
+    for option in [&["--rt-required"][..], &["--cycle-us", "500"], &["--bitrate", "1M"]] {
+        let error = fails(2, &[&["--ecrt", "sim", "serve", "--idle"][..], option].concat());
+        assert!(error.contains("cannot be used with"), "{option:?}: {error}");
+    }
     let error = fails(2, &["--ecrt", "sim", "--slave", "0", "serve", "--idle"]);
     assert!(error.contains("--slave is not used"), "{error}");
     served.end();

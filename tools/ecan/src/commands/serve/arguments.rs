@@ -11,6 +11,24 @@ use crate::frames::GatewayOptions;
 
 const MAX_CLIENTS: u16 = 64;
 
+/// Options of the gateways and of the thread of the cycle.
+const OF_THE_CYCLE: [&str; 14] = [
+    "config",
+    "bitrate",
+    "data_bitrate",
+    "sample_point",
+    "data_sample_point",
+    "pdo_n",
+    "large_pdos",
+    "cycle_us",
+    "rt_priority",
+    "cpu",
+    "lock_memory",
+    "rt_required",
+    "cpu_latency_us",
+    "spin_us",
+];
+
 #[derive(Debug, Args)]
 pub struct ServeArguments {
     /// Socket for clients [default: master<N>.sock in $RUNTIME_DIRECTORY, otherwise in /run/ecan for
@@ -35,7 +53,7 @@ pub struct ServeArguments {
         value_parser = clap::value_parser!(u64).range(1..=3600))]
     metrics_objects: Option<u64>,
     /// Run no cycle; serve the state of the bus and SDO transfers only
-    #[arg(long, conflicts_with_all = ["config", "bitrate"])]
+    #[arg(long, conflicts_with_all = OF_THE_CYCLE)]
     pub idle: bool,
     #[command(flatten)]
     pub options: GatewayOptions,
