@@ -252,7 +252,11 @@ fn list(name: &str, names: bool, context: &Context) -> Result {
         }
     };
     let Some(known) = object(path.index) else {
-        return Err(Failure::Usage(format!("0x{:04X} is not in the table", path.index)));
+        return Err(Failure::Usage(format!(
+            "0x{:04X} is not an object of the manual; see `ecan sdo list`; `ecan sdo read 0x{0:04X}:0 --type \
+             TYPE` reads another one",
+            path.index
+        )));
     };
     // Without a colon, the whole object is listed.
     let only = name.contains(':').then_some(path.subindex);

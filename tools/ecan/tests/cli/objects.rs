@@ -261,7 +261,7 @@ fn invalid_use_has_message_and_status() {
         (2, &["sdo", "write", "0xB000:1", "off"], "allowed: a number or run, engineering, factory"),
         (2, &["sdo", "write", "0x5000:1", "1"], "--type"),
         (2, &["--slave", "first", "info"], "expected a position"),
-        (2, &["--ecrt", "sim", "sdo", "list", "0x5000"], "not in the table"),
+        (2, &["--ecrt", "sim", "sdo", "list", "0x5000"], "see `ecan sdo list`"),
         (3, &["scan"], "without hardware select the simulated master: option --ecrt sim"),
         (6, &["--ecrt", "sim:none", "scan"], "unknown scenario \"none\""),
         (5, &["--ecrt", "sim", "sdo", "read", "0x5000:1"], "0x06020000 object does not exist"),
@@ -271,9 +271,11 @@ fn invalid_use_has_message_and_status() {
         let message = fails(status, arguments);
         assert!(message.contains(words), "{arguments:?}: {message}");
     }
+    let message = fails(6, &["man", "/dev/null/man1"]);
+    assert!(message.contains("cannot write the manual pages to /dev/null/man1"), "{message}");
     let directory = tempfile::tempdir().unwrap();
-    let missing = directory.path().join("none");
-    let message = fails(6, &["man", missing.to_str().unwrap()]);
-    assert!(message.contains("cannot write the manual pages to"), "{message}");
+    let pages = directory.path().join("new/man1");
+    good(&["man", pages.to_str().unwrap()]);
+    assert!(pages.join("ecan.1").exists());
     assert!(good(&["completions", "bash"]).contains("_ecan()"));
 }
