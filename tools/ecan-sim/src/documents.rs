@@ -1,6 +1,5 @@
 //! `ecan-sim man` and `ecan-sim completions`.
 
-use std::io::Write as _;
 use std::path::Path;
 
 use clap::Command;
@@ -8,6 +7,7 @@ use clap_complete::Shell;
 use clap_mangen::Man;
 
 use crate::failure::Failure;
+use crate::screen;
 
 /// Not 1: `ecan-sim.1` is the page of the command `ecan sim`.
 const SECTION: &str = "8";
@@ -16,7 +16,8 @@ const SECTION: &str = "8";
 pub fn write_manual_pages(program: Command, directory: &Path) -> Result<(), Failure> {
     let mut program = program.disable_help_subcommand(true);
     program.build();
-    write_page(&program, directory).map_err(Failure::file("write the manual pages to", directory))
+    let written = std::fs::create_dir_all(directory).and_then(|()| write_page(&program, directory));
+    written.map_err(Failure::file("write the manual pages to", directory))
 }
 
 fn write_page(command: &Command, directory: &Path) -> std::io::Result<()> {
@@ -29,11 +30,7 @@ fn write_page(command: &Command, directory: &Path) -> std::io::Result<()> {
 pub fn print_completions(mut program: Command, shell: Shell) -> Result<(), Failure> {
     let mut script = Vec::new();
     clap_complete::generate(shell, &mut program, "ecan-sim", &mut script);
-    let mut output = std::io::stdout();
-    output
-        .write_all(&script)
-        .and_then(|()| output.flush())
-        .map_err(Failure::file("write the completion script to", Path::new("stdout")))
+    screen::print(&script)
 }
 
 #[cfg(test)]
@@ -45,8 +42,9 @@ mod tests {
     #[test]
     fn manual_pages_have_a_section_of_their_own() {
         let directory = tempfile::tempdir().unwrap();
-        write_manual_pages(Arguments::command(), directory.path()).unwrap();
-        let mut pages: Vec<_> = std::fs::read_dir(directory.path())
+        let directory = directory.path().join("new/man8");
+        write_manual_pages(Arguments::command(), &directory).unwrap();
+        let mut pages: Vec<_> = std::fs::read_dir(&directory)
             .unwrap()
             .map(|page| page.unwrap().file_name().into_string().unwrap())
             .collect();
@@ -59,7 +57,7 @@ mod tests {
             .collect();
         expected.sort();
         assert_eq!(pages, expected);
-        let page = std::fs::read_to_string(directory.path().join("ecan-sim-wire.8")).unwrap();
+        let page = std::fs::read_to_string(directory.join("ecan-sim-wire.8")).unwrap();
         assert!(page.contains(".TH ecan-sim-wire 8"), "{page}");
         assert!(page.contains("\\-\\-interface"), "{page}");
     }

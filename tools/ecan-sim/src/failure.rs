@@ -31,6 +31,8 @@ pub enum Failure {
     Log(#[from] LogFileError),
     #[error("cannot {what} {}: {reason}", path.display())]
     File { what: &'static str, path: PathBuf, reason: std::io::Error },
+    #[error("cannot write the output: {0}")]
+    Output(std::io::Error),
     #[error(transparent)]
     Json(#[from] serde_json::Error),
     #[error(transparent)]
@@ -54,6 +56,7 @@ impl Failure {
             | Self::NoGateway(_)
             | Self::Log(_)
             | Self::File { .. }
+            | Self::Output(_)
             | Self::Json(_) => 6,
             Self::Interrupt(_) | Self::RealTime(_) => 7,
         }

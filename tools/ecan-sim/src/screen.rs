@@ -1,5 +1,7 @@
 use std::fmt::Display;
-use std::io::Write;
+use std::io::{self, Write};
+
+use crate::failure::Failure;
 
 /// Stream of the messages: standard output, or standard error if standard output carries data.
 /// Write errors are ignored, so that a closed pipe does not end the program.
@@ -19,5 +21,14 @@ impl Screen {
 
     pub fn error(error: &dyn Display) {
         let _ = writeln!(std::io::stderr(), "ecan-sim: {error}");
+    }
+}
+
+/// Prints data on standard output. A closed pipe is not an error.
+pub fn print(data: &[u8]) -> Result<(), Failure> {
+    let mut output = io::stdout().lock();
+    match output.write_all(data).and_then(|()| output.flush()) {
+        Err(error) if error.kind() != io::ErrorKind::BrokenPipe => Err(Failure::Output(error)),
+        _ => Ok(()),
     }
 }

@@ -5,7 +5,7 @@ use ecan_sim::variant::{Alternative, Variant, variants};
 use serde::Serialize;
 
 use crate::failure::Failure;
-use crate::screen::Screen;
+use crate::screen;
 
 /// List the switches of simulated gateways for what the manual leaves open.
 ///
@@ -56,31 +56,35 @@ impl From<&'static Variant> for Row {
 }
 
 pub fn run(arguments: &VariantsArguments) -> Result<(), Failure> {
-    if arguments.json {
-        let rows: Vec<_> = variants().map(Row::from).collect();
-        let text = serde_json::to_string_pretty(&rows)?;
-        Screen::Output.line(text);
-        return Ok(());
-    }
-    Screen::Output.line("The first alternative of each switch is the default.");
+    let text = match arguments.json {
+        true => {
+            serde_json::to_string_pretty(&variants().map(Row::from).collect::<Vec<_>>())? + "\n"
+        }
+        false => list(),
+    };
+    screen::print(text.as_bytes())
+}
+
+fn list() -> String {
+    let mut text = "The first alternative of each switch is the default.\n".to_owned();
     let mut table = None;
     for variant in variants() {
         if table.replace(variant.table) != Some(variant.table) {
-            Screen::Output.line(format_args!("\n{}", variant.table.header()));
+            text += &format!("\n{}\n", variant.table.header());
         }
-        print(variant);
+        add(variant, &mut text);
     }
-    Ok(())
+    text
 }
 
-fn print(variant: &Variant) {
+fn add(variant: &Variant, text: &mut String) {
     let rows = variant.assumptions.join(", ");
-    Screen::Output.line(format_args!("\n{}: {} ({rows})", variant.key, variant.description));
+    *text += &format!("\n{}: {} ({rows})\n", variant.key, variant.description);
     let width = variant.alternatives.iter().map(|it| it.value.len()).max().unwrap_or(0);
     for Alternative { value, description } in variant.alternatives {
-        Screen::Output.line(format_args!("    {value:width$}  {description}"));
+        *text += &format!("    {value:width$}  {description}\n");
     }
     if !variant.permitted.is_empty() {
-        Screen::Output.line(format_args!("    allowed: {}", variant.permitted));
+        *text += &format!("    allowed: {}\n", variant.permitted);
     }
 }

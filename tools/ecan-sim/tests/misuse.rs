@@ -39,7 +39,7 @@ fn invalid_options_are_reported() {
             &[&firmware[..], &["--version", "1.2.3", "--application", "/no/app"]].concat(),
             "cannot read /no/app",
         ),
-        (6, &["man", "/no/such"], "cannot write the manual pages to /no/such"),
+        (6, &["man", "/dev/null/man8"], "cannot write the manual pages to /dev/null/man8"),
         (2, &["completions", "dos"], "possible values: bash"),
         (3, &wire, "network interface \"none\" does not exist; there are: "),
     ];
@@ -130,4 +130,20 @@ fn built_package_is_accepted_by_gateway() {
     let package = ecan_sim::FirmwarePackage::parse(&std::fs::read(&out).unwrap()).unwrap();
     assert_eq!((package.device_type, package.version), (7, 0x0203_0001));
     assert_eq!(package.payload, b"application");
+}
+
+#[test]
+fn full_disk_is_an_error_and_a_closed_pipe_is_not() {
+    for arguments in [&["variants"][..], &["variants", "--json"], &["completions", "bash"]] {
+        let full = std::fs::File::create("/dev/full").unwrap();
+        let output = command(arguments).stdout(full).output().unwrap();
+        assert_eq!(output.status.code(), Some(6), "{arguments:?}");
+        let message = fails(&output);
+        assert!(message.contains("cannot write the output: No space left"), "{message}");
+
+        let (reader, writer) = std::io::pipe().unwrap();
+        drop(reader);
+        let output = command(arguments).stdout(writer).output().unwrap();
+        assert_eq!(output.status.code(), Some(0), "{arguments:?}: {}", text(&output.stderr));
+    }
 }
