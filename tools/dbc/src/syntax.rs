@@ -29,7 +29,9 @@ fn fault(text: &str, error: &Error<Rule>) -> DbcFault {
     let (LineColLocation::Pos((line, column)) | LineColLocation::Span((line, column), _)) =
         error.line_col;
     let content = text.lines().nth(line.saturating_sub(1)).unwrap_or_default();
-    let text = content.trim().chars().take(MAX_QUOTED).collect();
+    // No control sequence of the file reaches a terminal.
+    let printable = |it: char| if it.is_control() { char::REPLACEMENT_CHARACTER } else { it };
+    let text = content.trim().chars().take(MAX_QUOTED).map(printable).collect();
     DbcFault { line, kind: FaultKind::Syntax { column, text } }
 }
 

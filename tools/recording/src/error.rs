@@ -18,7 +18,8 @@ pub struct RecordingError {
 pub enum RecordingErrorKind {
     /// The line belongs to no format.
     #[error(
-        "format not recognized; allowed: candump log, candump screen, Vector ASC, PEAK TRC; select the format"
+        "format not recognized; allowed: candump log, candump screen, Vector ASC, PEAK TRC; \
+         `ecan replay --format` selects one"
     )]
     UnknownFormat,
     /// Syntax error in a line of candump.

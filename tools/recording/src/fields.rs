@@ -6,6 +6,9 @@ use ecan_protocol::can::{CanFrame, CanId, Dlc};
 
 use crate::error::RecordingErrorKind;
 
+/// Characters of a field in a message.
+const MAX_QUOTED: usize = 80;
+
 pub type FieldResult<T> = Result<T, RecordingErrorKind>;
 
 /// Reads the fields of a line in their order.
@@ -52,7 +55,10 @@ impl<'a> Fields<'a> {
 }
 
 pub fn invalid(field: &'static str, text: &str, expected: &'static str) -> RecordingErrorKind {
-    RecordingErrorKind::Invalid { field, text: text.to_owned(), expected }
+    // No control sequence of the file reaches a terminal.
+    let printable = |it: char| if it.is_control() { char::REPLACEMENT_CHARACTER } else { it };
+    let text = text.chars().take(MAX_QUOTED).map(printable).collect();
+    RecordingErrorKind::Invalid { field, text, expected }
 }
 
 fn byte_of(text: &str, radix: u32) -> Option<u8> {

@@ -19,6 +19,7 @@ fn each_fault_names_its_line() {
     let cases = [
         ("VERSION \"\"\n\nBO_ x\n".to_owned(), "line 3: column 5: syntax error in \"BO_ x\""),
         (signal("S : 0|16@2+"), "line 3: column 15: syntax error in \"SG_ S : 0|16@2+ (1,0)"),
+        ("BO_ \u{1b}[2J\n".to_owned(), "line 1: column 5: syntax error in \"BO_ \u{fffd}[2J\""),
         ("BO_ 2048 A: 8 X\n".to_owned(), "line 1: CAN ID 2048 is out of range; allowed: 0 to 2047"),
         ("BO_ 4294967296 A: 8 X\n".to_owned(), "line 1: CAN ID 4294967296 is out of range"),
         ("BO_ 2684354560 A: 8 X\n".to_owned(), "line 1: CAN ID 2684354560 is out of range"),
