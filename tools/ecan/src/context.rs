@@ -1,5 +1,7 @@
 //! Options and output of a command, with the types that every command uses.
 
+use std::sync::Once;
+
 use ecan_sim::{Backend, BackendError, ClockKind, EcrtSetting, SimOptions};
 
 pub use crate::bus::Bus;
@@ -50,7 +52,9 @@ impl Context<'_> {
         options.bridges = Some(ecan_sim_bridge::make);
         let backend = ecan_sim::open(setting, &options)?;
         if let Some(simulation) = &backend.simulation {
-            note(simulation.banner());
+            // A search for bit rates opens a simulation for each of them.
+            static BANNER: Once = Once::new();
+            BANNER.call_once(|| note(simulation.banner()));
             simulation.observe_faults(|record| note(record));
         }
         Ok(backend)
