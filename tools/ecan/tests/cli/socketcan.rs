@@ -22,7 +22,7 @@ const UNSHARE: [&str; 2] = ["--map-root-user", "--net"];
 
 #[test]
 fn missing_interface_is_reported_with_remedy() {
-    let message = fails(6, &["--ecrt", "sim", "bridge", "--socketcan", "nosuch0"]);
+    let message = fails(7, &["--ecrt", "sim", "bridge", "--socketcan", "nosuch0"]);
     // Having been asked, a kernel that has CAN has loaded it.
     let protocols = std::fs::read_to_string("/proc/net/protocols").unwrap();
     let expected = match protocols.lines().any(|line| line.starts_with("CAN_RAW")) {
@@ -85,9 +85,9 @@ fn in_a_network_namespace() {
     }
     ip(&["link", "add", "dev", INTERFACE, "mtu", "72", "type", "vcan"]);
     let bridge = ["--ecrt", "sim", "bridge", "--socketcan"];
-    let message = fails(6, &[&bridge[..], &[INTERFACE]].concat());
+    let message = fails(7, &[&bridge[..], &[INTERFACE]].concat());
     assert!(message.contains(&format!("the CAN interface {INTERFACE} is down: ip link set")));
-    let message = fails(6, &[&bridge[..], &["lo"]].concat());
+    let message = fails(7, &[&bridge[..], &["lo"]].concat());
     assert!(message.starts_with("ecan: lo is not a CAN interface"), "{message}");
     ip(&["link", "set", INTERFACE, "up"]);
 
