@@ -88,6 +88,8 @@ impl Failure {
             Self::Slave(_) => 4,
             Self::Device(_) | Self::Rejected(_) | Self::NotReady { .. } => 5,
             Self::File { .. } | Self::Input(_) | Self::Output(_) | Self::Log(_) => 6,
+            #[cfg(feature = "zenoh")]
+            Self::Publication(_) => 6,
             Self::Host(_) | Self::Bridge(_) | Self::Interrupt(_) | Self::RealTime(_) => 7,
         }
     }

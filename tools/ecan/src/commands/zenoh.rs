@@ -91,7 +91,7 @@ pub fn run(arguments: &ZenohArguments, context: &Context) -> Result {
 fn failure(error: PublicationError) -> Failure {
     match error {
         PublicationError::Service(error) => Failure::master(error),
-        error => Failure::Bridge(error.to_string()),
+        error => Failure::Publication(error.to_string()),
     }
 }
 
