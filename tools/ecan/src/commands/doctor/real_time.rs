@@ -13,6 +13,13 @@ const CAP_SYS_NICE: u32 = 23;
 
 const CPUS: &str = "sys/devices/system/cpu";
 
+/// Debian's package of a real-time kernel, and the kernel's parameters that prevent long sleep states.
+const REMEDIES: (&str, &str) = if cfg!(target_arch = "aarch64") {
+    ("linux-image-rt-arm64", "cpuidle.off=1")
+} else {
+    ("linux-image-rt-amd64", "intel_idle.max_cstate=1 processor.max_cstate=1")
+};
+
 pub(super) fn kernel(root: &Root) -> Check {
     let version = root.first_line("proc/version").unwrap_or_default();
     let release = version.split_whitespace().nth(2).unwrap_or("unknown release").to_owned();
@@ -23,9 +30,12 @@ pub(super) fn kernel(root: &Root) -> Check {
     }
     Check::warning(
         format!("{release} is not a PREEMPT_RT kernel: cycles may be late by milliseconds"),
-        "install a kernel with PREEMPT_RT (linux-image-rt-amd64, or Ubuntu's real-time kernel); on this \
-         one use a cycle of 2 ms or longer and a real-time priority (--rt-priority): without it, gateways \
-         with N from 6 have incomplete working counters when another program interrupts the cycle",
+        &format!(
+            "install a kernel with PREEMPT_RT ({}, or Ubuntu's real-time kernel); on this one use a cycle \
+             of 2 ms or longer and a real-time priority (--rt-priority): without it, gateways with N from \
+             6 have incomplete working counters when another program interrupts the cycle",
+            REMEDIES.0
+        ),
     )
 }
 
@@ -155,7 +165,7 @@ pub(super) fn sleep_states(root: &Root) -> Check {
         }
         Some(us) => Check::warning(
             format!("exit latency {us} us, and /dev/cpu_dma_latency is missing"),
-            "intel_idle.max_cstate=1 processor.max_cstate=1 on the kernel's command line",
+            &format!("{} on the kernel's command line", REMEDIES.1),
         ),
     }
 }
