@@ -136,6 +136,14 @@ inside sh -e -c '
 for program in by_pkg_config build/port_c build/port_cxx build/port_c_static build/protocol_c; do
     inside env ECAN_ECRT=sim:/tmp/stepped_echo.toml "/tmp/consumer/$program"
 done
+# On this processor scripts/check-c.sh runs it.
+if [[ $arch != "$(dpkg --print-architecture)" ]]; then
+    say "every function of C"
+    cp -r capi/tests/every_function "$root/tmp"
+    # shellcheck disable=SC2016 # expands in the root
+    inside sh -e -c 'cd /tmp/every_function
+        gcc *.c $(pkg-config --cflags --libs ecan_igh_host) -o program && ./program 2>/dev/null'
+fi
 if inside env ECAN_ECRT=sim /tmp/consumer/without_sim 2>"$root/tmp/without_sim"; then
     fail "the library without the simulator runs it"
 fi
