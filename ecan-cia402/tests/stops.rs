@@ -9,9 +9,10 @@ use crate::support::stops::{
     Trace, assert_runs_again, assert_stays_stopped, at_speed, at_speed_with, config, drives,
     now_ms, open, replace_owner, silence, state, table, until_reached, velocity,
 };
-use ecan_canopen::{DriveState, OperatingMode, QuickStopOption};
-use ecan_cia402::{AxisPhase, Cia402, Cia402Config, HomingConfig, StopCause};
+use ecan_canopen::{DriveState, OperatingMode, QuickStopOption, SyncConfig};
+use ecan_cia402::{AxisConfig, AxisPhase, Cia402, Cia402Config, HomingConfig, StopCause};
 use ecan_host::{AdapterConfig, DcSync};
+use ecan_mcan_port::{ChannelConfig, GatewayConfig};
 use ecan_sim::{DriveFault, Fault, LibraryCall, LossDirection, TraceEvent, TraceRecord};
 
 // A stop acts in every state of the axis
@@ -435,4 +436,33 @@ fn quick_stop_while_the_brake_opens_switches_off() {
         assert_ne!(state(&fixture), DriveState::OperationEnabled);
     }
     assert_eq!(state(&fixture), DriveState::SwitchOnDisabled);
+}
+
+/// Four targets and a SYNC take longer than the cycle: commands in every cycle would occupy the bus.
+#[test]
+fn quick_stop_leaves_the_bus_free_at_a_short_cycle() {
+    let axes = crate::axes::axes(4).into_iter().map(|axis| AxisConfig {
+        bounds: Some((-100_000, 100_000)),
+        ..axis.with_mode(OperatingMode::CyclicVelocity)
+    });
+    let settings = Cia402Config {
+        sync: SyncConfig { every_cycles: 10, ..SyncConfig::default() },
+        ..Cia402Config::default()
+    };
+    let gateway = GatewayConfig {
+        paced: false,
+        ..GatewayConfig::on_all_channels(ChannelConfig::classic(1_000_000))
+    };
+    let adapter = AdapterConfig::new(1).with_cycle(Duration::from_micros(250));
+    let scenario = ecan_sim::drives(1, 4);
+    let mut fixture =
+        Fixture::open_on(scenario, adapter, gateway, axes.collect(), settings).started();
+    let accepted = |fixture: &Fixture| fixture.statistics().channels[0].frames_accepted;
+    let before = accepted(&fixture);
+    fixture.cia402.quick_stop_all();
+    let cycles = fixture.until(400, Cia402::all_stopped) as u64;
+    // The commands and SYNC, at once and in each SYNC period; a heartbeat.
+    let periods = cycles.div_ceil(10) + 1;
+    let sent = accepted(&fixture) - before;
+    assert!(sent <= 5 * periods + 2, "{sent} frames in {cycles} cycles");
 }

@@ -3,8 +3,8 @@
 use std::time::Duration;
 
 use ecan_canopen::{
-    Configurator, DriveState, EmcyLog, Network, NmtCommand, NodeHandle, OperatingMode, Statusword,
-    Step, object,
+    Configurator, Controlword, DriveState, EmcyLog, Network, NmtCommand, NodeHandle, OperatingMode,
+    Statusword, Step, object,
 };
 use ecan_protocol::can::CanId;
 
@@ -110,6 +110,8 @@ pub(crate) struct Axis {
     pub(crate) silences: u64,
     /// Boot-up messages when the configuration was complete.
     pub(crate) boot_ups: u32,
+    /// Command that was sent last, unless a target was.
+    pub(crate) last_command: Option<Controlword>,
     /// Earliest time of the next NMT start command.
     next_start_ns: u64,
     pub(crate) statistics: AxisStatistics,
@@ -169,6 +171,7 @@ impl Axis {
             stop_options: None,
             silences: 0,
             boot_ups: 0,
+            last_command: None,
             next_start_ns: 0,
             statistics: AxisStatistics::default(),
             error: None,

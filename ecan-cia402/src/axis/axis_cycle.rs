@@ -23,8 +23,8 @@ use crate::guard::terms::{Decision, GuardState, TargetKind, WaitReason};
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Outgoing {
     pub(crate) rpdo: RpdoBytes,
-    /// It carries the target of the guard's decision, not only a command.
-    pub(crate) has_target: bool,
+    /// A command that stops or resets, instead of the target of the guard's decision.
+    pub(crate) command: Option<Controlword>,
     /// The host's own ramp, if it makes the target.
     pub(crate) ramp: Option<Ramp>,
 }
@@ -207,6 +207,7 @@ impl Axis {
         &mut self,
         stepping: bool,
         turn: TargetTurn,
+        repeats_commands: bool,
         now_ns: u64,
     ) -> Option<Outgoing> {
         self.decision = Decision::Closed;
@@ -220,11 +221,19 @@ impl Axis {
         if let Some(word) = command
             && (!is_driven || drive == Some(DriveState::QuickStopActive))
         {
-            // A command that stops or resets: the guard never delays it, and it moves nothing.
+            // The guard never delays it, and it moves nothing. Repeated in each short cycle, the commands of
+            // several axes and their SYNC would occupy the bus.
             let target = self.guard.resting_target()?;
+            let is_new = self.last_command != Some(word)
+                || matches!(self.state, AxisState::ResettingFault(_));
             let rpdo = self.command_layout.encode(word, target, self.mode);
-            return Some(Outgoing { rpdo, has_target: false, ramp: None });
+            return (is_new || repeats_commands).then_some(Outgoing {
+                rpdo,
+                command: Some(word),
+                ramp: None,
+            });
         }
+        self.last_command = None;
         if !(is_driven || self.state == AxisState::Resuming) {
             return None;
         }
@@ -264,7 +273,7 @@ impl Axis {
         }
         let (bits, target) = self.mode_bits(target);
         let rpdo = self.command_layout.encode(word.with(bits), target, self.mode);
-        Some(Outgoing { rpdo, has_target: true, ramp })
+        Some(Outgoing { rpdo, command: None, ramp })
     }
 
     /// Returns whether a target of the axis is due.
@@ -342,7 +351,8 @@ impl Axis {
         if let AxisState::ResettingFault(reset) = &mut self.state {
             reset.sent();
         }
-        if !outgoing.has_target {
+        self.last_command = outgoing.command;
+        if outgoing.command.is_some() {
             return;
         }
         let before = self.target();
@@ -379,15 +389,17 @@ impl Axis {
 
     /// The Port rejected the frame. Returns whether the channel's queue is full.
     pub(crate) fn not_sent(&mut self, outgoing: &Outgoing, error: &SendError) -> bool {
-        if outgoing.has_target {
+        if outgoing.command.is_none() {
             self.skipped();
         }
+        self.last_command = None;
         matches!(error, SendError::Backpressure { what: Backpressure::Queue, .. })
     }
 
     /// Nothing can be sent in this cycle: a frame of this axis or of one before it on the channel
     /// was rejected, or an image is repeated.
     pub(crate) fn skipped(&mut self) {
+        self.last_command = None;
         if self.decision.target().is_some() {
             self.decision = Decision::Wait(WaitReason::Rejected);
             self.statistics.decided(self.decision, self.is_running());

@@ -194,7 +194,8 @@ impl Cia402 {
             let gateway = self.gateways.get(slave);
             let has_sync = || self.network.sync_is_due(cycle, slave, channel);
             let turn = target_turn(gateway, self.is_target_cycle, has_sync);
-            let outgoing = axis.prepare(stepping, turn, self.now_ns);
+            let repeats = self.network.sync_period_begins() || turn == TargetTurn::NotReceived;
+            let outgoing = axis.prepare(stepping, turn, repeats, self.now_ns);
             if let Some(outgoing) = outgoing {
                 if !gateway.is_some_and(GatewayWatch::is_open) || full.contains((slave, channel)) {
                     axis.skipped();
@@ -208,7 +209,7 @@ impl Cia402 {
                     match sent {
                         Ok(ticket) => {
                             axis.sent(&outgoing, ticket);
-                            if !outgoing.has_target {
+                            if outgoing.command.is_some() {
                                 commanded.insert((slave, channel));
                             }
                         }
