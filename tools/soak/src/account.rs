@@ -3,7 +3,7 @@
 use ecan_mcan_port::ChannelStatistics;
 use ecan_protocol::can::CanFrame;
 
-use crate::frame_number::{FrameNumber, Stream};
+use crate::frame_number::{FrameNumber, Kinds, Stream};
 use crate::seen::Seen;
 
 /// Frames of one channel.
@@ -11,11 +11,13 @@ use crate::seen::Seen;
 pub struct Account {
     /// Index in frame numbers.
     pub channel: u8,
-    pub is_fd: bool,
+    pub kinds: Kinds,
     /// Next number of each stream of the host.
     next: [u32; 3],
     /// Sent by the gateway on the bus, by stream.
     on_bus: [Seen; 3],
+    /// Frames of CANopen, which have no numbers, sent by the gateway.
+    network_on_bus: u64,
     /// Sent by the node: own frames, or the answers to those of the host.
     of_node: [Seen; 4],
     received: [Seen; 4],
@@ -25,14 +27,14 @@ pub struct Account {
 }
 
 impl Account {
-    pub fn new(channel: u8, is_fd: bool) -> Self {
-        Self { channel, is_fd, ..Self::default() }
+    pub fn new(channel: u8, kinds: Kinds) -> Self {
+        Self { channel, kinds, ..Self::default() }
     }
 
     /// The next frame of a stream, with its number.
     pub fn next_frame(&self, stream: Stream) -> CanFrame {
         let number = self.next[stream as usize];
-        FrameNumber { channel: self.channel, stream, number }.frame(self.is_fd)
+        FrameNumber { channel: self.channel, stream, number }.frame(self.kinds)
     }
 
     /// The Port has accepted the next frame.
@@ -45,7 +47,7 @@ impl Account {
     }
 
     fn number(&self, frame: &CanFrame) -> Result<FrameNumber, String> {
-        let number = FrameNumber::of(frame, self.is_fd);
+        let number = FrameNumber::of(frame, self.kinds);
         let number = number.ok_or_else(|| format!("a frame that nobody sent: {frame:?}"))?;
         if number.channel != self.channel {
             return Err(format!("a frame of another channel: {number:?}"));
@@ -53,8 +55,16 @@ impl Account {
         Ok(number)
     }
 
+    fn is_of_network(&self, frame: &CanFrame) -> bool {
+        self.kinds.is_shared && !frame.id().is_extended()
+    }
+
     /// The gateway has sent a frame on the bus.
     pub fn sent_on_bus(&mut self, frame: &CanFrame) -> Result<(), String> {
+        if self.is_of_network(frame) {
+            self.network_on_bus += 1;
+            return Ok(());
+        }
         let FrameNumber { stream, number, .. } = self.number(frame)?;
         let stream_index = stream as usize;
         let Some(next) = self.next.get(stream_index) else {
@@ -76,6 +86,9 @@ impl Account {
 
     /// The node has sent a frame.
     pub fn sent_by_node(&mut self, frame: &CanFrame) -> Result<(), String> {
+        if self.is_of_network(frame) {
+            return Ok(());
+        }
         let FrameNumber { stream, number, .. } = self.number(frame)?;
         self.of_node[stream as usize].insert(number);
         Ok(())
@@ -83,6 +96,9 @@ impl Account {
 
     /// The application got a frame.
     pub fn received(&mut self, frame: &CanFrame) -> Result<(), String> {
+        if self.is_of_network(frame) {
+            return Ok(());
+        }
         let FrameNumber { stream, number, .. } = self.number(frame)?;
         let index = stream as usize;
         if !self.of_node[index].contains(number) {
@@ -129,7 +145,7 @@ impl Account {
         }
         let accepted = self.next.iter().map(|next| u64::from(*next)).sum::<u64>();
         let known = self.ended.frames_accepted + now.frames_accepted;
-        if known != accepted {
+        if known < accepted || known > accepted && !self.kinds.is_shared {
             return Err(format!("{accepted} frames accepted, of which the Port knows {known}"));
         }
         Ok(())
@@ -150,7 +166,7 @@ impl Account {
 
     /// Frames that the gateway has sent.
     pub fn on_bus(&self) -> u64 {
-        self.on_bus.iter().map(Seen::count).sum()
+        self.network_on_bus + self.on_bus.iter().map(Seen::count).sum::<u64>()
     }
 
     pub fn accepted_so_far(&self) -> u64 {
@@ -186,14 +202,16 @@ impl Account {
 mod tests {
     use super::*;
 
+    const FD: Kinds = Kinds { is_fd: true, is_shared: false };
+
     fn account() -> Account {
-        let mut account = Account::new(5, true);
+        let mut account = Account::new(5, FD);
         (0..10).for_each(|_| account.accepted(Stream::Immediate));
         account
     }
 
     fn frame(number: u32) -> CanFrame {
-        FrameNumber { channel: 5, stream: Stream::Immediate, number }.frame(true)
+        FrameNumber { channel: 5, stream: Stream::Immediate, number }.frame(FD)
     }
 
     fn statistics(accepted: u64, delivered: u64) -> ChannelStatistics {
@@ -231,9 +249,23 @@ mod tests {
         assert!(text(account.received(&frame(3))).contains("received twice"));
         assert!(text(account.received(&frame(2))).contains("received after 3"));
         assert!(text(account.update(statistics(10, 0))).contains("frames on the bus"));
-        let foreign = FrameNumber { channel: 6, stream: Stream::Immediate, number: 1 }.frame(true);
+        let foreign = FrameNumber { channel: 6, stream: Stream::Immediate, number: 1 }.frame(FD);
         assert!(text(account.received(&foreign)).contains("another channel"));
     }
+
+    #[test]
+    fn frames_of_the_network_are_counted() {
+        let mut account = Account::new(5, Kinds { is_fd: false, is_shared: true });
+        let sync = CanFrame::classic(ecan_protocol::can::CanId::standard(0x80).unwrap(), &[]);
+        let sync = sync.unwrap();
+        account.sent_on_bus(&sync).unwrap();
+        account.received(&sync).unwrap();
+        assert_eq!(account.on_bus(), 1);
+        account.update(statistics(1, 1)).unwrap();
+        account.sent_on_bus(&sync).unwrap();
+        assert!(account.update(statistics(1, 1)).unwrap_err().contains("frames on the bus"));
+    }
+
     #[test]
     fn columns_add_up() {
         let text = |statistics| account().update(statistics).unwrap_err();

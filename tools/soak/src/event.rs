@@ -5,6 +5,7 @@ use fastrand::Rng;
 use serde::{Deserialize, Serialize};
 
 use crate::draw::{chance, pick};
+use crate::drives::{self, AxisCommand};
 use crate::machine::{Machine, Partner};
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -29,6 +30,10 @@ pub enum Action {
     Restart(u32),
     /// Cycles in which the application takes no frames, or only some.
     LeaveFrames(u32),
+    Axis {
+        axis: usize,
+        command: AxisCommand,
+    },
 }
 
 /// The events of a trial, in the order of their cycles.
@@ -49,6 +54,14 @@ pub fn draw(r: &mut Rng, machine: &Machine, cycles: u64) -> Vec<Event> {
 
 impl Action {
     fn draw(r: &mut Rng, machine: &Machine) -> Self {
+        let drives = drives::drives(machine);
+        if !drives.is_empty() && chance(r, 30) {
+            let axis = r.usize(..drives.len());
+            return match chance(r, 50) {
+                true => Self::Axis { axis, command: pick(r, &AxisCommand::ALL) },
+                false => Self::Fault(Box::new(drive_fault(r, &drives::name(&drives[axis].0)))),
+            };
+        }
         match r.u8(..20) {
             0 => Self::Discard(r.usize(..machine.gateway.len())),
             1 => Self::Reconfigure,
@@ -58,6 +71,22 @@ impl Action {
             _ => Self::Fault(Box::new(fault(r, machine))),
         }
     }
+}
+
+fn drive_fault(r: &mut Rng, node: &str) -> FaultDescription {
+    let keys = match r.u8(..7) {
+        0 | 1 => format!("kind = \"node_silent\"\nfor_ms = {}", r.u32(1..800)),
+        2 => format!("kind = \"drive_error\"\ncode = {}", pick(r, &[0x2310, 0x8611, 0x4210])),
+        3 => "kind = \"drive_emcy\"\ncode = 0x4210\nregister = 9".to_owned(),
+        4 => format!("kind = \"drive_power_cycle\"\noff_ms = {}", r.u32(1..500)),
+        5 => format!("kind = \"drive_bus_off\"\nfor_ms = {}", r.u32(1..500)),
+        _ => format!("kind = \"drive_blocked\"\nfor_ms = {}", r.u32(1..300)),
+    };
+    described(&format!("{keys}\nnode = \"{node}\"\n"))
+}
+
+fn described(text: &str) -> FaultDescription {
+    toml::from_str(text).unwrap_or_else(|error| panic!("{text}\n{error}"))
 }
 
 fn fault(r: &mut Rng, machine: &Machine) -> FaultDescription {
@@ -121,5 +150,5 @@ fn fault(r: &mut Rng, machine: &Machine) -> FaultDescription {
             )
         }
     };
-    toml::from_str(&text).unwrap_or_else(|error| panic!("{text}\n{error}"))
+    described(&text)
 }

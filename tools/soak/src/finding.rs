@@ -11,7 +11,11 @@ pub enum Rule {
     Transmit,
     /// A frame that arrived, or one that is missing.
     Receive,
-    /// The gateways did not become ready again.
+    /// A target of an axis.
+    Target,
+    /// A drive is enabled after a stop.
+    Stop,
+    /// The gateways or axes did not become ready again.
     Recovery,
     /// A call failed that must not.
     Call,

@@ -24,6 +24,15 @@ pub enum Stream {
     Node,
 }
 
+/// Frames that a channel carries.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Kinds {
+    /// CAN FD frames, too.
+    pub is_fd: bool,
+    /// Extended CAN IDs only: the standard ones belong to CANopen.
+    pub is_shared: bool,
+}
+
 impl Stream {
     pub const ALL: [Self; 4] = [Self::Immediate, Self::Scheduled, Self::Hinted, Self::Node];
 }
@@ -56,7 +65,8 @@ impl FrameNumber {
     }
 
     /// The frame of this number on a channel.
-    pub fn frame(self, is_fd: bool) -> CanFrame {
+    pub fn frame(self, kinds: Kinds) -> CanFrame {
+        let Kinds { is_fd, is_shared } = kinds;
         let word = self.word();
         let mut content = fastrand::Rng::with_seed(u64::from(word) ^ u64::from(is_fd) << 32);
         let mut data = [0; 64];
@@ -73,6 +83,7 @@ impl FrameNumber {
         data[..DATA_BYTES].copy_from_slice(&word.to_le_bytes());
         let id = match content.u8(..4) {
             0 => CanId::extended(content.u32(..IN_ID)),
+            _ if is_shared => CanId::extended(content.u32(..IN_ID)),
             _ => CanId::standard(content.u16(..0x800)),
         };
         let id = id.expect("in range");
@@ -87,7 +98,7 @@ impl FrameNumber {
 
     /// The number of a frame, if it has the content that belongs to it. A sender that is error passive
     /// sets the ESI of its FD frames.
-    pub fn of(frame: &CanFrame, is_fd: bool) -> Option<Self> {
+    pub fn of(frame: &CanFrame, kinds: Kinds) -> Option<Self> {
         let id = frame.id();
         let word = if id.is_extended() && id.raw() & IN_ID != 0 {
             id.raw() & (IN_ID - 1)
@@ -101,7 +112,7 @@ impl FrameNumber {
             }
             _ => frame,
         };
-        (word >> (NUMBER_BITS + 7) == 0 && *sent == number.frame(is_fd)).then_some(number)
+        (word >> (NUMBER_BITS + 7) == 0 && *sent == number.frame(kinds)).then_some(number)
     }
 }
 
@@ -111,25 +122,28 @@ mod tests {
 
     #[test]
     fn frames_name_themselves() {
-        let mut kinds = [0; 3];
-        for is_fd in [false, true] {
+        let mut counts = [0; 3];
+        for (is_fd, is_shared) in [(false, false), (true, false), (false, true)] {
+            let kinds = Kinds { is_fd, is_shared };
             for number in 0..5_000 {
                 let number = FrameNumber { channel: 31, stream: Stream::Scheduled, number };
-                let frame = number.frame(is_fd);
-                assert_eq!(FrameNumber::of(&frame, is_fd), Some(number));
-                kinds[usize::from(frame.is_fd()) + 2 * usize::from(frame.is_remote())] += 1;
+                let frame = number.frame(kinds);
+                assert_eq!(FrameNumber::of(&frame, kinds), Some(number));
+                assert!(frame.id().is_extended() || !is_shared);
+                counts[usize::from(frame.is_fd()) + 2 * usize::from(frame.is_remote())] += 1;
             }
         }
-        assert!(kinds.iter().all(|count| *count > 50), "{kinds:?}");
+        assert!(counts.iter().all(|count| *count > 50), "{counts:?}");
     }
 
     #[test]
     fn other_content_has_no_number() {
         let number = FrameNumber { channel: 3, stream: Stream::Immediate, number: 17 };
-        let frame = number.frame(false);
+        let kinds = Kinds::default();
+        let frame = number.frame(kinds);
         let mut data = frame.data().to_vec();
         data[3] ^= 0x40;
         let changed = CanFrame::classic(frame.id(), &data).unwrap();
-        assert_eq!(FrameNumber::of(&changed, false), None);
+        assert_eq!(FrameNumber::of(&changed, kinds), None);
     }
 }

@@ -4,8 +4,12 @@ use std::fmt::Write as _;
 use std::path::Path;
 use std::time::Duration;
 
-use ecan_host::{AdapterConfig, DcSync, Plan};
-use ecan_mcan_port::{ChannelConfig, Config, GatewayConfig, PortConfig, Traffic};
+use ecan_cia402::axis_traffic;
+use ecan_host::{AdapterConfig, DcSync};
+use ecan_mcan_port::{
+    ChannelConfig, Config, FrameRate, FrameStream, GatewayConfig, PortConfig, PortPlan, Traffic,
+};
+use ecan_protocol::can::{CanFrame, CanId};
 use ecan_protocol::image::{EncapsulationProfile, OptionFlags};
 use ecan_sim::variant::variants;
 use ecan_sim::{Scenario, ScenarioError};
@@ -13,13 +17,15 @@ use fastrand::Rng;
 use serde::{Deserialize, Serialize};
 
 use crate::draw::{chance, pick, weighted};
+use crate::drives::{self, Mode};
+use crate::frame_number::Kinds;
 
 /// Variants with which a gateway does not start, which is no fault.
 const NO_START: [&str; 2] = ["missing_entries", "assignment_rewritten"];
 /// Least distance of the outputs from Sync0, ns.
 const SYNC0_MARGIN_NS: i64 = 20_000;
 /// Bits of a frame of medium length, for the load of a bus.
-const FRAME_BITS: u64 = 130;
+pub const FRAME_BITS: u64 = 130;
 
 /// A machine, in the form of the file that repeats a trial.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -32,6 +38,9 @@ pub struct Machine {
     pub cycle_us: u32,
     /// Shift of Sync0; without it the gateways run free.
     pub sync0_shift_us: Option<u32>,
+    /// Cycles from one SYNC of CANopen to the next.
+    #[serde(default = "one")]
+    pub sync_cycles: u32,
     /// Lines of each gateway's table in the scenario.
     pub gateway_keys: Vec<String>,
     /// Lines of `[gateway.variant]`.
@@ -82,11 +91,62 @@ pub enum Partner {
         period_us: u32,
         burst: u32,
     },
+    /// CiA 402 drives; the axes send, too.
+    Drives {
+        count: u8,
+        mode: Mode,
+    },
+}
+
+fn one() -> u32 {
+    1
+}
+
+/// Replaces the partners of some channels by drives, and returns the cycles from SYNC to SYNC.
+fn put_drives(r: &mut Rng, gateways: &mut [Gateway], cycle_us: u32) -> u32 {
+    let (mut left, mut sync_cycles) = (drives::MOST, 1);
+    for channel in gateways.iter_mut().flat_map(|gateway| &mut gateway.channel) {
+        if chance(r, 40) || channel.bitrate < 500_000 {
+            continue;
+        }
+        let count = r.u8(1..=drives::MOST_ON_CHANNEL).min(left);
+        left -= count;
+        if count == 0 {
+            break;
+        }
+        let mode = weighted(r, &[(5, Mode::Csp), (2, Mode::Csv), (1, Mode::Pp), (2, Mode::Ip)]);
+        channel.partner = Partner::Drives { count, mode };
+        (channel.receives, channel.sends) = (true, true);
+        // Little traffic of the application beside the axes.
+        channel.frames = if chance(r, 50) { 0 } else { channel.frames.min(200) };
+        sync_cycles = sync_cycles.max(drives::sync_cycles(count, channel.bitrate, cycle_us));
+    }
+    drives::with_interpolation_time(sync_cycles + pick(r, &[0, 0, 0, 1, 2]), cycle_us)
 }
 
 impl Channel {
-    pub fn is_fd(&self) -> bool {
-        self.data_bitrate.is_some()
+    pub fn kinds(&self) -> Kinds {
+        Kinds { is_fd: self.data_bitrate.is_some(), is_shared: self.drives() > 0 }
+    }
+
+    /// Frames in 1000 cycles that nodes send which are no drives.
+    fn received(&self, cycle_us: u32) -> u32 {
+        match self.partner {
+            Partner::Talker { period_us, burst } => {
+                let frames = u64::from(cycle_us) * 1_000 * u64::from(burst);
+                (frames / u64::from(period_us)) as u32
+            }
+            Partner::Echo => self.frames,
+            Partner::Nobody | Partner::Silent | Partner::Drives { .. } => 0,
+        }
+    }
+
+    /// Number of drives.
+    pub fn drives(&self) -> u8 {
+        match self.partner {
+            Partner::Drives { count, .. } => count,
+            _ => 0,
+        }
     }
 }
 
@@ -103,12 +163,43 @@ impl Machine {
 
     fn is_planned(&self) -> bool {
         let Config { adapter, port, .. } = self.config();
-        let plan = Plan::with_times(&adapter, |slave| port.image_times(slave));
+        let (axes, table) = drives::configs(self);
+        let mut traffic = axis_traffic(&axes, &table);
+        // An axis does not run while its gateway leaves frames out of its images.
+        if !axes.is_empty() {
+            traffic.extend(self.other_traffic());
+        }
+        let plan = PortPlan::of(&adapter, &port, &traffic);
         // The firmware misses outputs that arrive shortly after a pulse, too.
         let is_apart = adapter.dc.is_none_or(|dc| {
-            plan.output_arrivals().is_none_or(|it| it.margin_ns(dc.shift_ns()) >= SYNC0_MARGIN_NS)
+            plan.ethercat
+                .output_arrivals()
+                .is_none_or(|it| it.margin_ns(dc.shift_ns()) >= SYNC0_MARGIN_NS)
         });
-        port.check(&adapter).is_ok() && plan.warnings.is_empty() && is_apart && self.can_start()
+        plan.faults(&adapter, &port).is_empty()
+            && plan.warnings.is_empty()
+            && is_apart
+            && self.can_start()
+    }
+
+    /// The longest frames that nodes send which are no drives.
+    fn other_traffic(&self) -> Vec<FrameStream> {
+        let mut streams = Vec::new();
+        for (slave, gateway) in self.gateway.iter().enumerate() {
+            for channel in gateway.channel.iter().filter(|it| it.receives) {
+                let per_second =
+                    f64::from(channel.received(self.cycle_us)) * 1e3 / f64::from(self.cycle_us);
+                let id = CanId::extended(1).expect("valid");
+                let frame = match channel.data_bitrate {
+                    Some(_) => CanFrame::fd(id, &[0; 64], true, false),
+                    None => CanFrame::classic(id, &[0; 8]),
+                };
+                let rate = FrameRate::PerSecond(per_second);
+                let frame = frame.expect("valid");
+                streams.push(FrameStream::from_bus(slave, channel.number, frame, rate));
+            }
+        }
+        streams
     }
 
     /// Gateways that take an image less often than the cycle, and those with Sync0 that need another
@@ -118,6 +209,11 @@ impl Machine {
             let mut lines = self.variants.iter().filter_map(|line| line.split_once(" = "));
             lines.find(|(known, _)| *known == key).map(|(_, value)| value)
         };
+        // The answers of four drives saturate the count of waiting frames.
+        let most = self.gateway.iter().flat_map(|it| &it.channel).map(Channel::drives).max();
+        if most.unwrap_or(0) > 3 && variant("publishes_after_read").is_some() {
+            return false;
+        }
         let period_us = variant("service_period_us").and_then(|value| value.parse().ok());
         period_us.unwrap_or(0) <= self.cycle_us
             && (self.sync0_shift_us.is_none() || variant("assign_activate").is_none())
@@ -161,13 +257,15 @@ impl Machine {
             alias: has_aliases.then_some(100 + n),
             ..Gateway::draw(r, cycle_us)
         });
-        let gateway = gateway.collect();
+        let mut gateway: Vec<Gateway> = gateway.collect();
+        let sync_cycles = if chance(r, 35) { put_drives(r, &mut gateway, cycle_us) } else { 1 };
         Self {
             version: pick(r, &["1.5", "1.6"]).to_owned(),
             like: pick(r, &["ideal", "ideal", "ideal", "igh"]).to_owned(),
             topology: if is_star { "star" } else { "line" }.to_owned(),
             cycle_us,
             sync0_shift_us: chance(r, 40).then(|| cycle_us * pick(r, &[10, 50, 70]) / 100),
+            sync_cycles,
             gateway_keys,
             variants: switches,
             gateway,
@@ -200,7 +298,7 @@ impl Machine {
                 let kind = match channel.partner {
                     Partner::Echo => "echo",
                     Partner::Silent => "silent",
-                    Partner::Nobody | Partner::Talker { .. } => continue,
+                    Partner::Nobody | Partner::Talker { .. } | Partner::Drives { .. } => continue,
                 };
                 let bus = Self::bus(slave, channel);
                 // infallible: writing to a string
@@ -210,6 +308,7 @@ impl Machine {
                 );
             }
         }
+        text.push_str(&drives::scenario_text(self));
         text
     }
 
@@ -269,14 +368,9 @@ impl Gateway {
         let mut config = GatewayConfig { paced: self.paced, ..GatewayConfig::default() };
         let (mut tx, mut rx) = (0, 0);
         for channel in &self.channel {
-            let per_cycle = |frames: u64| frames.div_ceil(1_000).clamp(1, 8) as u8;
-            let received = match channel.partner {
-                Partner::Talker { period_us, burst } => {
-                    u64::from(cycle_us) * 1_000 * u64::from(burst) / u64::from(period_us)
-                }
-                Partner::Echo => channel.frames.into(),
-                Partner::Nobody | Partner::Silent => 0,
-            };
+            let per_cycle = |frames: u32| frames.div_ceil(1_000).clamp(1, 8) as u8;
+            // A TPDO or a target of each axis, and SYNC.
+            let of_axes = 1_000 * u32::from(channel.drives().min(1) + channel.drives());
             let can = match channel.data_bitrate {
                 Some(data) => ChannelConfig::fd(channel.bitrate, data),
                 None => ChannelConfig::classic(channel.bitrate),
@@ -284,8 +378,8 @@ impl Gateway {
             config = config.with_channel(
                 channel.number,
                 can.with_traffic(Traffic {
-                    received: per_cycle(received),
-                    sent: per_cycle(channel.frames.into()),
+                    received: per_cycle(channel.received(cycle_us) + of_axes),
+                    sent: per_cycle(channel.frames + of_axes),
                 }),
             );
             tx |= u8::from(channel.receives) << channel.number;

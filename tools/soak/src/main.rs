@@ -9,6 +9,7 @@
 
 mod account;
 mod draw;
+mod drives;
 mod event;
 mod finding;
 mod frame_number;

@@ -3,22 +3,22 @@
 use ecan_protocol::can::CanFrame;
 use ecan_sim::{Node, NodeOutput};
 
-use crate::frame_number::{FrameNumber, Stream};
+use crate::frame_number::{FrameNumber, Kinds, Stream};
 
 /// Sends a burst of numbered frames in each period.
 #[derive(Debug)]
 pub struct Talker {
     next: FrameNumber,
-    is_fd: bool,
+    kinds: Kinds,
     period_ns: u64,
     burst: u32,
     due: Option<u64>,
 }
 
 impl Talker {
-    pub fn new(channel: u8, is_fd: bool, period_ns: u64, burst: u32) -> Self {
+    pub fn new(channel: u8, kinds: Kinds, period_ns: u64, burst: u32) -> Self {
         let next = FrameNumber { channel, stream: Stream::Node, number: 0 };
-        Self { next, is_fd, period_ns, burst, due: None }
+        Self { next, kinds, period_ns, burst, due: None }
     }
 }
 
@@ -41,7 +41,7 @@ impl Node for Talker {
             return;
         }
         for _ in 0..self.burst {
-            out.send(self.next.frame(self.is_fd));
+            out.send(self.next.frame(self.kinds));
             self.next.number += 1;
         }
     }

@@ -1,12 +1,15 @@
 //! Runs a plan.
 
-use ecan_mcan_port::{ChannelHandle, PendingStep, Port, ReceivedView, SendOptions, TransmitHint};
+use ecan_mcan_port::{
+    ChannelHandle, PendingStep, Port, Received, ReceivedView, SendOptions, TransmitHint,
+};
 use ecan_protocol::image::Schedule;
 use ecan_sim::{AttachedNode, Backend, ClockKind, Fault, GatewayCounters, SimOptions, Simulation};
 use fastrand::Rng;
 
 use crate::account::Account;
 use crate::draw::{chance, pick};
+use crate::drives::Axes;
 use crate::event::Action;
 use crate::finding::{Finding, Outcome, Rule};
 use crate::frame_number::Stream;
@@ -23,6 +26,10 @@ const RECOVERY_NS: u64 = 300_000 * MS;
 const LONGEST_FAULT_NS: u64 = 800 * MS;
 /// Time for which all gateways must be ready.
 const STEADY_NS: u64 = 200 * MS;
+/// Time between two looks of the operator at the axes.
+const OPERATE_NS: u64 = 100 * MS;
+/// Longest time until drives are stopped that can be reached.
+const STOP_NS: u64 = 2_000 * MS;
 /// Time between two attempts of a gateway's startup.
 const RETRY_NS: u64 = 2_000 * MS;
 /// Time in which what waits for a bus or an image has passed.
@@ -42,10 +49,12 @@ pub struct Trial {
     port: Option<Port>,
     _talkers: Vec<AttachedNode>,
     accounts: Vec<Side>,
+    axes: Axes,
     gateways: Vec<Images>,
     cycle: u64,
     leave_until: u64,
     retry_at: u64,
+    operate_at: u64,
     /// Nothing has happened that loses frames.
     is_undisturbed: bool,
     outcome: Outcome,
@@ -117,10 +126,10 @@ impl Trial {
             for channel in &gateway.channel {
                 let bus = Machine::bus(slave, channel);
                 let number = (slave * 4) as u8 + channel.number;
-                let is_fd = channel.is_fd();
+                let kinds = channel.kinds();
                 if let Partner::Talker { period_us, burst } = channel.partner {
                     let period_ns = u64::from(period_us) * 1_000;
-                    let talker = Talker::new(number, is_fd, period_ns, burst);
+                    let talker = Talker::new(number, kinds, period_ns, burst);
                     let node = simulation.attach_node(&bus, "talker", Box::new(talker));
                     talkers.push(node.map_err(|error| error.to_string())?);
                 }
@@ -131,7 +140,7 @@ impl Trial {
                     frames: channel.frames,
                     sends: channel.sends,
                     has_partner: channel.partner != Partner::Nobody,
-                    account: Account::new(number, is_fd),
+                    account: Account::new(number, kinds),
                     handle: None,
                 });
             }
@@ -143,11 +152,13 @@ impl Trial {
             backend,
             simulation,
             port: None,
+            axes: Axes::new(&plan.machine),
             _talkers: talkers,
             accounts,
             cycle: 0,
             leave_until: 0,
             retry_at: 0,
+            operate_at: 0,
             is_undisturbed: true,
             outcome: Outcome::default(),
         };
@@ -157,12 +168,19 @@ impl Trial {
 
     fn open(&mut self) -> Result<(), String> {
         // The master has one owner.
-        self.port = None;
+        self.close();
         let port = Port::open(&self.backend.ecrt, self.plan.machine.config())
             .map_err(|error| error.to_string())?;
         let port = self.port.insert(port);
         port.wait_ready().map_err(|error| error.to_string())?;
+        self.axes.open(port)?;
         self.take_handles()
+    }
+
+    /// The application ends, without a stop.
+    fn close(&mut self) {
+        self.axes.close();
+        self.port = None;
     }
 
     fn take_handles(&mut self) -> Result<(), String> {
@@ -183,6 +201,7 @@ impl Trial {
         for (slave, images) in self.gateways.iter_mut().enumerate() {
             images.before = counters(&self.simulation, slave).frames_to_master;
         }
+        self.start_axes()?;
         let mut events = self.plan.event.clone().into_iter().peekable();
         while self.cycle < self.plan.cycles {
             while let Some(event) = events.next_if(|event| event.cycle <= self.cycle) {
@@ -194,6 +213,7 @@ impl Trial {
             self.cycle += 1;
         }
         self.recover()?;
+        self.stop_axes()?;
         self.quiet()?;
         self.check_sums()
     }
@@ -213,12 +233,15 @@ impl Trial {
             Action::Reconfigure => self.reconfigure()?,
             Action::Pause(ms) => self.simulation.pass_ns(u64::from(*ms) * MS),
             Action::Restart(ms) => {
-                self.port = None;
+                self.close();
                 self.end_statistics();
                 self.simulation.pass_ns(u64::from(*ms) * MS);
                 self.repeat(Self::open)?;
             }
             Action::LeaveFrames(cycles) => self.leave_until = self.cycle + u64::from(*cycles),
+            Action::Axis { axis, command } => {
+                self.axes.command(*axis, *command, &mut self.random);
+            }
         }
         Ok(())
     }
@@ -264,18 +287,67 @@ impl Trial {
         }
     }
 
+    /// Runs until every axis follows targets.
+    fn start_axes(&mut self) -> Check {
+        let begin = self.now_ns();
+        while !self.axes.all_running() {
+            self.cycle(true)?;
+            self.cycle += 1;
+            if self.now_ns() - begin > RECOVERY_NS {
+                return Err((Rule::Start, self.axes.status()));
+            }
+        }
+        Ok(())
+    }
+
+    /// Stops the axes, then ends them.
+    fn stop_axes(&mut self) -> Check {
+        self.operate_at = u64::MAX;
+        self.axes.quick_stop();
+        let begin = self.now_ns();
+        while !self.axes.all_stopped(&self.simulation) {
+            self.cycle(true)?;
+            self.cycle += 1;
+            if self.now_ns() - begin > STOP_NS {
+                return Err((Rule::Stop, self.axes.status()));
+            }
+        }
+        self.axes.close();
+        Ok(())
+    }
+
+    fn operate(&mut self) {
+        let now = self.now_ns();
+        if now >= self.operate_at && !self.axes.is_empty() {
+            self.operate_at = now + OPERATE_NS;
+            self.axes.operate();
+        }
+    }
+
     /// One cycle of the application.
     fn cycle(&mut self, sends: bool) -> Check {
+        self.operate();
         let Some(port) = &mut self.port else { return Ok(()) };
         let r = &mut self.random;
         let sync0_ns = self.plan.machine.sync0_shift_us.map(|_| self.plan.machine.cycle_us * 1_000);
         let leaves = self.cycle < self.leave_until;
         let mut received = Vec::new();
         let mut cycle = port.next_cycle();
-        let most = if leaves { r.usize(..4) } else { usize::MAX };
-        for item in cycle.received().take(most) {
-            if let ReceivedView::Frame { slave, packet } = item {
-                received.push((slave, packet.channel, packet.frame.to_owned()));
+        if self.axes.is_open() {
+            if !leaves || chance(r, 50) {
+                self.axes.receive(&mut cycle, |item| {
+                    if let Received::Frame(frame) = item {
+                        received.push((frame.slave, frame.channel, frame.frame));
+                    }
+                });
+            }
+            self.axes.send(&mut cycle, r);
+        } else {
+            let most = if leaves { r.usize(..4) } else { usize::MAX };
+            for item in cycle.received().take(most) {
+                if let ReceivedView::Frame { slave, packet } = item {
+                    received.push((slave, packet.channel, packet.frame.to_owned()));
+                }
             }
         }
         for side in self.accounts.iter_mut().filter(|side| sends && side.sends) {
@@ -331,6 +403,7 @@ impl Trial {
             })?;
             side.account.received(&frame).map_err(|text| (Rule::Receive, side.named(&text)))?;
         }
+        self.axes.check(&self.simulation).map_err(|text| (Rule::Target, text))?;
         self.update()
     }
 
@@ -345,7 +418,8 @@ impl Trial {
             self.cycle += 1;
             let now = self.now_ns();
             let Some(port) = &mut self.port else { return Ok(()) };
-            let is_ready = port.is_ready() && now - begin > LONGEST_FAULT_NS;
+            let is_ready =
+                port.is_ready() && self.axes.all_running() && now - begin > LONGEST_FAULT_NS;
             let since = if is_ready { *ready_since.get_or_insert(now) } else { now };
             ready_since = ready_since.filter(|_| is_ready);
             if now - since > STEADY_NS {
@@ -353,7 +427,7 @@ impl Trial {
                 return Ok(());
             }
             if now - begin > RECOVERY_NS {
-                return Err((Rule::Recovery, status(port)));
+                return Err((Rule::Recovery, status(port) + &self.axes.status()));
             }
             // As an operator does who reads what a gateway waits for.
             let mut gateways = port.gateways();
