@@ -96,6 +96,9 @@ fn fault(r: &mut Rng, machine: &Machine) -> FaultDescription {
     let gateway = format!("gateway = {slave}");
     let kind = |kind: &str, keys: String| format!("kind = \"{kind}\"\n{keys}");
     let way = pick(r, &["outward", "return"]);
+    if machine.has_io && chance(r, 10) {
+        return described(&kind("io_power_cycle", format!("off_ms = {}", r.u32(1..800))));
+    }
     let text = match r.u8(..34) {
         0..6 => kind("lost_frame", format!("way = \"{way}\"\ncycles = {}", r.u32(1..30))),
         // A smaller offset would show a read without the write that took place.

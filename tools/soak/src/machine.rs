@@ -10,7 +10,8 @@ use ecan_mcan_port::{
     ChannelConfig, Config, FrameRate, FrameStream, GatewayConfig, PortConfig, PortPlan, Traffic,
 };
 use ecan_protocol::can::{CanFrame, CanId};
-use ecan_protocol::image::{EncapsulationProfile, OptionFlags};
+use ecan_protocol::config::{ExtendedFilter, ExtendedMatch, FilterAction};
+use ecan_protocol::image::{BudgetPolicy, EncapsulationProfile, OptionFlags};
 use ecan_sim::variant::variants;
 use ecan_sim::{Scenario, ScenarioError};
 use fastrand::Rng;
@@ -41,6 +42,15 @@ pub struct Machine {
     /// Cycles from one SYNC of CANopen to the next.
     #[serde(default = "one")]
     pub sync_cycles: u32,
+    /// An application owns the master, and the Port is attached to it.
+    #[serde(default)]
+    pub is_attached: bool,
+    /// An I/O slave downstream of the gateways.
+    #[serde(default)]
+    pub has_io: bool,
+    /// The master segments process data above 1486 bytes.
+    #[serde(default)]
+    pub has_large_pdos: bool,
     /// Lines of each gateway's table in the scenario.
     pub gateway_keys: Vec<String>,
     /// Lines of `[gateway.variant]`.
@@ -59,6 +69,14 @@ pub struct Gateway {
     pub paced: bool,
     pub tx_profile: u8,
     pub rx_profile: u8,
+    /// Option bits (manual 5.2), without TX_RESULT.
+    #[serde(default)]
+    pub tx_options: u8,
+    #[serde(default)]
+    pub rx_options: u8,
+    /// Number of the budget policy of both directions.
+    #[serde(default)]
+    pub budget: u8,
     pub channel: Vec<Channel>,
 }
 
@@ -75,6 +93,8 @@ pub struct Channel {
     pub sends: bool,
     /// Frames of the host in 1000 cycles.
     pub frames: u32,
+    /// Range of extended CAN IDs that a filter rejects.
+    pub rejects: Option<[u32; 2]>,
     pub partner: Partner,
 }
 
@@ -253,19 +273,24 @@ impl Machine {
         let is_star = gateways > 1 && chance(r, 30);
         // Positions shift while a branch of a star is away: then only an alias names a gateway.
         let has_aliases = is_star || chance(r, 30);
+        let has_large_pdos = chance(r, 5);
         let gateway = (1..=gateways).map(|n| Gateway {
             alias: has_aliases.then_some(100 + n),
-            ..Gateway::draw(r, cycle_us)
+            ..Gateway::draw(r, cycle_us, has_large_pdos)
         });
         let mut gateway: Vec<Gateway> = gateway.collect();
         let sync_cycles = if chance(r, 35) { put_drives(r, &mut gateway, cycle_us) } else { 1 };
         Self {
-            version: pick(r, &["1.5", "1.6"]).to_owned(),
+            // Masters that segment process data are newer than 1.5.
+            version: if has_large_pdos { "1.6" } else { pick(r, &["1.5", "1.6"]) }.to_owned(),
             like: pick(r, &["ideal", "ideal", "ideal", "igh"]).to_owned(),
             topology: if is_star { "star" } else { "line" }.to_owned(),
             cycle_us,
             sync0_shift_us: chance(r, 40).then(|| cycle_us * pick(r, &[10, 50, 70]) / 100),
             sync_cycles,
+            is_attached: chance(r, 20),
+            has_io: !is_star && chance(r, 20),
+            has_large_pdos,
             gateway_keys,
             variants: switches,
             gateway,
@@ -279,8 +304,9 @@ impl Machine {
     /// The scenario file of the machine, without the talkers.
     pub fn scenario_text(&self, seed: u64) -> String {
         let mut text = format!(
-            "seed = {seed}\nclock = \"stepped\"\nversion = \"{}\"\ntopology = \"{}\"\n\n[master]\nlike = \"{}\"\n",
-            self.version, self.topology, self.like
+            "seed = {seed}\nclock = \"stepped\"\nversion = \"{}\"\ncarries_large_pdos = {}\ntopology = \"{}\"\n\n\
+             [master]\nlike = \"{}\"\n",
+            self.version, self.has_large_pdos, self.topology, self.like
         );
         for gateway in &self.gateway {
             text.push_str("\n[[gateway]]\n");
@@ -308,6 +334,11 @@ impl Machine {
                 );
             }
         }
+        if self.has_io {
+            let position = self.gateway.len();
+            // infallible: writing to a string
+            let _ = write!(text, "\n[[io]]\nposition = {position}\noutputs = 1\ninputs = 1\n");
+        }
         text.push_str(&drives::scenario_text(self));
         text
     }
@@ -327,20 +358,41 @@ impl Machine {
                 (slave.alias, slave.position) = (alias, 0);
             }
         }
+        adapter.allow_large_pdos = self.has_large_pdos;
         adapter.dc = self
             .sync0_shift_us
             .map(|shift| DcSync::new(cycle, Duration::from_micros(shift.into())));
         let mut port = PortConfig::default();
-        for gateway in &self.gateway {
+        for (slave, gateway) in self.gateway.iter().enumerate() {
             port.gateways.push(gateway.config(self.cycle_us)).expect("at most 8 gateways");
+            for channel in &gateway.channel {
+                if let Some([id1, id2]) = channel.rejects {
+                    let filter = ExtendedFilter {
+                        matching: ExtendedMatch::RangeUnmasked,
+                        action: FilterAction::Reject,
+                        sync: false,
+                        id1,
+                        id2,
+                    };
+                    port.add_filter(slave, channel.number, filter).expect("at most 32 filters");
+                }
+            }
         }
         (adapter, port).into()
     }
 }
 
 impl Gateway {
-    fn draw(r: &mut Rng, cycle_us: u32) -> Self {
-        let multipliers = [1, 2, 3, 3, 3, 4, 6, 8, 11];
+    fn draw(r: &mut Rng, cycle_us: u32, has_large_pdos: bool) -> Self {
+        let multipliers: &[u8] = match has_large_pdos {
+            true => &[3, 11, 12, 16, 24],
+            false => &[1, 2, 3, 3, 3, 4, 6, 8, 11],
+        };
+        let options = |r: &mut Rng| {
+            let all = [OptionFlags::ALIGN4, OptionFlags::NO_CRC16, OptionFlags::PAYLOAD_ONLY];
+            let set = all.into_iter().filter(|_| chance(r, 15));
+            set.fold(OptionFlags::NONE, OptionFlags::with).bits()
+        };
         let first = r.u8(..4);
         let count = weighted(r, &[(4, 1), (3, 2), (1, 3), (1, 4)]);
         let mut channel: Vec<Channel> =
@@ -354,12 +406,15 @@ impl Gateway {
         }
         Self {
             alias: None,
-            rx_multiplier: pick(r, &multipliers),
-            tx_multiplier: pick(r, &multipliers),
+            rx_multiplier: pick(r, multipliers),
+            tx_multiplier: pick(r, multipliers),
             results: chance(r, 30),
             paced: chance(r, 80),
             tx_profile: pick(r, &[0, 1, 4, 5]),
             rx_profile: pick(r, &[0, 1, 4, 5]),
+            tx_options: options(r),
+            rx_options: options(r),
+            budget: pick(r, &[0, 0, 1, 2]),
             channel,
         }
     }
@@ -388,9 +443,14 @@ impl Gateway {
         config = config.with_channel_masks(tx, rx);
         config.tx_encapsulation = profile(self.tx_profile);
         config.rx_encapsulation = profile(self.rx_profile);
+        let options = |bits| OptionFlags::from_bits(bits).unwrap_or_default();
+        (config.tx_options, config.rx_options) =
+            (options(self.tx_options), options(self.rx_options));
         if self.results {
-            config.tx_options = OptionFlags::TX_RESULT;
+            config.tx_options = config.tx_options.with(OptionFlags::TX_RESULT);
         }
+        let budget = BudgetPolicy::from_raw(self.budget).unwrap_or_default();
+        (config.tx_budget, config.rx_budget) = (budget, budget);
         config
     }
 }
@@ -442,6 +502,10 @@ impl Channel {
             receives,
             sends,
             frames: frames(percent).min(20_000),
+            rejects: chance(r, 15).then(|| {
+                let first = r.u32(..0x1000_0000);
+                [first, first + r.u32(..0x1000_0000)]
+            }),
             partner,
         }
     }

@@ -5,7 +5,7 @@
 //! ecan-soak --seeds 100 --cycles 10000
 //! ecan-soak --replay soak-17.toml
 //! ```
-#![forbid(unsafe_code)]
+#![deny(unsafe_code)]
 
 mod account;
 mod draw;
@@ -14,6 +14,7 @@ mod event;
 mod finding;
 mod frame_number;
 mod machine;
+mod master_owner;
 mod plan;
 mod runner;
 mod seen;

@@ -1,10 +1,11 @@
 //! Runs a plan.
 
-use ecan_mcan_port::{
-    ChannelHandle, PendingStep, Port, Received, ReceivedView, SendOptions, TransmitHint,
-};
+use ecan_mcan_port::{ChannelHandle, Received, ReceivedView, SendOptions, TransmitHint};
+use ecan_protocol::can::CanFrame;
 use ecan_protocol::image::Schedule;
-use ecan_sim::{AttachedNode, Backend, ClockKind, Fault, GatewayCounters, SimOptions, Simulation};
+use ecan_sim::{
+    AttachedNode, Backend, ClockKind, Fault, GatewayCounters, IoSpec, SimOptions, Simulation,
+};
 use fastrand::Rng;
 
 use crate::account::Account;
@@ -14,6 +15,7 @@ use crate::event::Action;
 use crate::finding::{Finding, Outcome, Rule};
 use crate::frame_number::Stream;
 use crate::machine::{Machine, Partner};
+use crate::master_owner::Connection;
 use crate::plan::Plan;
 use crate::talker::Talker;
 
@@ -46,7 +48,8 @@ pub struct Trial {
     random: Rng,
     backend: Backend,
     simulation: Simulation,
-    port: Option<Port>,
+    io: Option<IoSpec>,
+    connection: Option<Connection>,
     _talkers: Vec<AttachedNode>,
     accounts: Vec<Side>,
     axes: Axes,
@@ -68,6 +71,8 @@ struct Side {
     /// Frames in 1000 cycles.
     frames: u32,
     sends: bool,
+    /// Extended CAN IDs that its filter rejects.
+    rejects: Option<[u32; 2]>,
     has_partner: bool,
     account: Account,
     handle: Option<ChannelHandle>,
@@ -115,6 +120,7 @@ impl Trial {
 
     fn start(plan: &Plan) -> Result<Self, String> {
         let scenario = plan.machine.scenario(plan.seed).map_err(|error| error.to_string())?;
+        let io = scenario.ios.first().cloned();
         let options = SimOptions { clock: Some(ClockKind::Stepped), ..SimOptions::default() };
         let backend =
             ecan_sim::open_scenario(scenario, &options).map_err(|error| error.to_string())?;
@@ -139,6 +145,7 @@ impl Trial {
                     bus,
                     frames: channel.frames,
                     sends: channel.sends,
+                    rejects: channel.rejects,
                     has_partner: channel.partner != Partner::Nobody,
                     account: Account::new(number, kinds),
                     handle: None,
@@ -151,7 +158,8 @@ impl Trial {
             plan: plan.clone(),
             backend,
             simulation,
-            port: None,
+            io,
+            connection: None,
             axes: Axes::new(&plan.machine),
             _talkers: talkers,
             accounts,
@@ -169,24 +177,28 @@ impl Trial {
     fn open(&mut self) -> Result<(), String> {
         // The master has one owner.
         self.close();
-        let port = Port::open(&self.backend.ecrt, self.plan.machine.config())
-            .map_err(|error| error.to_string())?;
-        let port = self.port.insert(port);
-        port.wait_ready().map_err(|error| error.to_string())?;
-        self.axes.open(port)?;
+        let Machine { is_attached, .. } = self.plan.machine;
+        let config = self.plan.machine.config();
+        let opened = match is_attached {
+            true => Connection::attach(&self.backend, config, self.io.as_ref()),
+            false => Connection::open(&self.backend, config),
+        };
+        let connection = self.connection.insert(opened?);
+        connection.wait_ready()?;
+        self.axes.open(&connection.port)?;
         self.take_handles()
     }
 
     /// The application ends, without a stop.
     fn close(&mut self) {
         self.axes.close();
-        self.port = None;
+        self.connection = None;
     }
 
     fn take_handles(&mut self) -> Result<(), String> {
-        let Some(port) = &self.port else { return Ok(()) };
+        let Some(connection) = &self.connection else { return Ok(()) };
         for side in &mut self.accounts {
-            let handle = port.channel(side.slave, side.channel);
+            let handle = connection.port.channel(side.slave, side.channel);
             side.handle = Some(handle.map_err(|error| error.to_string())?);
         }
         Ok(())
@@ -207,7 +219,7 @@ impl Trial {
             while let Some(event) = events.next_if(|event| event.cycle <= self.cycle) {
                 self.act(&event.action)?;
             }
-            if self.port.is_some() {
+            if self.connection.is_some() {
                 self.cycle(true)?;
             }
             self.cycle += 1;
@@ -226,18 +238,15 @@ impl Trial {
                 effect.map_err(|error| (Rule::Call, format!("{fault:?}: {error}")))?;
             }
             Action::Discard(slave) => {
-                let Some(port) = &mut self.port else { return Ok(()) };
+                let Some(Connection { port, .. }) = &mut self.connection else { return Ok(()) };
                 let gateway = port.gateway(*slave).map_err(call)?;
                 port.discard_pending(gateway);
             }
+            // The owner of a master does not reconfigure it for one of its users.
+            Action::Reconfigure if self.plan.machine.is_attached => self.restart(0)?,
             Action::Reconfigure => self.reconfigure()?,
             Action::Pause(ms) => self.simulation.pass_ns(u64::from(*ms) * MS),
-            Action::Restart(ms) => {
-                self.close();
-                self.end_statistics();
-                self.simulation.pass_ns(u64::from(*ms) * MS);
-                self.repeat(Self::open)?;
-            }
+            Action::Restart(ms) => self.restart(*ms)?,
             Action::LeaveFrames(cycles) => self.leave_until = self.cycle + u64::from(*cycles),
             Action::Axis { axis, command } => {
                 self.axes.command(*axis, *command, &mut self.random);
@@ -246,11 +255,18 @@ impl Trial {
         Ok(())
     }
 
+    fn restart(&mut self, after_ms: u32) -> Check {
+        self.close();
+        self.end_statistics();
+        self.simulation.pass_ns(u64::from(after_ms) * MS);
+        self.repeat(Self::open)
+    }
+
     fn reconfigure(&mut self) -> Check {
         self.end_statistics();
         self.repeat(|trial| {
             let config = trial.plan.machine.config();
-            let Some(port) = &mut trial.port else { return trial.open() };
+            let Some(Connection { port, .. }) = &mut trial.connection else { return trial.open() };
             port.reconfigure(config)
                 .and_then(|()| port.wait_ready())
                 .map_err(|error| error.to_string())?;
@@ -327,12 +343,13 @@ impl Trial {
     /// One cycle of the application.
     fn cycle(&mut self, sends: bool) -> Check {
         self.operate();
-        let Some(port) = &mut self.port else { return Ok(()) };
+        let Some(connection) = &mut self.connection else { return Ok(()) };
         let r = &mut self.random;
         let sync0_ns = self.plan.machine.sync0_shift_us.map(|_| self.plan.machine.cycle_us * 1_000);
         let leaves = self.cycle < self.leave_until;
         let mut received = Vec::new();
-        let mut cycle = port.next_cycle();
+        connection.begin();
+        let mut cycle = connection.port.begin_cycle();
         if self.axes.is_open() {
             if !leaves || chance(r, 50) {
                 self.axes.receive(&mut cycle, |item| {
@@ -394,6 +411,7 @@ impl Trial {
             }
         }
         let _ = cycle.finish();
+        connection.end();
         self.drain_buses()?;
         for (slave, channel, frame) in received {
             let side =
@@ -401,7 +419,7 @@ impl Trial {
             let side = side.ok_or_else(|| {
                 (Rule::Receive, format!("a frame of slave {slave} channel {channel}: {frame:?}"))
             })?;
-            side.account.received(&frame).map_err(|text| (Rule::Receive, side.named(&text)))?;
+            side.received(&frame).map_err(|text| (Rule::Receive, side.named(&text)))?;
         }
         self.axes.check(&self.simulation).map_err(|text| (Rule::Target, text))?;
         self.update()
@@ -417,9 +435,11 @@ impl Trial {
             self.cycle(sends)?;
             self.cycle += 1;
             let now = self.now_ns();
-            let Some(port) = &mut self.port else { return Ok(()) };
-            let is_ready =
-                port.is_ready() && self.axes.all_running() && now - begin > LONGEST_FAULT_NS;
+            let Some(connection) = &mut self.connection else { return Ok(()) };
+            let is_ready = connection.port.is_ready()
+                && connection.has_io()
+                && self.axes.all_running()
+                && now - begin > LONGEST_FAULT_NS;
             let since = if is_ready { *ready_since.get_or_insert(now) } else { now };
             ready_since = ready_since.filter(|_| is_ready);
             if now - since > STEADY_NS {
@@ -427,14 +447,12 @@ impl Trial {
                 return Ok(());
             }
             if now - begin > RECOVERY_NS {
-                return Err((Rule::Recovery, status(port) + &self.axes.status()));
+                return Err((Rule::Recovery, connection.status() + &self.axes.status()));
             }
             // As an operator does who reads what a gateway waits for.
-            let mut gateways = port.gateways();
-            let waits = gateways.any(|it| port.waiting_for(it) == Some(PendingStep::StartupRetry));
-            if waits && now >= self.retry_at {
+            if connection.waits_for_startup() && now >= self.retry_at {
                 self.retry_at = now + RETRY_NS;
-                let _ = port.retry_startup();
+                connection.retry_startup();
             }
         }
     }
@@ -462,6 +480,17 @@ impl Trial {
 }
 
 impl Side {
+    fn received(&mut self, frame: &CanFrame) -> Result<(), String> {
+        let id = frame.id();
+        if let Some([first, last]) = self.rejects
+            && id.is_extended()
+            && (first..=last).contains(&id.raw())
+        {
+            return Err(format!("a frame that the filter rejects: {frame:?}"));
+        }
+        self.account.received(frame)
+    }
+
     fn named(&self, text: &str) -> String {
         format!("slave {} channel {}: {text}", self.slave, self.channel)
     }
@@ -473,15 +502,4 @@ fn counters(simulation: &Simulation, slave: usize) -> GatewayCounters {
 
 fn call(error: impl std::fmt::Display) -> (Rule, String) {
     (Rule::Call, error.to_string())
-}
-
-fn status(port: &Port) -> String {
-    let states = port.gateways().map(|gateway| {
-        let waits = port.waiting_for(gateway);
-        let waits = waits.map_or_else(String::new, |step| format!(" (waits for {step})"));
-        let fault = port.last_verification_fault(gateway);
-        let fault = fault.map_or_else(String::new, |fault| format!(", last fault: {fault}"));
-        format!("{}{waits}{fault}", port.session(gateway))
-    });
-    states.collect::<Vec<_>>().join("; ")
 }

@@ -5,10 +5,11 @@ use ecan_sim::TransmitLosses;
 
 use super::{Check, Trial, call, counters};
 use crate::finding::Rule;
+use crate::master_owner::Connection;
 
 impl Trial {
     pub(super) fn update(&mut self) -> Check {
-        let Some(port) = &self.port else { return Ok(()) };
+        let Some(Connection { port, .. }) = &self.connection else { return Ok(()) };
         for (slave, images) in self.gateways.iter_mut().enumerate() {
             let statistics = port.statistics(port.gateway(slave).map_err(call)?);
             let SlaveStatistics { txpdo_lost, txpdo_unknown, parse_errors, .. } = statistics;
