@@ -98,8 +98,11 @@ impl TxPdoBuilder {
             RxPending::WithOwnImage => before,
             RxPending::WithoutOwnImage => channel_status(channels),
         };
-        for channel in channels.iter_mut() {
-            undelivered.dropped += std::mem::take(&mut channel.receive.dropped_since_image);
+        let mask = writer.profile().channel_mask;
+        for (number, channel) in channels.iter_mut().enumerate() {
+            let dropped = std::mem::take(&mut channel.receive.dropped_since_image);
+            // No image misses the frames of a channel that it does not carry.
+            undelivered.dropped += if mask >> number & 1 == 1 { dropped } else { 0 };
         }
         let overflow = undelivered.unpacked + undelivered.dropped + undelivered.oversized;
         let has_error = channels.iter().any(Channel::has_error);

@@ -312,3 +312,17 @@ fn full_controller_fifo_of_48_loses_new_frames() {
     fixture.pass(MS);
     assert_eq!(fixture.upload(0x9000, 10), 46);
 }
+
+#[test]
+fn image_misses_no_frame_of_a_channel_outside_the_mask() {
+    let tx = PdoProfile { channel_mask: 0x01, ..chunks(3) };
+    let mut fixture = Fixture::op(tx, chunks(3));
+    for id in 0..50 {
+        fixture.deliver(1, standard(id, &[]));
+    }
+    assert_eq!(fixture.gateway.counters().receive_losses.controller_full, 2);
+    for _ in 0..3 {
+        fixture.cycle();
+        assert_eq!(fixture.input().header().overflow_sat, 0);
+    }
+}

@@ -226,7 +226,8 @@ impl Machine {
     /// AssignActivate, do not start.
     fn can_start(&self) -> bool {
         let variant = |key| {
-            let mut lines = self.variants.iter().filter_map(|line| line.split_once(" = "));
+            let lines = self.gateway_keys.iter().chain(&self.variants);
+            let mut lines = lines.filter_map(|line| line.split_once(" = "));
             lines.find(|(known, _)| *known == key).map(|(_, value)| value)
         };
         // The answers of four drives saturate the count of waiting frames.
