@@ -7,6 +7,7 @@ use serde::{Deserialize, Serialize};
 use crate::draw::{chance, pick};
 use crate::drives::{self, AxisCommand};
 use crate::machine::{Machine, Partner};
+use crate::upkeep::Upkeep;
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -33,6 +34,11 @@ pub enum Action {
     Axis {
         axis: usize,
         command: AxisCommand,
+    },
+    /// The process ends without a stop; a gateway executes a command; the process starts again.
+    Upkeep {
+        slave: usize,
+        command: Upkeep,
     },
 }
 
@@ -68,6 +74,10 @@ impl Action {
             2 | 3 => Self::Pause(r.u32(1..150)),
             4 => Self::Restart(r.u32(1..2_000)),
             5 => Self::LeaveFrames(r.u32(1..100)),
+            6 if chance(r, 50) => Self::Upkeep {
+                slave: r.usize(..machine.gateway.len()),
+                command: pick(r, &Upkeep::ALL),
+            },
             _ => Self::Fault(Box::new(fault(r, machine))),
         }
     }

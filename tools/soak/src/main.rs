@@ -21,6 +21,7 @@ mod seen;
 mod shrink;
 mod talker;
 mod trial;
+mod upkeep;
 
 use std::path::PathBuf;
 use std::process::ExitCode;

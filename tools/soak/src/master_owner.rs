@@ -149,6 +149,7 @@ impl Owner {
         if let Some(io) = &self.io {
             let _ = self.master.domain_queue(io.domain);
         }
+        let _ = self.master.sync_reference_clock();
         let _ = self.master.sync_slave_clocks();
         let _ = self.master.send();
     }

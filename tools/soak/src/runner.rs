@@ -51,8 +51,10 @@ impl Sums {
     }
 
     fn line(&self, seconds: f64) -> String {
+        let memory =
+            resident_mib().map_or_else(String::new, |mib| format!("; {mib} MiB of memory"));
         format!(
-            "{} seeds, {} with a finding; {} cycles of {} gateways, {:.0} s simulated in {seconds:.0} s",
+            "{} seeds, {} with a finding; {} cycles of {} gateways, {:.0} s simulated in {seconds:.0} s{memory}",
             self.trials,
             self.findings,
             self.total.cycles,
@@ -140,7 +142,18 @@ fn replay(file: &Path) -> Result<bool, String> {
 }
 
 fn text(plan: &Plan) -> Result<String, String> {
-    toml::to_string(plan).map_err(|error| format!("the plan cannot be written: {error}"))
+    toml::to_string(plan).map_err(unwritable)
+}
+
+fn unwritable(error: toml::ser::Error) -> String {
+    format!("the plan cannot be written: {error}")
+}
+
+/// Resident memory of the process, MiB.
+fn resident_mib() -> Option<u64> {
+    let status = fs::read_to_string("/proc/self/status").ok()?;
+    let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:"))?;
+    line.trim().strip_suffix(" kB")?.parse::<u64>().ok().map(|kib| kib / 1_024)
 }
 
 /// Prints a finding, and writes the smallest plan that repeats it, with its scenario.
@@ -156,7 +169,7 @@ fn report(plan: &Plan, outcome: &Outcome, directory: &Path) -> Result<(), String
     let file = name("");
     let comment = smallest.to_string().replace('\n', "\n# ");
     write(&file, &format!("# {comment}\n{}", text(&small)?))?;
-    write(&name("-scenario"), &small.machine.scenario_text(plan.seed))?;
+    write(&name("-scenario"), &small.scenario_text().map_err(unwritable)?)?;
     println!(
         "  {} gateways, {} events: {smallest}\n  repeat: ecan-soak --replay {}",
         small.machine.gateway.len(),

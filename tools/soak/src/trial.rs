@@ -248,6 +248,12 @@ impl Trial {
             Action::Pause(ms) => self.simulation.pass_ns(u64::from(*ms) * MS),
             Action::Restart(ms) => self.restart(*ms)?,
             Action::LeaveFrames(cycles) => self.leave_until = self.cycle + u64::from(*cycles),
+            Action::Upkeep { slave, command } => {
+                self.close();
+                self.end_statistics();
+                command.execute(&self.backend, &self.plan.machine.config(), *slave);
+                self.repeat(Self::open)?;
+            }
             Action::Axis { axis, command } => {
                 self.axes.command(*axis, *command, &mut self.random);
             }
