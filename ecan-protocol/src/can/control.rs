@@ -20,11 +20,7 @@ impl ControlWord {
     /// The bits that belong to the CAN frame itself.
     pub const FRAME_BITS: u16 = 0x0F << 3 | Self::IDE | Self::FDF | Self::BRS | Self::X;
 
-    const LOW_BITS: u16 = 0x7F;
-    /// The bits of CAN FD frames without timestamp and window.
-    const PLAIN_FD: u16 = Self::LOW_BITS | Self::IDE | Self::FDF | Self::BRS | Self::X;
-    /// The bits of classic data frames without timestamp.
-    const PLAIN_CLASSIC: u16 = Self::LOW_BITS | Self::IDE;
+    const CHANNEL_BITS: u16 = 7;
 
     pub const fn tx_result(channel: u8) -> Self {
         Self((channel & 7) as u16 | (KIND_TX_RESULT as u16) << 13)
@@ -55,13 +51,12 @@ impl ControlWord {
         (self.0 >> 13) as u8 & 3
     }
 
-    /// True for a CAN_FRAME of valid DLC with data, without timestamp and window.
+    /// Bytes of a plain packet: a valid CAN_FRAME without timestamp and window. 0 for other packets.
     #[inline]
-    pub const fn is_plain(self) -> bool {
-        // Without branches: the next format cannot be predicted.
-        let is_fd = self.has(Self::FDF);
-        let allowed = if is_fd { Self::PLAIN_FD } else { Self::PLAIN_CLASSIC };
-        !self.has(!allowed) & (is_fd | (self.dlc().value() <= 8))
+    pub const fn plain_size(self) -> usize {
+        // A table, since the next format cannot be predicted.
+        let size = PLAIN_SIZES[(self.0 >> 3) as usize & 0xFF];
+        if self.has(!(Self::CHANNEL_BITS | Self::FRAME_BITS)) { 0 } else { size as usize }
     }
 
     /// A plain classic frame of 8 bytes with a standard CAN ID.
@@ -89,6 +84,25 @@ impl ControlWord {
     }
 }
 
+/// Bytes of plain packets, without padding, for bits 3 to 10 of the control word; 0 if they are not valid.
+static PLAIN_SIZES: [u8; 256] = plain_sizes();
+
+const fn plain_sizes() -> [u8; 256] {
+    let mut sizes = [0; 256];
+    let mut bits = 0;
+    while bits < sizes.len() {
+        let control = ControlWord((bits as u16) << 3);
+        let is_fd = control.has(ControlWord::FDF);
+        if is_fd || control.dlc().value() <= 8 && !control.has(ControlWord::BRS) {
+            let id = if control.has(ControlWord::IDE) { 4 } else { 2 };
+            let data = if control.is_remote() { 0 } else { control.dlc().fd_len() };
+            sizes[bits] = (2 + id + data) as u8;
+        }
+        bits += 1;
+    }
+    sizes
+}
+
 #[cfg(test)]
 mod tests {
     use super::ControlWord;
@@ -107,15 +121,25 @@ mod tests {
     }
 
     #[test]
-    fn plain_frames_have_no_timestamp_and_no_window() {
+    fn plain_packets_have_no_timestamp_and_no_window() {
         for bits in 0..=u16::MAX {
             let word = ControlWord(bits);
             let plain = word.kind() == 0
                 && word.tsf() == 0
                 && !word.has(ControlWord::D64)
                 && (word.has(ControlWord::FDF)
-                    || !word.has(ControlWord::BRS | ControlWord::X) && word.dlc().value() <= 8);
-            assert_eq!(word.is_plain(), plain, "{bits:#06x}");
+                    || !word.has(ControlWord::BRS) && word.dlc().value() <= 8);
+            assert_eq!(word.plain_size() != 0, plain, "{bits:#06x}");
         }
+    }
+
+    #[test]
+    fn plain_packet_has_the_size_of_its_fields() {
+        assert_eq!(ControlWord(8 << 3).plain_size(), 12);
+        assert_eq!(ControlWord(3 | ControlWord::IDE).plain_size(), 6);
+        assert_eq!(ControlWord(8 << 3 | ControlWord::X).plain_size(), 4);
+        let fd = ControlWord::FDF | ControlWord::X | ControlWord::IDE;
+        assert_eq!(ControlWord(9 << 3 | fd).plain_size(), 18);
+        assert_eq!(ControlWord(15 << 3 | fd).plain_size(), 70);
     }
 }

@@ -251,23 +251,22 @@ impl Rules {
         Some((packet, position.after_frame(SIZE, rest)))
     }
 
-    /// Reads a frame with data, without timestamp and window, if that is next.
+    /// Reads a frame without timestamp and window, if that is next.
     #[inline(always)]
     fn plain<'a>(&self, position: Position<'a>) -> Option<(FramePacket<'a>, Position<'a>)> {
-        // Both CAN ID formats at once, without branches: the next format cannot be predicted. The
-        // last packets may be shorter.
+        // All formats at once, without branches: the next format cannot be predicted. The last
+        // packets may be shorter.
         let [c0, c1, id @ ..] = *position.rest.first_chunk::<6>()?;
         let control = ControlWord(u16::from_le_bytes([c0, c1]));
         let field = u32::from_le_bytes(id);
+        let size = control.plain_size();
         let is_extended = control.has(ControlWord::IDE);
         let is_reserved = !is_extended & (field as u16 >> STANDARD_FIELD_BITS != 0);
-        if position.left == 0 || !control.is_plain() || is_reserved || !self.has_channel(control) {
+        if position.left == 0 || (size == 0) | is_reserved | !self.has_channel(control) {
             return None;
         }
         let start = CONTROL_BYTES + if is_extended { 4 } else { 2 };
-        let length = control.dlc().fd_len();
-        let size = self.padded(start + length);
-        let (packet, rest) = position.rest.split_at_checked(size)?;
+        let (packet, rest) = position.rest.split_at_checked(self.padded(size))?;
         let (id, id_aux) = if is_extended {
             (CanId::extended_bits(field), field >> EXTENDED_AUX_SHIFT)
         } else {
@@ -277,12 +276,12 @@ impl Rules {
             direction: self.direction,
             channel: control.channel(),
             id_aux: id_aux as u8,
-            frame: FrameRef::from_checked(id, control, packet.get(start..start + length)?),
+            frame: FrameRef::from_checked(id, control, packet.get(start..size)?),
             timestamp: Timestamp::None,
             index: position.next_index,
             offset: position.offset,
         };
-        Some((packet, position.after_frame(size, rest)))
+        Some((packet, position.after_frame(self.padded(size), rest)))
     }
 
     fn take_frame<'a>(
