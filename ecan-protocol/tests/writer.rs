@@ -111,6 +111,44 @@ fn packets_of_a_discarded_image_are_cleared() {
     assert_eq!(image[24..], [0; 104]);
 }
 
+/// Writes `count` short frames, then `last` if there is room; returns the end of the packets.
+fn fill(writer: &mut ImageWriter, image: &mut [u8], (count, last): (usize, FrameRef<'_>)) -> usize {
+    for _ in 0..count {
+        writer.push(image, 0, 0, frame(&[0xBB; 3]), Timestamp::None).unwrap();
+    }
+    let room = writer.room();
+    let size = writer.packet_bytes(last, Timestamp::None);
+    let pushed = writer.push(image, 1, 7, last, Timestamp::None);
+    assert_eq!(pushed.is_ok(), size <= room);
+    24 + writer.used()
+}
+
+#[test]
+fn bytes_after_the_packets_stay_zero() {
+    let data = [0xBB; 64];
+    let lengths = (0..=64).filter(|&length| Dlc::from_fd_len(length).is_some());
+    for (length, count) in lengths.flat_map(|length| (0..=12).map(move |count| (length, count))) {
+        for id in [CanId::standard(0x7FF).unwrap(), CanId::extended(0x1FFF_FFFF).unwrap()] {
+            for options in [OptionFlags::NONE, OptionFlags::ALIGN4] {
+                let last = FrameRef::fd(id, &data[..length], true, false).unwrap();
+                let profile = PdoProfile { options, ..small() };
+                let mut image = [0xFF; 128];
+                let mut writer = ImageWriter::new(Direction::RxPdo, profile);
+                writer.commit(&mut image, CommitFields::default());
+                let end = fill(&mut writer, &mut image, (count, last));
+                writer.commit(&mut image, CommitFields::default());
+                assert_eq!(image[end..], [0; 128][end..], "{length} bytes after {count} frames");
+
+                writer.commit(&mut image, CommitFields::default());
+                fill(&mut writer, &mut image, (count, last));
+                writer.begin();
+                writer.commit(&mut image, CommitFields::default());
+                assert_eq!(image[24..], [0; 104], "{length} bytes after {count} frames");
+            }
+        }
+    }
+}
+
 #[test]
 fn sequence_wrap_is_marked_once() {
     let mut image = [0; 128];

@@ -10,9 +10,12 @@ use super::timestamp::{Timestamp, allowed_formats};
 use super::tx_result::TxResult;
 use crate::can::FrameRef;
 use crate::can::control::ControlWord;
-use crate::copy::copy_data;
+use crate::copy::{copy_data, copy_over, put};
 use crate::mapping::{Direction, HEADER_BYTES, MAX_PACKETS};
 use crate::object::pdo_profile::{OptionFlags, PdoProfile};
+
+/// Bytes of the largest packet without timestamp and window, padding included.
+const MAX_PLAIN_BYTES: usize = 72;
 
 /// Writes images of one direction into a buffer of the caller.
 ///
@@ -24,6 +27,9 @@ pub struct ImageWriter {
     direction: Direction,
     profile: PdoProfile,
     layout_id: u16,
+    // Existing channels of the mask. As wide as the load that tests a bit: a wider load would wait for
+    // the counters next to it, which each packet changes.
+    channels: u32,
     crc: bool,
     payload_only: bool,
     d64: bool,
@@ -31,6 +37,8 @@ pub struct ImageWriter {
     align_mask: usize,
     // Offsets in the image.
     area_end: usize,
+    // Of the area in which writing a packet may clear bytes after it.
+    wide_end: usize,
     position: usize,
     dirty_end: usize,
     // Packets of both kinds, as in the header.
@@ -46,23 +54,26 @@ impl ImageWriter {
     /// profile. The first image gets sequence number 1 and clears the whole buffer.
     pub const fn new(direction: Direction, profile: PdoProfile) -> Self {
         let area_end = profile.pdo_bytes();
-        Self {
+        let writer = Self {
             direction,
             profile,
             layout_id: profile.layout_id(),
+            channels: profile.channel_mask as u32 & 0x0F,
             crc: !profile.options.contains(OptionFlags::NO_CRC16),
-            payload_only: profile.options.contains(OptionFlags::PAYLOAD_ONLY),
+            payload_only: false,
             d64: false,
             formats: allowed_formats(direction, profile.profile),
             align_mask: if profile.options.contains(OptionFlags::ALIGN4) { 3 } else { 0 },
             area_end,
+            wide_end: area_end,
             position: HEADER_BYTES,
             dirty_end: area_end,
             frame_count: 0,
             tx_results: 0,
             next_sequence: 1,
             wrapped: false,
-        }
+        };
+        writer.with_payload_only(profile.options.contains(OptionFlags::PAYLOAD_ONLY))
     }
 
     /// Writes a CRC or not, regardless of the option (0x8030:04, manual 13.2.3).
@@ -77,6 +88,8 @@ impl ImageWriter {
     #[must_use]
     pub const fn with_payload_only(mut self, payload_only: bool) -> Self {
         self.payload_only = payload_only;
+        // Stale bytes are kept.
+        self.wide_end = if payload_only { 0 } else { self.area_end };
         self
     }
 
@@ -155,6 +168,13 @@ impl ImageWriter {
         (raw + self.align_mask) & !self.align_mask
     }
 
+    /// True for a channel of the mask and an ID_AUX of three bits.
+    #[inline(always)]
+    const fn has_place(&self, channel: u8, id_aux: u8) -> bool {
+        // One comparison for both.
+        channel | id_aux < 8 && self.channels >> channel & 1 != 0
+    }
+
     /// The bytes of the next packet; nothing changes if there are none.
     #[inline(always)]
     fn claim<'b>(&self, image: &'b mut [u8], size: usize) -> Option<&'b mut [u8]> {
@@ -190,35 +210,87 @@ impl ImageWriter {
         frame: FrameRef<'_>,
         timestamp: Timestamp,
     ) -> Result<u8, PushError> {
-        if matches!(timestamp, Timestamp::None)
-            && ControlWord(frame.control_bits()).is_standard_of_eight()
-            && let Some(index) = self.push_standard::<8, 12>(image, channel, id_aux, frame)
-        {
-            return Ok(index);
+        if matches!(timestamp, Timestamp::None) {
+            let index = if ControlWord(frame.control_bits()).is_standard_of_eight() {
+                self.push_standard_of_eight(image, channel, id_aux, frame)
+            } else {
+                self.push_plain(image, channel, id_aux, frame)
+            };
+            if let Some(index) = index {
+                return Ok(index);
+            }
         }
         self.push_other(image, channel, id_aux, frame, timestamp)
     }
 
-    /// Appends a frame of `LENGTH` bytes with a standard CAN ID: most frames. Their packets have one
-    /// size, which needs no padding.
+    /// Appends a frame of 8 bytes with a standard CAN ID: most frames. Their packets have one size, which
+    /// needs no padding.
     #[inline(always)]
-    fn push_standard<const LENGTH: usize, const SIZE: usize>(
+    fn push_standard_of_eight(
         &mut self,
         image: &mut [u8],
         channel: u8,
         id_aux: u8,
         frame: FrameRef<'_>,
     ) -> Option<u8> {
-        if !self.profile.has_channel(channel) || id_aux > 7 {
+        if !self.has_place(channel, id_aux) {
             return None;
         }
-        let data = frame.data().first_chunk::<LENGTH>()?;
-        let packet = self.claim(image, SIZE)?;
+        let data = frame.data().first_chunk::<8>()?;
+        let packet = self.claim(image, 12)?;
         let control = frame.control_bits() | u16::from(channel);
         let field = frame.id().raw() | u32::from(id_aux) << STANDARD_AUX_SHIFT;
         let rest = put(packet, (u32::from(control) | field << 16).to_le_bytes());
         put(rest, *data);
-        Some(self.pushed(SIZE))
+        Some(self.pushed(12))
+    }
+
+    /// Appends a frame without timestamp and window, if the frame area has room for the largest packet.
+    #[inline(always)]
+    fn push_plain(
+        &mut self,
+        image: &mut [u8],
+        channel: u8,
+        id_aux: u8,
+        frame: FrameRef<'_>,
+    ) -> Option<u8> {
+        if !self.has_place(channel, id_aux) {
+            return None;
+        }
+        let control = frame.control_bits() | u16::from(channel);
+        let id = u64::from(frame.id().raw()) << 32;
+        let fields = id | u64::from(id_aux) << 16 | u64::from(control);
+        self.push_fields(image, fields, frame.data())
+    }
+
+    /// Appends a packet with this control word, ID_AUX (from bit 16) and CAN ID (from bit 32): one
+    /// argument for one register.
+    ///
+    /// With few branches on format and length, which cannot be predicted: blocks of fixed size overlap
+    /// each other, and clear bytes after the packet. Not inlined: in a loop of the caller the compiler
+    /// would turn the selections into branches.
+    #[inline(never)]
+    fn push_fields(&mut self, image: &mut [u8], fields: u64, data: &[u8]) -> Option<u8> {
+        let area = image.get_mut(..self.wide_end)?.get_mut(self.position..)?;
+        let packet = area.first_chunk_mut::<MAX_PLAIN_BYTES>()?;
+        let control = ControlWord(fields as u16);
+        let is_window = self.d64 && control.has(ControlWord::FDF);
+        if is_window || usize::from(self.frame_count) >= MAX_PACKETS {
+            return None;
+        }
+        let (id, id_aux) = (fields >> 32, fields >> 16 & 7);
+        let is_extended = control.has(ControlWord::IDE);
+        let aux_shift = if is_extended { EXTENDED_AUX_SHIFT } else { STANDARD_AUX_SHIFT };
+        let head = u64::from(control.0) | (id | id_aux << aux_shift) << 16;
+        let start = if is_extended { 6 } else { 4 };
+        let size = self.padded(start + data.len());
+        if self.align_mask != 0 {
+            // The padding, and bytes that are overwritten next.
+            *packet.get_mut(size.checked_sub(4)?..)?.first_chunk_mut()? = [0; 4];
+        }
+        *packet.first_chunk_mut()? = head.to_le_bytes();
+        copy_over(packet.get_mut(start..)?, data);
+        Some(self.pushed(size))
     }
 
     /// Appends any frame, or returns the error.
@@ -231,13 +303,6 @@ impl ImageWriter {
         frame: FrameRef<'_>,
         timestamp: Timestamp,
     ) -> Result<u8, PushError> {
-        if matches!(timestamp, Timestamp::None)
-            && ControlWord(frame.control_bits()).is_standard_of_64()
-            && !self.d64
-            && let Some(index) = self.push_standard::<64, 68>(image, channel, id_aux, frame)
-        {
-            return Ok(index);
-        }
         if !self.profile.has_channel(channel) {
             return Err(PushError::Channel { channel, mask: self.profile.channel_mask });
         }
@@ -423,19 +488,6 @@ impl ImageWriter {
     pub const fn reset(&mut self) {
         self.assume_dirty();
         self.begin();
-    }
-}
-
-/// Writes `bytes` to the start of `to` and returns the rest.
-#[inline(always)]
-fn put<const N: usize>(to: &mut [u8], bytes: [u8; N]) -> &mut [u8] {
-    match to.split_first_chunk_mut::<N>() {
-        Some((first, rest)) => {
-            *first = bytes;
-            rest
-        }
-        // infallible: the packet's size was computed from these fields
-        None => &mut [],
     }
 }
 
