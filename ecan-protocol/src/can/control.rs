@@ -71,12 +71,6 @@ impl ControlWord {
         self.0 & !(7 | Self::BRS | Self::X) == Self::FDF | 15 << 3
     }
 
-    /// Compares the word with a constant, except the channel.
-    #[inline]
-    pub const fn standard_of_eight(self) -> Self {
-        Self(self.0 & 7 | 8 << 3)
-    }
-
     /// A classic remote frame, which carries no data.
     #[inline]
     pub const fn is_remote(self) -> bool {

@@ -114,13 +114,15 @@ pub struct ParseDiagnosis {
 
 impl ParseDiagnosis {
     /// A fault of the image as a whole.
-    #[cold]
+    // Inlined, so that readers keep the header in registers.
+    #[inline(always)]
     pub(crate) const fn of_image(header: &Header, fault: ImageFault, computed_crc16: u16) -> Self {
         Self::of_excerpt(HeaderExcerpt::of(header), fault, computed_crc16)
     }
 
     /// A fault of the image as a whole, from the kept header fields.
     #[cold]
+    #[inline(never)]
     pub(crate) const fn of_excerpt(
         header: HeaderExcerpt,
         fault: ImageFault,

@@ -19,7 +19,8 @@ use crate::mapping::{Direction, HEADER_BYTES};
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Rules {
     pub direction: Direction,
-    pub channel_mask: u8,
+    // As wide as the test of a bit.
+    pub channel_mask: u32,
     pub formats: u8,
     pub d64: bool,
     pub align_mask: usize,
@@ -40,11 +41,50 @@ pub struct Packets<'a> {
 #[derive(Clone, Copy, Debug)]
 struct Position<'a> {
     rest: &'a [u8],
-    // Of the rest in the image.
-    offset: u16,
-    // Packets left according to the header.
-    left: u8,
-    next_index: u8,
+    counts: Counts,
+}
+
+/// Packets left according to the header (bits 0 to 7), index of the next frame (8 to 15) and offset of
+/// the rest in the image (16 to 31): one register, and one addition per packet.
+#[derive(Clone, Copy, Debug)]
+struct Counts(u32);
+
+impl Counts {
+    const fn new(left: u8, next_index: u8, offset: u16) -> Self {
+        Self(left as u32 | (next_index as u32) << 8 | (offset as u32) << 16)
+    }
+
+    #[inline(always)]
+    const fn left(self) -> u8 {
+        self.0 as u8
+    }
+
+    #[inline(always)]
+    const fn next_index(self) -> u8 {
+        (self.0 >> 8) as u8
+    }
+
+    #[inline(always)]
+    const fn offset(self) -> u16 {
+        (self.0 >> 16) as u16
+    }
+
+    /// After a packet of `size` bytes. At least one was left.
+    #[inline(always)]
+    const fn after(self, size: usize) -> Self {
+        Self(self.0.wrapping_add((size as u32) << 16).wrapping_sub(1))
+    }
+
+    /// The same without packets left.
+    const fn at_end(self) -> Self {
+        Self::new(0, self.next_index(), self.offset())
+    }
+
+    /// The same after a frame.
+    #[inline(always)]
+    const fn after_frame(self, size: usize) -> Self {
+        Self(self.after(size).0.wrapping_add(1 << 8))
+    }
 }
 
 /// A position among the packets of an image.
@@ -59,12 +99,8 @@ pub struct PacketCursor {
 impl<'a> Packets<'a> {
     #[inline]
     pub(crate) const fn from_start(rules: Rules, header: &Header, payload: &'a [u8]) -> Self {
-        let position = Position {
-            rest: payload,
-            offset: HEADER_BYTES as u16,
-            left: header.frame_count,
-            next_index: 0,
-        };
+        let counts = Counts::new(header.frame_count, 0, HEADER_BYTES as u16);
+        let position = Position { rest: payload, counts };
         Self { header: HeaderExcerpt::of(header), frame_count: header.frame_count, rules, position }
     }
 
@@ -77,9 +113,11 @@ impl<'a> Packets<'a> {
     ) -> Self {
         let position = Position {
             rest: payload.get(usize::from(cursor.consumed)..).unwrap_or_default(),
-            offset: cursor.consumed.saturating_add(HEADER_BYTES as u16),
-            left: header.frame_count.saturating_sub(cursor.packets),
-            next_index: cursor.frames,
+            counts: Counts::new(
+                header.frame_count.saturating_sub(cursor.packets),
+                cursor.frames,
+                cursor.consumed.saturating_add(HEADER_BYTES as u16),
+            ),
         };
         Self { header: HeaderExcerpt::of(header), frame_count: header.frame_count, rules, position }
     }
@@ -87,10 +125,11 @@ impl<'a> Packets<'a> {
     /// Position of the next packet, for [`ImageReader::resume`](crate::image::ImageReader::resume).
     #[inline]
     pub const fn cursor(&self) -> PacketCursor {
+        let counts = self.position.counts;
         PacketCursor {
-            consumed: self.position.offset.saturating_sub(HEADER_BYTES as u16),
-            packets: self.frame_count.saturating_sub(self.position.left),
-            frames: self.position.next_index,
+            consumed: counts.offset().saturating_sub(HEADER_BYTES as u16),
+            packets: self.frame_count.saturating_sub(counts.left()),
+            frames: counts.next_index(),
         }
     }
 }
@@ -126,23 +165,18 @@ impl FusedIterator for Packets<'_> {}
 impl<'a> Position<'a> {
     #[inline(always)]
     const fn after(self, size: usize, rest: &'a [u8]) -> Self {
-        Self {
-            rest,
-            offset: self.offset.wrapping_add(size as u16),
-            left: self.left.saturating_sub(1),
-            next_index: self.next_index,
-        }
+        Self { rest, counts: self.counts.after(size) }
     }
 
     #[inline(always)]
     const fn after_frame(self, size: usize, rest: &'a [u8]) -> Self {
-        Self { next_index: self.next_index.wrapping_add(1), ..self.after(size, rest) }
+        Self { rest, counts: self.counts.after_frame(size) }
     }
 
     /// True if all packets of the header were read and no bytes are left.
     #[inline(always)]
     const fn is_end(self) -> bool {
-        self.left == 0 && self.rest.is_empty()
+        self.counts.left() == 0 && self.rest.is_empty()
     }
 
     #[inline(always)]
@@ -159,7 +193,7 @@ impl Rules {
 
     #[inline(always)]
     const fn has_channel(&self, control: ControlWord) -> bool {
-        self.channel_mask >> control.channel() & 1 != 0
+        self.channel_mask >> (control.0 & 7) & 1 != 0
     }
 
     /// Bytes of a CAN_FRAME packet (manual 8.3).
@@ -207,9 +241,7 @@ impl Rules {
         &self,
         position: Position<'a>,
     ) -> Option<(FramePacket<'a>, Position<'a>)> {
-        self.standard_of_size::<12>(position, |control| {
-            control.is_standard_of_eight().then(|| control.standard_of_eight())
-        })
+        self.standard_of_size::<12>(position, ControlWord::is_standard_of_eight)
     }
 
     /// Reads a CAN FD frame of 64 bytes with a standard CAN ID, if that is next.
@@ -218,25 +250,28 @@ impl Rules {
         &self,
         position: Position<'a>,
     ) -> Option<(FramePacket<'a>, Position<'a>)> {
-        self.standard_of_size::<68>(position, |control| {
-            control.is_standard_of_64().then_some(control)
-        })
+        self.standard_of_size::<68>(position, ControlWord::is_standard_of_64)
     }
 
-    /// Reads a packet of `SIZE` bytes with a standard CAN ID, if `known` accepts its control word. With a
+    /// Reads a packet of `SIZE` bytes with a standard CAN ID, if its control word is `known`. With a
     /// known size the next packet need not wait for the DLC of this one; `SIZE` is a multiple of 4, so
     /// there is no padding.
     #[inline(always)]
     fn standard_of_size<'a, const SIZE: usize>(
         &self,
         position: Position<'a>,
-        known: impl Fn(ControlWord) -> Option<ControlWord>,
+        known: impl Fn(ControlWord) -> bool,
     ) -> Option<(FramePacket<'a>, Position<'a>)> {
         let (packet, rest) = position.rest.split_first_chunk::<SIZE>()?;
-        let ([c0, c1, id0, id1], data) = packet.split_first_chunk::<4>()?;
-        let control = known(ControlWord(u16::from_le_bytes([*c0, *c1])))?;
-        let field = u16::from_le_bytes([*id0, *id1]);
-        if position.left == 0 || field >> STANDARD_FIELD_BITS != 0 || !self.has_channel(control) {
+        let (head, data) = packet.split_first_chunk::<4>()?;
+        // One load.
+        let head = u32::from_le_bytes(*head);
+        let (control, field) = (ControlWord(head as u16), (head >> 16) as u16);
+        let is_reserved = field >> STANDARD_FIELD_BITS != 0;
+        if !known(control) | is_reserved
+            || position.counts.left() == 0
+            || !self.has_channel(control)
+        {
             return None;
         }
         let packet = FramePacket {
@@ -245,8 +280,8 @@ impl Rules {
             id_aux: (field >> STANDARD_AUX_SHIFT) as u8,
             frame: FrameRef::from_checked(CanId::standard_bits(field), control, data),
             timestamp: Timestamp::None,
-            index: position.next_index,
-            offset: position.offset,
+            index: position.counts.next_index(),
+            offset: position.counts.offset(),
         };
         Some((packet, position.after_frame(SIZE, rest)))
     }
@@ -256,13 +291,13 @@ impl Rules {
     fn plain<'a>(&self, position: Position<'a>) -> Option<(FramePacket<'a>, Position<'a>)> {
         // All formats at once, without branches: the next format cannot be predicted. The last
         // packets may be shorter.
-        let [c0, c1, id @ ..] = *position.rest.first_chunk::<6>()?;
-        let control = ControlWord(u16::from_le_bytes([c0, c1]));
-        let field = u32::from_le_bytes(id);
+        let (control, id) = position.rest.first_chunk::<6>()?.split_first_chunk()?;
+        let control = ControlWord(u16::from_le_bytes(*control));
+        let field = u32::from_le_bytes(*id.first_chunk()?);
         let size = control.plain_size();
         let is_extended = control.has(ControlWord::IDE);
         let is_reserved = !is_extended & (field as u16 >> STANDARD_FIELD_BITS != 0);
-        if position.left == 0 || (size == 0) | is_reserved | !self.has_channel(control) {
+        if position.counts.left() == 0 || (size == 0) | is_reserved | !self.has_channel(control) {
             return None;
         }
         let start = CONTROL_BYTES + if is_extended { 4 } else { 2 };
@@ -278,8 +313,8 @@ impl Rules {
             id_aux: id_aux as u8,
             frame: FrameRef::from_checked(id, control, packet.get(start..size)?),
             timestamp: Timestamp::None,
-            index: position.next_index,
-            offset: position.offset,
+            index: position.counts.next_index(),
+            offset: position.counts.offset(),
         };
         Some((packet, position.after_frame(self.padded(size), rest)))
     }
@@ -318,8 +353,8 @@ impl Rules {
             id_aux,
             frame: FrameRef::from_checked(id, control, data),
             timestamp,
-            index: position.next_index,
-            offset: position.offset,
+            index: position.counts.next_index(),
+            offset: position.counts.offset(),
         };
         Ok((packet, position.after_frame(size, after)))
     }
@@ -360,7 +395,7 @@ fn other<'a>(
         return fault(header, rules, position, error, ControlWord(0));
     };
     let taken = match control.kind() {
-        _ if position.left == 0 => Err(PdoError::BadHeader),
+        _ if position.counts.left() == 0 => Err(PdoError::BadHeader),
         KIND_CAN_FRAME => match rules.check(control) {
             Ok(()) => rules
                 .take_frame(position, control)
@@ -394,8 +429,8 @@ fn fault<'a>(
         _ => CONTROL_BYTES,
     };
     let diagnosis = ParseDiagnosis {
-        offset: position.offset,
-        packet_end: position.offset.wrapping_add(size as u16),
+        offset: position.counts.offset(),
+        packet_end: position.counts.offset().wrapping_add(size as u16),
         ctrl: control.0,
         channel: control.channel(),
         dlc: control.dlc().value(),
@@ -403,7 +438,7 @@ fn fault<'a>(
         kind: control.kind(),
         ..ParseDiagnosis::of_excerpt(header, ImageFault::Pdo(error), 0)
     };
-    (Err(diagnosis), Position { rest: &[], left: 0, ..position })
+    (Err(diagnosis), Position { rest: &[], counts: position.counts.at_end() })
 }
 
 /// The timestamp field of this format, and the rest.

@@ -35,7 +35,7 @@ impl ImageReader {
             image_bytes: profile.pdo_bytes(),
             rules: Rules {
                 direction,
-                channel_mask: profile.channel_mask & 0x0F,
+                channel_mask: profile.channel_mask as u32 & 0x0F,
                 formats: allowed_formats(direction, profile.profile),
                 d64: profile.profile.allows_d64(),
                 align_mask: if profile.options.contains(OptionFlags::ALIGN4) { 3 } else { 0 },
