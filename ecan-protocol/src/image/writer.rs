@@ -201,7 +201,8 @@ impl ImageWriter {
     ///
     /// # Errors
     /// [`PushError`]; the image is unchanged.
-    #[inline]
+    // Always inlined: its result then stays in registers.
+    #[inline(always)]
     pub fn push(
         &mut self,
         image: &mut [u8],
