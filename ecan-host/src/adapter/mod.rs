@@ -19,7 +19,6 @@ pub use operation::{OpProgress, OpWait};
 pub use parallel::run_in_parallel;
 pub use startup_round::StartupRounds;
 
-use std::ops::Range;
 use std::time::Duration;
 
 use ecan_protocol::device::OptionalObject;
@@ -32,7 +31,7 @@ use crate::clocks::DistributedClocks;
 use crate::config::{AdapterConfig, Identity, WATCHDOG_UNIT};
 use crate::deadline::deadline_ns;
 use crate::error::Error;
-use crate::master::{DomainId, Master, RegRequestId, SlaveConfigId};
+use crate::master::{DomainId, ImageId, Master, RegRequestId, SlaveConfigId};
 use crate::observer::Publisher;
 use crate::phase::Phase;
 use crate::plan::{DomainLayout, Plan};
@@ -60,8 +59,8 @@ struct Slave {
     /// Objects of the startup that it does not have.
     missing: Vec<OptionalObject>,
     layout: DomainLayout,
-    rx: Range<usize>,
-    tx: Range<usize>,
+    rx: ImageId,
+    tx: ImageId,
     report: DomainReport,
     /// Its last process data were not sent, so the working counter is an old one.
     is_unsent: bool,
@@ -368,8 +367,8 @@ impl Adapter {
             sdo_time,
             missing,
             layout,
-            rx: rx_start..rx_start + layout.rx_bytes,
-            tx: tx_start..tx_start + layout.tx_bytes,
+            rx: master.add_image(domain, rx_start..rx_start + layout.rx_bytes),
+            tx: master.add_image(domain, tx_start..tx_start + layout.tx_bytes),
             report: DomainReport {
                 expected_working_counter: layout.expected_working_counter(self.ecrt.version()),
                 ..DomainReport::default()

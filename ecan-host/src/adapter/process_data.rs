@@ -10,14 +10,14 @@ impl Adapter {
     #[inline]
     pub fn rx_pdo_mut(&mut self, slave: usize) -> &mut [u8] {
         let Some(slave) = self.slaves.get(slave) else { return &mut [] };
-        self.master.domain_data_mut(slave.domain).get_mut(slave.rx.clone()).unwrap_or_default()
+        self.master.image_mut(slave.rx)
     }
 
     /// The current RxPDO image. Real-time safe; empty as above.
     #[inline]
     pub fn rx_pdo(&self, slave: usize) -> &[u8] {
         let Some(slave) = self.slaves.get(slave) else { return &[] };
-        self.master.domain_data(slave.domain).get(slave.rx.clone()).unwrap_or_default()
+        self.master.image(slave.rx)
     }
 
     /// The TxPDO of a slave as of the last [`receive`](Self::receive): 128 * N continuous bytes.
@@ -28,6 +28,6 @@ impl Adapter {
     #[inline]
     pub fn tx_pdo(&self, slave: usize) -> &[u8] {
         let Some(slave) = self.slaves.get(slave) else { return &[] };
-        self.master.domain_data(slave.domain).get(slave.tx.clone()).unwrap_or_default()
+        self.master.image(slave.tx)
     }
 }

@@ -62,7 +62,7 @@ pub use scheduling::leave_real_time;
 pub(crate) use scheduling::set_fifo_priority;
 pub use sdo::SdoError;
 
-use process_data::Domain;
+use process_data::{Domain, Image};
 use register::RegRequest;
 use requests::SdoRequest;
 
@@ -96,6 +96,11 @@ id! {
     /// Names a register request.
     RegRequestId
 }
+
+/// Names a part of a domain's process image. After deactivation it names none, or one of the next
+/// configuration.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct ImageId(usize);
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Ownership {
@@ -143,6 +148,7 @@ pub struct Master {
     active: bool,
     generation: u64,
     domains: Vec<Domain>,
+    images: Vec<Image>,
     slave_configs: Vec<NonNull<ec_slave_config_t>>,
     sdo_requests: Vec<SdoRequest>,
     reg_requests: Vec<RegRequest>,
@@ -162,6 +168,7 @@ impl Master {
             active: false,
             generation: next_generation(),
             domains: Vec::new(),
+            images: Vec::new(),
             slave_configs: Vec::new(),
             sdo_requests: Vec::new(),
             reg_requests: Vec::new(),
@@ -298,6 +305,7 @@ impl Master {
     fn forget_handles(&mut self) {
         self.generation = next_generation();
         self.domains.clear();
+        self.images.clear();
         self.slave_configs.clear();
         self.sdo_requests.clear();
         self.reg_requests.clear();

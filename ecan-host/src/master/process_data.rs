@@ -1,10 +1,11 @@
 //! Operation phase: activation, process image, exchange.
 
+use std::ops::Range;
 use std::ptr::NonNull;
 
 use ecrt_sys::{EC_WC_COMPLETE, EC_WC_INCOMPLETE, Errno, ec_domain_state_t, ec_domain_t, status};
 
-use super::{Answer, DomainId, Master};
+use super::{Answer, DomainId, ImageId, Master};
 
 /// Result of a domain's last exchange.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -38,6 +39,15 @@ impl Domain {
     pub(super) fn new(raw: NonNull<ec_domain_t>) -> Self {
         Self { raw, data: NonNull::dangling(), size: 0 }
     }
+}
+
+/// Part of a domain's process image, located once so that the cycle need not look for it.
+pub(super) struct Image {
+    domain: usize,
+    range: Range<usize>,
+    data: NonNull<u8>,
+    /// 0 while there are no process data.
+    size: usize,
 }
 
 /// Nothing is mapped below: the kernel keeps these addresses free. A pointer into there is an
@@ -119,7 +129,49 @@ impl Master {
                 domain.size = 0;
             }
         }
+        self.locate_images();
         fetched
+    }
+
+    fn locate_images(&mut self) {
+        for image in &mut self.images {
+            let domain = self.domains.get(image.domain).filter(|it| image.range.end <= it.size);
+            image.size = domain.map_or(0, |_| image.range.len());
+            if let Some(domain) = domain {
+                // SAFETY: the range ends within the `size` bytes that the library maps there.
+                image.data = unsafe { domain.data.add(image.range.start) };
+            }
+        }
+    }
+
+    /// Names a part of a domain's process image.
+    pub(crate) fn add_image(&mut self, domain: DomainId, range: Range<usize>) -> ImageId {
+        let id = ImageId(self.images.len());
+        let (domain, data) = (domain.index, NonNull::dangling());
+        self.images.push(Image { domain, range, data, size: 0 });
+        id
+    }
+
+    /// The process data of an image; empty before activation and after deactivation. Real-time safe.
+    #[inline]
+    pub(crate) fn image(&self, id: ImageId) -> &[u8] {
+        match self.images.get(id.0) {
+            // SAFETY: as in `domain_data`; the image lies in its domain.
+            Some(image) => unsafe { std::slice::from_raw_parts(image.data.as_ptr(), image.size) },
+            None => &[],
+        }
+    }
+
+    /// The process data of an image for writing; as [`image`](Self::image).
+    #[inline]
+    pub(crate) fn image_mut(&mut self, id: ImageId) -> &mut [u8] {
+        match self.images.get(id.0) {
+            // SAFETY: as in `image`, and `self` is borrowed mutably, so this is the only slice.
+            Some(image) => unsafe {
+                std::slice::from_raw_parts_mut(image.data.as_ptr(), image.size)
+            },
+            None => &mut [],
+        }
     }
 
     fn fetch_domain_data(&mut self) -> Result<(), Errno> {
