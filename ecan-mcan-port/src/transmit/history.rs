@@ -24,8 +24,8 @@ struct SentImage {
     has_scheduled: bool,
     /// The image was sent more than once: a result may belong to any of them.
     is_repeated: bool,
-    /// `None` after its result.
-    frames: [Option<OpenFrame>; MAX_PACKETS],
+    /// `None` after its result. One for each value of an index.
+    frames: [Option<OpenFrame>; MAX_PACKETS + 1],
 }
 
 #[derive(Debug, Clone)]
@@ -40,7 +40,7 @@ impl TransmitHistory {
             count: 0,
             has_scheduled: false,
             is_repeated: false,
-            frames: [None; MAX_PACKETS],
+            frames: [None; MAX_PACKETS + 1],
         };
         Self { images: Box::new(std::array::from_fn(|_| empty.clone())) }
     }

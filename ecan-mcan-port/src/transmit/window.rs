@@ -45,9 +45,9 @@ impl TransmitWindow {
     /// Returns whether one more frame fits in any case.
     #[inline]
     pub(crate) fn has_room(&self) -> bool {
-        let unseen = [self.filling, self.last, self.before, self.older];
-        let at_most = unseen.into_iter().fold(self.pending, u16::saturating_add);
-        !self.status.tx_pressure() && at_most < self.depth
+        let parts = [self.pending, self.filling, self.last, self.before, self.older];
+        let at_most: u32 = parts.into_iter().map(u32::from).sum();
+        !self.status.tx_pressure() && at_most < u32::from(self.depth)
     }
 
     pub(crate) fn is_bus_off(&self) -> bool {
