@@ -19,7 +19,7 @@ use ecrt_sys::{
 };
 use libc::c_int;
 
-const MOST_DOMAINS: usize = 32;
+const MOST_DOMAINS: usize = 128;
 const VERSION_MAGIC: u32 = 0x106;
 /// Offsets in the header of an image (manual 6).
 const FLAGS: usize = 1;

@@ -149,7 +149,7 @@ impl Channel {
         Kinds { is_fd: self.data_bitrate.is_some(), is_shared: self.drives() > 0 }
     }
 
-    /// Frames in 1000 cycles that nodes send which are no drives.
+    /// Frames in 1000 cycles that nodes send, without the TPDOs of drives.
     fn received(&self, cycle_us: u32) -> u32 {
         match self.partner {
             Partner::Talker { period_us, burst } => {
@@ -157,7 +157,9 @@ impl Channel {
                 (frames / u64::from(period_us)) as u32
             }
             Partner::Echo => self.frames,
-            Partner::Nobody | Partner::Silent | Partner::Drives { .. } => 0,
+            // SDO responses and heartbeats.
+            Partner::Drives { .. } => 1_000,
+            Partner::Nobody | Partner::Silent => 0,
         }
     }
 
@@ -202,7 +204,7 @@ impl Machine {
             && self.can_start()
     }
 
-    /// The longest frames that nodes send which are no drives.
+    /// The longest frames that nodes send, without the TPDOs of drives.
     fn other_traffic(&self) -> Vec<FrameStream> {
         let mut streams = Vec::new();
         for (slave, gateway) in self.gateway.iter().enumerate() {
