@@ -58,6 +58,18 @@ impl CanId {
         Self(bits & Self::MAX_EXTENDED | EXTENDED)
     }
 
+    /// The value with the mark of an extended CAN ID.
+    #[inline]
+    pub(crate) const fn bits(self) -> u32 {
+        self.0
+    }
+
+    /// The CAN ID of [`bits`](Self::bits).
+    #[inline]
+    pub(crate) const fn from_bits(bits: u32) -> Self {
+        Self(bits)
+    }
+
     /// The value without its format: 0 to 0x7FF or 0 to 0x1FFF_FFFF.
     #[inline]
     pub const fn raw(self) -> u32 {

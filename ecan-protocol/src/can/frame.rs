@@ -145,6 +145,21 @@ impl<'a> FrameRef<'a> {
         Self { id, bits: control.0 & ControlWord::FRAME_BITS, data }
     }
 
+    /// The frame as scalars, for [`from_parts`](Self::from_parts) in a function that is not inlined: a
+    /// frame in memory is read in other pieces than it was written, and waits for the stores.
+    #[doc(hidden)]
+    #[inline(always)]
+    pub const fn into_parts(self) -> (u64, &'a [u8]) {
+        (self.id.bits() as u64 | (self.bits as u64) << 32, self.data)
+    }
+
+    /// The frame of [`into_parts`](Self::into_parts).
+    #[doc(hidden)]
+    #[inline(always)]
+    pub const fn from_parts(head: u64, data: &'a [u8]) -> Self {
+        Self { id: CanId::from_bits(head as u32), bits: (head >> 32) as u16, data }
+    }
+
     #[inline]
     pub(crate) const fn control_bits(&self) -> u16 {
         self.bits

@@ -220,8 +220,25 @@ impl ImageWriter {
             if let Some(index) = index {
                 return Ok(index);
             }
+            let (head, data) = frame.into_parts();
+            return self.push_rest(image, channel, id_aux, head, data);
         }
         self.push_other(image, channel, id_aux, frame, timestamp)
+    }
+
+    /// As [`push_other`](Self::push_other), without timestamp, for the parts of a frame: only then the
+    /// caller need not store the frame for the case that this is called.
+    #[inline(never)]
+    fn push_rest(
+        &mut self,
+        image: &mut [u8],
+        channel: u8,
+        id_aux: u8,
+        head: u64,
+        data: &[u8],
+    ) -> Result<u8, PushError> {
+        let frame = FrameRef::from_parts(head, data);
+        self.push_other(image, channel, id_aux, frame, Timestamp::None)
     }
 
     /// Appends a frame of 8 bytes with a standard CAN ID: most frames. Their packets have one size, which
