@@ -150,6 +150,7 @@ impl SessionMachine {
         self.state
     }
 
+    #[inline]
     pub(crate) fn is_ready(&self) -> bool {
         self.state == Session::Ready
     }

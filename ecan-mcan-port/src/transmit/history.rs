@@ -53,7 +53,8 @@ impl TransmitHistory {
         if index == 0 {
             image.sequence = sequence;
         }
-        image.count = index.saturating_add(1);
+        // infallible: the last index is 254
+        image.count = index.wrapping_add(1);
         image.has_scheduled |= tag.is_some();
         if let Some(slot) = image.frames.get_mut(usize::from(index)) {
             *slot = Some(OpenFrame { channel, tag, index, is_queued: false });

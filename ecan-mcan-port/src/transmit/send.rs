@@ -34,7 +34,25 @@ impl Cycle<'_> {
         to: ChannelHandle,
         frame: impl Into<FrameRef<'f>>,
     ) -> Result<SendTicket, SendError> {
-        self.port.send_now(to, frame.into())
+        let (head, data) = frame.into().into_parts();
+        self.port.send_now(to, head, data)
+    }
+
+    /// As [`send`](Self::send), to a channel that was not checked before, and inlined: for the C
+    /// interface, whose callers have no handle.
+    ///
+    /// # Errors
+    /// As [`send`](Self::send), converted by `reject`.
+    #[doc(hidden)]
+    #[inline(always)]
+    pub fn send_to<E>(
+        &mut self,
+        (slave, channel): (usize, u8),
+        frame: FrameRef<'_>,
+        reject: impl FnOnce(SendError) -> E,
+    ) -> Result<SendTicket, E> {
+        let to = ChannelHandle::new(slave, channel);
+        self.port.put(to, frame, SendOptions::default(), true, reject)
     }
 
     /// As [`send`](Self::send), with a hint or a schedule.
@@ -64,12 +82,15 @@ impl Cycle<'_> {
 }
 
 impl Port {
+    /// Sends the frame of these parts ([`FrameRef::into_parts`]).
     fn send_now(
         &mut self,
         to: ChannelHandle,
-        frame: FrameRef<'_>,
+        head: u64,
+        data: &[u8],
     ) -> Result<SendTicket, SendError> {
-        self.put(to, frame, SendOptions::default(), true)
+        let frame = FrameRef::from_parts(head, data);
+        self.put(to, frame, SendOptions::default(), true, |error| error)
     }
 
     fn send_with(
@@ -80,33 +101,32 @@ impl Port {
     ) -> Result<SendTicket, SendError> {
         let has_margin = match options.schedule {
             Some(schedule) => {
-                self.check_channel(to, frame)?;
+                self.check_channel(to, frame.is_fd())?;
                 self.check_phase(to, schedule.offset_ns)?
             }
             None => true,
         };
-        self.put(to, frame, options, has_margin)
+        self.put(to, frame, options, has_margin, |error| error)
     }
 
     /// Writes a frame into the image; the phase of a schedule was checked before. Inlined into both
     /// callers: the one that sends at once, by far the more frequent, has no options to check.
     #[inline(always)]
-    fn put(
+    fn put<E>(
         &mut self,
         to: ChannelHandle,
         frame: FrameRef<'_>,
         options: SendOptions,
         has_margin: bool,
-    ) -> Result<SendTicket, SendError> {
+        reject: impl FnOnce(SendError) -> E,
+    ) -> Result<SendTicket, E> {
         let (slave, channel) = (to.slave(), to.channel());
-        let Some(gateway) = self.gateways.get_mut(slave) else {
-            return self.reject_channel(to, frame);
+        let gateway = match self.gateways.get_mut(slave) {
+            Some(gateway) if gateway.accepts(channel, frame) => gateway,
+            _ => return Err(reject(self.reject_channel(to, frame.is_fd()))),
         };
-        if !gateway.accepts(channel, frame) {
-            return self.reject_channel(to, frame);
-        }
         if gateway.is_paced && !gateway.transmitter.window(channel).accepts_frames() {
-            return Err(gateway.reject_paced(to));
+            return Err(reject(gateway.reject_paced(to)));
         }
         let image = self.adapter.rx_pdo_mut(slave);
         let id_aux = options.hint as u8;
@@ -118,11 +138,11 @@ impl Port {
                 }
                 Ok(SendTicket { slave, sequence, index })
             }
-            Err(error) => Err(gateway.reject_push(to, error)),
+            Err(error) => Err(reject(gateway.reject_push(to, error))),
         }
     }
 
-    fn check_channel(&self, to: ChannelHandle, frame: FrameRef<'_>) -> Result<(), SendError> {
+    fn check_channel(&self, to: ChannelHandle, is_fd: bool) -> Result<(), SendError> {
         let (slave, channel) = (to.slave(), to.channel());
         let gateway = match self.gateways.get(slave) {
             Some(gateway) if gateway.has_channel(channel) => gateway,
@@ -131,7 +151,7 @@ impl Port {
         if !gateway.can_send(channel) {
             return Err(SendError::ReceiveOnly { slave, channel });
         }
-        if frame.is_fd() && !gateway.is_fd(channel) {
+        if is_fd && !gateway.is_fd(channel) {
             return Err(SendError::NotFd { slave, channel });
         }
         if !gateway.session.is_ready() {
@@ -143,13 +163,11 @@ impl Port {
     /// Error of [`check_channel`](Self::check_channel) for a frame that was not accepted.
     #[cold]
     #[inline(never)]
-    fn reject_channel(
-        &self,
-        to: ChannelHandle,
-        frame: FrameRef<'_>,
-    ) -> Result<SendTicket, SendError> {
-        self.check_channel(to, frame)?;
-        Err(self.wrong_address(to.slave(), to.channel()).into())
+    fn reject_channel(&self, to: ChannelHandle, is_fd: bool) -> SendError {
+        match self.check_channel(to, is_fd) {
+            Err(error) => error,
+            Ok(()) => self.wrong_address(to.slave(), to.channel()).into(),
+        }
     }
 
     /// Checks that this cycle can meet a phase; returns whether its margin suffices.

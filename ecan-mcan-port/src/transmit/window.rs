@@ -56,7 +56,8 @@ impl TransmitWindow {
 
     #[inline]
     pub(crate) fn frame_added(&mut self) {
-        self.filling = self.filling.saturating_add(1);
+        // infallible: an image holds 255 frames at most
+        self.filling = self.filling.wrapping_add(1);
     }
 
     pub(crate) fn published(&mut self) {
@@ -71,6 +72,7 @@ impl TransmitWindow {
 
     /// Status of a new TxPDO: it includes all but the last two images. Only a count that is not
     /// saturated is exact.
+    #[inline]
     pub(crate) fn status(&mut self, status: ChannelStatus) {
         self.status = status;
         if status.tx_pending() < SATURATED {
