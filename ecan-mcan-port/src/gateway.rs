@@ -3,7 +3,7 @@
 use ecan_host::{Adapter, Delivery, DomainReport, Plan};
 use ecan_protocol::can::FrameRef;
 use ecan_protocol::device::{AlState, Capabilities};
-use ecan_protocol::image::{ImageReader, ImageWriter, OptionFlags};
+use ecan_protocol::image::{ChannelStatus, ImageReader, ImageWriter, OptionFlags};
 use ecan_protocol::mapping::{CHANNELS, Direction};
 
 use crate::al_watch::AlWatch;
@@ -19,6 +19,9 @@ use crate::statistics::SlaveStatistics;
 use crate::transmit::transmitter::Transmitter;
 use crate::transmit::window::DEFAULT_DEPTH;
 
+/// Bits of a channel's status that are counted: state and bus-off (manual 7).
+const STATE_BITS: u16 = 7 | ChannelStatus::from_raw(0).with_bus_off(true).raw();
+
 #[derive(Debug)]
 pub(crate) struct Gateway {
     pub(crate) session: SessionMachine,
@@ -28,6 +31,8 @@ pub(crate) struct Gateway {
     pub(crate) statistics: SlaveStatistics,
     pub(crate) capabilities: Capabilities,
     pub(crate) channel_mask: u8,
+    /// [`STATE_BITS`] of the channels in the last image of this session, if none of them is counted.
+    running_states: Option<[u16; CHANNELS]>,
     /// Channels that frames can be sent to.
     rx_mask: u8,
     fd_mask: u8,
@@ -92,6 +97,7 @@ impl Gateway {
             can_schedule: capabilities.has_scheduled_tx(),
             capabilities,
             channel_mask: config.channel_mask(),
+            running_states: None,
             rx_mask: rx.channel_mask,
             schedule,
             schedule_times,
@@ -160,21 +166,34 @@ impl Gateway {
         }
         self.step_watch(adapter, slave);
         self.transmitter.accounts_mut().image_taken(self.receiver.status());
-        let Self { transmitter, receiver, statistics, channel_mask, .. } = self;
+        let Self { receiver, statistics, .. } = self;
         let is_new = receiver.begin(adapter.tx_pdo(slave), report.inputs, statistics);
         if is_new {
-            for (channel, status) in receiver.status().iter().enumerate() {
-                if *channel_mask >> channel & 1 == 1 {
-                    statistics.channel(channel as u8).count_status(*status);
-                }
-                let window = transmitter.window(channel as u8);
-                if status.bus_off() != window.is_bus_off() {
-                    log_bus_off(slave, channel, status.bus_off());
-                }
-                window.status(*status);
+            let status = receiver.status();
+            let states = status.map(|status| status.raw() & STATE_BITS);
+            // Nearly always every channel runs as before.
+            if self.running_states != Some(states) {
+                self.count_status(slave, states);
             }
+            self.transmitter.status(self.receiver.status());
         }
         is_new
+    }
+
+    /// Counts the status of the channels in a new image, before the transmitter takes it.
+    #[cold]
+    fn count_status(&mut self, slave: usize, states: [u16; CHANNELS]) {
+        let Self { transmitter, receiver, statistics, channel_mask, .. } = self;
+        let mut is_counted = false;
+        for (channel, status) in receiver.status().iter().enumerate() {
+            if *channel_mask >> channel & 1 == 1 {
+                is_counted |= statistics.channel(channel as u8).count_status(*status);
+            }
+            if status.bus_off() != transmitter.window(channel as u8).is_bus_off() {
+                log_bus_off(slave, channel, status.bus_off());
+            }
+        }
+        self.running_states = (!is_counted).then_some(states);
     }
 
     /// Returns whether the master has not noticed that the gateway left OP.
@@ -205,7 +224,7 @@ impl Gateway {
         let was_ready = session.is_ready();
         session.set_below_op(self.al_watch.is_below_op());
         match session.step(adapter, is_lost, transmitter.published_sequence()) {
-            Event::None => {}
+            Event::None => return,
             Event::Started => {
                 transmitter.restart(session.first_sequence(number), statistics);
             }
@@ -234,6 +253,8 @@ impl Gateway {
                 }
             }
         }
+        // The transmitter has forgotten the status.
+        self.running_states = None;
     }
 
     fn step_watch(&mut self, adapter: &mut Adapter, slave: usize) {

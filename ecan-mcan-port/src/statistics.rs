@@ -125,12 +125,13 @@ pub struct SlaveStatistics {
 }
 
 impl ChannelStatistics {
-    /// Status of the channel in a new image.
-    pub(crate) fn count_status(&mut self, status: ChannelStatus) {
+    /// Status of the channel in a new image; returns whether it is counted.
+    pub(crate) fn count_status(&mut self, status: ChannelStatus) -> bool {
         let is_bus_off = status.bus_off() || status.state() == ChannelState::BusOff;
         self.bus_off_images += u64::from(is_bus_off);
         let is_running = is_bus_off || status.state() == ChannelState::Run;
         self.not_running_images += u64::from(!is_running);
+        is_bus_off || !is_running
     }
 }
 

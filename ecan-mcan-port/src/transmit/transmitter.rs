@@ -6,8 +6,8 @@
 use ecan_host::{Delivery, DomainReport};
 use ecan_protocol::can::FrameRef;
 use ecan_protocol::image::{
-    CommitFields, ImageReader, ImageWriter, Packet, PdoProfile, PushError, ResultCode, Schedule,
-    Timestamp, TxResult,
+    ChannelStatus, CommitFields, ImageReader, ImageWriter, Packet, PdoProfile, PushError,
+    ResultCode, Schedule, Timestamp, TxResult,
 };
 use ecan_protocol::mapping::{CHANNELS, Direction, HEADER_BYTES};
 
@@ -87,6 +87,14 @@ impl Transmitter {
 
     pub(crate) fn window(&mut self, channel: u8) -> &mut TransmitWindow {
         &mut self.windows[usize::from(channel) % CHANNELS]
+    }
+
+    /// Status of the channels in a new TxPDO image.
+    #[inline]
+    pub(crate) fn status(&mut self, status: &[ChannelStatus; CHANNELS]) {
+        for (window, status) in self.windows.iter_mut().zip(status) {
+            window.status(*status);
+        }
     }
 
     pub(crate) fn accounts(&self) -> &ScheduleAccounts {
@@ -177,7 +185,7 @@ impl Transmitter {
         if self.is_open {
             return;
         }
-        let carries_frames = self.published.is_some_and(|counts| counts.iter().any(|n| *n > 0));
+        let carries_frames = self.published.is_some_and(|counts| counts != [0; CHANNELS]);
         // A working counter of 0 is also that of an answer that was lost.
         let is_missed = exchange.outputs == Delivery::Missed && exchange.working_counter > 0;
         self.may_be_taken |= !is_missed;

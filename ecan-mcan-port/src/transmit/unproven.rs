@@ -10,6 +10,7 @@ const DEPTH: usize = 16;
 
 #[derive(Debug, Clone, Copy, Default)]
 struct Image {
+    /// 0 for none.
     number: u64,
     frames: [u64; CHANNELS],
 }
@@ -38,13 +39,13 @@ impl UnprovenFrames {
     /// Adds a delivered image.
     #[inline]
     pub(crate) fn add(&mut self, number: u64, counts: &Counts) {
-        let frames = counts.map(u64::from);
-        if frames == [0; CHANNELS] {
+        if *counts == [0; CHANNELS] {
             return;
         }
+        let frames = counts.map(u64::from);
         if let Some(image) = self.images.get_mut(self.next) {
             let replaced = std::mem::replace(image, Image { number, frames });
-            if replaced.frames != [0; CHANNELS] {
+            if replaced.number != 0 {
                 self.older.add(&replaced);
             }
         }
