@@ -19,7 +19,7 @@ use super::context::igh_mcan_port_t;
 use super::cycle::receive;
 use super::state::need_slave;
 use crate::bus::Bus;
-use crate::errors::OrCode as _;
+use crate::errors::{self, OrCode as _};
 use crate::handle::Entered;
 
 /// Image and index of a sent frame, as in an igh_mcan_rx_frame_t of kind IGH_MCAN_RX_TX_RESULT.
@@ -36,7 +36,10 @@ pub struct igh_mcan_ticket_t {
     pub reserved: [u8; 11],
 }
 
-#[inline]
+/// Data bytes of a classic CAN frame.
+const CLASSIC_BYTES: usize = 8;
+
+#[inline(never)]
 fn send(
     call: Call,
     bus: &mut Entered<Bus>,
@@ -81,20 +84,20 @@ pub fn igh_mcan_port_send_can(
     data: *const u8,
     len: usize,
 ) {
-    if flags & !IGH_MCAN_FLAG_EXT != 0 {
+    if flags & !IGH_MCAN_FLAG_EXT != 0 || len > CLASSIC_BYTES || data.is_null() {
         // SAFETY: the data are C's, valid or NULL as the header demands.
         let frame = unsafe { classic_frame_at(call, can_id, flags, data, len)? };
         return send(call, bus, slave, channel, frame, SendOptions::default());
     }
     // The shortest path for the most frequent kind of frame.
-    pointers!(call, items(data, len));
     let id = CanId::new(can_id, flags != 0).map_err(|error| call.error(&error))?;
+    // SAFETY: the data are C's and not NULL.
+    let data = unsafe { std::slice::from_raw_parts(data, len) };
     let frame = FrameRef::classic(id, data).map_err(|error| call.error(&error))?;
-    let mut cycle = bus.need_cycle(call)?;
-    let to = cycle.channel(slave, channel).or_code(call)?;
-    let sent = cycle.send(to, frame);
-    drop(cycle);
-    bus.last_ticket = Some(sent.or_code(call)?.into());
+    // The Port checks the address.
+    let reject = |error| errors::note(call, &error);
+    let ticket = bus.need_cycle(call)?.send_to((slave, channel), frame, reject)?;
+    bus.last_ticket = Some(ticket.into());
 }
 
 /// Sends a CAN FD frame.
