@@ -17,8 +17,8 @@ use ecan_host::AdapterConfig;
 use ecan_mcan_port::{ChannelConfig, ChannelHandle, GatewayConfig, Port, PortConfig, ReceivedView};
 use ecan_protocol::can::{CanId, FrameRef};
 use ecan_protocol::image::{
-    CommitFields, ImageReader, ImageWriter, Packet, PdoProfile, Timestamp, crc16_is_accelerated,
-    crc16_use_portable,
+    ChannelState, ChannelStatus, CommitFields, ImageReader, ImageWriter, Packet, PdoProfile,
+    Timestamp, crc16_is_accelerated, crc16_use_portable,
 };
 use ecan_protocol::mapping::{CHANNELS, Direction};
 
@@ -53,11 +53,16 @@ fn frame(number: usize) -> (u8, FrameRef<'static>) {
     ((number % CHANNELS) as u8, FrameRef::classic(id, &DATA).unwrap())
 }
 
-fn push_all(writer: &mut ImageWriter, image: &mut [u8], frames: &[(u8, FrameRef<'_>)]) {
+fn push_all(
+    writer: &mut ImageWriter,
+    image: &mut [u8],
+    frames: &[(u8, FrameRef<'_>)],
+    fields: CommitFields,
+) {
     for &(channel, frame) in frames {
         writer.push(image, channel, 0, frame, Timestamp::None).unwrap();
     }
-    writer.commit(image, CommitFields::default());
+    writer.commit(image, fields);
 }
 
 /// The look that both sides take at each frame.
@@ -80,7 +85,9 @@ struct Codec {
 impl Codec {
     fn new(rx: PdoProfile, tx: PdoProfile, frames: &[(u8, FrameRef<'_>)]) -> Self {
         let mut tx_image = vec![0; tx.pdo_bytes()];
-        push_all(&mut ImageWriter::new(Direction::TxPdo, tx), &mut tx_image, frames);
+        let running = ChannelStatus::default().with_state(ChannelState::Run);
+        let fields = CommitFields { channel_status: [running; CHANNELS], ..Default::default() };
+        push_all(&mut ImageWriter::new(Direction::TxPdo, tx), &mut tx_image, frames, fields);
         Self {
             writer: ImageWriter::new(Direction::RxPdo, rx),
             reader: ImageReader::new(Direction::TxPdo, tx),
@@ -97,7 +104,7 @@ impl Codec {
                 sum += look(packet.channel, packet.frame);
             }
         }
-        push_all(&mut self.writer, &mut self.rx_image, frames);
+        push_all(&mut self.writer, &mut self.rx_image, frames, CommitFields::default());
         sum
     }
 }
