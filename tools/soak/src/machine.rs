@@ -204,21 +204,28 @@ impl Machine {
             && self.can_start()
     }
 
-    /// The longest frames that nodes send, without the TPDOs of drives.
+    /// The longest frames of application and nodes, without the process data of drives.
     fn other_traffic(&self) -> Vec<FrameStream> {
         let mut streams = Vec::new();
         for (slave, gateway) in self.gateway.iter().enumerate() {
-            for channel in gateway.channel.iter().filter(|it| it.receives) {
-                let per_second =
-                    f64::from(channel.received(self.cycle_us)) * 1e3 / f64::from(self.cycle_us);
+            for channel in &gateway.channel {
                 let id = CanId::extended(1).expect("valid");
                 let frame = match channel.data_bitrate {
                     Some(_) => CanFrame::fd(id, &[0; 64], true, false),
                     None => CanFrame::classic(id, &[0; 8]),
                 };
-                let rate = FrameRate::PerSecond(per_second);
                 let frame = frame.expect("valid");
-                streams.push(FrameStream::from_bus(slave, channel.number, frame, rate));
+                let rate = |frames: u32| {
+                    FrameRate::PerSecond(f64::from(frames) * 1e3 / f64::from(self.cycle_us))
+                };
+                if channel.receives {
+                    let rate = rate(channel.received(self.cycle_us));
+                    streams.push(FrameStream::from_bus(slave, channel.number, frame, rate));
+                }
+                if channel.sends {
+                    let rate = rate(channel.frames);
+                    streams.push(FrameStream::to_bus(slave, channel.number, frame, rate));
+                }
             }
         }
         streams
