@@ -234,11 +234,21 @@ impl Port {
             }
         }
         self.send_queued();
-        let receive_error = self.receive_error.take();
         let send_error = self.publish().err();
-        let has_failed = receive_error.or(send_error).is_some();
-        self.failed_cycles = if has_failed { self.failed_cycles.saturating_add(1) } else { 0 };
         let skipped = std::mem::take(&mut self.skipped);
+        if self.receive_error.is_some() || send_error.is_some() {
+            return self.failed_summary(skipped, send_error);
+        }
+        self.failed_cycles = 0;
+        // Written here and not copied: a copy waits for the stores of the errors.
+        CycleSummary { skipped, receive_error: None, send_error: None, failed_cycles: 0 }
+    }
+
+    #[cold]
+    #[inline(never)]
+    fn failed_summary(&mut self, skipped: u64, send_error: Option<CycleError>) -> CycleSummary {
+        let receive_error = self.receive_error.take();
+        self.failed_cycles = self.failed_cycles.saturating_add(1);
         CycleSummary { skipped, receive_error, send_error, failed_cycles: self.failed_cycles }
     }
 }
@@ -281,9 +291,10 @@ impl<'p> Cycle<'p> {
     pub fn end(self) -> Result<CycleSummary, CycleError> {
         let summary = self.finish();
         match summary.error() {
+            None => Ok(CycleSummary { skipped: summary.skipped, ..CycleSummary::default() }),
             Some(error @ CycleError::NotActive { .. }) => Err(error),
             Some(error) if summary.failed_cycles > MAX_FAILED_CYCLES => Err(error),
-            _ => Ok(summary),
+            Some(_) => Ok(summary),
         }
     }
 
