@@ -7,3 +7,4 @@ pub(crate) mod send;
 pub(crate) mod transmitter;
 pub(crate) mod unproven;
 pub(crate) mod window;
+pub(crate) mod withdrawn;

@@ -16,6 +16,7 @@ use crate::statistics::SlaveStatistics;
 use crate::transmit::history::{OpenFrame, TransmitHistory};
 use crate::transmit::unproven::{Counts, UnprovenFrames};
 use crate::transmit::window::TransmitWindow;
+use crate::transmit::withdrawn::{Withdrawn, count_withdrawn};
 
 #[derive(Debug)]
 pub(crate) struct Transmitter {
@@ -455,31 +456,6 @@ impl Transmitter {
             window.reset();
         }
     }
-}
-
-/// State of frames that the host does not send any more.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Withdrawn {
-    /// Their image was not published.
-    Discarded,
-    /// The gateway did not take their image.
-    Lost,
-    /// It may have taken it.
-    Unknown,
-}
-
-fn count_withdrawn(counts: &Counts, state: Withdrawn, statistics: &mut SlaveStatistics) -> usize {
-    let frames: usize = counts.iter().map(|n| usize::from(*n)).sum();
-    statistics.rxpdo_discarded += u64::from(frames > 0);
-    for (channel, count) in statistics.channels.iter_mut().zip(counts) {
-        let counter = match state {
-            Withdrawn::Discarded => &mut channel.frames_discarded,
-            Withdrawn::Lost => &mut channel.frames_lost,
-            Withdrawn::Unknown => &mut channel.frames_unknown,
-        };
-        *counter += u64::from(*count);
-    }
-    frames
 }
 
 #[cfg(test)]
