@@ -45,6 +45,20 @@ pub struct CanBus {
     has_sampling: bool,
     /// True if a station may be in internal loopback or recovering from bus-off.
     has_local_activity: bool,
+    /// True if the next transmission must be selected again.
+    needs_plan: bool,
+    /// Set while every station can read every frame without an error.
+    undisturbed: Option<Undisturbed>,
+}
+
+/// Stations that all have the same bit rates and format, in normal mode, with error counters of 0
+/// and without sample points: every frame is received by all others.
+#[derive(Clone, Copy, Debug)]
+struct Undisturbed {
+    /// Time from which all of them take part.
+    from: u64,
+    /// True if there are at least two.
+    has_receivers: bool,
 }
 
 impl CanBus {
@@ -91,8 +105,9 @@ impl CanBus {
             statistics,
             ..Station::default()
         };
+        self.undisturbed = None;
         self.handle_station_removal(station.0);
-        self.replan();
+        self.changed();
     }
 
     /// Sets sample points and delays of a station, for frames planned from now on. `None`, the
@@ -103,6 +118,8 @@ impl CanBus {
         }
         let sampling = self.stations.iter().filter(|it| it.physical_layer.is_some()).count();
         self.has_sampling = sampling > 1;
+        self.undisturbed = None;
+        self.needs_plan = true;
     }
 
     /// Configuration of a station.
@@ -157,6 +174,7 @@ impl CanBus {
             ready_at: now,
             withdrawn: false,
         });
+        self.needs_plan = true;
         true
     }
 
@@ -185,7 +203,7 @@ impl CanBus {
         } else {
             slot.offer = None;
         }
-        self.replan();
+        self.changed();
     }
 
     /// Next instant at which something ends or changes, as known now.
@@ -268,6 +286,7 @@ impl CanBus {
             slot.counters = ErrorCounters::default();
             slot.active_from = slot.active_from.max(at);
             slot.suspended_until = 0;
+            self.needs_plan = true;
         }
     }
 
@@ -313,7 +332,7 @@ impl CanBus {
         {
             slot.recovery = Some(Recovery::start(now, config.bits_ns(11)));
             self.has_local_activity = true;
-            self.replan();
+            self.changed();
         }
     }
 
@@ -339,11 +358,24 @@ impl CanBus {
                     return;
                 }
                 slot.counters.leave_bus();
+                self.undisturbed = None;
                 self.report_due = true;
                 self.handle_station_removal(station.0);
             }
         }
+        self.changed();
+    }
+
+    /// Plans again after a change of stations.
+    fn changed(&mut self) {
+        self.undisturbed = None;
+        self.needs_plan = true;
         self.replan();
+    }
+
+    /// Returns whether no error counter changed in the last transmission, and all are 0.
+    pub(crate) const fn is_undisturbed(&self) -> bool {
+        self.undisturbed.is_some()
     }
 
     /// Counters of the bus up to the instant that it has reached.

@@ -273,12 +273,15 @@ impl World {
     /// Passes error counters to gateways, and lets every station with an event offer its next
     /// frame.
     fn after_events(&mut self, bus: usize) {
-        let stations = self.buses.get(bus).map_or(0, |slot| slot.owners.len());
+        let Some(slot) = self.buses.get(bus) else { return };
+        let (stations, is_undisturbed) = (slot.owners.len(), slot.bus.is_undisturbed());
         for station in 0..stations {
             let owner = self.buses.get(bus).and_then(|slot| slot.owners.get(station)).copied();
             match owner {
                 Some(Owner::Channel { gateway, channel }) => {
-                    self.report_bus_state(gateway, channel);
+                    if !is_undisturbed {
+                        self.report_bus_state(gateway, channel);
+                    }
                     self.update_gateway_after_event(gateway, channel);
                 }
                 Some(Owner::Node(index))

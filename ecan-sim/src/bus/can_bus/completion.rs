@@ -19,6 +19,12 @@ const FIRST_TO_SIGNAL: u16 = 8;
 impl CanBus {
     /// Completes the transmission: counters, events; the bus is free after the intermission.
     pub(super) fn complete(&mut self, t: &Transmission, events: &mut Vec<BusEvent>) {
+        self.needs_plan = true;
+        let is_received_by_all =
+            t.result == TransmissionResult::Delivered && self.is_received_by_all(t.start);
+        if !is_received_by_all {
+            self.undisturbed = None;
+        }
         let intermission = t.config.bits_ns(INTERMISSION_BITS);
         self.free_at = t.end + intermission;
         self.statistics.busy_ns += t.end - t.start + intermission;
@@ -32,7 +38,11 @@ impl CanBus {
         let good = t.result == TransmissionResult::Delivered;
         let mut states_changed = self.complete_sender(t, good, silent_no_ack, events);
         let received = good || silent_no_ack || silent_late_ack;
-        states_changed |= self.complete_receivers(t, received, events);
+        if is_received_by_all {
+            self.receive_at_all(t, events);
+        } else {
+            states_changed |= self.complete_receivers(t, received, events);
+        }
         self.transmissions += 1;
         if t.contested {
             self.complete_losers(t, events);
@@ -109,6 +119,17 @@ impl CanBus {
             station.suspended_until = free_at + t.config.bits_ns(SUSPEND_BITS);
         }
         station.has_new_state()
+    }
+
+    /// All others receive the frame; their error counters stay 0.
+    fn receive_at_all(&mut self, t: &Transmission, events: &mut Vec<BusEvent>) {
+        for (index, station) in self.stations.iter_mut().enumerate() {
+            if index != t.transmitter && station.config.is_some() {
+                station.statistics.received += 1;
+                let (station, frame) = (StationId(index), t.frame);
+                events.push(BusEvent::Received { station, frame, start_ns: t.start, at_ns: t.end });
+            }
+        }
     }
 
     /// Returns whether a receiver's error state changed.

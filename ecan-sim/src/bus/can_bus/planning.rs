@@ -4,7 +4,8 @@ use ecan_protocol::can::{CanFrame, Phase};
 
 use crate::earliest::earliest;
 
-use super::CanBus;
+use super::{CanBus, Undisturbed};
+use crate::bus::error_confinement::{ErrorCounters, ErrorState};
 use crate::bus::frame_timing::{FrameTiming, bits_ns};
 use crate::bus::physical_layer::{BitRates, Draw, PhysicalLayer, Sample, SwitchError};
 use crate::bus::station::{Mismatch, Station, StationConfig, StationMode};
@@ -62,7 +63,11 @@ pub(super) struct Transmission {
 impl CanBus {
     /// Plans the next transmission, unless one is in progress, and finds the next end.
     pub(crate) fn replan(&mut self) {
-        if self.current.as_ref().is_none_or(|t| t.start >= self.now) {
+        if self.needs_plan && self.current.as_ref().is_none_or(|t| t.start >= self.now) {
+            if self.undisturbed.is_none() {
+                self.undisturbed = self.survey();
+            }
+            self.needs_plan = false;
             self.current = self.plan();
         }
         let mut next = self.current.as_ref().map(|t| t.end);
@@ -75,6 +80,35 @@ impl CanBus {
             }
         }
         self.next_end = next;
+    }
+
+    fn survey(&self) -> Option<Undisturbed> {
+        let mut from = 0;
+        let mut first: Option<&StationConfig> = None;
+        let mut has_receivers = false;
+        for station in &self.stations {
+            let Some(config) = &station.config else { continue };
+            let is_equal = first.is_none_or(|first| {
+                (first.nominal_bitrate, first.data_bitrate, first.fd)
+                    == (config.nominal_bitrate, config.data_bitrate, config.fd)
+            });
+            let is_sound = config.mode == StationMode::Normal
+                && station.counters == ErrorCounters::default()
+                && station.reported == ErrorState::Active
+                && station.injected_errors == 0;
+            if !is_equal || !is_sound {
+                return None;
+            }
+            has_receivers |= first.is_some();
+            first = Some(config);
+            from = from.max(station.active_from);
+        }
+        (!self.has_sampling).then_some(Undisturbed { from, has_receivers })
+    }
+
+    /// Returns whether all stations receive a frame that starts then, and acknowledge it.
+    pub(super) fn is_received_by_all(&self, start: u64) -> bool {
+        self.undisturbed.is_some_and(|it| it.has_receivers && start >= it.from)
     }
 
     fn plan(&self) -> Option<Transmission> {
@@ -123,6 +157,10 @@ impl CanBus {
 
     /// Sets result and end from the present state of the stations.
     fn predict(&self, t: &mut Transmission) {
+        if self.is_received_by_all(t.start) {
+            t.end = t.start + t.config.duration_ns(&t.timing);
+            return;
+        }
         let mut acknowledged = t.config.mode == StationMode::ExternalLoopback;
         let sampling = self.sampling_of(t);
         let mut is_late = false;
