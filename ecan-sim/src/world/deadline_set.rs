@@ -7,17 +7,21 @@ use crate::world::NEVER;
 pub(super) struct DeadlineSet {
     times: Vec<u64>,
     first: u64,
+    /// Number of times that are equal to `first`. Drives are due together: the minimum is searched
+    /// once for all of them.
+    at_first: usize,
 }
 
 impl Default for DeadlineSet {
     fn default() -> Self {
-        Self { times: Vec::new(), first: NEVER }
+        Self { times: Vec::new(), first: NEVER, at_first: 0 }
     }
 }
 
 impl DeadlineSet {
     pub(super) fn add(&mut self) {
         self.times.push(NEVER);
+        self.at_first += usize::from(self.first == NEVER);
     }
 
     pub(super) fn get(&self, number: usize) -> u64 {
@@ -31,10 +35,15 @@ impl DeadlineSet {
     pub(super) fn set(&mut self, number: usize, time: u64) {
         let Some(slot) = self.times.get_mut(number) else { return };
         let before = std::mem::replace(slot, time);
-        if time <= self.first {
-            self.first = time;
-        } else if before == self.first {
+        if time < self.first {
+            (self.first, self.at_first) = (time, 1);
+            return;
+        }
+        self.at_first += usize::from(time == self.first);
+        self.at_first -= usize::from(before == self.first);
+        if self.at_first == 0 {
             self.first = self.times.iter().copied().min().unwrap_or(NEVER);
+            self.at_first = self.times.iter().filter(|time| **time == self.first).count();
         }
     }
 }
