@@ -167,14 +167,27 @@ impl Shared {
     /// This thread moves the clock: no thread waits for it.
     fn release_clock(&self, waiter: &mut Waiter, state: &mut State) {
         waiter.release_clock(&mut state.threads);
-        self.settled.notify_all();
+        self.notify_settled(state);
+    }
+
+    /// Wakes the threads that wait in [`settle`](Self::settle). Without one it makes no system call,
+    /// which notifying a condition variable always does.
+    fn notify_settled(&self, state: &State) {
+        if state.threads.settling > 0 {
+            self.settled.notify_all();
+        }
     }
 
     /// Waits until no thread computes that stepped time waits for, with a time limit.
-    fn settle<'a>(&self, state: MutexGuard<'a, State>) -> MutexGuard<'a, State> {
+    fn settle<'a>(&self, mut state: MutexGuard<'a, State>) -> MutexGuard<'a, State> {
+        if state.threads.is_settled() {
+            return state;
+        }
+        state.threads.settling += 1;
         let computes = |state: &mut State| !state.threads.is_settled();
         let settled = self.settled.wait_timeout_while(state, PATIENCE, computes);
         let (mut state, timeout) = settled.unwrap_or_else(PoisonError::into_inner);
+        state.threads.settling -= 1;
         if timeout.timed_out() {
             state.threads.stop_waiting();
         }
@@ -197,8 +210,8 @@ impl Shared {
         self.with(|state| {
             state.master.release(client, &state.world);
             state.threads.release(client);
+            self.notify_settled(state);
         });
-        self.settled.notify_all();
     }
 
     /// Sleeps for the application: it wakes up late by the scenario's delay, reduced by a spin of
@@ -218,8 +231,9 @@ impl Shared {
     fn step_to(&self, state: &mut State, to: u64) {
         state.run_until(to);
         self.now.store(state.world.now_ns(), Ordering::Release);
-        state.threads.notify_moved();
-        self.moved.notify_all();
+        if state.threads.notify_moved() {
+            self.moved.notify_all();
+        }
     }
 
     /// Blocks until `poll` returns a result, while simulated time passes and the master works.
@@ -236,13 +250,13 @@ impl Shared {
             }
             if let Some(result) = poll(&mut state, is_alone) {
                 waiter.leave(&mut state.threads);
-                self.settled.notify_all();
+                self.notify_settled(&state);
                 return result;
             }
             let active = state.master.phase == Phase::Active;
             if self.kind == ClockKind::Stepped && active {
                 waiter.begin(&mut state.threads);
-                self.settled.notify_all();
+                self.notify_settled(&state);
                 // a blocked queue needs no patience
                 let patience = if state.master.blocked { BLOCKED_PATIENCE } else { PATIENCE };
                 let idle = |state: &mut State| !waiter.is_over(&state.threads);

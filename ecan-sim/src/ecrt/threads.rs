@@ -22,6 +22,8 @@ pub(super) struct Threads {
     overdue: usize,
     /// Threads that wait for the clock to move.
     waiting: usize,
+    /// Threads that move the clock and wait for those that compute.
+    pub(super) settling: usize,
     moves: u64,
 }
 
@@ -71,10 +73,12 @@ impl Threads {
         self.overdue = self.computing;
     }
 
-    /// The clock has moved: every waiting thread checks its call.
-    pub(super) fn notify_moved(&mut self) {
+    /// The clock has moved: every waiting thread checks its call. Returns whether there is one.
+    pub(super) fn notify_moved(&mut self) -> bool {
         self.moves = self.moves.wrapping_add(1);
-        self.computing += std::mem::take(&mut self.waiting);
+        let waiting = std::mem::take(&mut self.waiting);
+        self.computing += waiting;
+        waiting > 0
     }
 
     /// One thread stops computing.
@@ -155,7 +159,7 @@ mod tests {
                 let mut waiter = Waiter::new(&threads);
                 waiter.begin(&mut threads);
                 assert_eq!((threads.computing, threads.waiting), (0, 1));
-                threads.notify_moved();
+                assert!(threads.notify_moved() && !threads.notify_moved());
                 assert!(waiter.is_over(&threads));
                 waiter.end(&mut threads);
                 // The second check finds nothing, and the wait times out.
