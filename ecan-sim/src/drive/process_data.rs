@@ -34,8 +34,8 @@ impl Device {
         self.send_pdos(out, |pdo, objects| pdo.on_sync(counter, objects));
         for index in 0..self.receive.len() {
             let Some(pdo) = self.receive.get_mut(index) else { continue };
-            let mapping = pdo.mapping;
             if let Some(waiting) = pdo.waiting.take() {
+                let mapping = pdo.mapping;
                 self.unpack(&mapping, &waiting);
             }
         }
