@@ -3,6 +3,7 @@
 
 mod attached_node;
 mod can_side;
+mod copy;
 mod deadline_set;
 mod drives;
 mod faults;

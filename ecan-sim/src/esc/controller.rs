@@ -59,6 +59,7 @@ impl Stops {
 }
 
 /// A slave controller. EtherCAT state, clock and process data buffers belong to the gateway.
+#[derive(Clone)]
 pub(super) struct Controller {
     registers: Box<[u8]>,
     memory: Box<[u8]>,

@@ -75,6 +75,19 @@ impl Wire {
         })
     }
 
+    /// A copy of the line in its present state, without the observer of faults; `None` if a node of
+    /// the scenario cannot be copied, for example a bridge.
+    ///
+    /// A copy is much cheaper than a line that a master brings to OP again.
+    pub fn try_clone(&self) -> Option<Self> {
+        Some(Self {
+            world: self.world.try_clone()?,
+            controllers: self.controllers.clone(),
+            reached: self.reached.clone(),
+            ..*self
+        })
+    }
+
     /// The simulated world.
     pub fn world(&self) -> &World {
         &self.world

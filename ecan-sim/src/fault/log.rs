@@ -34,6 +34,11 @@ pub(crate) struct FaultLog {
 }
 
 impl FaultLog {
+    /// The records, without the observer.
+    pub(crate) fn unobserved(&self) -> Self {
+        Self { records: self.records.clone(), observer: None }
+    }
+
     pub(crate) fn add(&mut self, record: FaultRecord) {
         if let Some(observer) = &self.observer {
             observer(&record);

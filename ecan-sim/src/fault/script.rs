@@ -3,7 +3,7 @@ use std::collections::VecDeque;
 use crate::fault::{Fault, ScriptedFault, When};
 
 /// The scheduled faults. Those of one instant occur in the order in which they were added.
-#[derive(Debug, Default)]
+#[derive(Clone, Debug, Default)]
 pub(crate) struct FaultScript {
     by_cycle: VecDeque<(u64, Fault)>,
     by_time: VecDeque<(u64, Fault)>,
@@ -12,7 +12,7 @@ pub(crate) struct FaultScript {
 }
 
 /// An event whose time is not known in advance.
-#[derive(Debug, Default)]
+#[derive(Clone, Debug, Default)]
 struct Milestone {
     at: Option<u64>,
     /// Faults with their distance from it, until its time is known.

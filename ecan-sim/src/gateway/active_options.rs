@@ -6,7 +6,7 @@ use super::profile_control::ProfileControl;
 use super::variant::GatewayVariant;
 
 /// Profiles of 0x8010 and 0x8011 and test policies of 0x8030.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(super) struct ActiveOptions {
     pub(super) tx: ProfileControl,
     pub(super) rx: ProfileControl,

@@ -14,7 +14,7 @@ pub(super) enum Requirement {
     ProcessDataAndSync,
 }
 
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(super) struct AlStateMachine {
     pub(super) state: AlState,
     pub(super) has_error: bool,

@@ -18,7 +18,7 @@ use super::variant::{ApplyAtSafeOp, FilterIndex};
 /// Subindex of the apply status of 0x8020..0x8024.
 const DATA_PATH_STATUS: u8 = 3;
 
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(super) struct Application {
     pub(super) objects: ObjectServer,
     pub(super) data_path: DataPath,

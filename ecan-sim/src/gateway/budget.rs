@@ -8,7 +8,7 @@ use ecan_protocol::mapping::CHANNELS;
 const BALANCED_RESERVE: usize = 16;
 
 /// Division of the frame area of one image among the channels.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(super) struct Budget {
     reserved: [usize; CHANNELS],
     shared: usize,

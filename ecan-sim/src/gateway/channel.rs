@@ -41,7 +41,7 @@ pub(super) mod path_error {
     pub(in crate::gateway) const SCHEDULE: u32 = 6;
 }
 
-#[derive(Debug, Default)]
+#[derive(Clone, Debug, Default)]
 pub(super) struct Channel {
     pub(super) controller: Controller,
     pub(super) receive: ReceivePath,

@@ -31,7 +31,7 @@ pub(super) mod subindex {
 }
 
 /// Edited filter lists of one channel, applied or not.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(super) struct FilterLists {
     standard: Vec<FilterElement>,
     extended: Vec<FilterElement>,

@@ -30,7 +30,7 @@ enum Scope {
     Channel(usize),
 }
 
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 struct Job {
     done_at: u64,
     scope: Scope,
@@ -53,7 +53,7 @@ pub(super) struct Target<'a> {
     pub(super) now: u64,
 }
 
-#[derive(Debug, Default)]
+#[derive(Clone, Debug, Default)]
 pub(super) struct ConfigurationStore {
     /// Flash sector, empty if erased; survives power loss.
     flash: Vec<u8>,

@@ -64,7 +64,7 @@ pub(super) enum Rejection {
     Full,
 }
 
-#[derive(Debug, Default)]
+#[derive(Clone, Debug, Default)]
 pub(super) struct Controller {
     pub(super) config: Option<ControllerConfig>,
     pub(super) generation: u32,

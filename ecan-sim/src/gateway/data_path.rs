@@ -36,7 +36,7 @@ pub(super) struct ServiceTimes {
     pub(super) pulses: Option<PulseTrain>,
 }
 
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(super) struct DataPath {
     pub(super) channels: [Channel; CHANNELS],
     pub(super) options: ActiveOptions,

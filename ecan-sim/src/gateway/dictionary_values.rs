@@ -6,14 +6,14 @@
 use ecan_protocol::object::{Object, objects};
 
 /// Values of one object, in the order of its entries.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 struct Slot {
     index: u16,
     object: &'static Object,
     values: Box<[u32]>,
 }
 
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(super) struct DictionaryValues {
     slots: Vec<Slot>,
 }

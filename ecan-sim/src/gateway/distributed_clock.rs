@@ -4,7 +4,7 @@ use super::config::Sync0;
 use super::dc_clock::DcClock;
 use super::pulse_train::PulseTrain;
 
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(super) struct DistributedClock {
     pub(super) clock: DcClock,
     pub(super) sync0: Option<Sync0>,

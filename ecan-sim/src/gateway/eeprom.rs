@@ -1,7 +1,7 @@
 //! EEPROM of the slave controller, which the gateway emulates in its flash (manual 13.7, bit 6 of
 //! the maintenance command). The slave controller interprets the words.
 
-#[derive(Debug, Default)]
+#[derive(Clone, Debug, Default)]
 pub(super) struct Eeprom {
     pub(super) words: Vec<u16>,
     default: Vec<u16>,

@@ -58,7 +58,7 @@ impl Emergency {
     }
 }
 
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(super) struct EmergencyQueue {
     pub(super) waiting: VecDeque<Emergency>,
 }

@@ -115,7 +115,7 @@ fn take(faults: &mut Vec<SdoFault>, index: u16, subindex: u8) -> Option<u32> {
 }
 
 /// Number of operations that still fail.
-#[derive(Debug, Default)]
+#[derive(Clone, Debug, Default)]
 pub(super) struct Count(u32);
 
 impl Count {
@@ -131,7 +131,7 @@ impl Count {
     }
 }
 
-#[derive(Debug, Default)]
+#[derive(Clone, Debug, Default)]
 pub(super) struct PendingFaults {
     sdo_aborts: Vec<SdoFault>,
     lost_responses: Vec<SdoFault>,

@@ -91,7 +91,7 @@ pub enum FirmwareProgress {
     },
 }
 
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 struct Transfer {
     busy_since: u64,
     ready_at: u64,
@@ -111,7 +111,7 @@ impl Transfer {
     }
 }
 
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(super) struct FirmwareUpdate {
     // survives power loss
     pub(super) running_file: Vec<u8>,

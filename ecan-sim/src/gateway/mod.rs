@@ -101,7 +101,7 @@ pub(crate) use sdo_access::DEVICE_NAME;
 const NS_PER_MS: u64 = 1_000_000;
 
 /// One simulated gateway.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub struct Gateway {
     config: GatewayModelConfig,
     now: u64,

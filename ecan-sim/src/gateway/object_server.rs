@@ -26,7 +26,7 @@ pub(super) const TEST_REJECT_REASON: u8 = 9;
 /// A policy without the key, or the key removed while a policy is set.
 const LOCKED: u32 = 1;
 
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(super) struct ObjectServer {
     pub(super) values: DictionaryValues,
     pub(super) filters: [FilterLists; CHANNELS],

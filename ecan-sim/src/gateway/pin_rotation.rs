@@ -4,7 +4,7 @@ use ecan_protocol::mapping::CHANNELS;
 
 use super::variant::RotationDirection;
 
-#[derive(Debug, Default)]
+#[derive(Clone, Debug, Default)]
 pub(super) struct PinRotation {
     active: u8,
     changes: u32,

@@ -7,7 +7,7 @@ enum PowerState {
     On,
 }
 
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(super) struct PowerSupply {
     state: PowerState,
     boot_ns: u64,

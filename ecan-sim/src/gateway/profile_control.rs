@@ -31,7 +31,7 @@ const EXISTING_CHANNELS: u8 = 0x0F;
 /// Status and, if one fits, last PDO error of a rejected profile.
 type Rejection = (ProfileStatus, Option<PdoError>);
 
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(super) struct ProfileControl {
     direction: Direction,
     pub(super) active: Option<PdoProfile>,

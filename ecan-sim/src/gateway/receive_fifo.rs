@@ -17,7 +17,7 @@ pub(super) struct Received {
     pub(super) source: u8,
 }
 
-#[derive(Debug, Default)]
+#[derive(Clone, Debug, Default)]
 pub(super) struct ReceiveFifo {
     elements: VecDeque<Received>,
     get_index: u32,

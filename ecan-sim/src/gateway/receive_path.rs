@@ -20,7 +20,7 @@ const BALANCED_DRAIN: u8 = 2;
 const BY_FILTER_FIRST: [u8; 3] = [1, 2, 0];
 
 /// RX cache of one channel with its counters of 0x9020..0x9023.
-#[derive(Debug, Default)]
+#[derive(Clone, Debug, Default)]
 pub(super) struct ReceivePath {
     drain: RxDrain,
     critical: CriticalSet,

@@ -5,7 +5,7 @@ use ecan_protocol::mapping::{Direction, MAX_PDO_BYTES};
 
 use super::variant::{GatewayVariant, PdoErrorNumbers, RepeatedImage};
 
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(super) struct RxPdoParser {
     reader: Option<ImageReader>,
     last_image: Vec<u8>,

@@ -19,7 +19,7 @@ pub(super) struct Scheduled {
 }
 
 /// Waiting frames in the order of their phases; equal phases keep PDO order.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(super) struct ScheduleQueue {
     entries: VecDeque<Scheduled>,
     /// Largest number of waiting frames.

@@ -1,6 +1,6 @@
 use super::config::GatewayModelConfig;
 
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(super) struct ServiceTimer {
     delay_ns: u64,
     jitter_ns: u64,

@@ -12,7 +12,7 @@ use super::config::Sync0Window;
 use super::pulse_train::PulseTrain;
 
 /// Writes to SM2 against the pulses.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(super) struct OutputTiming {
     window: Sync0Window,
     /// SM2 holds an image that the firmware has missed.

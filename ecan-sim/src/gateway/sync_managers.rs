@@ -17,7 +17,7 @@ const SHORTEST_MAILBOX: u16 = 34;
 /// End of the registers.
 const MEMORY_START: u16 = 0x1000;
 
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(super) struct SingleBuffer {
     config: Option<SyncManagerConfig>,
     data: Box<[u8]>,
@@ -101,7 +101,7 @@ impl SingleBuffer {
     }
 }
 
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(super) struct SyncManagers {
     mailboxes: [Option<SyncManagerConfig>; 2],
     /// SM2.

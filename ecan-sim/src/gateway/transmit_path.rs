@@ -35,7 +35,7 @@ pub(super) struct Pending {
     pub(super) reference: Option<Reference>,
 }
 
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(super) struct ResultQueue {
     results: VecDeque<TxResult>,
     /// Results of the image in progress, not sorted yet.
@@ -126,7 +126,7 @@ impl ResultQueue {
 }
 
 /// TX ring of one channel with its counters of 0x9020..0x9023.
-#[derive(Debug, Default)]
+#[derive(Clone, Debug, Default)]
 pub(super) struct TransmitPath {
     ring: VecDeque<Pending>,
     backoff_left: u32,

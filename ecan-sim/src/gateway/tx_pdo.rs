@@ -21,7 +21,7 @@ pub(super) struct UndeliveredFrames {
     pub(super) oversized: u32,
 }
 
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(super) struct TxPdoBuilder {
     writer: Option<ImageWriter>,
     payload_only: bool,

@@ -3,7 +3,7 @@ use super::NS_PER_MS;
 const DEFAULT_TIMEOUT_NS: u64 = 100 * NS_PER_MS;
 
 /// Process data watchdog. Each complete SM2 write feeds it.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(super) struct Watchdog {
     /// 0 disables it.
     pub(super) timeout_ns: u64,

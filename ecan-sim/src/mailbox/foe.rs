@@ -64,7 +64,7 @@ enum Transfer {
     },
 }
 
-#[derive(Debug, Default)]
+#[derive(Clone, Debug, Default)]
 pub(super) struct FoeServer {
     transfer: Transfer,
 }

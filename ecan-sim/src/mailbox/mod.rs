@@ -44,7 +44,7 @@ impl Context<'_> {
 }
 
 /// Mailbox services of one gateway's firmware.
-#[derive(Debug, Default)]
+#[derive(Clone, Debug, Default)]
 pub(crate) struct MailboxServer {
     sdo: SdoServer,
     foe: FoeServer,

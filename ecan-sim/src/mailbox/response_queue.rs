@@ -13,7 +13,7 @@ pub(super) struct MessageAddress {
     pub(super) protocol: u8,
 }
 
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 struct Answer {
     ready: u64,
     to: MessageAddress,
@@ -22,7 +22,7 @@ struct Answer {
 }
 
 /// Messages for the read mailbox.
-#[derive(Debug, Default)]
+#[derive(Clone, Debug, Default)]
 pub(super) struct ResponseQueue {
     answers: VecDeque<Answer>,
     counter: u8,

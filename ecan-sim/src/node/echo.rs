@@ -25,6 +25,10 @@ impl EchoNode {
 }
 
 impl Node for EchoNode {
+    fn try_clone(&self) -> Option<Box<dyn Node>> {
+        Some(Box::new(*self))
+    }
+
     fn received(&mut self, _now: u64, frame: &CanFrame, out: &mut NodeOutput) {
         self.echoed += 1;
         out.send(*frame);

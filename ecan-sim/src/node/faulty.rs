@@ -74,6 +74,10 @@ impl FaultyNode {
 }
 
 impl Node for FaultyNode {
+    fn try_clone(&self) -> Option<Box<dyn Node>> {
+        Some(Box::new(self.clone()))
+    }
+
     fn started(&mut self, now: u64, _out: &mut NodeOutput) {
         self.next_babble = (self.config.babble_us > 0).then_some(now);
     }

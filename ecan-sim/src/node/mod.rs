@@ -72,6 +72,12 @@ pub trait Node: Any + Send {
         let _ = (now, out);
     }
 
+    /// A copy of the node in its present state; `None` if the node cannot be copied, for example
+    /// because it has a connection.
+    fn try_clone(&self) -> Option<Box<dyn Node>> {
+        None
+    }
+
     /// Description of the node in the banner, for example "slcan bridge at 127.0.0.1:29536"; `None`
     /// omits it.
     fn description(&self) -> Option<String> {

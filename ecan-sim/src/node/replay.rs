@@ -93,6 +93,10 @@ impl ReplayNode {
 }
 
 impl Node for ReplayNode {
+    fn try_clone(&self) -> Option<Box<dyn Node>> {
+        Some(Box::new(self.clone()))
+    }
+
     fn started(&mut self, now: u64, _out: &mut NodeOutput) {
         self.next = 0;
         self.due = (!self.records.is_empty()).then(|| now.saturating_add(self.start_delay_ns));

@@ -4,4 +4,8 @@ use super::Node;
 #[derive(Clone, Copy, Debug, Default)]
 pub struct SilentNode;
 
-impl Node for SilentNode {}
+impl Node for SilentNode {
+    fn try_clone(&self) -> Option<Box<dyn Node>> {
+        Some(Box::new(*self))
+    }
+}

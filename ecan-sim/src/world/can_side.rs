@@ -14,6 +14,7 @@ pub(super) enum Owner {
     Node(usize),
 }
 
+#[derive(Clone)]
 pub(super) struct BusSlot {
     pub(super) bus: CanBus,
     /// By station.

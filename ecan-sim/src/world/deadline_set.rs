@@ -3,7 +3,7 @@
 use crate::world::NEVER;
 
 /// Times by index, with the cached minimum, which is read at every instant.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(super) struct DeadlineSet {
     times: Vec<u64>,
     first: u64,

@@ -5,6 +5,7 @@ use crate::scenario::IoSpec;
 use crate::world::World;
 use crate::world::fmmu::Fmmu;
 
+#[derive(Clone)]
 pub(super) struct IoSlot {
     pub(super) slave: IoSlave,
     pub(super) fmmus: Vec<Fmmu>,

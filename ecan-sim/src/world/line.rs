@@ -46,6 +46,7 @@ pub(super) fn order(scenario: &Scenario) -> Vec<Slot> {
     line
 }
 
+#[derive(Clone)]
 pub(super) struct ChannelLink {
     pub(super) bus: usize,
     pub(super) station: StationId,
@@ -64,6 +65,7 @@ impl ChannelLink {
     }
 }
 
+#[derive(Clone)]
 pub(super) struct LineSlot {
     pub(super) gateway: Gateway,
     pub(super) spec: GatewaySpec,

@@ -26,6 +26,13 @@ impl NodeBody {
         }
     }
 
+    fn try_clone(&self) -> Option<Self> {
+        match self {
+            Self::Drive(drive) => Some(Self::Drive(drive.clone())),
+            Self::Other(node) => node.try_clone().map(Self::Other),
+        }
+    }
+
     pub(super) fn into_node(self) -> Box<dyn Node> {
         match self {
             Self::Drive(drive) => drive,
@@ -94,6 +101,12 @@ impl NodeSlot {
             NodeBody::Drive(drive) => Some((&self.name, drive)),
             NodeBody::Other(_) => None,
         }
+    }
+
+    /// A copy of the node; `None` if it cannot be copied.
+    pub(super) fn try_clone(&self) -> Option<Self> {
+        let node = self.node.try_clone()?;
+        Some(Self { name: self.name.clone(), node, output: self.output.clone(), ..*self })
     }
 
     pub(super) fn new(

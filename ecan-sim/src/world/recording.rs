@@ -18,11 +18,13 @@ pub struct BusFrame {
     pub is_from_channel: bool,
 }
 
+#[derive(Clone)]
 enum Scope {
     Channel { bus: usize, station: StationId },
     All,
 }
 
+#[derive(Clone)]
 pub(super) struct Recording {
     scope: Scope,
     /// Frames with the index of their bus.

@@ -1,6 +1,7 @@
 //! Tests of the gateways on a wire.
 
 mod clock;
+mod copy;
 mod mailbox;
 mod maintenance;
 mod process_data;

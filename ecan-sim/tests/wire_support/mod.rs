@@ -101,6 +101,11 @@ impl Line {
         line
     }
 
+    /// A copy in the present state.
+    pub fn try_clone(&self) -> Option<Self> {
+        Some(Self { wire: self.wire.try_clone()?, now: self.now })
+    }
+
     /// Station addresses 0x1001 and up, mailboxes, PREOP.
     pub fn preop(gateways: usize) -> Self {
         let mut line = Self::of(gateways);

@@ -8,7 +8,7 @@ use super::Controller;
 use super::memory::{READ_MAILBOX, WRITE_MAILBOX};
 use super::registers::REGISTER_BYTES;
 
-#[derive(Default)]
+#[derive(Clone, Default)]
 pub(super) struct MailboxBuffers {
     server: MailboxServer,
     /// The last message read, for a repeat.

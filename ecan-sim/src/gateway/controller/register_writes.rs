@@ -40,7 +40,7 @@ const STORED: [(u16, u32, bool); 13] = [
 ];
 
 /// Written register values since the last restart that the configuration does not contain.
-#[derive(Debug, Default)]
+#[derive(Clone, Debug, Default)]
 pub(super) struct WrittenRegisters {
     pub(super) is_stopped: bool,
     pub(super) may_change: bool,

@@ -44,7 +44,7 @@ struct Initiation<'a> {
 }
 
 /// State between two messages.
-#[derive(Debug, Default)]
+#[derive(Clone, Debug, Default)]
 enum Transfer {
     #[default]
     Idle,
@@ -52,7 +52,7 @@ enum Transfer {
     Download(SegmentedDownload),
 }
 
-#[derive(Debug, Default)]
+#[derive(Clone, Debug, Default)]
 pub(in crate::mailbox) struct SdoServer {
     transfer: Transfer,
 }

@@ -4,7 +4,7 @@ use super::target::Target;
 
 pub(super) const SMALLEST_SEGMENT: usize = 7;
 
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(super) struct SegmentedUpload {
     pub(super) target: Target,
     data: Vec<u8>,
@@ -30,7 +30,7 @@ impl SegmentedUpload {
     }
 }
 
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(super) struct SegmentedDownload {
     pub(super) target: Target,
     data: Vec<u8>,
