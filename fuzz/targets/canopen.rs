@@ -15,12 +15,21 @@ const CAN_IDS: [u16; 8] = [0x000, 0x080, 0x100, 0x205, 0x605, 0x705, 0x7E5, 0x77
 
 const MS: u64 = 1_000_000;
 
-fuzz_target!(|data: &[u8]| {
-    let Some(node) = NodeId::new(5) else { return };
-    let mut config = DriveConfig::new(node);
+/// A drive with node-ID 5, or one that waits for its node-ID.
+fn prepared(without_node_id: bool) -> Drive {
+    let mut config = DriveConfig::new(NodeId::new(5).expect("a node-ID"));
     config.boot_ms = 1;
-    config.quirks.without_node_id = data.len().is_multiple_of(2);
-    let (mut drive, mut out) = (Drive::new(&config), NodeOutput::new());
+    config.quirks.without_node_id = without_node_id;
+    Drive::new(&config)
+}
+
+thread_local! {
+    static DRIVES: [Drive; 2] = [prepared(false), prepared(true)];
+}
+
+fuzz_target!(|data: &[u8]| {
+    let choice = usize::from(data.len().is_multiple_of(2));
+    let (mut drive, mut out) = (DRIVES.with(|drives| drives[choice].clone()), NodeOutput::new());
     let mut client =
         SdoClient::new(SdoConfig { buffer_bytes: 64, retries: 1, ..SdoConfig::default() });
     let mut master = LssMaster::new(LssConfig::default());

@@ -1,54 +1,42 @@
 //! Frames to two gateways in PREOP: datagrams with any command, address and data, and any bytes with
-//! the EtherType of EtherCAT.
+//! the EtherType of EtherCAT. Each input begins with a copy of one line.
 #![no_main]
 
-use ecan_sim::{Wire, echo};
+#[path = "../support/line_check.rs"]
+mod line_check;
+#[path = "../../ecan-sim/tests/wire_support/mod.rs"]
+mod wire_support;
+
 use libfuzzer_sys::fuzz_target;
+use line_check::{Bytes, check_counters, exchange, pass_raw};
+use wire_support::Line;
 
-const MS: u64 = 1_000_000;
-
-/// A frame with one datagram.
-fn frame(command: u8, slave: u16, offset: u16, data: &[u8]) -> Vec<u8> {
-    let mut frame = vec![0x10; 12];
-    frame.extend([0x88, 0xA4]);
-    frame.extend((0x1000 | (12 + data.len() as u16)).to_le_bytes());
-    frame.extend([command, 0]);
-    for word in [slave, offset, data.len() as u16, 0] {
-        frame.extend(word.to_le_bytes());
-    }
-    frame.extend(data);
-    frame.extend([0, 0]);
-    frame
+thread_local! {
+    static PREOP: Line = Line::preop(2);
 }
 
 fuzz_target!(|data: &[u8]| {
-    let mut now = 1_000 * MS;
-    let Ok(mut wire) = Wire::new(&echo(2), now) else { return };
-    now += 1_000 * MS;
-    wire.advance(now);
-    let mailboxes = [0x00, 0x10, 0x80, 0, 0x26, 0, 1, 0, 0x80, 0x10, 0x80, 0, 0x22, 0, 1, 0];
-    wire.pass(now, &mut frame(2, 0, 0x0010, &[0x01, 0x10]));
-    wire.pass(now, &mut frame(8, 0, 0x0800, &mailboxes));
-    wire.pass(now, &mut frame(8, 0, 0x0120, &[2, 0]));
-    let mut rest = data;
-    while let [kind, low, high, slave, offset @ ..] = rest {
-        let [offset_low, offset_high, tail @ ..] = offset else { return };
-        let length = usize::from(u16::from_le_bytes([*low, *high]) % 1480).min(tail.len());
-        let (own, behind) = tail.split_at(length);
-        let mut bytes = if *kind < 0xF0 {
-            let slave = if *slave < 0x80 { 0x1001 } else { u16::from(*slave) - 0x80 };
-            frame(kind % 16, slave, u16::from_le_bytes([*offset_low, *offset_high]), own)
-        } else {
-            // EtherCAT by its EtherType alone.
-            let mut bytes = vec![0x10; 12];
-            bytes.extend([0x88, 0xA4]);
-            bytes.extend(own);
-            bytes
-        };
-        now += 100_000;
-        let before = bytes.len();
-        wire.pass(now, &mut bytes);
-        assert_eq!(bytes.len(), before);
-        rest = behind;
+    let mut line = PREOP.with(Line::try_clone).expect("echo nodes can be copied");
+    let mut rest = Bytes(data);
+    // A frame takes longer than the choice of the next input.
+    for _ in 0..64 {
+        if rest.0.is_empty() {
+            break;
+        }
+        match rest.byte() {
+            0..0xD0 => {
+                line.pass(100_000);
+                let _ = exchange(&mut line, &[rest.datagram()]);
+            }
+            0xD0..0xE0 => {
+                let _ = exchange(&mut line, &[rest.datagram(), rest.datagram(), rest.datagram()]);
+            }
+            0xE0..0xF0 => line.pass(u64::from(rest.byte()) * 1_000_000),
+            _ => {
+                let length = usize::from(rest.byte());
+                pass_raw(&mut line, rest.take(length));
+            }
+        }
     }
+    check_counters(&line);
 });
