@@ -1,4 +1,4 @@
-//! Checks of what a line of gateways does with the frames of a master.
+//! Sends frames to a line of gateways and checks the responses.
 #![allow(dead_code)]
 
 use ecan_protocol::device::AlState;
@@ -54,7 +54,7 @@ fn rank(state: AlState) -> u8 {
     }
 }
 
-/// Sends the datagrams of one frame 10 us later; checks what comes back, if anything does.
+/// Sends the datagrams of one frame 10 us later; checks the response, if there is one.
 pub fn exchange(line: &mut Line, sent: &[Datagram]) -> Option<Vec<Datagram>> {
     let before = states(line);
     let back = line.exchange(sent);
@@ -73,7 +73,7 @@ pub fn exchange(line: &mut Line, sent: &[Datagram]) -> Option<Vec<Datagram>> {
     back
 }
 
-/// Passes any bytes behind the EtherType of EtherCAT.
+/// Passes any bytes after the EtherType of EtherCAT.
 pub fn pass_raw(line: &mut Line, bytes: &[u8]) {
     let mut frame = encode(&[]);
     frame.truncate(14);

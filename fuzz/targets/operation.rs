@@ -1,4 +1,4 @@
-//! What a master does to a gateway in OP: process data, mailboxes, requested states, registers and
+//! A master and a gateway in OP: process data, mailboxes, requested states, registers and
 //! pauses in any order. Each input begins with a copy of one line.
 #![no_main]
 

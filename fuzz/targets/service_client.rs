@@ -1,4 +1,4 @@
-//! What a service writes to a client, with any payloads: the first byte chooses how the socket cuts the stream.
+//! Messages of a service to a client, with any payloads: the first byte chooses how the socket cuts the stream.
 #![no_main]
 
 use ecan_service_protocol::{
