@@ -2,7 +2,9 @@
 # Runs fuzz targets for a number of executions each, one after the other, and sums them up:
 #   scripts/fuzz-volume.sh run BINARIES DIRECTORY TARGET=EXECUTIONS...
 #   scripts/fuzz-volume.sh sum DIRECTORY
+#   scripts/fuzz-volume.sh seeds BINARIES DIRECTORY TARGET...
 # BINARIES is the directory with the built targets, DIRECTORY takes corpora, findings and one log per run.
+# `seeds` adds inputs of at most 512 bytes to fuzz/seeds/, as few as reach every code that the corpus reaches.
 # A run ends at a finding; the next one continues with the remaining executions, ten runs at most.
 set -euo pipefail
 root=$(cd "$(dirname "$0")/.." && pwd)
@@ -51,11 +53,22 @@ sum() {
     echo "total: $total executions, $(find "$directory/findings" -type f | wc -l) findings"
 }
 
+seeds() {
+    local binaries=$1 directory=$2 target
+    shift 2
+    for target in "$@"; do
+        mkdir -p "$root/fuzz/seeds/$target"
+        "$binaries/$target" -set_cover_merge=1 -use_counters=0 -max_len=512 \
+            "$root/fuzz/seeds/$target" "$directory/corpus/$target" > "$directory/seeds.$target.log" 2>&1
+    done
+}
+
 case ${1:-} in
     run) run "${@:2}" ;;
     sum) sum "$2" ;;
+    seeds) seeds "${@:2}" ;;
     *)
-        echo "fuzz-volume.sh: unknown command \"${1:-}\"; use run or sum" >&2
+        echo "fuzz-volume.sh: unknown command \"${1:-}\"; allowed: run, sum, seeds" >&2
         exit 2
         ;;
 esac
