@@ -39,8 +39,11 @@ impl RobustMutex {
             unsafe {
                 libc::pthread_mutexattr_init(attributes);
                 libc::pthread_mutexattr_settype(attributes, libc::PTHREAD_MUTEX_ERRORCHECK);
-                libc::pthread_mutexattr_setrobust(attributes, libc::PTHREAD_MUTEX_ROBUST);
-                libc::pthread_mutexattr_setprotocol(attributes, protocol);
+                // Miri has neither of them.
+                if !cfg!(miri) {
+                    libc::pthread_mutexattr_setrobust(attributes, libc::PTHREAD_MUTEX_ROBUST);
+                    libc::pthread_mutexattr_setprotocol(attributes, protocol);
+                }
                 let code = libc::pthread_mutex_init(self.pointer(), attributes);
                 libc::pthread_mutexattr_destroy(attributes);
                 code == 0

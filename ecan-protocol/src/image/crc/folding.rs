@@ -206,8 +206,10 @@ mod tests {
     fn every_level_gives_the_same() {
         let data: Vec<u8> = (0..1000_u32).map(|i| ((i * i) >> 3) as u8).collect();
         let is_available = level::is_available();
+        // Miri takes seconds for each length.
+        let step = if cfg!(miri) { 61 } else { 1 };
         let tested = level::with_each_level(|level| {
-            for length in 0..data.len() {
+            for length in (0..data.len()).step_by(step) {
                 let data = &data[..length];
                 assert_eq!(crc16(data), crc16_portable(data), "level {level}, {length} bytes");
             }
