@@ -5,8 +5,8 @@ use std::fmt::{self, Write};
 
 use crate::result::ecan_result_t;
 
-// Exported by libecan_mcan_host for libecan_igh_host of the same version, and in no header. Both are
-// safe to call from any thread.
+// SAFETY: exported with these signatures by libecan_mcan_host for libecan_igh_host of the same
+// version, and in no header. Both are safe to call from any thread.
 unsafe extern "C" {
     /// Replaces the last error of this thread by one without a text.
     safe fn ecan_private_start_error(code: c_int, abort_code: u32);

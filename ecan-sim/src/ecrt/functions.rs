@@ -1,5 +1,6 @@
 //! C interface: the function table, with pointers outside and checked calls inside.
 //!
+//! # Safety
 //! Handles are never dereferenced (see the registry). Dereferenced are only out-parameters and
 //! buffers of the caller, which are valid or null by the contract of libethercat.
 

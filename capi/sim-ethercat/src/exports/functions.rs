@@ -1,4 +1,7 @@
 //! The functions of the simulated master.
+//!
+//! # Safety
+//! Out-parameters and buffers are NULL or valid, by the contract of libethercat.
 
 use ecrt_sys::{
     ec_al_state_t, ec_direction_t, ec_domain_state_t, ec_domain_t, ec_master_info_t,
