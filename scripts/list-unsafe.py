@@ -247,7 +247,7 @@ def render(rows, tests, bindings):
         "",
         f"{kinds['block']} blocks, {kinds['fn']} functions, {kinds['impl']} impls, {kinds['trait']} traits, "
         f"{kinds['extern']} extern blocks; {sum(tests.values())} in tests and benchmarks; the generated bindings of",
-        f"`ecrt.h` ([{GENERATED}](../{GENERATED})) declare {bindings} functions and blocks.",
+        f"`ecrt.h` (`{GENERATED}`) declare {bindings} functions and blocks.",
     ]
     for crate in sorted(rows):
         out += ["", f"## {crate}", "", "| file | item | kind | reason | check |", "| --- | --- | --- | --- | --- |"]
