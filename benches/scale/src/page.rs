@@ -1,4 +1,4 @@
-//! The page: its tables are replaced between their marks, its pictures written beside it.
+//! The page: its tables are replaced between their marks, its pictures are written to their folder.
 
 use std::fs;
 use std::path::{Path, PathBuf};

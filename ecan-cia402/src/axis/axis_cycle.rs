@@ -389,10 +389,10 @@ impl Axis {
 
     /// The Port rejected the frame. Returns whether the channel's queue is full.
     pub(crate) fn not_sent(&mut self, outgoing: &Outgoing, error: &SendError) -> bool {
-        if outgoing.command.is_none() {
-            self.skipped();
+        match outgoing.command {
+            None => self.skipped(),
+            Some(_) => self.last_command = None,
         }
-        self.last_command = None;
         matches!(error, SendError::Backpressure { what: Backpressure::Queue, .. })
     }
 

@@ -137,7 +137,7 @@ fn put_drives(r: &mut Rng, gateways: &mut [Gateway], cycle_us: u32) -> u32 {
         let mode = weighted(r, &[(5, Mode::Csp), (2, Mode::Csv), (1, Mode::Pp), (2, Mode::Ip)]);
         channel.partner = Partner::Drives { count, mode };
         (channel.receives, channel.sends) = (true, true);
-        // Little traffic of the application beside the axes.
+        // Little traffic of the application in addition to the axes.
         channel.frames = if chance(r, 50) { 0 } else { channel.frames.min(200) };
         sync_cycles = sync_cycles.max(drives::sync_cycles(count, channel.bitrate, cycle_us));
     }
