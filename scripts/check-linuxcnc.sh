@@ -42,8 +42,10 @@ fail() {
 # Pins by name: `is PIN VALUE`, with the time that it may take.
 is() { ./wait_for.sh "ecan-lite.$1" "$2" "${3:-10}" || fail "$1"; }
 
+# The edge counts: a thread that is late would miss a pin that returns before its next period.
 enable() {
     halcmd setp "ecan-lite.$1.enable" 0
+    is "$1.drv-fault" FALSE
     halcmd setp "ecan-lite.$1.enable" 1
     is "$1.enabled" TRUE
 }
