@@ -15,8 +15,10 @@ fn invalid_options_are_reported() {
     std::fs::write(&empty, "").unwrap();
     let wire = ["wire", "--interface", "none"];
     let firmware = ["firmware", "--out", "/no/such/new.bin"];
-    let cases: [(i32, &[&str], &str); 22] = [
+    let cases: [(i32, &[&str], &str); 24] = [
         (2, &[&wire[..], &["--spin", "--rt-priority", "5"]].concat(), "cannot be used with"),
+        (2, &[&wire[..], &["--spin", "--spin-us", "5"]].concat(), "cannot be used with"),
+        (2, &[&wire[..], &["--spin-us", "1001"]].concat(), "0..=1000"),
         (2, &[], "Usage"),
         (2, &["wires"], "unrecognized subcommand 'wires'"),
         (2, &["wire"], "--interface"),

@@ -3,6 +3,7 @@ use std::time::Duration;
 
 use clap::Args;
 use ecan_command_line::real_time::ThreadArguments;
+use ecan_host::MAX_SPIN_NS;
 
 /// Longest run, in seconds: a century.
 const LONGEST_RUN_S: f64 = 3.2e9;
@@ -37,8 +38,15 @@ pub struct WireArguments {
     /// Poll for frames instead of sleeping; uses a whole CPU.
     ///
     /// Not with a real-time priority, because Linux stops such a thread for 50 ms in every second.
-    #[arg(long, conflicts_with = "rt_priority", help_heading = "Real time")]
+    #[arg(long, conflicts_with_all = ["rt_priority", "spin_us"], help_heading = "Real time")]
     pub spin: bool,
+    /// Poll for at most this time before each expected frame, in us; 0 only sleeps.
+    ///
+    /// Applies to masters with a regular cycle, for at most an eighth of it, on a machine with several
+    /// CPUs.
+    #[arg(long, value_name = "US", default_value_t = 100, help_heading = "Real time",
+          value_parser = clap::value_parser!(u64).range(..=MAX_SPIN_NS / 1000))]
+    pub spin_us: u64,
     #[command(flatten)]
     pub thread: ThreadArguments,
 }

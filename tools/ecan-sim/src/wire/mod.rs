@@ -2,6 +2,7 @@
 
 mod arguments;
 mod dump;
+mod frame_prediction;
 mod interface;
 mod packet_socket;
 mod server;
@@ -18,6 +19,7 @@ use dump::Dump;
 use ecan_command_line::interrupt::Interrupt;
 use ecan_command_line::new_file::is_standard_stream;
 use interface::Interface;
+use nix::sys::prctl::set_timerslack;
 use packet_socket::PacketSocket;
 use server::Server;
 
@@ -42,11 +44,13 @@ pub fn run(arguments: &WireArguments) -> Result<(), Failure> {
     // The threads for signals and bridges must not inherit the privileges of this thread.
     let interrupt = Interrupt::install()?;
     announce(&scenario, &wire, &socket, screen);
+    let mut server = Server::new(wire, socket, dump, arguments, screen, start_ns);
     let report = arguments.thread.settings().apply()?;
     for outcome in &report.outcomes {
         screen.line(outcome);
     }
-    let mut server = Server::new(wire, socket, dump, arguments, screen, start_ns);
+    // Without it the system may delay each timer by 50 us; real-time threads have no such delay.
+    let _ = set_timerslack(1);
     let outcome = server.serve(&interrupt);
     // Print the counters also after an error.
     let finished = server.finish();

@@ -5,6 +5,7 @@ use ecan_sim::Wire;
 
 use super::arguments::WireArguments;
 use super::dump::Dump;
+use super::frame_prediction::FramePrediction;
 use super::packet_socket::{PacketSocket, Received, SocketError};
 use super::summary;
 use super::turnaround::{Turnaround, real_time_ns};
@@ -27,6 +28,7 @@ pub struct Server {
     watch: Watch,
     dump: Option<Dump>,
     turnaround: Turnaround,
+    prediction: FramePrediction,
     screen: Screen,
     is_quiet: bool,
     spins: bool,
@@ -39,7 +41,8 @@ pub struct Server {
 }
 
 impl Server {
-    /// Gateways switched on at `start_ns` of the monotonic clock.
+    /// Gateways switched on at `start_ns` of the monotonic clock. Call it before the thread is
+    /// restricted to certain CPUs.
     pub fn new(
         mut wire: Wire,
         socket: PacketSocket,
@@ -61,6 +64,7 @@ impl Server {
             socket,
             dump,
             turnaround: Turnaround::new(),
+            prediction: FramePrediction::new(polling_limit_ns(arguments)),
             screen,
             is_quiet: arguments.quiet,
             spins: arguments.spin,
@@ -75,11 +79,14 @@ impl Server {
 
     /// Answers frames until the time is over or the user ends it.
     pub fn serve(&mut self, interrupt: &Interrupt) -> Result<(), Failure> {
+        let mut is_polling = false;
         while !interrupt.is_set() {
             let received = self.socket.receive(&mut self.frame[..])?;
             let now = MonotonicClock.now_ns();
             match received {
-                Received::Frame { bytes, arrived_ns } => self.answer(now, bytes, arrived_ns)?,
+                Received::Frame { bytes, arrived_ns } => {
+                    self.answer(now, bytes, arrived_ns, is_polling)?;
+                }
                 Received::Nothing => self.wire.advance(now),
                 Received::Down => {
                     self.is_down = true;
@@ -101,8 +108,11 @@ impl Server {
                     self.socket.check_interface()?;
                 }
             }
-            if !self.spins {
+            let polling = self.prediction.polling_ns(now);
+            is_polling = self.spins || polling.is_some_and(|(start_ns, _)| now >= start_ns);
+            if !is_polling {
                 let next = self.wire.next_event().unwrap_or(u64::MAX).min(self.end_ns);
+                let next = polling.map_or(next, |(start_ns, _)| next.min(start_ns));
                 self.socket.wait(next.saturating_sub(now).min(LONGEST_WAIT_NS));
             }
         }
@@ -114,6 +124,7 @@ impl Server {
         now: u64,
         bytes: usize,
         arrived_ns: Option<u64>,
+        is_polled: bool,
     ) -> Result<(), SocketError> {
         let taken_ns = real_time_ns();
         let is_first = self.wire.statistics().frames == 0;
@@ -127,6 +138,8 @@ impl Server {
                 self.unsent += 1;
             }
         }
+        let waited_ns = arrived_ns.map_or(0, |arrived_ns| taken_ns.saturating_sub(arrived_ns));
+        self.prediction.count(now.saturating_sub(waited_ns), is_polled);
         if is_first && self.wire.statistics().frames > 0 {
             self.log(now, "first EtherCAT frame");
         }
@@ -163,6 +176,12 @@ impl Server {
         self.screen.line(&self.turnaround);
         self.dump.as_mut().map_or(Ok(()), Dump::flush)
     }
+}
+
+/// Longest polling for an expected frame; none on a single CPU, which the master needs to send it.
+fn polling_limit_ns(arguments: &WireArguments) -> u64 {
+    let cpus = std::thread::available_parallelism().map_or(1, usize::from);
+    if cpus > 1 { arguments.spin_us * 1000 } else { 0 }
 }
 
 fn stamped(now: u64, start_ns: u64, what: impl Display) -> String {
