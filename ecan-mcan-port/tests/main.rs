@@ -15,6 +15,7 @@ mod exchange;
 mod faults;
 mod gateway_variants;
 mod gateways_return;
+mod link_losses;
 mod listen_only;
 mod log_events;
 mod observer;
