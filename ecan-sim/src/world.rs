@@ -24,7 +24,6 @@ use crate::node::BridgeFactory;
 use crate::scenario::{GatewaySpec, Scenario, Topology};
 use crate::sii;
 use crate::world::can_side::BusSlot;
-use crate::world::deadline_set::DeadlineSet;
 use crate::world::io_slot::IoSlot;
 use crate::world::line::{ChannelLink, LineSlot};
 use crate::world::node_slot::NodeSlot;
@@ -45,7 +44,8 @@ const NEVER: u64 = u64::MAX;
 /// The world of a simulation.
 ///
 /// Time advances only in [`advance`](Self::advance). Everything that happens at one instant happens
-/// in a fixed order: faults, supplies, gateways, nodes, buses, each in the order of the scenario.
+/// in a fixed order: faults, supplies, gateways, nodes, buses, each in the order of the scenario; between such instants of
+/// gateways and faults each bus runs alone.
 pub struct World {
     now: u64,
     start: u64,
@@ -57,8 +57,6 @@ pub struct World {
     ios: Vec<IoSlot>,
     buses: Vec<BusSlot>,
     nodes: Vec<NodeSlot>,
-    /// Time of the next event of each node.
-    nodes_due: DeadlineSet,
     /// True if the nodes due at this instant have run.
     nodes_had_turn: bool,
     script: FaultScript,
@@ -94,7 +92,6 @@ impl World {
             ios: scenario.ios.iter().map(|spec| IoSlot::new(spec.clone(), now)).collect(),
             buses: Vec::new(),
             nodes: Vec::with_capacity(scenario.nodes.len()),
-            nodes_due: DeadlineSet::default(),
             nodes_had_turn: true,
             script: FaultScript::default(),
             fault_log: FaultLog::default(),
@@ -153,6 +150,7 @@ impl World {
         // infallible: the index was found or made above
         let slot = &mut self.buses[bus];
         slot.owners.push(owner);
+        slot.nodes_due.add();
         (bus, slot.bus.attach())
     }
 
@@ -233,9 +231,9 @@ impl World {
     /// Time of the next event.
     pub(crate) fn next_event(&self) -> u64 {
         // Plain loops: this runs at every instant.
-        let mut next = self.script.next_time().unwrap_or(NEVER).min(self.nodes_due.first());
+        let mut next = self.script.next_time().unwrap_or(NEVER);
         for slot in &self.buses {
-            next = next.min(slot.next);
+            next = next.min(slot.next_event());
         }
         for slot in &self.slots {
             next = next.min(slot.next).min(slot.power_on_at.unwrap_or(NEVER));
@@ -243,9 +241,20 @@ impl World {
         next
     }
 
+    /// Time of the next event that can concern several buses.
+    fn next_common_event(&self) -> u64 {
+        let mut next = self.script.next_time().unwrap_or(NEVER);
+        for slot in &self.slots {
+            let due = if slot.is_idle_at(self.now) { slot.due } else { 0 };
+            next = next.min(due).min(slot.power_on_at.unwrap_or(NEVER));
+        }
+        next
+    }
+
     /// Advances time to `to`, ns. An earlier time has no effect.
     pub fn advance(&mut self, to: u64) {
         while self.now <= to {
+            self.run_buses_before(self.next_common_event().min(to));
             let next = self.next_event().max(self.now);
             if next > to {
                 break;
@@ -272,14 +281,40 @@ impl World {
             self.run_slot(index);
         }
         self.nodes_had_turn = true;
-        if self.nodes_due.first() <= now {
-            for index in 0..self.nodes.len() {
-                self.run_node(index);
+        for index in 0..self.buses.len() {
+            self.run_bus_with_nodes(index);
+        }
+    }
+
+    /// Executes what happens on each bus before `end`, where no gateway acts and no fault is due: until then
+    /// the buses have no influence on each other. A bus with errors is left to
+    /// [`run_instant`](Self::run_instant), since its gateways report them in the order of time.
+    fn run_buses_before(&mut self, end: u64) {
+        if self.recording.is_some() {
+            return;
+        }
+        let begin = self.now;
+        for index in 0..self.buses.len() {
+            while let Some(slot) = self.buses.get(index)
+                && slot.bus.is_undisturbed()
+                && slot.next_event() < end
+            {
+                self.now = slot.next_event().max(begin);
+                self.run_bus_with_nodes(index);
             }
         }
-        for index in 0..self.buses.len() {
-            self.run_bus(index);
+        self.now = begin;
+    }
+
+    fn run_bus_with_nodes(&mut self, index: usize) {
+        let now = self.now;
+        let Some(slot) = self.buses.get(index) else { return };
+        if slot.nodes_due.first() <= now {
+            for station in 0..slot.owners.len() {
+                self.run_node(index, station);
+            }
         }
+        self.run_bus(index);
     }
 
     fn run_slot(&mut self, index: usize) {

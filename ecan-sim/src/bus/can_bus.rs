@@ -4,6 +4,7 @@ mod planning;
 use ecan_protocol::can::CanFrame;
 
 use super::arbitration::arbitration_key;
+use super::broadcast::Broadcast;
 use super::error_confinement::{DetectedError, ErrorCounters, ErrorState};
 use super::event::{BusEvent, BusFault};
 use super::frame_timing::{FrameTiming, INTERMISSION_BITS};
@@ -59,6 +60,8 @@ struct Undisturbed {
     from: u64,
     /// True if there are at least two.
     has_receivers: bool,
+    /// True if all of them repeat a frame that lost arbitration.
+    repeats: bool,
 }
 
 impl CanBus {
@@ -126,6 +129,11 @@ impl CanBus {
     #[must_use]
     pub fn config(&self, station: StationId) -> Option<StationConfig> {
         self.stations.get(station.0)?.config
+    }
+
+    /// Returns whether the station with this number is on the bus.
+    pub(crate) fn is_attached(&self, station: usize) -> bool {
+        self.stations.get(station).is_some_and(|station| station.config.is_some())
     }
 
     /// Puts a station's next frame into arbitration.
@@ -247,6 +255,23 @@ impl CanBus {
             }
             self.report_states(events);
         }
+    }
+
+    /// As [`advance_unplanned`](Self::advance_unplanned), if nothing happens up to `to` but the end of a frame
+    /// that all others receive: returns that frame instead of its events, and `None` without effect
+    /// otherwise.
+    pub(crate) fn take_broadcast(&mut self, to: u64) -> Option<Broadcast> {
+        let at = self.next_end.filter(|&at| at <= to)?;
+        if self.report_due || self.has_local_activity {
+            return None;
+        }
+        let t = *self.current.as_ref().filter(|t| t.end == at)?;
+        if !self.is_broadcast(&t) || t.contested && !self.undisturbed?.repeats {
+            return None;
+        }
+        self.now = self.now.max(at);
+        self.current = None;
+        Some(self.complete_broadcast(&t, |_| {}))
     }
 
     fn complete_local(&mut self, index: usize, at: u64, events: &mut Vec<BusEvent>) {

@@ -4,6 +4,7 @@
 //! one frame into arbitration, as a controller does; queues belong to the caller.
 
 mod arbitration;
+mod broadcast;
 mod can_bus;
 mod crc;
 mod error_confinement;
@@ -18,6 +19,7 @@ mod stuffing;
 mod wire_frame;
 
 pub use arbitration::arbitration_key;
+pub(crate) use broadcast::Broadcast;
 pub use can_bus::CanBus;
 pub use error_confinement::{BusError, DetectedError, ErrorState};
 pub use event::{BusEvent, BusFault};

@@ -59,6 +59,12 @@ impl Gateway {
     /// The bus confirms the frame that was taken last.
     pub fn transmitted(&mut self, now: u64, connector: usize, _frame: &CanFrame) {
         self.advance(now);
+        self.confirm(now, connector);
+    }
+
+    /// As [`transmitted`](Self::transmitted), while nothing is due.
+    pub(crate) fn confirm(&mut self, now: u64, connector: usize) {
+        self.now = self.now.max(now);
         if let Some((_, channel, counters)) = self.channel_at_mut(connector) {
             counters.frames_on_bus += u64::from(channel.controller.transmitted());
         }
@@ -76,6 +82,12 @@ impl Gateway {
     /// A frame arrives from the bus, complete at `now`.
     pub fn received(&mut self, now: u64, connector: usize, frame: &CanFrame, start_ns: u64) {
         self.advance(now);
+        self.receive(now, connector, frame, start_ns);
+    }
+
+    /// As [`received`](Self::received), while nothing is due.
+    pub(crate) fn receive(&mut self, now: u64, connector: usize, frame: &CanFrame, start_ns: u64) {
+        self.now = self.now.max(now);
         if let Some((_, channel, counters)) = self.channel_at_mut(connector) {
             channel.controller.receive(frame, start_ns, now, counters);
         }

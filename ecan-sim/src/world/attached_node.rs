@@ -31,8 +31,8 @@ impl World {
         (slot.fixed, slot.detached) = (None, true);
         slot.config = None;
         slot.output.clear();
-        self.nodes_due.set(index, NEVER);
         if let Some(bus) = self.buses.get_mut(slot.bus) {
+            bus.nodes_due.set(slot.station.index(), NEVER);
             bus.bus.configure(now, slot.station, None);
             bus.refresh();
         }

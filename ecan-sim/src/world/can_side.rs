@@ -3,6 +3,7 @@
 use ecan_protocol::mapping::CHANNELS;
 
 use crate::bus::{BusEvent, BusFault, CanBus, StationConfig, StationId, StationMode};
+use crate::world::deadline_set::DeadlineSet;
 use crate::world::line::LineSlot;
 use crate::world::node_slot::NodeSlot;
 use crate::world::{NEVER, World};
@@ -19,12 +20,20 @@ pub(super) struct BusSlot {
     pub(super) bus: CanBus,
     /// By station.
     pub(super) owners: Vec<Owner>,
+    /// Time of the next event of the bus.
     pub(super) next: u64,
+    /// Time of the next event of each node, by station.
+    pub(super) nodes_due: DeadlineSet,
 }
 
 impl BusSlot {
     pub(super) fn new(bus: CanBus) -> Self {
-        Self { bus, owners: Vec::new(), next: NEVER }
+        Self { bus, owners: Vec::new(), next: NEVER, nodes_due: DeadlineSet::default() }
+    }
+
+    /// Time of the next event of the bus or of one of its nodes.
+    pub(super) fn next_event(&self) -> u64 {
+        self.next.min(self.nodes_due.first())
     }
 
     pub(super) fn refresh(&mut self) {
@@ -47,7 +56,8 @@ impl World {
         if let Some(slot) = self.slots.get_mut(index) {
             // A gateway with something due now runs at the end of this instant, so that it cannot
             // stop time.
-            slot.next = slot.gateway.next_event().map_or(NEVER, |at| at.max(now + 1));
+            slot.due = slot.gateway.next_event().unwrap_or(NEVER);
+            slot.next = slot.due.max(now + 1);
             slot.acts_seen = Some(slot.gateway.acts);
         }
     }
@@ -90,12 +100,7 @@ impl World {
             bus.bus.recover(now, link.station);
             changed = true;
         }
-        if bus.bus.config(link.station).is_some()
-            && !bus.bus.is_offering(link.station)
-            && let Some(frame) = slot.gateway.next_transmit(channel)
-        {
-            changed |= bus.bus.offer_unplanned(now, link.station, &frame);
-        }
+        changed |= offer_next(now, slot, channel, bus);
         if changed {
             bus.replan();
         }
@@ -115,7 +120,6 @@ impl World {
 
     pub(super) fn add_node(&mut self, node: NodeSlot) {
         self.nodes.push(node);
-        self.nodes_due.add();
     }
 
     pub(super) fn configure_node(&mut self, index: usize, config: StationConfig) {
@@ -133,11 +137,13 @@ impl World {
         self.collect_output(index);
     }
 
-    pub(super) fn run_node(&mut self, index: usize) {
+    /// Runs the node at a station, if it is due.
+    pub(super) fn run_node(&mut self, bus: usize, station: usize) {
         let now = self.now;
-        if self.nodes_due.get(index) > now {
+        let Some(bus) = self.buses.get(bus).filter(|bus| bus.nodes_due.get(station) <= now) else {
             return;
-        }
+        };
+        let Some(&Owner::Node(index)) = bus.owners.get(station) else { return };
         if let Some(slot) = self.nodes.get_mut(index) {
             slot.node.as_node_mut().advance(now, &mut slot.output);
             self.collect_output(index);
@@ -160,41 +166,9 @@ impl World {
     /// As [`collect_output`](Self::collect_output) for one of several nodes of a bus. Returns whether the
     /// bus must be planned again.
     fn collect_unplanned(&mut self, index: usize) -> bool {
-        let now = self.now;
         let Some(slot) = self.nodes.get_mut(index) else { return false };
-        slot.has_events = false;
-        let node = slot.node.as_node();
-        let bit_rate = node.bit_rate();
-        let config = slot.config.filter(|_| node.is_on_bus()).map(|config| StationConfig {
-            nominal_bitrate: bit_rate.unwrap_or(config.nominal_bitrate),
-            ..config
-        });
-        if now < slot.muted_until || config.is_none() {
-            slot.output.clear();
-        }
-        slot.is_postponed = false;
-        let due = if self.nodes_had_turn {
-            slot.node.next_due()
-        } else {
-            // What is due now comes after the event that is being processed.
-            slot.node.catch_up(now - 1);
-            let due = slot.node.as_node().next_event();
-            slot.is_postponed = due.is_some_and(|at| at <= now);
-            due
-        };
-        self.nodes_due.set(index, due.map_or(NEVER, |at| at.max(now + 1)));
         let Some(bus) = self.buses.get_mut(slot.bus) else { return false };
-        if bus.bus.config(slot.station) != config {
-            bus.bus.configure(now, slot.station, config);
-        }
-        if let Some(frame) = slot.output.front()
-            && !bus.bus.is_offering(slot.station)
-            && bus.bus.offer_unplanned(now, slot.station, frame)
-        {
-            slot.output.pop();
-            return true;
-        }
-        false
+        collect(self.now, self.nodes_had_turn, slot, bus)
     }
 
     /// Runs a bus up to now and delivers its events.
@@ -205,6 +179,10 @@ impl World {
             if slot.next > now {
                 return;
             }
+            if self.run_broadcast(index) {
+                continue;
+            }
+            let Some(slot) = self.buses.get_mut(index) else { return };
             let mut events = std::mem::take(&mut self.events);
             slot.bus.advance_unplanned(now, &mut events);
             for event in &events {
@@ -225,6 +203,56 @@ impl World {
                 self.after_events(index);
             }
         }
+    }
+
+    /// Ends a frame that all stations of a bus receive, and lets those that react offer their next one.
+    /// Returns false without effect if something else happens, too.
+    fn run_broadcast(&mut self, index: usize) -> bool {
+        let Self { now, buses, nodes, slots, recording, nodes_had_turn, .. } = self;
+        let now = *now;
+        let Some(bus) = buses.get_mut(index) else { return false };
+        let is_idle = |owner: &Owner| match *owner {
+            Owner::Channel { gateway, .. } => {
+                slots.get(gateway).is_some_and(|slot| slot.is_idle_at(now))
+            }
+            Owner::Node(_) => true,
+        };
+        if !bus.owners.iter().all(is_idle) {
+            return false;
+        }
+        let Some(broadcast) = bus.bus.take_broadcast(now) else { return false };
+        if let Some(recording) = recording {
+            recording.note_broadcast(index, &bus.owners, &broadcast);
+        }
+        let frame = &broadcast.frame;
+        for station in 0..bus.owners.len() {
+            let is_sender = station == broadcast.sender.index();
+            match bus.owners.get(station) {
+                Some(&Owner::Channel { gateway, channel }) => {
+                    let Some(slot) = slots.get_mut(gateway) else { continue };
+                    if is_sender {
+                        slot.gateway.confirm(now, channel);
+                        offer_next(now, slot, channel, bus);
+                    } else if bus.bus.is_attached(station) {
+                        slot.gateway.receive(now, channel, frame, broadcast.start_ns);
+                    }
+                }
+                Some(&Owner::Node(node)) => {
+                    let Some(slot) = nodes.get_mut(node) else { continue };
+                    if is_sender {
+                        slot.node.as_node_mut().transmitted(now, frame, &mut slot.output);
+                    } else if !bus.bus.is_attached(station)
+                        || !slot.node.received(now, frame, &mut slot.output)
+                    {
+                        continue;
+                    }
+                    collect(now, *nodes_had_turn, slot, bus);
+                }
+                None => {}
+            }
+        }
+        bus.replan();
+        true
     }
 
     /// Delivers an event to the owner of a station. Its response is sent in
@@ -360,4 +388,54 @@ impl World {
         self.after_events(bus);
         true
     }
+}
+
+/// Reads what a node has to send and when it is due, and connects or disconnects its controller. Returns
+/// whether the bus must be planned again.
+fn collect(now: u64, nodes_had_turn: bool, slot: &mut NodeSlot, bus: &mut BusSlot) -> bool {
+    slot.has_events = false;
+    let node = slot.node.as_node();
+    let bit_rate = node.bit_rate();
+    let config = slot.config.filter(|_| node.is_on_bus()).map(|config| StationConfig {
+        nominal_bitrate: bit_rate.unwrap_or(config.nominal_bitrate),
+        ..config
+    });
+    if now < slot.muted_until || config.is_none() {
+        slot.output.clear();
+    }
+    slot.is_postponed = false;
+    let due = if nodes_had_turn {
+        slot.node.next_due()
+    } else {
+        // What is due now comes after the event that is being processed.
+        slot.node.catch_up(now - 1);
+        let due = slot.node.as_node().next_event();
+        slot.is_postponed = due.is_some_and(|at| at <= now);
+        due
+    };
+    bus.nodes_due.set(slot.station.index(), due.map_or(NEVER, |at| at.max(now + 1)));
+    if bus.bus.config(slot.station) != config {
+        bus.bus.configure(now, slot.station, config);
+    }
+    if let Some(frame) = slot.output.front()
+        && !bus.bus.is_offering(slot.station)
+        && bus.bus.offer_unplanned(now, slot.station, frame)
+    {
+        slot.output.pop();
+        return true;
+    }
+    false
+}
+
+/// Puts the next frame of a gateway's channel into arbitration. Returns whether the bus must be planned
+/// again.
+fn offer_next(now: u64, slot: &mut LineSlot, channel: usize, bus: &mut BusSlot) -> bool {
+    let Some(station) = slot.links.get(channel).map(|link| link.station) else { return false };
+    if bus.bus.config(station).is_some()
+        && !bus.bus.is_offering(station)
+        && let Some(frame) = slot.gateway.next_transmit(channel)
+    {
+        return bus.bus.offer_unplanned(now, station, &frame);
+    }
+    false
 }

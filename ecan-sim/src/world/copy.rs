@@ -13,7 +13,6 @@ impl World {
             ios: self.ios.clone(),
             buses: self.buses.clone(),
             nodes,
-            nodes_due: self.nodes_due.clone(),
             script: self.script.clone(),
             fault_log: self.fault_log.unobserved(),
             events: self.events.clone(),

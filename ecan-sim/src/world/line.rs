@@ -77,6 +77,9 @@ pub(super) struct LineSlot {
     pub(super) cable_open_until: u64,
     /// Number of supply losses: a station address does not survive one.
     pub(super) generation: u32,
+    /// Time of the gateway's next event; 0 if an access may have changed it since the last update.
+    pub(super) due: u64,
+    /// Time at which it runs for that: later than the last update.
     pub(super) next: u64,
     /// The gateway's own event count at the last update; `None` forces an update.
     pub(super) acts_seen: Option<u64>,
@@ -92,9 +95,17 @@ impl LineSlot {
             power_on_at: None,
             cable_open_until: 0,
             generation: 0,
+            due: NEVER,
             next: NEVER,
             acts_seen: None,
         }
+    }
+}
+
+impl LineSlot {
+    /// Returns whether the gateway has nothing to do at that time, and nothing since the last update.
+    pub(super) fn is_idle_at(&self, now: u64) -> bool {
+        self.due > now && self.acts_seen == Some(self.gateway.acts)
     }
 }
 
@@ -296,6 +307,8 @@ impl World {
             }
             if touched {
                 self.update_gateway(index);
+            } else {
+                slot.due = 0;
             }
         }
         for index in 0..self.ios.len() {

@@ -1,6 +1,6 @@
 use ecan_protocol::can::CanFrame;
 
-use crate::bus::{BusEvent, StationId};
+use crate::bus::{Broadcast, BusEvent, StationId};
 use crate::world::World;
 use crate::world::can_side::Owner;
 
@@ -37,14 +37,21 @@ impl Recording {
     }
 
     pub(super) fn note(&mut self, bus: usize, owners: &[Owner], event: &BusEvent) {
-        let BusEvent::Transmitted { station, frame, start_ns, at_ns } = event else { return };
+        if let BusEvent::Transmitted { station, frame, start_ns, at_ns } = *event {
+            let broadcast = Broadcast { sender: station, frame, start_ns, at_ns };
+            self.note_broadcast(bus, owners, &broadcast);
+        }
+    }
+
+    pub(super) fn note_broadcast(&mut self, bus: usize, owners: &[Owner], sent: &Broadcast) {
+        let Broadcast { sender, frame, start_ns, at_ns } = *sent;
         let is_from_channel = match self.scope {
             Scope::Channel { bus: recorded, .. } if recorded != bus => return,
-            Scope::Channel { station: channel, .. } => *station == channel,
-            Scope::All => matches!(owners.get(station.index()), Some(Owner::Channel { .. })),
+            Scope::Channel { station: channel, .. } => sender == channel,
+            Scope::All => matches!(owners.get(sender.index()), Some(Owner::Channel { .. })),
         };
-        let (start_ns, end_ns) = (*start_ns, *at_ns);
-        self.frames.push((bus, BusFrame { start_ns, end_ns, frame: *frame, is_from_channel }));
+        let frame = BusFrame { start_ns, end_ns: at_ns, frame, is_from_channel };
+        self.frames.push((bus, frame));
     }
 }
 

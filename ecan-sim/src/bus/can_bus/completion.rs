@@ -3,6 +3,7 @@
 use ecan_protocol::can::Phase;
 
 use super::CanBus;
+use crate::bus::broadcast::Broadcast;
 use crate::bus::can_bus::planning::{Transmission, TransmissionResult};
 use crate::bus::error_confinement::{BusError, DetectedError, ErrorState};
 use crate::bus::event::BusEvent;
@@ -19,16 +20,11 @@ const FIRST_TO_SIGNAL: u16 = 8;
 impl CanBus {
     /// Completes the transmission: counters, events; the bus is free after the intermission.
     pub(super) fn complete(&mut self, t: &Transmission, events: &mut Vec<BusEvent>) {
-        self.needs_plan = true;
-        let is_received_by_all =
-            t.result == TransmissionResult::Delivered && self.is_received_by_all(t.start);
-        if !is_received_by_all {
-            self.undisturbed = None;
+        if self.is_broadcast(t) {
+            return self.complete_with_all(t, events);
         }
-        let intermission = t.config.bits_ns(INTERMISSION_BITS);
-        self.free_at = t.end + intermission;
-        self.statistics.busy_ns += t.end - t.start + intermission;
-        self.statistics.identifier_collisions += u64::from(t.collision);
+        self.undisturbed = None;
+        self.count(t);
 
         // The ACK error of an error-passive sender is invisible: listeners receive the frame.
         // A late acknowledgement is dominant during its error flag, which counts.
@@ -38,14 +34,9 @@ impl CanBus {
         let good = t.result == TransmissionResult::Delivered;
         let mut states_changed = self.complete_sender(t, good, silent_no_ack, events);
         let received = good || silent_no_ack || silent_late_ack;
-        if is_received_by_all {
-            self.receive_at_all(t, events);
-        } else {
-            states_changed |= self.complete_receivers(t, received, events);
-        }
-        self.transmissions += 1;
+        states_changed |= self.complete_receivers(t, received, events);
         if t.contested {
-            self.complete_losers(t, events);
+            self.complete_losers(t, |event| events.push(event));
         }
         if self.has_local_activity {
             let quiet = t.end.saturating_sub(t.config.bits_ns(QUIET_END_BITS));
@@ -56,6 +47,62 @@ impl CanBus {
         if states_changed {
             self.report_states(events);
         }
+    }
+
+    /// Returns whether all others receive the frame while no station has errors.
+    pub(super) fn is_broadcast(&self, t: &Transmission) -> bool {
+        t.result == TransmissionResult::Delivered && self.is_received_by_all(t.start)
+    }
+
+    /// Occupies the bus, which is free after the intermission.
+    fn count(&mut self, t: &Transmission) {
+        let intermission = t.config.bits_ns(INTERMISSION_BITS);
+        self.needs_plan = true;
+        self.free_at = t.end + intermission;
+        self.transmissions += 1;
+        self.statistics.busy_ns += t.end - t.start + intermission;
+        self.statistics.identifier_collisions += u64::from(t.collision);
+    }
+
+    /// Completes a frame that all others receive; all error counters stay 0.
+    pub(super) fn complete_broadcast(
+        &mut self,
+        t: &Transmission,
+        abandoned: impl FnMut(BusEvent),
+    ) -> Broadcast {
+        self.count(t);
+        self.statistics.frames += 1;
+        for (index, station) in self.stations.iter_mut().enumerate() {
+            if index == t.transmitter {
+                station.offer = None;
+                station.statistics.transmitted += 1;
+            } else {
+                station.statistics.received += u64::from(station.config.is_some());
+            }
+        }
+        if t.contested {
+            self.complete_losers(t, abandoned);
+        }
+        let sender = StationId(t.transmitter);
+        Broadcast { sender, frame: t.frame, start_ns: t.start, at_ns: t.end }
+    }
+
+    /// As [`complete_broadcast`](Self::complete_broadcast), with the events of all stations.
+    fn complete_with_all(&mut self, t: &Transmission, events: &mut Vec<BusEvent>) {
+        let Transmission { frame, start: start_ns, end: at_ns, .. } = *t;
+        events.push(BusEvent::Transmitted {
+            station: StationId(t.transmitter),
+            frame,
+            start_ns,
+            at_ns,
+        });
+        for (index, station) in self.stations.iter().enumerate() {
+            if index != t.transmitter && station.config.is_some() {
+                let station = StationId(index);
+                events.push(BusEvent::Received { station, frame, start_ns, at_ns });
+            }
+        }
+        self.complete_broadcast(t, |event| events.push(event));
     }
 
     /// Returns whether the sender's error state changed.
@@ -121,17 +168,6 @@ impl CanBus {
         station.has_new_state()
     }
 
-    /// All others receive the frame; their error counters stay 0.
-    fn receive_at_all(&mut self, t: &Transmission, events: &mut Vec<BusEvent>) {
-        for (index, station) in self.stations.iter_mut().enumerate() {
-            if index != t.transmitter && station.config.is_some() {
-                station.statistics.received += 1;
-                let (station, frame) = (StationId(index), t.frame);
-                events.push(BusEvent::Received { station, frame, start_ns: t.start, at_ns: t.end });
-            }
-        }
-    }
-
     /// Returns whether a receiver's error state changed.
     fn complete_receivers(
         &mut self,
@@ -185,7 +221,7 @@ impl CanBus {
     }
 
     /// Handles stations that lost arbitration at the same start.
-    fn complete_losers(&mut self, t: &Transmission, events: &mut Vec<BusEvent>) {
+    fn complete_losers(&mut self, t: &Transmission, mut abandoned: impl FnMut(BusEvent)) {
         for (index, station) in self.stations.iter_mut().enumerate() {
             if index == t.transmitter {
                 continue;
@@ -200,7 +236,7 @@ impl CanBus {
             station.statistics.arbitrations_lost += 1;
             if !repeats {
                 station.offer = None;
-                events.push(BusEvent::Abandoned { station: StationId(index), frame, at_ns: t.end });
+                abandoned(BusEvent::Abandoned { station: StationId(index), frame, at_ns: t.end });
             }
         }
     }

@@ -86,6 +86,7 @@ impl CanBus {
         let mut from = 0;
         let mut first: Option<&StationConfig> = None;
         let mut has_receivers = false;
+        let mut repeats = true;
         for station in &self.stations {
             let Some(config) = &station.config else { continue };
             let is_equal = first.is_none_or(|first| {
@@ -100,10 +101,11 @@ impl CanBus {
                 return None;
             }
             has_receivers |= first.is_some();
+            repeats &= config.auto_retransmit;
             first = Some(config);
             from = from.max(station.active_from);
         }
-        (!self.has_sampling).then_some(Undisturbed { from, has_receivers })
+        (!self.has_sampling).then_some(Undisturbed { from, has_receivers, repeats })
     }
 
     /// Returns whether all stations receive a frame that starts then, and acknowledge it.
