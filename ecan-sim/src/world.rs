@@ -10,6 +10,7 @@ mod faults;
 mod fmmu;
 mod io_slot;
 mod line;
+mod listeners;
 mod node_slot;
 mod recording;
 mod slave_description;
@@ -149,9 +150,7 @@ impl World {
         });
         // infallible: the index was found or made above
         let slot = &mut self.buses[bus];
-        slot.owners.push(owner);
-        slot.nodes_due.add();
-        (bus, slot.bus.attach())
+        (bus, slot.attach(owner))
     }
 
     /// Simulated time, ns.

@@ -13,6 +13,7 @@ use super::recovery::Recovery;
 use super::station::{
     ArbitrationEntry, LocalTransmission, Station, StationConfig, StationId, StationMode,
 };
+use super::station_set::StationSet;
 use super::statistics::{BusStatistics, StationStatistics};
 use planning::Transmission;
 
@@ -36,8 +37,12 @@ pub struct CanBus {
     free_at: u64,
     stations: Vec<Station>,
     current: Option<Transmission>,
+    /// Stations that may have a frame in arbitration.
+    offering: StationSet,
     /// Number of ended transmissions.
     transmissions: u64,
+    /// Number of frames that all stations but the sender received.
+    broadcasts: u64,
     statistics: BusStatistics,
     report_due: bool,
     /// Time at which the next transmission or recovery ends, as last planned.
@@ -97,17 +102,20 @@ impl CanBus {
     pub fn configure(&mut self, now: u64, station: StationId, config: Option<StationConfig>) {
         self.now = self.now.max(now);
         let now = self.now;
+        let statistics = self.station_statistics(station);
         let Some(slot) = self.stations.get_mut(station.0) else {
             return;
         };
-        let Station { statistics, physical_layer, .. } = *slot;
+        let physical_layer = slot.physical_layer;
         *slot = Station {
             config,
             physical_layer,
             active_from: config.map_or(now, |c| now + c.bits_ns(INTEGRATION_BITS)),
             statistics,
+            broadcasts_missed: self.broadcasts,
             ..Station::default()
         };
+        self.offering.remove(station.0);
         self.undisturbed = None;
         self.handle_station_removal(station.0);
         self.changed();
@@ -182,6 +190,7 @@ impl CanBus {
             ready_at: now,
             withdrawn: false,
         });
+        self.offering.insert(station.0);
         self.needs_plan = true;
         true
     }
@@ -418,6 +427,11 @@ impl CanBus {
     /// Counters of one station.
     #[must_use]
     pub fn station_statistics(&self, station: StationId) -> StationStatistics {
-        self.stations.get(station.0).map_or_else(StationStatistics::default, |s| s.statistics)
+        let Some(slot) = self.stations.get(station.0) else { return StationStatistics::default() };
+        let mut statistics = slot.statistics;
+        if slot.config.is_some() {
+            statistics.received += self.broadcasts - slot.broadcasts_missed;
+        }
+        statistics
     }
 }

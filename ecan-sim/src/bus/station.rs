@@ -159,6 +159,8 @@ pub(super) struct Station {
     pub last_error: Option<DetectedError>,
     pub recovery: Option<Recovery>,
     pub injected_errors: u32,
+    /// Number of the bus's [broadcasts](super::CanBus::take_broadcast) that it did not receive.
+    pub broadcasts_missed: u64,
     pub statistics: StationStatistics,
 }
 

@@ -14,6 +14,7 @@ use super::drive_axis::DriveAxis;
 use super::history::TargetHistory;
 use super::object_source::ObjectSource;
 use super::sdo_server::SdoServer;
+use super::standard_ids::StandardIds;
 use super::trace::DriveTrace;
 use crate::earliest::earliest;
 use crate::node::{Node, NodeOutput};
@@ -358,6 +359,16 @@ impl Drive {
     /// Executes the controller ticks up to `now`.
     pub(crate) fn catch_up(&mut self, now: u64) {
         self.device.catch_up(now);
+    }
+
+    /// Changes with the [standard CAN IDs](Self::standard_ids); 0 at first.
+    pub(crate) const fn filter_version(&self) -> u32 {
+        self.device.received_ids.version()
+    }
+
+    /// The standard CAN IDs that the drive may read.
+    pub(crate) const fn standard_ids(&self) -> &StandardIds {
+        &self.device.received_ids.standard
     }
 
     /// Receives a frame; returns false if the drive ignores it.

@@ -3,25 +3,21 @@
 use ecan_canopen::{CobId, NodeId};
 use ecan_protocol::can::CanId;
 
-const WORD_BITS: usize = 64;
-const STANDARD_IDS: usize = 1 << 11;
+use super::standard_ids::StandardIds;
 
 /// A set of CAN IDs. Every frame on the bus is looked up in it.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub(super) struct CanIdSet {
-    standard: [u64; STANDARD_IDS / WORD_BITS],
+    pub(super) standard: StandardIds,
     extended: Vec<CanId>,
+    version: u32,
 }
 
 impl CanIdSet {
-    pub(super) const fn new() -> Self {
-        Self { standard: [0; STANDARD_IDS / WORD_BITS], extended: Vec::new() }
-    }
-
     /// CAN IDs of the services that every drive has: NMT, LSS, its SDO server, heartbeats of other nodes,
     /// and its guarding requests.
     pub(super) fn services_of(node: NodeId) -> Self {
-        let mut services = Self::new();
+        let mut services = Self::default();
         services.insert(CobId::NMT.can_id());
         services.insert(CobId::LSS_REQUEST.can_id());
         services.insert(CobId::sdo_client(node).can_id());
@@ -31,12 +27,17 @@ impl CanIdSet {
         services
     }
 
+    /// Changes with every change of the set; 0 at first.
+    pub(super) const fn version(&self) -> u32 {
+        self.version
+    }
+
     pub(super) fn insert(&mut self, id: CanId) {
-        let (word, bit) = bit_position(id);
+        self.version = self.version.wrapping_add(1);
         if id.is_extended() {
             self.extended.push(id);
-        } else if let Some(bits) = self.standard.get_mut(word) {
-            *bits |= 1 << bit;
+        } else {
+            self.standard.insert(id.raw() as usize);
         }
     }
 
@@ -44,19 +45,14 @@ impl CanIdSet {
         if id.is_extended() {
             return self.extended.contains(&id);
         }
-        let (word, bit) = bit_position(id);
-        self.standard.get(word).is_some_and(|bits| bits >> bit & 1 == 1)
+        self.standard.contains(id.raw() as usize)
     }
 
     pub(super) fn reset(&mut self, services: &Self) {
+        self.version = self.version.wrapping_add(1);
         self.standard = services.standard;
         self.extended.clear();
     }
-}
-
-fn bit_position(id: CanId) -> (usize, usize) {
-    let raw = id.raw() as usize;
-    (raw / WORD_BITS, raw % WORD_BITS)
 }
 
 #[cfg(test)]
@@ -73,7 +69,7 @@ mod tests {
         }
         assert!(services.contains(standard(0x701)) && services.contains(standard(0x77F)));
         let extended = CanId::extended(0x205).unwrap();
-        let mut all = CanIdSet::new();
+        let mut all = CanIdSet::default();
         all.insert(extended);
         assert!(all.contains(extended) && !all.contains(standard(0x205)));
         all.insert(standard(0x205));

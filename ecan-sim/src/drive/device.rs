@@ -113,7 +113,7 @@ impl Device {
                 .collect(),
             has_timed_pdos: false,
             has_event_pdos: false,
-            received_ids: CanIdSet::new(),
+            received_ids: CanIdSet::default(),
             services: CanIdSet::services_of(config.node),
             sync_id: None,
             has_sync_counter: false,

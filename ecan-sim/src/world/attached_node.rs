@@ -30,6 +30,7 @@ impl World {
         let node = std::mem::replace(&mut slot.node, silent);
         (slot.fixed, slot.detached) = (None, true);
         slot.config = None;
+        slot.controller = None;
         slot.output.clear();
         if let Some(bus) = self.buses.get_mut(slot.bus) {
             bus.nodes_due.set(slot.station.index(), NEVER);

@@ -5,7 +5,8 @@ use ecan_protocol::mapping::CHANNELS;
 use crate::bus::{BusEvent, BusFault, CanBus, StationConfig, StationId, StationMode};
 use crate::world::deadline_set::DeadlineSet;
 use crate::world::line::LineSlot;
-use crate::world::node_slot::NodeSlot;
+use crate::world::listeners::Listeners;
+use crate::world::node_slot::{NodeBody, NodeSlot};
 use crate::world::{NEVER, World};
 
 /// Owner of a station.
@@ -24,11 +25,31 @@ pub(super) struct BusSlot {
     pub(super) next: u64,
     /// Time of the next event of each node, by station.
     pub(super) nodes_due: DeadlineSet,
+    /// The gateways with a channel on the bus.
+    gateways: Vec<usize>,
+    listeners: Listeners,
 }
 
 impl BusSlot {
     pub(super) fn new(bus: CanBus) -> Self {
-        Self { bus, owners: Vec::new(), next: NEVER, nodes_due: DeadlineSet::default() }
+        Self {
+            bus,
+            owners: Vec::new(),
+            next: NEVER,
+            nodes_due: DeadlineSet::default(),
+            gateways: Vec::new(),
+            listeners: Listeners::default(),
+        }
+    }
+
+    pub(super) fn attach(&mut self, owner: Owner) -> StationId {
+        self.listeners.add(self.owners.len());
+        self.owners.push(owner);
+        self.nodes_due.add();
+        if let Owner::Channel { gateway, .. } = owner {
+            self.gateways.push(gateway);
+        }
+        self.bus.attach()
     }
 
     /// Time of the next event of the bus or of one of its nodes.
@@ -129,6 +150,7 @@ impl World {
         if before == Some(config) {
             return;
         }
+        slot.controller = None;
         let node = slot.node.as_node_mut();
         node.configured(now, &config);
         if before.is_none() {
@@ -211,13 +233,9 @@ impl World {
         let Self { now, buses, nodes, slots, recording, nodes_had_turn, .. } = self;
         let now = *now;
         let Some(bus) = buses.get_mut(index) else { return false };
-        let is_idle = |owner: &Owner| match *owner {
-            Owner::Channel { gateway, .. } => {
-                slots.get(gateway).is_some_and(|slot| slot.is_idle_at(now))
-            }
-            Owner::Node(_) => true,
-        };
-        if !bus.owners.iter().all(is_idle) {
+        let is_idle =
+            |gateway: &usize| slots.get(*gateway).is_some_and(|slot| slot.is_idle_at(now));
+        if !bus.gateways.iter().all(is_idle) {
             return false;
         }
         let Some(broadcast) = bus.bus.take_broadcast(now) else { return false };
@@ -225,28 +243,40 @@ impl World {
             recording.note_broadcast(index, &bus.owners, &broadcast);
         }
         let frame = &broadcast.frame;
-        for station in 0..bus.owners.len() {
-            let is_sender = station == broadcast.sender.index();
+        let sender = broadcast.sender.index();
+        match bus.owners.get(sender) {
+            Some(&Owner::Channel { gateway, channel }) => {
+                if let Some(slot) = slots.get_mut(gateway) {
+                    slot.gateway.confirm(now, channel);
+                    offer_next(now, slot, channel, bus);
+                }
+            }
+            Some(&Owner::Node(node)) => {
+                if let Some(slot) = nodes.get_mut(node) {
+                    slot.node.transmitted(now, frame, &mut slot.output);
+                    collect(now, *nodes_had_turn, slot, bus);
+                }
+            }
+            None => {}
+        }
+        let mut next = 0;
+        while let Some(station) = bus.listeners.of(frame.id()).first_from(next) {
+            next = station + 1;
+            if station == sender || !bus.bus.is_attached(station) {
+                continue;
+            }
             match bus.owners.get(station) {
                 Some(&Owner::Channel { gateway, channel }) => {
-                    let Some(slot) = slots.get_mut(gateway) else { continue };
-                    if is_sender {
-                        slot.gateway.confirm(now, channel);
-                        offer_next(now, slot, channel, bus);
-                    } else if bus.bus.is_attached(station) {
+                    if let Some(slot) = slots.get_mut(gateway) {
                         slot.gateway.receive(now, channel, frame, broadcast.start_ns);
                     }
                 }
                 Some(&Owner::Node(node)) => {
-                    let Some(slot) = nodes.get_mut(node) else { continue };
-                    if is_sender {
-                        slot.node.as_node_mut().transmitted(now, frame, &mut slot.output);
-                    } else if !bus.bus.is_attached(station)
-                        || !slot.node.received(now, frame, &mut slot.output)
+                    if let Some(slot) = nodes.get_mut(node)
+                        && slot.node.received(now, frame, &mut slot.output)
                     {
-                        continue;
+                        collect(now, *nodes_had_turn, slot, bus);
                     }
-                    collect(now, *nodes_had_turn, slot, bus);
                 }
                 None => {}
             }
@@ -291,7 +321,7 @@ impl World {
                     return;
                 }
                 if let BusEvent::Transmitted { frame, .. } = event {
-                    slot.node.as_node_mut().transmitted(now, frame, &mut slot.output);
+                    slot.node.transmitted(now, frame, &mut slot.output);
                 }
                 slot.has_events = true;
             }
@@ -394,13 +424,24 @@ impl World {
 /// whether the bus must be planned again.
 fn collect(now: u64, nodes_had_turn: bool, slot: &mut NodeSlot, bus: &mut BusSlot) -> bool {
     slot.has_events = false;
-    let node = slot.node.as_node();
-    let bit_rate = node.bit_rate();
-    let config = slot.config.filter(|_| node.is_on_bus()).map(|config| StationConfig {
-        nominal_bitrate: bit_rate.unwrap_or(config.nominal_bitrate),
-        ..config
-    });
-    if now < slot.muted_until || config.is_none() {
+    let controller = slot.node.controller();
+    if slot.controller != Some(controller) {
+        slot.controller = Some(controller);
+        let config = slot.config.filter(|_| controller.is_on_bus).map(|config| StationConfig {
+            nominal_bitrate: controller.bit_rate.unwrap_or(config.nominal_bitrate),
+            ..config
+        });
+        if bus.bus.config(slot.station) != config {
+            bus.bus.configure(now, slot.station, config);
+        }
+    }
+    if let NodeBody::Drive(drive) = &slot.node
+        && slot.filter_version != drive.filter_version()
+    {
+        slot.filter_version = drive.filter_version();
+        bus.listeners.filter(slot.station.index(), drive.standard_ids());
+    }
+    if now < slot.muted_until || slot.config.is_none() || !controller.is_on_bus {
         slot.output.clear();
     }
     slot.is_postponed = false;
@@ -414,9 +455,6 @@ fn collect(now: u64, nodes_had_turn: bool, slot: &mut NodeSlot, bus: &mut BusSlo
         due
     };
     bus.nodes_due.set(slot.station.index(), due.map_or(NEVER, |at| at.max(now + 1)));
-    if bus.bus.config(slot.station) != config {
-        bus.bus.configure(now, slot.station, config);
-    }
     if let Some(frame) = slot.output.front()
         && !bus.bus.is_offering(slot.station)
         && bus.bus.offer_unplanned(now, slot.station, frame)

@@ -67,12 +67,39 @@ impl NodeBody {
         }
     }
 
+    /// The bus has sent a frame of the node.
+    pub(super) fn transmitted(&mut self, now: u64, frame: &CanFrame, out: &mut NodeOutput) {
+        match self {
+            Self::Drive(drive) => drive.transmitted(now, frame, out),
+            Self::Other(node) => node.transmitted(now, frame, out),
+        }
+    }
+
+    pub(super) fn controller(&self) -> NodeController {
+        match self {
+            Self::Drive(drive) => {
+                NodeController { is_on_bus: drive.is_on_bus(), bit_rate: drive.bit_rate() }
+            }
+            Self::Other(node) => {
+                NodeController { is_on_bus: node.is_on_bus(), bit_rate: node.bit_rate() }
+            }
+        }
+    }
+
     pub(super) fn as_node_mut(&mut self) -> &mut dyn Node {
         match self {
             Self::Drive(drive) => &mut **drive,
             Self::Other(node) => &mut **node,
         }
     }
+}
+
+/// State of a node's controller, as the node demands it.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(super) struct NodeController {
+    pub(super) is_on_bus: bool,
+    /// Own nominal bit rate.
+    pub(super) bit_rate: Option<u32>,
 }
 
 pub(super) struct NodeSlot {
@@ -84,6 +111,10 @@ pub(super) struct NodeSlot {
     pub(super) fixed: Option<StationConfig>,
     /// Active bit rates; the node starts with the first.
     pub(super) config: Option<StationConfig>,
+    /// What the station is configured by; `None` after a change of `config`.
+    pub(super) controller: Option<NodeController>,
+    /// Version of the drive's [filter](Drive::filter_version) that the bus applies.
+    pub(super) filter_version: u32,
     pub(super) output: NodeOutput,
     pub(super) muted_until: u64,
     /// An event on the bus concerned the node: its output must be read.
@@ -144,6 +175,8 @@ impl NodeSlot {
             station,
             fixed: None,
             config: None,
+            controller: None,
+            filter_version: 0,
             output: NodeOutput::new(),
             muted_until: 0,
             has_events: false,

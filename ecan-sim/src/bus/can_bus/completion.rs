@@ -72,14 +72,13 @@ impl CanBus {
     ) -> Broadcast {
         self.count(t);
         self.statistics.frames += 1;
-        for (index, station) in self.stations.iter_mut().enumerate() {
-            if index == t.transmitter {
-                station.offer = None;
-                station.statistics.transmitted += 1;
-            } else {
-                station.statistics.received += u64::from(station.config.is_some());
-            }
+        self.broadcasts += 1;
+        if let Some(sender) = self.stations.get_mut(t.transmitter) {
+            sender.offer = None;
+            sender.statistics.transmitted += 1;
+            sender.broadcasts_missed += 1;
         }
+        self.offering.remove(t.transmitter);
         if t.contested {
             self.complete_losers(t, abandoned);
         }
@@ -222,10 +221,8 @@ impl CanBus {
 
     /// Handles stations that lost arbitration at the same start.
     fn complete_losers(&mut self, t: &Transmission, mut abandoned: impl FnMut(BusEvent)) {
-        for (index, station) in self.stations.iter_mut().enumerate() {
-            if index == t.transmitter {
-                continue;
-            }
+        for index in self.offering.iter().filter(|index| *index != t.transmitter) {
+            let Some(station) = self.stations.get_mut(index) else { continue };
             let Some((ready, offer, config)) = station.ready_at() else {
                 continue;
             };

@@ -118,8 +118,9 @@ impl CanBus {
         let mut winner = None;
         let mut collision = false;
         let mut contested = false;
-        for (index, station) in self.stations.iter().enumerate() {
-            let Some((ready, offer, config)) = station.ready_at() else {
+        for index in self.offering.iter() {
+            let Some((ready, offer, config)) = self.stations.get(index).and_then(Station::ready_at)
+            else {
                 continue;
             };
             let ready = ready.max(self.free_at);
