@@ -232,8 +232,8 @@ impl Drive {
     ) -> bool {
         let device = &self.device;
         let slot = device.objects.find((index, subindex)).ok();
-        let is_updated = slot
-            .is_some_and(|slot| device.units.iter().any(|unit| unit.slots.contains(&Some(slot))));
+        let is_updated =
+            device.units.iter().flat_map(|unit| &unit.slots).any(|(it, _)| Some(*it) == slot);
         if !device.powered || is_updated || device.objects.number(index, subindex).is_none() {
             return false;
         }

@@ -216,7 +216,8 @@ impl Device {
         let Self { units, transmit, .. } = self;
         let sent = |slot| transmit.iter().any(|pdo| pdo.id.is_some() && pdo.has(slot));
         for unit in units.iter_mut() {
-            unit.pdo_slots = unit.slots.map(|slot| slot.filter(|slot| sent(*slot)));
+            unit.pdo_slots.clear();
+            unit.pdo_slots.extend(unit.slots.iter().filter(|(slot, _)| sent(*slot)));
         }
         self.collect_received_ids();
     }

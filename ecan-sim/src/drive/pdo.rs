@@ -47,7 +47,18 @@ impl Mapping {
     }
 
     pub(super) fn entries(&self) -> impl Iterator<Item = Mapped> {
-        self.entries.into_iter().flatten()
+        self.entries.iter().map_while(|entry| *entry)
+    }
+
+    /// The entries with their raw bits in the data of a PDO.
+    pub(super) fn unpack(&self, data: [u8; PDO_BYTES]) -> impl Iterator<Item = (Mapped, u64)> {
+        let mut rest = u64::from_le_bytes(data);
+        self.entries().map(move |mapped| {
+            let bits = 8 * u32::from(mapped.bytes);
+            let raw = rest & !u64::MAX.checked_shl(bits).unwrap_or(0);
+            rest = rest.checked_shr(bits).unwrap_or(0);
+            (mapped, raw)
+        })
     }
 
     pub(super) fn has(&self, slot: Slot) -> bool {
@@ -55,16 +66,15 @@ impl Mapping {
     }
 
     pub(super) fn pack(&self, objects: &Dictionary) -> [u8; PDO_BYTES] {
-        let mut data = [0; PDO_BYTES];
-        let mut rest = data.iter_mut();
+        let (mut data, mut position) = (0u64, 0);
         for mapped in self.entries() {
             let raw = mapped.slot.map_or(0, |slot| objects.raw(slot));
-            let bytes = raw.to_le_bytes().into_iter().take(usize::from(mapped.bytes));
-            for (value, to) in bytes.zip(rest.by_ref()) {
-                *to = value;
-            }
+            let bits = 8 * u32::from(mapped.bytes);
+            let raw = raw & !u64::MAX.checked_shl(bits).unwrap_or(0);
+            data |= raw.checked_shl(position).unwrap_or(0);
+            position += bits;
         }
-        data
+        data.to_le_bytes()
     }
 }
 

@@ -10,7 +10,7 @@ use super::device::{Device, send};
 use super::dictionary::{Dictionary, Slot};
 use super::emergency::register_of;
 use super::pdo::{Mapping, PDO_BYTES, TransmitPdo};
-use super::updated_object::{Slots, UPDATED_OBJECTS};
+use super::updated_object::Slots;
 use crate::node::NodeOutput;
 
 /// EMCY error code: PDO with too few bytes.
@@ -62,7 +62,7 @@ impl Device {
         out: &mut NodeOutput,
         due: impl Fn(&mut TransmitPdo, &Dictionary) -> Option<[u8; PDO_BYTES]>,
     ) {
-        self.publish_to(|unit| unit.pdo_slots);
+        self.publish_to(|unit| &unit.pdo_slots);
         for pdo in &mut self.transmit {
             if let (Some(id), Some(data)) = (pdo.id, due(pdo, &self.objects)) {
                 send(&self.config, out, id, data.get(..pdo.mapping.length).unwrap_or(&data));
@@ -115,13 +115,9 @@ impl Device {
     /// Writes the data of a PDO to the objects; its commands are applied together.
     fn unpack(&mut self, mapping: &Mapping, data: &[u8; PDO_BYTES]) {
         let mut received = [ReceivedCommands::default(); MOST_AXES];
-        let mut rest = data.iter().copied();
         let mut parameters_changed = false;
         let mut axes = 0;
-        for mapped in mapping.entries() {
-            let bytes = rest.by_ref().take(usize::from(mapped.bytes));
-            let (raw, _) = bytes
-                .fold((0u64, 0), |(raw, shift), byte| (raw | u64::from(byte) << shift, shift + 8));
+        for (mapped, raw) in mapping.unpack(*data) {
             let Some(slot) = mapped.slot else { continue };
             if !self.is_within_limits(slot, raw) {
                 continue;
@@ -161,25 +157,23 @@ impl Device {
 
 impl Device {
     pub(super) fn publish(&mut self) {
-        self.publish_to(|unit| unit.slots);
+        self.publish_to(|unit| &unit.slots);
     }
 
-    fn publish_to(&mut self, slots: impl Fn(&AxisUnit) -> Slots) {
+    fn publish_to(&mut self, slots: impl Fn(&AxisUnit) -> &Slots) {
         for number in 0..self.units.count() {
-            let Some(unit) = self.units.get(number) else { continue };
-            let slots = slots(unit);
-            for (slot, index) in slots.iter().zip(UPDATED_OBJECTS) {
-                if let Some(slot) = slot
-                    && let Some(unit) = self.units.get(number)
-                {
-                    let value = self.updated_value(unit, index);
-                    self.objects.put(*slot, value as u64);
-                }
+            let mut position = 0;
+            while let Some(unit) = self.units.get(number)
+                && let Some(&(slot, index)) = slots(unit).get(position)
+            {
+                let value = self.updated_value(unit, index);
+                self.objects.put(slot, value as u64);
+                position += 1;
             }
         }
     }
 
-    /// Value of one of [`UPDATED_OBJECTS`], by its index for the first axis.
+    /// Value of an object that the drive updates, by its index for the first axis.
     fn updated_value(&self, unit: &AxisUnit, index: u16) -> i64 {
         let axis = &unit.axis;
         match index {

@@ -8,7 +8,7 @@ use super::dictionary::{Dictionary, Slot};
 const COUNT: usize = 20;
 
 /// Indices for the first axis.
-pub(super) const UPDATED_OBJECTS: [u16; COUNT] = [
+const UPDATED_OBJECTS: [u16; COUNT] = [
     object::ERROR_REGISTER,
     object::ERROR_CODE,
     object::STATUSWORD,
@@ -31,16 +31,15 @@ pub(super) const UPDATED_OBJECTS: [u16; COUNT] = [
     object::PROBE_2_NEGATIVE,
 ];
 
-/// Slots of these objects of an axis; `None` if the dictionary lacks the object.
-pub(super) type Slots = [Option<Slot>; COUNT];
+/// Slots of these objects of an axis, as far as the dictionary has them, with their indices for the
+/// first axis.
+pub(super) type Slots = Vec<(Slot, u16)>;
 
 pub(super) fn find_updated(objects: &Dictionary, axis: usize, is_drive: bool) -> Slots {
     let is_updated = |index| {
         let is_shared = index == object::ERROR_REGISTER;
         if axis == 0 { is_drive || is_shared } else { is_drive && !is_shared }
     };
-    UPDATED_OBJECTS.map(|index| {
-        let slot = objects.find((axis_index(axis, index), 0)).ok();
-        slot.filter(|_| is_updated(index))
-    })
+    let find = |index| objects.find((axis_index(axis, index), 0)).ok().map(|slot| (slot, index));
+    UPDATED_OBJECTS.into_iter().filter(|index| is_updated(*index)).filter_map(find).collect()
 }
