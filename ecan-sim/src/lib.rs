@@ -48,6 +48,7 @@ mod earliest;
 mod ecrt;
 mod esc;
 mod fault;
+mod queue;
 mod random;
 mod runner;
 mod scenario;

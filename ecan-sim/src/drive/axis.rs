@@ -9,6 +9,7 @@ use super::motion::{HomingResult, Motion};
 use super::motor::{Actuation, Motor, Offsets};
 use super::parameters::Parameters;
 use super::power::{Action, PowerStage, StopMode};
+use super::rounding::nearest;
 use super::touch_probe::TouchProbes;
 use super::trace::{DriveTrace, MotionSample, TraceCause, TraceEvent};
 use crate::earliest::earliest;
@@ -91,7 +92,7 @@ impl Axis {
 
     /// Actual position, not wrapped to 32 bits.
     pub(super) fn position_wide(&self) -> i64 {
-        self.motor.position.round() as i64 - self.origin
+        nearest(self.motor.position) - self.origin
     }
 
     /// Actual position; wraps at 32 bits.
@@ -100,7 +101,7 @@ impl Axis {
     }
 
     pub(super) fn demand(&self) -> i32 {
-        (self.motion.ramp.position.round() as i64 - self.origin) as i32
+        (nearest(self.motion.ramp.position) - self.origin) as i32
     }
 
     /// Demand minus actual position in modes that monitor it, otherwise 0.
@@ -114,7 +115,7 @@ impl Axis {
 
     /// A velocity in revolutions per minute.
     pub(super) fn rpm(&self, velocity: f64) -> i64 {
-        (velocity * 60.0 / self.motor.increments_per_revolution()).round() as i64
+        nearest(velocity * 60.0 / self.motor.increments_per_revolution())
     }
 
     pub(super) fn switches(&self) -> Switches {
@@ -148,7 +149,7 @@ impl Axis {
         self.at_limit = false;
         self.report = None;
         if supply_lost && !self.config.motor.absolute_encoder {
-            self.origin = self.motor.position.round() as i64;
+            self.origin = nearest(self.motor.position);
         }
     }
 
@@ -252,7 +253,7 @@ impl Axis {
         self.motor.advance(seconds, actuation);
         if let Some(reference) = found {
             // The zero position is the home offset away from the reference (CiA 402-2, 0x607C).
-            self.origin = reference.round() as i64 + i64::from(parameters.home_offset);
+            self.origin = nearest(reference) + i64::from(parameters.home_offset);
             self.history.restart();
         }
         self.motion.update_window(ns, &self.motor, parameters);

@@ -7,6 +7,7 @@ use super::history::{TargetKind, TargetRecord};
 use super::motion::MotionDemand;
 use super::parameters::Parameters;
 use super::power::{Conditions, halt_stop_mode};
+use super::rounding::nearest;
 use super::trace::{CommandSource, TraceCause, TraceEvent};
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -274,7 +275,7 @@ impl Axis {
     fn set_point(&mut self, word: Controlword, parameters: &Parameters) {
         let mut target = self.targets.position;
         if word.has(Controlword::MODE_6) {
-            let base = (self.motion.set_point_base().round() as i64 - self.origin) as i32;
+            let base = (nearest(self.motion.set_point_base()) - self.origin) as i32;
             target = target.wrapping_add(base);
         }
         let position = self.mechanical(target, parameters);

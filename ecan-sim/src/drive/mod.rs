@@ -36,6 +36,7 @@ mod pdo_rules;
 mod power;
 mod process_data;
 mod ramp;
+mod rounding;
 mod scanner_list;
 mod sdo_block;
 mod sdo_server;

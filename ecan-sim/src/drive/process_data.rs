@@ -10,6 +10,7 @@ use super::device::{Device, send};
 use super::dictionary::{Dictionary, Slot};
 use super::emergency::register_of;
 use super::pdo::{Mapping, PDO_BYTES, TransmitPdo};
+use super::rounding::nearest;
 use super::updated_object::Slots;
 use crate::node::NodeOutput;
 
@@ -182,12 +183,12 @@ impl Device {
             object::STATUSWORD => self.statusword(unit).0.into(),
             object::MODE_DISPLAY => axis.mode.map_or(0, |mode| mode.raw().into()),
             object::POSITION_DEMAND => axis.demand().into(),
-            object::POSITION_ACTUAL_INTERNAL => axis.motor.position.round() as i64,
+            object::POSITION_ACTUAL_INTERNAL => nearest(axis.motor.position),
             object::POSITION_ACTUAL => axis.position().into(),
             object::VELOCITY_DEMAND => i64::from(axis.motion.ramp.velocity as i32),
-            object::VELOCITY_ACTUAL => axis.motor.velocity.round() as i64,
-            object::TORQUE_DEMAND => axis.motor.torque.round() as i64,
-            object::TORQUE_ACTUAL => axis.motor.torque.round() as i64,
+            object::VELOCITY_ACTUAL => nearest(axis.motor.velocity),
+            object::TORQUE_DEMAND => nearest(axis.motor.torque),
+            object::TORQUE_ACTUAL => nearest(axis.motor.torque),
             object::FOLLOWING_ERROR => axis.following_error().into(),
             object::DIGITAL_INPUTS => axis.switches().bits().into(),
             object::VL_VELOCITY_DEMAND => axis.rpm(axis.motion.ramp.velocity),

@@ -14,6 +14,7 @@ use crate::bus::{
     BusError, DelayCompensation, DetectedError, ErrorState, PhysicalLayer, StationConfig,
     StationMode, arbitration_key,
 };
+use crate::queue::take_first;
 
 use super::counters::GatewayCounters;
 use super::filter::{Destination, FilterTable};
@@ -239,14 +240,14 @@ impl Controller {
         {
             return None;
         }
-        let index = match config.ram.tx_mode {
-            TxMode::Fifo => 0,
+        let frame = match config.ram.tx_mode {
+            TxMode::Fifo => take_first(&mut self.transmit)?,
             TxMode::Queue => {
                 let keys = self.transmit.iter().map(arbitration_key);
-                keys.enumerate().min_by_key(|(index, key)| (*key, *index))?.0
+                let (index, _) = keys.enumerate().min_by_key(|(index, key)| (*key, *index))?;
+                self.transmit.remove(index)?
             }
         };
-        let frame = self.transmit.remove(index)?;
         self.in_flight = Some(frame);
         Some(frame)
     }

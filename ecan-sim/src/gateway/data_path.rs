@@ -211,11 +211,12 @@ impl DataPath {
         self.options.rx.sequence = sequence;
         let mut budget = self.rx_budget();
         let payload_end = HEADER_BYTES + image.payload().len();
-        let mut following = image.packets().skip(1);
+        // Only a budget asks for the end of a packet.
+        let mut following = budget.as_ref().map(|_| image.packets().skip(1));
         let mut packets = 0;
         let result = image.packets().try_for_each(|packet| {
             packets += 1;
-            let end = match following.next() {
+            let end = match following.as_mut().and_then(Iterator::next) {
                 Some(Ok(Packet::Frame(next))) => usize::from(next.offset),
                 _ => payload_end,
             };
@@ -290,10 +291,10 @@ impl DataPath {
         let channel = &mut self.channels[number];
         let losses = &mut self.counters.transmit_losses;
         channel.check_sendable(&pending.frame, losses)?;
-        let before = *losses;
+        let before = (losses.ring_full, losses.stale);
         let Channel { transmit, policy, .. } = channel;
         let result = transmit.enqueue(pending, policy, &mut self.results, losses);
-        if *losses != before {
+        if (losses.ring_full, losses.stale) != before {
             channel.last_error = path_error::RING_FULL;
             self.flags |= flag::TX_RING_DROP;
             self.options.rx.note_overflow(1, None);

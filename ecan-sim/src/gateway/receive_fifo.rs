@@ -5,6 +5,8 @@ use std::collections::VecDeque;
 use ecan_protocol::can::CanFrame;
 use ecan_protocol::config::FifoMode;
 
+use crate::queue::take_first;
+
 /// Largest size of a receive FIFO, and largest number of receive buffers.
 pub(super) const RX_ELEMENTS_MAX: usize = 64;
 
@@ -57,7 +59,7 @@ impl ReceiveFifo {
     }
 
     pub(super) fn take(&mut self, size: u8) -> Option<Received> {
-        let taken = self.elements.pop_front()?;
+        let taken = take_first(&mut self.elements)?;
         self.get_index = wrap_increment(self.get_index, usize::from(size));
         self.lost = false;
         Some(taken)

@@ -6,6 +6,8 @@ use std::collections::VecDeque;
 use ecan_protocol::can::CanFrame;
 use ecan_protocol::config::{CriticalFrames, DataPathConfig, RxBudget, RxOverflow};
 
+use crate::queue::take_first;
+
 use super::controller::Controller;
 use super::counters::ReceiveLosses;
 use super::receive_fifo::Received;
@@ -74,7 +76,7 @@ impl ReceivePath {
 
     pub(super) fn pop(&mut self) -> Option<Received> {
         self.drained = self.drained.saturating_sub(1);
-        self.cache.pop_front()
+        take_first(&mut self.cache)
     }
 
     pub(super) fn flush(&mut self) -> usize {

@@ -7,6 +7,8 @@ use ecan_protocol::can::CanFrame;
 use ecan_protocol::config::{DataPathConfig, TxOverflow};
 use ecan_protocol::image::{ResultCode, TxResult};
 
+use crate::queue::take_first;
+
 use super::controller::{Controller, Rejection};
 use super::counters::{GatewayCounters, TransmitLosses};
 use super::variant::{
@@ -116,7 +118,7 @@ impl ResultQueue {
     }
 
     pub(super) fn pop(&mut self) -> Option<TxResult> {
-        self.results.pop_front()
+        take_first(&mut self.results)
     }
 
     pub(super) fn clear(&mut self) {
@@ -220,7 +222,7 @@ impl TransmitPath {
                     ResultCode::InvalidChannel
                 }
             };
-            self.ring.pop_front();
+            take_first(&mut self.ring);
             sent += 1;
             results.report(pending.reference, code);
         }

@@ -4,6 +4,8 @@ use std::collections::VecDeque;
 
 use ecan_protocol::can::CanFrame;
 
+use crate::queue::take_first;
+
 /// Frames to send, first in, first out.
 ///
 /// Grows to the largest number of waiting frames and then allocates no more.
@@ -32,7 +34,7 @@ impl NodeOutput {
 
     /// Takes the next frame.
     pub fn pop(&mut self) -> Option<CanFrame> {
-        self.waiting.pop_front()
+        take_first(&mut self.waiting)
     }
 
     /// Number of waiting frames.
