@@ -28,6 +28,7 @@ mod schedule_lateness;
 mod schedule_pace;
 mod scheduling;
 mod scheduling_periods;
+mod sequence_wrap;
 mod sharing;
 mod startup;
 mod sync0_window;

@@ -126,6 +126,15 @@ mod tests {
     }
 
     #[test]
+    fn gap_over_the_wrap_is_exact() {
+        assert_eq!(after(0xFFFE, 0, false).observe(0xFFFF), Some(KNOWN));
+        assert_eq!(after(0xFFFF, 0, false).observe(0), Some(KNOWN));
+        assert_eq!(after(0xFFFF, 0, false).observe(0xFFFF), None);
+        assert_eq!(after(0xFFFD, 3, false).observe(1), lost(3));
+        assert_eq!(after(0xFFF8, 20, true).observe(4), unknown(24), "either is possible");
+    }
+
+    #[test]
     fn numbers_that_start_again_leave_unknown_images() {
         assert_eq!(after(500, 20, true).observe(1), unknown(21), "step back");
         assert_eq!(after(3, 20, true).observe(5), unknown(25), "either is possible");
