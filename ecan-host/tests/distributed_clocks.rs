@@ -107,6 +107,27 @@ fn cycle_is_in_phase_with_sync0() {
     assert!(phase.abs_diff(300_000) < 1_000, "Sync0 comes {phase} ns after the point");
 }
 
+/// The library returns the lower half of the system time, which wraps every 4.3 s.
+#[test]
+fn wraps_of_the_system_time_do_not_shift_the_phase() {
+    let led = DcSync::new(Duration::from_nanos(CYCLE_NS.into()), Duration::ZERO);
+    for dc in [following(), led] {
+        let (mut adapter, simulation) = in_op(&[50], Scenario::default(), dc);
+        phase_errors(&mut adapter, 1_000);
+        let time = |adapter: &Adapter| {
+            let now = adapter.clock().now_ns();
+            simulation.with_world(|world| world.gateway(0).unwrap().dc_system_time(now)).unwrap()
+        };
+        let (begin, before) = (time(&adapter) >> 32, status(&adapter));
+        let errors = phase_errors(&mut adapter, 9_000);
+        assert!((time(&adapter) >> 32) - begin >= 2, "two wraps");
+        assert!(worst(&errors) < 1_000, "{:?}: {} ns", dc.source, worst(&errors));
+        let after = status(&adapter);
+        assert_eq!(after.missed_readings, before.missed_readings);
+        assert!((after.rate_ppb - before.rate_ppb).abs() < 1_000, "{after:?}");
+    }
+}
+
 #[test]
 fn lost_frames_are_counted_and_do_not_shift_the_phase() {
     let (mut adapter, simulation) = in_op(&[50, -30], Scenario::default(), following());

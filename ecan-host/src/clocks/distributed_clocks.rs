@@ -256,3 +256,25 @@ fn has_clock(result: Result<(), Errno>) -> Result<bool, Errno> {
         Err(errno) => Err(errno),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn reading_follows_over_the_wrap_of_the_system_time() {
+        let before = Reading { time: u32::MAX - 400_000, sent_ns: 5_000_000_000 };
+        let after = |passed: u64, counted: u32| {
+            let sent_ns = before.sent_ns + passed;
+            Reading { time: before.time.wrapping_add(counted), sent_ns }.follows(before, 1_000_000)
+        };
+        assert!(after(1_000_000, 1_000_000), "599,999 after the wrap");
+        assert!(after(1_000_000, 1_000_050));
+        assert!(!after(1_000_000, 0), "the library repeats the last value");
+        assert!(!after(1_000_000, 1_300_000));
+        // An outage that is longer than the range of the time.
+        let range = 1 << 32;
+        assert!(after(range + 1_000_000, 1_000_000));
+        assert!(!after(range + 1_000_000, 600_000_000));
+    }
+}
