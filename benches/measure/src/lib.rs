@@ -7,10 +7,12 @@
 
 mod cold;
 mod row;
+mod thread_cpu;
 mod turns;
 mod wire;
 
 pub use cold::Evictor;
 pub use row::{Row, print_rows};
+pub use thread_cpu::thread_cpu_ns;
 pub use turns::{Outcome, interleaved, median, rounds, timed, warm, warm_alone};
 pub use wire::wire_ns;

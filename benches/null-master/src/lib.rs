@@ -6,6 +6,8 @@
 //! new image. The measured time is the work of the host, without the system calls of a real master
 //! and without the simulator.
 
+mod timed_library;
+
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicPtr, AtomicU64, AtomicUsize, Ordering};
 
@@ -18,6 +20,8 @@ use ecrt_sys::{
     ec_domain_t, ec_master_t, ec_slave_config_state_t, ec_slave_config_t,
 };
 use libc::c_int;
+
+pub use timed_library::{LibraryTime, timed};
 
 const MOST_DOMAINS: usize = 128;
 const VERSION_MAGIC: u32 = 0x106;
