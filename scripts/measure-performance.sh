@@ -5,13 +5,16 @@
 #
 #     scripts/measure-performance.sh
 #
+# OTHER_SIMULATOR="--other IFACE" compares the turnaround of ecan-sim wire with that of another slave
+# simulator, which answers at the other end of the veth pair IFACE (docs/PERFORMANCE.md, Turnaround).
+#
 # Needs a C compiler for the plain C codec, and for the wake-up rows cyclictest and permission for
 # SCHED_FIFO.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 document=docs/PERFORMANCE.md
 
-bench() { cargo bench --quiet --locked -p "$1" --bench "$2"; }
+bench() { cargo bench --quiet --locked -p "$1" --bench "$2" -- "${@:3}"; }
 # Benchmarks mark table rows with "= ".
 rows() { sed -n 's/^= //p' <<<"$1" | tail -n +2; }
 details() { grep -v '^= ' <<<"$1" || true; }
@@ -19,15 +22,24 @@ has_goal() { awk -F'|' '$3 !~ /^ *$/'; }
 has_no_goal() { awk -F'|' '$3 ~ /^ *$/'; }
 
 cargo bench --quiet --locked --no-run -p ecan-protocol -p ecan-host -p ecan-mcan-port \
-    -p ecan-cia402 -p ecan-igh-host -p ecan-service --bench codec --bench wake_up --bench cycle \
-    --bench axes --bench simulation --bench c_face --bench clients
+    -p ecan-cia402 -p ecan-igh-host -p ecan-service -p ecan-sim-program --bench codec --bench wake_up \
+    --bench cycle --bench axes --bench cycle_cpu --bench turnaround --bench simulation --bench c_face --bench clients
 load_before=$(cut -d' ' -f1-2 /proc/loadavg)
 codec=$(bench ecan-protocol codec)
 cycle=$(bench ecan-mcan-port cycle)
 axes=$(bench ecan-cia402 axes)
+cycle_cpu=$(bench ecan-cia402 cycle_cpu)
 simulation=$(bench ecan-cia402 simulation)
 c_face=$(bench ecan-igh-host c_face)
 clients=$(bench ecan-service clients)
+
+turnaround='| turnaround on veth, p50 | 1 | not measured in this run | | ecan-sim wire / another slave simulator |
+| turnaround on veth, p99 | 1 | not measured in this run | | ecan-sim wire / another slave simulator |'
+# shellcheck disable=SC2086 # several arguments
+turnaround_details=$(bench ecan-sim-program turnaround ${OTHER_SIMULATOR:-})
+measured=$(rows "$turnaround_details")
+turnaround=${measured:-$turnaround}
+turnaround_details=$(details "$turnaround_details")
 
 wake_up='| wake-up at 1 ms, p50 | 1.1 | not measured in this run | | cycle timer / cyclictest |
 | wake-up at 1 ms, p99 | 1.2 | not measured in this run | | cycle timer / cyclictest |
@@ -49,8 +61,10 @@ table="| measure | goal | accelerated | portable | what |
 $(rows "$codec" | has_goal)
 $(rows "$cycle")
 $(rows "$axes")
+$(rows "$cycle_cpu")
 $(rows "$clients")
 $simulated
+$turnaround
 $wake_up
 $(rows "$c_face")"
 echo "$table"
@@ -130,6 +144,18 @@ $(details "$axes")
 
     cargo bench -p ecan-cia402 --bench axes
 
+## Processor time of a cycle
+
+Processor time of the thread in a cycle of 1 ms with three gateways, N = 3, and ten axes, which follow targets of the
+application. The thread sleeps until each cycle. The wait, which every program with a cycle has, and the calls of the
+library are separate; the null master has no calls.
+
+\`\`\`text
+$(details "$cycle_cpu")
+\`\`\`
+
+    cargo bench -p ecan-cia402 --bench cycle_cpu
+
 ## Service
 
 Run time of a cycle with N = 3 and 10 frames in each direction, of a Port whose service has eight clients relative to
@@ -151,6 +177,18 @@ $simulation
 \`\`\`
 
     cargo bench -p ecan-cia402 --bench simulation
+
+## Turnaround
+
+Time from the call that sends an EtherCAT frame to the arrival of the response, on a veth pair, one frame per millisecond
+(BRD of 2 bytes, FPRD of 8, LRW of 768 in turn). Segments of \`ecan-sim wire\` and of another slave simulator alternate;
+the figure is the median of the ratios of adjacent segments.
+
+\`\`\`text
+$turnaround_details
+\`\`\`
+
+    cargo bench -p ecan-sim-program --bench turnaround -- --other IFACE [--rt-priority N]
 
 ## Wake-up
 

@@ -40,7 +40,7 @@ use requester::{Kind, Requester, Sample};
 
 const SEGMENTS: usize = 20;
 /// Frames of each kind in a segment.
-const FRAMES: usize = 400;
+const FRAMES: usize = 1000;
 
 #[derive(Parser)]
 struct Arguments {
@@ -173,6 +173,6 @@ fn main() -> Result<(), Box<dyn Error>> {
         };
         print_rows(&[row("p50", ratio(|it| it.p50)), row("p99", ratio(|it| it.p99))]);
     }
-    println!("\n{}", program.end(Signal::SIGTERM));
+    program.end(Signal::SIGTERM);
     Ok(())
 }
