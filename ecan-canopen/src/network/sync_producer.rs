@@ -92,6 +92,17 @@ mod tests {
     }
 
     #[test]
+    fn largest_overflow_restarts_the_counter_after_240() {
+        let config = SyncConfig { counter_overflow: Some(240), ..SyncConfig::default() };
+        let mut producer = enabled();
+        for expected in (1..=240).cycle().take(500) {
+            producer.tick(&config);
+            assert_eq!(producer.counter(&config), Some(expected));
+            producer.sent(&config);
+        }
+    }
+
+    #[test]
     fn sync_is_due_every_third_cycle() {
         let config = SyncConfig { every_cycles: 3, ..SyncConfig::default() };
         let mut producer = enabled();
