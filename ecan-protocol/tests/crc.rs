@@ -6,7 +6,9 @@ use ecan_protocol::image::{crc16, crc16_is_accelerated, crc16_portable};
 /// CRC-16/CCITT-FALSE by its name in the catalogue.
 const ORACLE: Crc<u16> = Crc::<u16>::new(&CRC_16_IBM_3740);
 
-const LONGEST: usize = 4096;
+const LONGEST: usize = if cfg!(miri) { 1024 } else { 4096 };
+/// Distance of the lengths: Miri is slow.
+const STEP: usize = if cfg!(miri) { 61 } else { 1 };
 
 /// Bytes of a small linear congruential generator.
 fn bytes(seed: u64, length: usize) -> Vec<u8> {
@@ -32,10 +34,13 @@ fn crc_of_every_length_and_alignment() {
         let start = (alignment + 16 - data.as_ptr() as usize % 16) % 16;
         let mut digest = ORACLE.digest();
         for length in 0..=LONGEST {
-            let slice = &data[start..start + length];
-            let expected = digest.clone().finalize();
-            assert_eq!(crc16(slice), expected, "length {length} at {alignment}");
-            assert_eq!(crc16_portable(slice), expected, "length {length} at {alignment}, tables");
+            if length % STEP == 0 {
+                let slice = &data[start..start + length];
+                let expected = digest.clone().finalize();
+                assert_eq!(crc16(slice), expected, "length {length} at {alignment}");
+                let portable = crc16_portable(slice);
+                assert_eq!(portable, expected, "length {length} at {alignment}, tables");
+            }
             digest.update(&data[start + length..=start + length]);
         }
     }

@@ -139,6 +139,7 @@ fn cycle_of_another_thread_admits_short_calls_only() {
 }
 
 #[test]
+#[cfg_attr(miri, ignore = "Miri has no robust mutex: one stays locked when its thread ends")]
 fn cycle_ends_with_its_thread() {
     let mut context = NOTHING;
     assert_eq!(make(&mut context, 7), 0);
@@ -165,6 +166,7 @@ fn cycle_ends_with_its_object() {
 }
 
 #[test]
+#[cfg_attr(miri, ignore = "Miri has no robust mutex: one stays locked when its thread ends")]
 fn open_cycle_belongs_to_its_thread() {
     let mut context = NOTHING;
     assert_eq!(make(&mut context, 7), 0);
@@ -192,7 +194,7 @@ fn open_cycle_belongs_to_its_thread() {
 
 #[test]
 fn cycle_thread_never_loses_to_visitors() {
-    const CYCLES: u32 = 500_000;
+    const CYCLES: u32 = if cfg!(miri) { 50 } else { 500_000 };
     let mut context = NOTHING;
     assert_eq!(make(&mut context, 0), 0);
     // Visitors make room only for the thread that has run a cycle before.
