@@ -86,7 +86,8 @@ fn frames_and_results_cross_both_wraps() {
     let before = counters(&fixture);
     let mut traffic = Traffic::default();
     let mut flagged = [0; 2];
-    let both: [fn(&Port) -> (u16, u8); 2] = [|port| sent(port, 0), |port| received(port, 0)];
+    type HeaderOf = fn(&Port) -> (u16, u8);
+    let both: [HeaderOf; 2] = [|port| sent(port, 0), |port| received(port, 0)];
     for sequence_of in both {
         approach(&mut fixture, AROUND, |port| sequence_of(port).0);
         for _ in 0..2 * AROUND {

@@ -34,7 +34,7 @@ fn crc_of_every_length_and_alignment() {
         let start = (alignment + 16 - data.as_ptr() as usize % 16) % 16;
         let mut digest = ORACLE.digest();
         for length in 0..=LONGEST {
-            if length % STEP == 0 {
+            if length.is_multiple_of(STEP) {
                 let slice = &data[start..start + length];
                 let expected = digest.clone().finalize();
                 assert_eq!(crc16(slice), expected, "length {length} at {alignment}");
