@@ -289,9 +289,6 @@ impl World {
     /// the buses have no influence on each other. A bus with errors is left to
     /// [`run_instant`](Self::run_instant), since its gateways report them in the order of time.
     fn run_buses_before(&mut self, end: u64) {
-        if self.recording.is_some() {
-            return;
-        }
         let begin = self.now;
         for index in 0..self.buses.len() {
             while let Some(slot) = self.buses.get(index)

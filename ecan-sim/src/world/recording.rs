@@ -27,13 +27,19 @@ enum Scope {
 #[derive(Clone)]
 pub(super) struct Recording {
     scope: Scope,
-    /// Frames with the index of their bus.
+    /// Frames with the index of their bus; those of one bus in order.
     frames: Vec<(usize, BusFrame)>,
 }
 
 impl Recording {
     fn new(scope: Scope) -> Self {
         Self { scope, frames: Vec::new() }
+    }
+
+    /// Orders the frames of all buses by their ends. Each bus runs alone between two common events, so that
+    /// they were noted bus by bus.
+    fn sort(&mut self) {
+        self.frames.sort_unstable_by_key(|(bus, frame)| (frame.end_ns, *bus));
     }
 
     pub(super) fn note(&mut self, bus: usize, owners: &[Owner], event: &BusEvent) {
@@ -75,7 +81,10 @@ impl World {
     /// Takes the frames recorded since the last call, in the order of the bus. Empty if nothing is
     /// recorded.
     pub fn take_recorded(&mut self) -> Vec<BusFrame> {
-        let frames = self.recording.as_mut().map(|it| std::mem::take(&mut it.frames));
+        let frames = self.recording.as_mut().map(|it| {
+            it.sort();
+            std::mem::take(&mut it.frames)
+        });
         frames.unwrap_or_default().into_iter().map(|(_, frame)| frame).collect()
     }
 
@@ -83,6 +92,7 @@ impl World {
     /// which the frames ended; keeps the memory allocated.
     pub fn drain_recorded(&mut self, mut take: impl FnMut(&str, &BusFrame)) {
         let Some(recording) = &mut self.recording else { return };
+        recording.sort();
         for (bus, frame) in recording.frames.drain(..) {
             if let Some(slot) = self.buses.get(bus) {
                 take(slot.bus.name(), &frame);
