@@ -371,7 +371,8 @@ impl Drive {
         &self.device.received_ids.standard
     }
 
-    /// Receives a frame; returns false if the drive ignores it.
+    /// Receives a frame; returns false if the drive has nothing to do then: it ignores the frame, or stores it
+    /// until SYNC.
     pub(crate) fn receive(&mut self, now: u64, frame: &CanFrame, out: &mut NodeOutput) -> bool {
         let has_booted = self.device.network.state != NmtState::Initialising;
         let is_read = match frame.kind() {
@@ -382,11 +383,15 @@ impl Drive {
             }
             FrameKind::Fd { .. } => false,
         };
-        let is_relevant = is_read && self.device.received_ids.contains(frame.id());
-        if is_relevant {
-            self.act(now, out, |drive, out| drive.frame(frame, out));
+        if !is_read || !self.device.received_ids.contains(frame.id()) {
+            return false;
         }
-        is_relevant
+        let is_data = frame.kind() == FrameKind::Data;
+        if is_data && self.device.store_pdo(frame.id(), frame.data()) {
+            return false;
+        }
+        self.act(now, out, |drive, out| drive.frame(frame, out));
+        true
     }
 }
 

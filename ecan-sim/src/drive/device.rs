@@ -68,7 +68,7 @@ pub(super) struct Device {
     /// True if a receive PDO has a timer, or a transmit PDO is event-driven. Without them the
     /// search for the next event skips the PDOs.
     has_timed_pdos: bool,
-    has_event_pdos: bool,
+    pub(super) has_event_pdos: bool,
     /// COB-IDs of the services, SYNC and the receive PDOs.
     pub(super) received_ids: CanIdSet,
     pub(super) services: CanIdSet,

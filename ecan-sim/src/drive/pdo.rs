@@ -135,6 +135,14 @@ impl ReceivePdo {
         self.timer_ns > 0
     }
 
+    /// Returns whether data of this length have no effect before SYNC.
+    pub(super) const fn only_waits(&self, length: usize) -> bool {
+        self.synchronous
+            && !self.is_multiplexed
+            && !self.is_timed()
+            && length == self.mapping.length
+    }
+
     pub(super) fn restart_timer(&mut self, now: u64) {
         self.deadline = (self.timer_ns > 0).then(|| now.saturating_add(self.timer_ns));
     }

@@ -76,6 +76,25 @@ impl Device {
         self.emergency.report(code, register_of(code), &mut self.objects);
     }
 
+    /// Stores the data of an RPDO until SYNC. Returns false without effect if the frame has other
+    /// consequences.
+    pub(super) fn store_pdo(&mut self, id: CanId, data: &[u8]) -> bool {
+        let is_broadcast = [self.sync_id, self.time_id].contains(&Some(id));
+        // Every other frame samples the objects of event-driven PDOs.
+        let only_stores = self.network.state == NmtState::Operational && !self.has_event_pdos;
+        if !only_stores || is_broadcast || self.services.contains(id) {
+            return false;
+        }
+        let mut concerned = self.receive.iter_mut().filter(|pdo| pdo.id == Some(id));
+        let (Some(pdo), None) = (concerned.next(), concerned.next()) else { return false };
+        if !pdo.only_waits(data.len()) {
+            return false;
+        }
+        pdo.waiting = Some(padded(data));
+        self.received_pdos += 1;
+        true
+    }
+
     pub(super) fn on_pdo(&mut self, id: CanId, data: &[u8]) {
         if self.network.state != NmtState::Operational {
             return;
@@ -96,10 +115,7 @@ impl Device {
                 continue;
             }
             pdo.restart_timer(self.now);
-            let mut bytes = [0; PDO_BYTES];
-            for (to, from) in bytes.iter_mut().zip(data) {
-                *to = *from;
-            }
+            let bytes = padded(data);
             if synchronous {
                 pdo.waiting = Some(bytes);
             }
@@ -201,4 +217,12 @@ impl Device {
             _ => 0,
         }
     }
+}
+
+fn padded(data: &[u8]) -> [u8; PDO_BYTES] {
+    let mut bytes = [0; PDO_BYTES];
+    for (to, from) in bytes.iter_mut().zip(data) {
+        *to = *from;
+    }
+    bytes
 }
