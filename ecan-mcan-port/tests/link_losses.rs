@@ -94,7 +94,7 @@ fn interrupted() -> impl Strategy<Value = Interrupted> {
 
 /// Two or three link losses that start within 200 ms, perhaps with a power cycle.
 fn faults(gateways: usize) -> impl Strategy<Value = Vec<(u64, Fault)>> {
-    let length = || prop_oneof![3 => 1..250u32, 1 => 250..2_500u32];
+    let length = || prop_oneof![2 => 1..20u32, 2 => 20..250u32, 1 => 250..2_500u32];
     let loss = (0..200u64, 0..gateways, length())
         .prop_map(|(at, gateway, for_ms)| (at, Fault::LinkLoss { gateway, for_ms }));
     let power = (0..200u64, 0..gateways, length())
