@@ -8,6 +8,8 @@ export CARGO_INCREMENTAL=0 CARGO_PROFILE_DEV_DEBUG=0 PROPTEST_DISABLE_FAILURE_PE
 host=$(rustc -vV | sed -n 's/^host: //p')
 
 # Tests that Miri runs need no foreign function. The CRC kernel is chosen at compile time, since Miri has no cpuid.
+# Skipped are tests of very many values, and those of ecan-igh-host that need the simulated library or read TOML.
+# Miri has no robust mutex: two tests of handle.rs are ignored there.
 run_miri() {
     export CARGO_TARGET_DIR=target/miri MIRIFLAGS="-Zmiri-disable-isolation" PROPTEST_CASES=2
     RUSTFLAGS="-Ctarget-feature=+pclmulqdq,+ssse3" \
@@ -17,14 +19,15 @@ run_miri() {
     cargo +nightly miri test --locked -p ecrt-sys --lib -- \
         --skip text_is_that_of_the_system --skip sim_without_simulator
     cargo +nightly miri test --locked -p ecan-igh-host --lib -- \
-        handle::tests::cycle_ends_with_its_object handle::tests::cycle_of_another_thread
+        --skip cia402::tests --skip canopen::tests --skip config_file::tests::file_ --skip encoded
 }
 
 run_asan() {
     export CARGO_TARGET_DIR=target/asan ASAN_OPTIONS=detect_leaks=0 PROPTEST_CASES=16
     RUSTFLAGS="-Zsanitizer=address" \
         cargo +nightly test --locked --no-fail-fast --target "$host" --lib --tests \
-        -p ecan-protocol -p ecrt-sys -p ecan-c-boundary
+        -p ecan-protocol -p ecrt-sys -p ecan-c-boundary -p ecan-mcan-host -p ecan-igh-host -p ecan-host \
+        -p ecan-mcan-port
 }
 
 (($# > 0)) || set -- miri asan

@@ -22,11 +22,14 @@ CHECKS = [
     ("ecan-protocol/", "Miri without the wide CRC, ASan"),
     ("ecrt-sys/", "Miri without foreign calls, ASan, valgrind"),
     ("capi/boundary/", "Miri, ASan, valgrind"),
-    ("capi/igh-host/src/handle", "Miri in part, valgrind"),
-    ("capi/export/", "valgrind (the generated code)"),
+    ("capi/igh-host/src/handle", "Miri, ASan, valgrind"),
+    ("capi/igh-host/src/robust_mutex.rs", "Miri without robustness, ASan, valgrind"),
+    ("capi/igh-host/src/cia402/settings.rs", "Miri, ASan, valgrind"),
+    ("capi/igh-host/", "ASan, valgrind"),
+    ("capi/export/", "ASan, valgrind (the generated code)"),
     ("capi/", "valgrind"),
-    ("ecan-host/", "valgrind"),
-    ("ecan-sim/", "valgrind"),
+    ("ecan-host/", "ASan, valgrind"),
+    ("ecan-sim/", "ASan, valgrind"),
 ]
 
 TOKEN = re.compile(
