@@ -26,8 +26,7 @@ run_asan() {
     export CARGO_TARGET_DIR=target/asan ASAN_OPTIONS=detect_leaks=0 PROPTEST_CASES=16
     RUSTFLAGS="-Zsanitizer=address" \
         cargo +nightly test --locked --no-fail-fast --target "$host" --lib --tests \
-        -p ecan-protocol -p ecrt-sys -p ecan-c-boundary -p ecan-mcan-host -p ecan-igh-host -p ecan-host \
-        -p ecan-mcan-port
+        -p ecan-protocol -p ecrt-sys -p ecan-c-boundary -p ecan-mcan-host -p ecan-igh-host
 }
 
 (($# > 0)) || set -- miri asan
