@@ -46,7 +46,7 @@ const NEVER: u64 = u64::MAX;
 ///
 /// Time advances only in [`advance`](Self::advance). Everything that happens at one instant happens
 /// in a fixed order: faults, supplies, gateways, nodes, buses, each in the order of the scenario; between such instants of
-/// gateways and faults each bus runs alone.
+/// gateways and faults each bus without nodes of the application runs alone.
 pub struct World {
     now: u64,
     start: u64,
@@ -287,12 +287,13 @@ impl World {
 
     /// Executes what happens on each bus before `end`, where no gateway acts and no fault is due: until then
     /// the buses have no influence on each other. A bus with errors is left to
-    /// [`run_instant`](Self::run_instant), since its gateways report them in the order of time.
+    /// [`run_instant`](Self::run_instant), since its gateways report them in the order of time, and one with
+    /// a node of the application.
     fn run_buses_before(&mut self, end: u64) {
         let begin = self.now;
         for index in 0..self.buses.len() {
             while let Some(slot) = self.buses.get(index)
-                && slot.bus.is_undisturbed()
+                && slot.is_independent()
                 && slot.next_event() < end
             {
                 self.now = slot.next_event().max(begin);

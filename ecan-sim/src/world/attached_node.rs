@@ -10,7 +10,8 @@ impl World {
     pub(crate) fn attach_node(&mut self, bus: &str, name: &str, node: Box<dyn Node>) -> usize {
         let index = self.nodes.len();
         let (bus, station) = self.attach(bus, Owner::Node(index));
-        self.add_node(NodeSlot::with_node(name.to_owned(), NodeBody::Other(node), bus, station));
+        let slot = NodeSlot::with_node(name.to_owned(), NodeBody::Other(node), bus, station);
+        self.add_node(NodeSlot { is_external: true, ..slot });
         // The gateway's channel may be running already.
         let config_of_channel = self.slots.iter().flat_map(|slot| &slot.links).find_map(|link| {
             let config = self.buses.get(link.bus)?.bus.config(link.station)?;

@@ -28,6 +28,8 @@ pub(super) struct BusSlot {
     /// The gateways with a channel on the bus.
     gateways: Vec<usize>,
     listeners: Listeners,
+    /// A node may connect it with other buses.
+    has_external_node: bool,
 }
 
 impl BusSlot {
@@ -39,7 +41,13 @@ impl BusSlot {
             nodes_due: DeadlineSet::default(),
             gateways: Vec::new(),
             listeners: Listeners::default(),
+            has_external_node: false,
         }
+    }
+
+    /// Returns whether the bus has no influence on other buses, except through its gateways.
+    pub(super) fn is_independent(&self) -> bool {
+        !self.has_external_node && self.bus.is_undisturbed()
     }
 
     pub(super) fn attach(&mut self, owner: Owner) -> StationId {
@@ -140,6 +148,9 @@ impl World {
     }
 
     pub(super) fn add_node(&mut self, node: NodeSlot) {
+        if let Some(bus) = self.buses.get_mut(node.bus) {
+            bus.has_external_node |= node.is_external;
+        }
         self.nodes.push(node);
     }
 

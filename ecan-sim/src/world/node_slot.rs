@@ -123,6 +123,8 @@ pub(super) struct NodeSlot {
     pub(super) is_postponed: bool,
     /// Removed from the bus for good.
     pub(super) detached: bool,
+    /// Code of the application, which may connect the bus with others or with another process.
+    pub(super) is_external: bool,
 }
 
 impl NodeSlot {
@@ -163,7 +165,9 @@ impl NodeSlot {
             Some(data) => StationConfig::fd(nominal, data),
             None => StationConfig::classic(nominal),
         });
-        Ok(Self { fixed, ..Self::with_node(spec.name.clone(), node, bus, station) })
+        let is_external = matches!(spec.kind, NodeKind::Bridge(_));
+        let slot = Self::with_node(spec.name.clone(), node, bus, station);
+        Ok(Self { fixed, is_external, ..slot })
     }
 
     /// A node that uses the bit rates of the gateway.
@@ -182,6 +186,7 @@ impl NodeSlot {
             has_events: false,
             is_postponed: false,
             detached: false,
+            is_external: false,
         }
     }
 }

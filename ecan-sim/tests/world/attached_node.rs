@@ -51,3 +51,43 @@ fn attached_node_takes_part_until_dropped() {
     assert_eq!(on_bus(), 2);
     assert_eq!(recorder.0.lock().unwrap().1, [frame(1), frame(3)]);
 }
+
+/// Notes when it runs, in the same list as others.
+struct Ticker {
+    due: u64,
+    runs: Arc<Mutex<Vec<u64>>>,
+}
+
+impl Node for Ticker {
+    fn started(&mut self, now: u64, _out: &mut NodeOutput) {
+        self.due += now;
+    }
+
+    fn received(&mut self, _now: u64, _frame: &CanFrame, _out: &mut NodeOutput) {}
+
+    fn next_event(&self) -> Option<u64> {
+        Some(self.due)
+    }
+
+    fn advance(&mut self, now: u64, _out: &mut NodeOutput) {
+        self.runs.lock().unwrap().push(now);
+        self.due = now + 100_000;
+    }
+}
+
+/// Nodes of an application can connect buses with each other, or with those of another process.
+#[test]
+fn attached_nodes_of_several_buses_run_in_the_order_of_time() {
+    let scenario = Scenario { gateways: vec![GatewaySpec::at(0)], ..Scenario::default() };
+    let mut program = Program::new(crate::ecrt_support::stepped(scenario), &[3]).into_op();
+    let runs = Arc::new(Mutex::new(Vec::new()));
+    let attach = |(bus, due)| {
+        let node = Box::new(Ticker { due, runs: Arc::clone(&runs) });
+        program.simulation().attach_node(bus, "ticker", node).unwrap()
+    };
+    let _nodes = [("0.0", 70_000), ("0.1", 40_000)].map(attach);
+    program.cycles(3);
+    let runs = runs.lock().unwrap();
+    assert!(runs.len() > 20, "{runs:?}");
+    assert!(runs.is_sorted(), "{runs:?}");
+}
