@@ -90,8 +90,10 @@ impl CanBus {
 
     /// Adds a station that is not yet on the bus.
     pub fn attach(&mut self) -> StationId {
+        let station = self.stations.len();
         self.stations.push(Station::default());
-        StationId(self.stations.len() - 1)
+        self.offering.reserve(station);
+        StationId(station)
     }
 
     /// Restarts a station with a configuration, or takes it off the bus (`None`).

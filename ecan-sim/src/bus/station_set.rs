@@ -9,12 +9,15 @@ pub(crate) struct StationSet {
 }
 
 impl StationSet {
+    /// Makes room, so that inserting the station does not allocate.
+    pub(crate) fn reserve(&mut self, station: usize) {
+        let words = station / WORD_BITS + 1;
+        self.words.resize(words.max(self.words.len()), 0);
+    }
+
     pub(crate) fn insert(&mut self, station: usize) {
-        let word = station / WORD_BITS;
-        if word >= self.words.len() {
-            self.words.resize(word + 1, 0);
-        }
-        if let Some(bits) = self.words.get_mut(word) {
+        self.reserve(station);
+        if let Some(bits) = self.words.get_mut(station / WORD_BITS) {
             *bits |= 1 << (station % WORD_BITS);
         }
     }
