@@ -1,4 +1,4 @@
-//! Link losses in quick succession: every gateway becomes ready again, whatever they interrupt.
+//! Link losses in quick succession during any phase: every gateway becomes ready again.
 #![allow(missing_docs)]
 
 use std::time::Duration;

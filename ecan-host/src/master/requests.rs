@@ -40,7 +40,7 @@ pub(super) struct SdoRequest {
 }
 
 impl SdoRequest {
-    /// The request for use, unless it is under way: the library must not be disturbed then.
+    /// The request for use, unless it is in progress: the library must not be disturbed then.
     fn idle(&self) -> Result<*mut ec_sdo_request_t, Errno> {
         if self.busy { Err(Errno::EBUSY) } else { Ok(self.raw.as_ptr()) }
     }
@@ -136,8 +136,8 @@ impl Master {
         if target.is_null() || size != data.len() {
             return Err(Errno::EMSGSIZE);
         }
-        // SAFETY: the request holds `size` bytes there, as many as `data` has; it is not under
-        // way, so nobody else uses them, and `data` is not part of them, since a slice of them
+        // SAFETY: the request holds `size` bytes there, as many as `data` has; it is not in
+        // progress, so nobody else uses them, and `data` is not part of them, since a slice of them
         // borrows `self`.
         unsafe { std::ptr::copy_nonoverlapping(data.as_ptr(), target, size) };
         // SAFETY: as in `sdo_request_timeout`.
