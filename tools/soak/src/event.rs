@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::draw::{chance, pick};
 use crate::drives::{self, AxisCommand};
+use crate::firmware_update::FirmwareUpdate;
 use crate::machine::{Machine, Partner};
 use crate::upkeep::Upkeep;
 
@@ -39,6 +40,10 @@ pub enum Action {
     Upkeep {
         slave: usize,
         command: Upkeep,
+    },
+    Firmware {
+        slave: usize,
+        update: FirmwareUpdate,
     },
 }
 
@@ -77,6 +82,10 @@ impl Action {
             6 if chance(r, 50) => Self::Upkeep {
                 slave: r.usize(..machine.gateway.len()),
                 command: pick(r, &Upkeep::ALL),
+            },
+            7 if chance(r, 50) => Self::Firmware {
+                slave: r.usize(..machine.gateway.len()),
+                update: FirmwareUpdate::draw(r),
             },
             _ => Self::Fault(Box::new(fault(r, machine))),
         }

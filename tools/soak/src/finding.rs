@@ -17,6 +17,8 @@ pub enum Rule {
     Stop,
     /// The gateways or axes did not become ready again.
     Recovery,
+    /// The version that a gateway runs, or the result of an update.
+    Firmware,
     /// A call failed that must not.
     Call,
     /// The simulated master complains about what a real one would hang on.

@@ -1,7 +1,6 @@
 //! Runs a plan.
 
-use ecan_mcan_port::{ChannelHandle, Received, ReceivedView, SendOptions, TransmitHint};
-use ecan_protocol::can::CanFrame;
+use ecan_mcan_port::{Received, ReceivedView, SendOptions, TransmitHint};
 use ecan_protocol::image::Schedule;
 use ecan_sim::{
     AttachedNode, Backend, ClockKind, Fault, GatewayCounters, IoSpec, SimOptions, Simulation,
@@ -13,13 +12,16 @@ use crate::draw::{chance, pick};
 use crate::drives::Axes;
 use crate::event::Action;
 use crate::finding::{Finding, Outcome, Rule};
+use crate::firmware_update::Firmware;
 use crate::frame_number::Stream;
 use crate::machine::{Machine, Partner};
 use crate::master_owner::Connection;
 use crate::plan::Plan;
+use crate::side::Side;
 use crate::talker::Talker;
 
 mod checks;
+mod firmware;
 
 const MS: u64 = 1_000_000;
 /// Longest time until all gateways are ready after the last fault.
@@ -54,6 +56,7 @@ pub struct Trial {
     accounts: Vec<Side>,
     axes: Axes,
     gateways: Vec<Images>,
+    firmware: Firmware,
     cycle: u64,
     leave_until: u64,
     retry_at: u64,
@@ -61,21 +64,6 @@ pub struct Trial {
     /// Nothing has happened that loses frames.
     is_undisturbed: bool,
     outcome: Outcome,
-}
-
-/// A channel, with its place in the machine.
-struct Side {
-    slave: usize,
-    channel: u8,
-    bus: String,
-    /// Frames in 1000 cycles.
-    frames: u32,
-    sends: bool,
-    /// Extended CAN IDs that its filter rejects.
-    rejects: Option<[u32; 2]>,
-    has_partner: bool,
-    account: Account,
-    handle: Option<ChannelHandle>,
 }
 
 /// Images of a gateway that may have lost frames on their way, of all Ports.
@@ -155,6 +143,7 @@ impl Trial {
         let mut trial = Self {
             random: Rng::with_seed(plan.seed),
             gateways: plan.machine.gateway.iter().map(|_| Images::default()).collect(),
+            firmware: Firmware::of(&simulation, plan.machine.gateway.len()),
             plan: plan.clone(),
             backend,
             simulation,
@@ -254,6 +243,7 @@ impl Trial {
                 command.execute(&self.backend, &self.plan.machine.config(), *slave);
                 self.repeat(Self::open)?;
             }
+            Action::Firmware { slave, update } => self.update_firmware(*slave, update)?,
             Action::Axis { axis, command } => {
                 self.axes.command(*axis, *command, &mut self.random);
             }
@@ -482,23 +472,6 @@ impl Trial {
             self.cycle += 1;
         }
         Ok(())
-    }
-}
-
-impl Side {
-    fn received(&mut self, frame: &CanFrame) -> Result<(), String> {
-        let id = frame.id();
-        if let Some([first, last]) = self.rejects
-            && id.is_extended()
-            && (first..=last).contains(&id.raw())
-        {
-            return Err(format!("a frame that the filter rejects: {frame:?}"));
-        }
-        self.account.received(frame)
-    }
-
-    fn named(&self, text: &str) -> String {
-        format!("slave {} channel {}: {text}", self.slave, self.channel)
     }
 }
 

@@ -57,6 +57,7 @@ impl Trial {
     }
 
     pub(super) fn check_sums(&self) -> Check {
+        self.firmware.check(&self.simulation).map_err(|text| (Rule::Firmware, text))?;
         for (slave, images) in self.gateways.iter().enumerate() {
             let counters = counters(&self.simulation, slave);
             let sides = || self.accounts.iter().filter(|side| side.slave == slave);
