@@ -16,6 +16,8 @@ pub struct BusFrame {
     /// True if the frame was sent by the gateway channel for which the recording was started; in a
     /// recording of all buses, by any gateway channel.
     pub is_from_channel: bool,
+    /// Index of the gateway and channel that sent the frame; `None` for a node.
+    pub channel: Option<(usize, usize)>,
 }
 
 #[derive(Clone)]
@@ -51,12 +53,16 @@ impl Recording {
 
     pub(super) fn note_broadcast(&mut self, bus: usize, owners: &[Owner], sent: &Broadcast) {
         let Broadcast { sender, frame, start_ns, at_ns } = *sent;
+        let channel = match owners.get(sender.index()) {
+            Some(Owner::Channel { gateway, channel }) => Some((*gateway, *channel)),
+            _ => None,
+        };
         let is_from_channel = match self.scope {
             Scope::Channel { bus: recorded, .. } if recorded != bus => return,
-            Scope::Channel { station: channel, .. } => sender == channel,
-            Scope::All => matches!(owners.get(sender.index()), Some(Owner::Channel { .. })),
+            Scope::Channel { station, .. } => sender == station,
+            Scope::All => channel.is_some(),
         };
-        let frame = BusFrame { start_ns, end_ns: at_ns, frame, is_from_channel };
+        let frame = BusFrame { start_ns, end_ns: at_ns, frame, is_from_channel, channel };
         self.frames.push((bus, frame));
     }
 }

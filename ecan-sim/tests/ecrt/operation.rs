@@ -3,7 +3,7 @@
 use crate::ecrt_support::{PATIENCE, Program, stepped, stepped_echo};
 use ecan_host::{Errno, WcState};
 use ecan_protocol::can::{CanFrame, CanId};
-use ecan_sim::{EcrtVersion, Scenario, echo};
+use ecan_sim::{BusFrame, EcrtVersion, Scenario, World, echo};
 
 fn frame(id: u16, data: &[u8]) -> CanFrame {
     CanFrame::classic(CanId::standard(id).unwrap(), data).unwrap()
@@ -26,6 +26,7 @@ fn frame_crosses_the_bus_and_returns() {
 #[test]
 fn three_slaves_carry_traffic_on_all_twelve_channels() {
     let mut program = Program::new(stepped_echo(3), &[3, 8, 1]).into_op();
+    program.simulation().with_world(World::record_all_buses);
     let mut sent = Vec::new();
     for slave in 0..3 {
         for channel in 0..4u8 {
@@ -37,6 +38,11 @@ fn three_slaves_carry_traffic_on_all_twelve_channels() {
     program.receive_frames(sent.len());
     program.received.sort_by_key(|(slave, channel, _)| (*slave, *channel));
     assert_eq!(program.received, sent);
+    let recorded = program.simulation().with_world(World::take_recorded);
+    let of_channel = |it: &BusFrame| it.channel.map(|(slave, at)| (slave, at as u8, it.frame));
+    let mut of_channels: Vec<_> = recorded.iter().filter_map(of_channel).collect();
+    of_channels.sort_by_key(|(slave, channel, _)| (*slave, *channel));
+    assert_eq!((of_channels, recorded.len()), (sent, 24), "frames and echoes");
 }
 
 /// N, version, working counter in OP.

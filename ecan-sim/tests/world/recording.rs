@@ -57,6 +57,7 @@ fn buses_are_recorded_with_name_in_order_of_time() {
     assert!(recorded.is_sorted_by_key(|(_, frame)| frame.end_ns));
     for (_, frame) in &recorded {
         assert!(frame.start_ns < frame.end_ns && !frame.is_from_channel);
+        assert_eq!(frame.channel, None);
         assert_eq!(frame.frame.as_ref().data(), [0x11, 0x22]);
     }
     let mut later = 0;
