@@ -1,5 +1,7 @@
 //! The account of a channel's frames: what the Port reports, what the bus carried, what the application got.
 
+use std::collections::BTreeMap;
+
 use ecan_mcan_port::ChannelStatistics;
 use ecan_protocol::can::CanFrame;
 
@@ -18,9 +20,10 @@ pub struct Account {
     on_bus: [Seen; 3],
     /// Frames of CANopen, which have no numbers, sent by the gateway.
     network_on_bus: u64,
-    /// Sent by the node: own frames, or the answers to those of the host.
-    of_node: [Seen; 4],
-    received: [Seen; 4],
+    /// Frames on the bus that others sent, by the channel in their number: those of nodes, the answers to those of
+    /// the host, and those of the other channels on the bus.
+    of_others: BTreeMap<u8, [Seen; 4]>,
+    received: BTreeMap<u8, [Seen; 4]>,
     /// Columns of earlier Ports; those that were pending are unknown.
     ended: ChannelStatistics,
     now: ChannelStatistics,
@@ -48,11 +51,7 @@ impl Account {
 
     fn number(&self, frame: &CanFrame) -> Result<FrameNumber, String> {
         let number = FrameNumber::of(frame, self.kinds);
-        let number = number.ok_or_else(|| format!("a frame that nobody sent: {frame:?}"))?;
-        if number.channel != self.channel {
-            return Err(format!("a frame of another channel: {number:?}"));
-        }
-        Ok(number)
+        number.ok_or_else(|| format!("a frame that nobody sent: {frame:?}"))
     }
 
     fn is_of_network(&self, frame: &CanFrame) -> bool {
@@ -65,7 +64,10 @@ impl Account {
             self.network_on_bus += 1;
             return Ok(());
         }
-        let FrameNumber { stream, number, .. } = self.number(frame)?;
+        let FrameNumber { channel, stream, number } = self.number(frame)?;
+        if channel != self.channel {
+            return Err(format!("the gateway sent a frame of another channel: {frame:?}"));
+        }
         let stream_index = stream as usize;
         let Some(next) = self.next.get(stream_index) else {
             return Err(format!("the gateway sent a frame of the node: {number}"));
@@ -84,13 +86,13 @@ impl Account {
         Ok(())
     }
 
-    /// The node has sent a frame.
-    pub fn sent_by_node(&mut self, frame: &CanFrame) -> Result<(), String> {
+    /// A node or another channel has sent a frame on the bus.
+    pub fn sent_by_other(&mut self, frame: &CanFrame) -> Result<(), String> {
         if self.is_of_network(frame) {
             return Ok(());
         }
-        let FrameNumber { stream, number, .. } = self.number(frame)?;
-        self.of_node[stream as usize].insert(number);
+        let FrameNumber { channel, stream, number } = self.number(frame)?;
+        self.of_others.entry(channel).or_default()[stream as usize].insert(number);
         Ok(())
     }
 
@@ -99,12 +101,12 @@ impl Account {
         if self.is_of_network(frame) {
             return Ok(());
         }
-        let FrameNumber { stream, number, .. } = self.number(frame)?;
+        let FrameNumber { channel, stream, number } = self.number(frame)?;
         let index = stream as usize;
-        if !self.of_node[index].contains(number) {
+        if !self.of_others.get(&channel).is_some_and(|seen| seen[index].contains(number)) {
             return Err(format!("{stream:?} frame {number} was received and not sent"));
         }
-        let seen = &mut self.received[index];
+        let seen = &mut self.received.entry(channel).or_default()[index];
         if seen.contains(number) {
             return Err(format!("{stream:?} frame {number} was received twice"));
         }
@@ -194,7 +196,7 @@ impl Account {
     }
 
     pub fn taken_by_application(&self) -> u64 {
-        self.received.iter().map(Seen::count).sum()
+        self.received.values().flatten().map(Seen::count).sum()
     }
 }
 
@@ -228,7 +230,7 @@ mod tests {
         let mut account = account();
         for number in [0, 1, 2, 5, 9] {
             account.sent_on_bus(&frame(number)).unwrap();
-            account.sent_by_node(&frame(number)).unwrap();
+            account.sent_by_other(&frame(number)).unwrap();
         }
         [1, 2, 9].iter().for_each(|number| account.received(&frame(*number)).unwrap());
         account.update(statistics(10, 5)).unwrap();
@@ -243,14 +245,28 @@ mod tests {
         assert!(text(account.sent_on_bus(&frame(2))).contains("sent after 3"));
         assert!(text(account.sent_on_bus(&frame(10))).contains("not accepted"));
         assert!(text(account.received(&frame(3))).contains("received and not sent"));
-        account.sent_by_node(&frame(3)).unwrap();
-        account.sent_by_node(&frame(2)).unwrap();
+        account.sent_by_other(&frame(3)).unwrap();
+        account.sent_by_other(&frame(2)).unwrap();
         account.received(&frame(3)).unwrap();
         assert!(text(account.received(&frame(3))).contains("received twice"));
         assert!(text(account.received(&frame(2))).contains("received after 3"));
         assert!(text(account.update(statistics(10, 0))).contains("frames on the bus"));
-        let foreign = FrameNumber { channel: 6, stream: Stream::Immediate, number: 1 }.frame(FD);
-        assert!(text(account.received(&foreign)).contains("another channel"));
+    }
+
+    #[test]
+    fn frames_of_another_channel_are_received_in_order() {
+        let text = |result: Result<(), String>| result.unwrap_err();
+        let mut account = account();
+        let other =
+            |number| FrameNumber { channel: 6, stream: Stream::Immediate, number }.frame(FD);
+        assert!(text(account.sent_on_bus(&other(1))).contains("another channel"));
+        assert!(text(account.received(&other(1))).contains("received and not sent"));
+        (1..4).for_each(|number| account.sent_by_other(&other(number)).unwrap());
+        assert!(text(account.received(&frame(1))).contains("received and not sent"));
+        account.received(&other(2)).unwrap();
+        assert!(text(account.received(&other(1))).contains("received after 2"));
+        assert!(text(account.received(&other(2))).contains("received twice"));
+        assert_eq!(account.taken_by_application(), 1);
     }
 
     #[test]

@@ -9,8 +9,9 @@ use ecan_sim::Simulation;
 use fastrand::Rng;
 use serde::{Deserialize, Serialize};
 
+use crate::channel::Partner;
 use crate::draw::{chance, pick};
-use crate::machine::{Machine, Partner};
+use crate::machine::Machine;
 
 /// Most drives of a channel: with SYNC, more than six frames per cycle cannot be paced.
 pub const MOST_ON_CHANNEL: u8 = 5;
@@ -102,7 +103,7 @@ pub fn scenario_text(machine: &Machine) -> String {
 /// Cycles from one SYNC to the next in which a channel carries the frames of its drives.
 pub fn sync_cycles(count: u8, bitrate: u32, cycle_us: u32) -> u32 {
     // A target and a TPDO of each drive, SYNC, and two thirds for everything else.
-    let bits = (2 * u64::from(count) + 1) * crate::machine::FRAME_BITS * 5 / 3;
+    let bits = (2 * u64::from(count) + 1) * crate::channel::FRAME_BITS * 5 / 3;
     let us = bits * 1_000_000 / u64::from(bitrate);
     us.div_ceil(u64::from(cycle_us)).max(1) as u32
 }

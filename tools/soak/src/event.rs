@@ -4,10 +4,11 @@ use ecan_sim::FaultDescription;
 use fastrand::Rng;
 use serde::{Deserialize, Serialize};
 
+use crate::channel::Partner;
 use crate::draw::{chance, pick};
 use crate::drives::{self, AxisCommand};
 use crate::firmware_update::FirmwareUpdate;
-use crate::machine::{Machine, Partner};
+use crate::machine::Machine;
 use crate::upkeep::Upkeep;
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

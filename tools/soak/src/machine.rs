@@ -17,17 +17,14 @@ use ecan_sim::{Scenario, ScenarioError};
 use fastrand::Rng;
 use serde::{Deserialize, Serialize};
 
+use crate::channel::{Channel, Partner};
 use crate::draw::{chance, pick, weighted};
 use crate::drives::{self, Mode};
-use crate::frame_number::Kinds;
 
 /// Variants with which a gateway does not start, which is no fault.
 const NO_START: [&str; 2] = ["missing_entries", "assignment_rewritten"];
 /// Least distance of the outputs from Sync0, ns.
 const SYNC0_MARGIN_NS: i64 = 20_000;
-/// Bits of a frame of medium length, for the load of a bus.
-pub const FRAME_BITS: u64 = 130;
-
 /// A machine, in the form of the file that repeats a trial.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -80,44 +77,6 @@ pub struct Gateway {
     pub channel: Vec<Channel>,
 }
 
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Channel {
-    /// 0 to 3.
-    pub number: u8,
-    pub bitrate: u32,
-    /// CAN FD.
-    pub data_bitrate: Option<u32>,
-    /// In the masks of both directions, or of one.
-    pub receives: bool,
-    pub sends: bool,
-    /// Frames of the host in 1000 cycles.
-    pub frames: u32,
-    /// Range of extended CAN IDs that a filter rejects.
-    pub rejects: Option<[u32; 2]>,
-    pub partner: Partner,
-}
-
-/// What is on the bus besides the gateway.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase", deny_unknown_fields)]
-pub enum Partner {
-    /// Nobody acknowledges.
-    Nobody,
-    Silent,
-    Echo,
-    /// Sends bursts of numbered frames.
-    Talker {
-        period_us: u32,
-        burst: u32,
-    },
-    /// CiA 402 drives; the axes send, too.
-    Drives {
-        count: u8,
-        mode: Mode,
-    },
-}
-
 fn one() -> u32 {
     1
 }
@@ -144,30 +103,25 @@ fn put_drives(r: &mut Rng, gateways: &mut [Gateway], cycle_us: u32) -> u32 {
     drives::with_interpolation_time(sync_cycles + pick(r, &[0, 0, 0, 1, 2]), cycle_us)
 }
 
-impl Channel {
-    pub fn kinds(&self) -> Kinds {
-        Kinds { is_fd: self.data_bitrate.is_some(), is_shared: self.drives() > 0 }
-    }
-
-    /// Frames in 1000 cycles that nodes send, without the TPDOs of drives.
-    fn received(&self, cycle_us: u32) -> u32 {
-        match self.partner {
-            Partner::Talker { period_us, burst } => {
-                let frames = u64::from(cycle_us) * 1_000 * u64::from(burst);
-                (frames / u64::from(period_us)) as u32
-            }
-            Partner::Echo => self.frames,
-            // SDO responses and heartbeats.
-            Partner::Drives { .. } => 1_000,
-            Partner::Nobody | Partner::Silent => 0,
+/// Connects some channels to the bus of another one, of the same gateway or of one before it.
+fn share_buses(r: &mut Rng, gateways: &mut [Gateway]) {
+    let places = gateways.iter().enumerate();
+    let places = places.flat_map(|(slave, it)| (0..it.channel.len()).map(move |at| (slave, at)));
+    let places: Vec<_> = places.collect();
+    for (nth, (slave, at)) in places.iter().copied().enumerate().skip(1) {
+        let (first_slave, first_at) = places[r.usize(..nth)];
+        let other = &mut gateways[first_slave].channel[first_at];
+        if chance(r, 50) || other.drives() > 0 {
+            continue;
         }
-    }
-
-    /// Number of drives.
-    pub fn drives(&self) -> u8 {
-        match self.partner {
-            Partner::Drives { count, .. } => count,
-            _ => 0,
+        // An echo node would send each frame twice to the other channel.
+        if other.partner == Partner::Echo {
+            other.partner = Partner::Silent;
+        }
+        let (bus, other) = (Machine::bus(first_slave, other), other.clone());
+        let channel = &mut gateways[slave].channel[at];
+        if channel.drives() == 0 {
+            channel.connect(bus, &other);
         }
     }
 }
@@ -219,7 +173,7 @@ impl Machine {
                     FrameRate::PerSecond(f64::from(frames) * 1e3 / f64::from(self.cycle_us))
                 };
                 if channel.receives {
-                    let rate = rate(channel.received(self.cycle_us));
+                    let rate = rate(self.received(slave, channel));
                     streams.push(FrameStream::from_bus(slave, channel.number, frame, rate));
                 }
                 if channel.sends {
@@ -229,6 +183,26 @@ impl Machine {
             }
         }
         streams
+    }
+
+    /// Frames in 1000 cycles that others send on the bus of a channel, without the TPDOs of drives.
+    fn received(&self, slave: usize, channel: &Channel) -> u32 {
+        let others = self.sharing(slave, channel).map(|other| {
+            let sent = if other.sends { other.frames } else { 0 };
+            other.of_nodes(self.cycle_us) + sent
+        });
+        channel.of_nodes(self.cycle_us) + others.sum::<u32>()
+    }
+
+    /// The other channels on the bus of a channel.
+    pub fn sharing(&self, slave: usize, channel: &Channel) -> impl Iterator<Item = &Channel> {
+        let (bus, number) = (Self::bus(slave, channel), channel.number);
+        let places = self.gateway.iter().enumerate();
+        let places = places.flat_map(|(at, it)| it.channel.iter().map(move |other| (at, other)));
+        let others = places.filter(move |(at, other)| {
+            (*at, other.number) != (slave, number) && Self::bus(*at, other) == bus
+        });
+        others.map(|(_, other)| other)
     }
 
     /// Gateways that take an image less often than the cycle, and those with Sync0 that need another
@@ -290,6 +264,9 @@ impl Machine {
         });
         let mut gateway: Vec<Gateway> = gateway.collect();
         let sync_cycles = if chance(r, 35) { put_drives(r, &mut gateway, cycle_us) } else { 1 };
+        if chance(r, 35) {
+            share_buses(r, &mut gateway);
+        }
         Self {
             // Masters that segment process data are newer than 1.5.
             version: if has_large_pdos { "1.6" } else { pick(r, &["1.5", "1.6"]) }.to_owned(),
@@ -318,10 +295,13 @@ impl Machine {
              [master]\nlike = \"{}\"\n",
             self.version, self.has_large_pdos, self.topology, self.like
         );
-        for gateway in &self.gateway {
+        for (slave, gateway) in self.gateway.iter().enumerate() {
             text.push_str("\n[[gateway]]\n");
             if let Some(alias) = gateway.alias {
                 text.push_str(&format!("alias = {alias}\n"));
+            }
+            if gateway.channel.iter().any(|channel| channel.bus.is_some()) {
+                text.push_str(&format!("buses = {:?}\n", gateway.buses(slave)));
             }
             self.gateway_keys.iter().for_each(|line| text.push_str(&format!("{line}\n")));
             if !self.variants.is_empty() {
@@ -337,6 +317,10 @@ impl Machine {
                     Partner::Nobody | Partner::Talker { .. } | Partner::Drives { .. } => continue,
                 };
                 let bus = Self::bus(slave, channel);
+                // A silent node of several channels is one node.
+                if text.contains(&format!("name = \"{kind} {bus}\"")) {
+                    continue;
+                }
                 // infallible: writing to a string
                 let _ = write!(
                     text,
@@ -355,7 +339,7 @@ impl Machine {
 
     /// Name of the bus of a channel.
     pub fn bus(slave: usize, channel: &Channel) -> String {
-        format!("{slave}.{}", channel.number)
+        channel.bus.clone().unwrap_or_else(|| format!("{slave}.{}", channel.number))
     }
 
     pub fn config(&self) -> Config {
@@ -374,7 +358,8 @@ impl Machine {
             .map(|shift| DcSync::new(cycle, Duration::from_micros(shift.into())));
         let mut port = PortConfig::default();
         for (slave, gateway) in self.gateway.iter().enumerate() {
-            port.gateways.push(gateway.config(self.cycle_us)).expect("at most 8 gateways");
+            let received = |channel: &Channel| self.received(slave, channel);
+            port.gateways.push(gateway.config(received)).expect("at most 8 gateways");
             for channel in &gateway.channel {
                 if let Some([id1, id2]) = channel.rejects {
                     let filter = ExtendedFilter {
@@ -429,7 +414,17 @@ impl Gateway {
         }
     }
 
-    fn config(&self, cycle_us: u32) -> GatewayConfig {
+    /// Names of the buses of all four channels.
+    fn buses(&self, slave: usize) -> [String; 4] {
+        let mut buses = [0, 1, 2, 3].map(|number| format!("{slave}.{number}"));
+        for channel in &self.channel {
+            buses[usize::from(channel.number)] = Machine::bus(slave, channel);
+        }
+        buses
+    }
+
+    /// `received`: frames in 1000 cycles that others send on the bus of a channel.
+    fn config(&self, received: impl Fn(&Channel) -> u32) -> GatewayConfig {
         let mut config = GatewayConfig { paced: self.paced, ..GatewayConfig::default() };
         let (mut tx, mut rx) = (0, 0);
         for channel in &self.channel {
@@ -443,7 +438,7 @@ impl Gateway {
             config = config.with_channel(
                 channel.number,
                 can.with_traffic(Traffic {
-                    received: per_cycle(channel.received(cycle_us) + of_axes),
+                    received: per_cycle(received(channel) + of_axes),
                     sent: per_cycle(channel.frames + of_axes),
                 }),
             );
@@ -471,52 +466,5 @@ fn profile(number: u8) -> EncapsulationProfile {
         4 => EncapsulationProfile::Window64,
         5 => EncapsulationProfile::Window64Timestamped,
         _ => EncapsulationProfile::Compact,
-    }
-}
-
-impl Channel {
-    fn draw(r: &mut Rng, number: u8, cycle_us: u32) -> Self {
-        let (bitrate, data_bitrate) = pick(
-            r,
-            &[
-                (1_000_000, None),
-                (1_000_000, None),
-                (500_000, None),
-                (125_000, None),
-                (500_000, Some(2_000_000)),
-                (1_000_000, Some(5_000_000)),
-            ],
-        );
-        // Frames that the bus carries in 1000 cycles.
-        let capacity = u64::from(bitrate) * u64::from(cycle_us) / FRAME_BITS / 1_000;
-        let frames = |percent: u64| (capacity * percent / 100) as u32;
-        let partner = match r.u8(..20) {
-            0 => Partner::Nobody,
-            1..5 => Partner::Silent,
-            5..12 => Partner::Echo,
-            _ => {
-                let burst = pick(r, &[1, 1, 1, 3, 8]);
-                let percent = pick(r, &[2, 10, 30, 60]);
-                let period_us = u64::from(cycle_us) * 1_000 * u64::from(burst)
-                    / u64::from(frames(percent).max(1));
-                Partner::Talker { period_us: period_us.min(1_000_000) as u32, burst }
-            }
-        };
-        let (receives, sends) =
-            weighted(r, &[(8, (true, true)), (1, (true, false)), (1, (false, true))]);
-        let percent = pick(r, &[1, 10, 10, 30, 50, 150]);
-        Self {
-            number,
-            bitrate,
-            data_bitrate,
-            receives,
-            sends,
-            frames: frames(percent).min(20_000),
-            rejects: chance(r, 15).then(|| {
-                let first = r.u32(..0x1000_0000);
-                [first, first + r.u32(..0x1000_0000)]
-            }),
-            partner,
-        }
     }
 }

@@ -8,6 +8,7 @@
 #![deny(unsafe_code)]
 
 mod account;
+mod channel;
 mod draw;
 mod drives;
 mod event;

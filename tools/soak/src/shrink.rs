@@ -1,7 +1,7 @@
 //! Makes a plan smaller while it repeats its finding.
 
+use crate::channel::Partner;
 use crate::finding::{Outcome, Rule};
-use crate::machine::Partner;
 use crate::plan::Plan;
 
 /// Most trials of one search.
@@ -90,6 +90,11 @@ impl Search<'_> {
                 self.attempt(|plan| {
                     if let Some(channel) = plan.machine.gateway[slave].channel.get_mut(channel) {
                         channel.frames = 0;
+                    }
+                });
+                self.attempt(|plan| {
+                    if let Some(channel) = plan.machine.gateway[slave].channel.get_mut(channel) {
+                        channel.bus = None;
                     }
                 });
             }

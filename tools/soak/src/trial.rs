@@ -8,13 +8,14 @@ use ecan_sim::{
 use fastrand::Rng;
 
 use crate::account::Account;
+use crate::channel::Partner;
 use crate::draw::{chance, pick};
 use crate::drives::Axes;
 use crate::event::Action;
 use crate::finding::{Finding, Outcome, Rule};
 use crate::firmware_update::Firmware;
 use crate::frame_number::Stream;
-use crate::machine::{Machine, Partner};
+use crate::machine::Machine;
 use crate::master_owner::Connection;
 use crate::plan::Plan;
 use crate::side::Side;
@@ -134,7 +135,8 @@ impl Trial {
                     frames: channel.frames,
                     sends: channel.sends,
                     rejects: channel.rejects,
-                    has_partner: channel.partner != Partner::Nobody,
+                    has_partner: channel.partner != Partner::Nobody
+                        || plan.machine.sharing(slave, channel).next().is_some(),
                     account: Account::new(number, kinds),
                     handle: None,
                 });

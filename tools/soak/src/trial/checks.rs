@@ -42,14 +42,15 @@ impl Trial {
         let mut check = Ok(());
         simulation.with_world(|world| {
             world.drain_recorded(|bus, frame| {
-                let Some(side) = accounts.iter_mut().find(|side| side.bus == bus) else { return };
-                let account = &mut side.account;
-                let result = match frame.is_from_channel {
-                    true => account.sent_on_bus(&frame.frame),
-                    false => account.sent_by_node(&frame.frame),
-                };
-                if let (Ok(()), Err(text)) = (&check, result) {
-                    check = Err((Rule::Transmit, side.named(&text)));
+                for side in accounts.iter_mut().filter(|side| side.bus == bus) {
+                    let is_own = frame.channel == Some((side.slave, side.channel.into()));
+                    let result = match is_own {
+                        true => side.account.sent_on_bus(&frame.frame),
+                        false => side.account.sent_by_other(&frame.frame),
+                    };
+                    if let (Ok(()), Err(text)) = (&check, result) {
+                        check = Err((Rule::Transmit, side.named(&text)));
+                    }
                 }
             });
         });
