@@ -4,6 +4,7 @@
 mod common;
 #[path = "../../ecan-sim/tests/ethercrab_support/mod.rs"]
 mod ethercrab_support;
+mod network_files;
 mod startup_lists;
 
 mod axis_names;
@@ -14,5 +15,6 @@ mod exported;
 mod network_from_files;
 mod reading;
 mod reading_axes;
+mod reading_bus_yml;
 mod reading_nodes;
 mod warnings;
