@@ -121,10 +121,17 @@ impl FrameFeed {
         }
     }
 
-    /// Ends every frame without result: the cycle is gone.
+    /// Reads what the cycle wrote, then ends every frame without result.
     pub(crate) fn close(&mut self, sink: &mut impl FeedSink) {
+        // Before the last record is read.
+        let is_cycle_over = self.stream.is_closed();
+        while self.is_active
+            && let Some(record) = self.stream.next()
+        {
+            self.accounts.take(&record, sink);
+        }
         self.is_closed = true;
-        self.accounts.close(sink);
+        self.accounts.close(is_cycle_over, sink);
     }
 
     /// Queues a frame of a client.
@@ -322,8 +329,8 @@ impl Accounts {
         }
     }
 
-    /// The Port is gone.
-    fn close(&mut self, sink: &mut impl FeedSink) {
+    /// `is_cycle_over`: the frames in the queues are not sent any more.
+    fn close(&mut self, is_cycle_over: bool, sink: &mut impl FeedSink) {
         for (slave, gateway) in self.gateways.iter_mut().enumerate() {
             let mut report = Reporter { time_ns: 0, slave, sink };
             while !gateway.published.is_empty() {
@@ -331,7 +338,10 @@ impl Accounts {
             }
             for (channel, queue) in (0_u8..).zip(&mut gateway.channels) {
                 for (owner, frame) in queue.frames.drain(..) {
-                    let event = FrameEvent::Rejected(RejectReason::Closed);
+                    let event = match is_cycle_over {
+                        true => FrameEvent::Rejected(RejectReason::Closed),
+                        false => NO_RESULT,
+                    };
                     report.frame(channel, frame, Some(owner), event);
                 }
             }

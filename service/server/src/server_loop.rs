@@ -119,8 +119,6 @@ impl ServerLoop {
     fn apply(&mut self, update: Update) {
         match update {
             Update::Cycle(cycle) => {
-                // What the last cycles of the old one wrote.
-                while self.drain().is_zero() {}
                 if let Some(old) = &mut self.bus.cycle {
                     old.feed.close(&mut self.clients);
                 }

@@ -7,13 +7,16 @@ use std::sync::atomic::Ordering;
 use std::time::Duration;
 
 use common::{Fixture, PATIENCE, frame, next, wait_for};
-use ecan_mcan_port::{ChannelConfig, GatewayConfig};
+use ecan_host::AdapterConfig;
+use ecan_mcan_port::{ChannelConfig, GatewayConfig, Port, PortConfig};
 use ecan_protocol::can::{CanFrame, CanId};
 use ecan_protocol::image::OptionFlags;
+use ecan_service::{Control, ServePort as _, Service, ServiceConfig};
 use ecan_service_client::{
     Client, Event, EventKind, FrameEvent, FrameReport, IdFilter, ImageSubscription, RejectReason,
-    SendError, Subscription,
+    SendError, Subscription, TransmitFailure,
 };
+use ecan_sim::{ClockKind, SimOptions};
 
 fn next_frame(client: &Client) -> FrameReport {
     match next(client) {
@@ -206,6 +209,65 @@ fn reconfiguration_reports_gateways_and_frames_continue() {
     assert_eq!(changed.gateways[0].channels.len(), 1);
     client.send(0, 0, &frame(7, &[])).unwrap();
     assert_eq!(next_frame(&client).event, FrameEvent::Published);
+}
+
+/// A Port in stepped time whose cycle runs on the thread of the test, with a client of its service.
+fn stepped() -> (tempfile::TempDir, Port, Service, Client) {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("master0.sock");
+    let options = SimOptions { clock: Some(ClockKind::Stepped), ..SimOptions::default() };
+    let backend = ecan_sim::open_scenario(ecan_sim::echo(1), &options).unwrap();
+    let adapter = AdapterConfig::new(1).with_cycle(Duration::from_millis(1));
+    let gateway = GatewayConfig::on_channel(0, ChannelConfig::classic(1_000_000));
+    let mut port = Port::open(&backend.ecrt, (adapter, PortConfig::uniform(1, gateway))).unwrap();
+    let service = port.serve(ServiceConfig::new(&path).with_control(Control::Owner)).unwrap();
+    port.wait_ready().unwrap();
+    let client = Client::connect(&path, "test").unwrap();
+    (directory, port, service, client)
+}
+
+/// Sends a frame; returns once it is in the queue of the cycle.
+fn queue_frame(client: &Client) {
+    client.send(0, 0, &frame(5, &[])).unwrap();
+    client.state().unwrap();
+}
+
+#[test]
+fn end_of_service_after_a_cycle_reports_what_it_sent() {
+    let (_directory, mut port, mut service, mut client) = stepped();
+    for _ in 0..50 {
+        queue_frame(&client);
+        port.next_cycle().finish();
+        let path = service.path().to_owned();
+        drop(service);
+        assert_eq!(next_frame(&client).event, FrameEvent::Published);
+        service = port.serve(ServiceConfig::new(&path).with_control(Control::Owner)).unwrap();
+        client = Client::connect(&path, "test").unwrap();
+    }
+}
+
+#[test]
+fn end_of_service_leaves_queued_frames_without_result() {
+    let (_directory, mut port, service, client) = stepped();
+    queue_frame(&client);
+    let accepted =
+        |port: &Port| port.statistics(port.gateway(0).unwrap()).channels[0].frames_accepted;
+    drop(service);
+    // The frame is still in the queue, from which the next cycle takes it.
+    let event = next_frame(&client).event;
+    assert_eq!(event, FrameEvent::Failed(TransmitFailure::NoResult));
+    assert_eq!(accepted(&port), 0);
+    port.next_cycle().finish();
+    assert_eq!(accepted(&port), 1);
+}
+
+#[test]
+fn end_of_port_rejects_queued_frames() {
+    let (_directory, port, service, client) = stepped();
+    queue_frame(&client);
+    drop(port);
+    drop(service);
+    assert_eq!(next_frame(&client).event, FrameEvent::Rejected(RejectReason::Closed));
 }
 
 #[test]
