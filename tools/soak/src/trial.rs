@@ -461,7 +461,7 @@ impl Trial {
         // A master that serves requests in turn reads an AL status slowly.
         let has_pending = |trial: &Self| trial.accounts.iter().any(|it| it.account.pending() > 0);
         while self.now_ns() - begin < QUIET_NS
-            || has_pending(self) && self.now_ns() - begin < PENDING_NS
+            || (has_pending(self) || self.awaits_bus()) && self.now_ns() - begin < PENDING_NS
         {
             self.cycle(false)?;
             self.cycle += 1;

@@ -57,6 +57,19 @@ impl Trial {
         check
     }
 
+    /// Frames wait in a gateway, for example for the answers of an echo node whose bus was overloaded.
+    pub(super) fn awaits_bus(&self) -> bool {
+        let mut slaves = 0..self.gateways.len();
+        self.is_undisturbed
+            && slaves.any(|slave| {
+                let mut sides = self.accounts.iter().filter(|side| side.slave == slave);
+                let counters = counters(&self.simulation, slave);
+                sides.all(|side| side.has_partner)
+                    && counters.transmit_losses == TransmitLosses::default()
+                    && counters.frames_parsed > counters.frames_on_bus
+            })
+    }
+
     pub(super) fn check_sums(&self) -> Check {
         self.firmware.check(&self.simulation).map_err(|text| (Rule::Firmware, text))?;
         for (slave, images) in self.gateways.iter().enumerate() {
