@@ -19,7 +19,7 @@ run_miri() {
     cargo +nightly miri test --locked -p ecrt-sys --lib -- \
         --skip text_is_that_of_the_system --skip sim_without_simulator
     cargo +nightly miri test --locked -p ecan-igh-host --lib -- \
-        --skip cia402::tests --skip canopen::tests --skip config_file::tests::file_ --skip encoded
+        --skip cia402::tests --skip canopen::tests --skip config_file::tests::file_
 }
 
 # Skipped is a test with a filter of system calls: the sanitizer makes some.
