@@ -1817,7 +1817,7 @@ int igh_cia402_all_running(igh_cia402_context_t *context);
 
 /**
  * Returns 1 if all axes have stopped: every drive reported that it is off or at rest after a quick
- * stop, or never reported anything.
+ * stop, or never reported anything and is not being configured.
  *
  * @usage   rt, the cycle's thread, after init
  * @return  1 or 0; 0 after an error, which ecan_last_error_code() gives.

@@ -52,18 +52,20 @@ impl Axis {
 
     /// Returns whether the drive is known to be off, or at rest in Quick Stop Active, or never answered.
     pub(crate) fn is_stopped(&self, now_ns: u64) -> bool {
+        // After a configuration that found the drive enabled, its state is read again. A drive that never answered
+        // may be enabled when it answers its configuration.
+        let is_awaited = self.drive.heard_ns.is_none() && self.setup.is_pending();
+        if self.takeover != TakeoverState::Done || is_awaited {
+            return false;
+        }
         match self.state {
-            // After a configuration that found the drive enabled, its state is read again.
-            AxisState::Stopped(_) => self.takeover == TakeoverState::Done,
+            AxisState::Stopped(_) => true,
             AxisState::Standby | AxisState::Releasing(_) | AxisState::ResettingFault(_) => {
-                // A command to enable may have been on the path to a drive that went silent, and a
-                // drive that never answered may be enabled when it does.
-                let is_present = match self.drive.heard_ns {
-                    Some(_) => !self.setup.is_complete() || self.is_fresh(now_ns),
-                    None => !self.setup.is_pending(),
-                };
-                self.takeover == TakeoverState::Done
-                    && is_present
+                // A command to enable may have been on the path to a drive that went silent.
+                let is_silent = self.drive.heard_ns.is_some()
+                    && self.setup.is_complete()
+                    && !self.is_fresh(now_ns);
+                !is_silent
                     && self.drive.is_off_or_unknown()
                     && (self.drive.rest.is_empty() || self.drive.rest.was_at_rest())
             }

@@ -184,8 +184,8 @@ impl Cia402 {
     }
 
     /// Whether an axis has stopped: its drive reported that it is off or at rest in Quick Stop Active,
-    /// or has never reported anything. False while the axis is active, is being stopped, or is
-    /// uncontrolled.
+    /// or has never reported anything. False while the axis is active, is being stopped or is uncontrolled, and while a
+    /// drive that never reported anything is being configured.
     pub fn is_stopped(&self, axis: usize) -> bool {
         self.axis(axis).is_none_or(|axis| axis.is_stopped(self.now_ns))
     }

@@ -74,7 +74,8 @@ const FOUND: &[u64] = &[
 /// 91190: the clock of a gateway jumped, and two scheduled targets were lost.
 /// 93763: the end of a feed-forward moved a motor that was at rest.
 /// 100882: the first target after a hold was the position of a motor beyond its bounds.
-const FOUND_SHARED: &[u64] = &[5346, 60447, 62312, 66800, 75644, 91190, 93763, 100882];
+/// 126625: an enabled drive that had not answered counted as stopped during its configuration.
+const FOUND_SHARED: &[u64] = &[5346, 60447, 62312, 66800, 75644, 91190, 93763, 100882, 126625];
 
 fn variable(name: &str) -> Option<u64> {
     let value = std::env::var(name).ok()?;

@@ -207,7 +207,7 @@ pub fn igh_cia402_all_running(context: *mut igh_cia402_context_t) -> c_int {
 }
 
 /// Returns 1 if all axes have stopped: every drive reported that it is off or at rest after a quick
-/// stop, or never reported anything.
+/// stop, or never reported anything and is not being configured.
 ///
 /// @usage   rt, the cycle's thread, after init
 /// @return  1 or 0; 0 after an error, which ecan_last_error_code() gives.
