@@ -4,9 +4,48 @@ use std::collections::BTreeMap;
 
 use ecan_mcan_port::ChannelStatistics;
 use ecan_protocol::can::CanFrame;
+use ecan_service_client::{FrameEvent, TransmitFailure};
 
 use crate::frame_number::{FrameNumber, Kinds, Stream};
 use crate::seen::Seen;
+
+/// Frames that somebody received, by the channel in their number.
+#[derive(Clone, Debug, Default)]
+pub struct Received(BTreeMap<u8, [Seen; Stream::COUNT]>);
+
+impl Received {
+    /// Adds a frame, which comes once and in the order of its sender.
+    pub fn insert(&mut self, frame: &FrameNumber) -> Result<(), String> {
+        let FrameNumber { channel, stream, number } = *frame;
+        let seen = &self.0.entry(channel).or_default()[stream as usize];
+        if stream.is_ordered() && number < seen.next() && !seen.contains(number) {
+            let last = seen.next() - 1;
+            return Err(format!("{stream:?} frame {number} was received after {last}"));
+        }
+        self.insert_unordered(frame)
+    }
+
+    /// Adds a frame, which comes once.
+    pub fn insert_unordered(&mut self, frame: &FrameNumber) -> Result<(), String> {
+        let FrameNumber { channel, stream, number } = *frame;
+        match self.0.entry(channel).or_default()[stream as usize].insert(number) {
+            true => Ok(()),
+            false => Err(format!("{stream:?} frame {number} was received twice")),
+        }
+    }
+
+    pub fn count(&self) -> u64 {
+        self.0.values().flatten().map(Seen::count).sum()
+    }
+}
+
+/// Frames of clients of the service whose results are known.
+#[derive(Debug, Default)]
+struct ClientFrames {
+    /// Accepted by the Port.
+    accepted: u64,
+    rejected: [Seen; Stream::COUNT],
+}
 
 /// Frames of one channel.
 #[derive(Debug, Default)]
@@ -14,16 +53,17 @@ pub struct Account {
     /// Index in frame numbers.
     pub channel: u8,
     pub kinds: Kinds,
-    /// Next number of each stream of the host.
-    next: [u32; 3],
+    /// Next number of each stream of the application and of its clients.
+    next: [u32; Stream::COUNT],
     /// Sent by the gateway on the bus, by stream.
-    on_bus: [Seen; 3],
+    on_bus: [Seen; Stream::COUNT],
+    clients: ClientFrames,
     /// Frames of CANopen, which have no numbers, sent by the gateway.
     network_on_bus: u64,
     /// Frames on the bus that others sent, by the channel in their number: those of nodes, the answers to those of
     /// the host, and those of the other channels on the bus.
-    of_others: BTreeMap<u8, [Seen; 4]>,
-    received: BTreeMap<u8, [Seen; 4]>,
+    of_others: BTreeMap<u8, [Seen; Stream::COUNT]>,
+    received: Received,
     /// Columns of earlier Ports; those that were pending are unknown.
     ended: ChannelStatistics,
     now: ChannelStatistics,
@@ -35,18 +75,71 @@ impl Account {
     }
 
     /// The next frame of a stream, with its number.
-    pub fn next_frame(&self, stream: Stream) -> CanFrame {
+    pub fn next_frame(&self, stream: Stream) -> (FrameNumber, CanFrame) {
         let number = self.next[stream as usize];
-        FrameNumber { channel: self.channel, stream, number }.frame(self.kinds)
+        let number = FrameNumber { channel: self.channel, stream, number };
+        (number, number.frame(self.kinds))
     }
 
-    /// The Port has accepted the next frame.
+    /// The Port or the service has accepted the next frame.
     pub fn accepted(&mut self, stream: Stream) {
         self.next[stream as usize] += 1;
     }
 
     pub fn has_numbers(&self) -> bool {
         self.next.iter().all(|next| *next < FrameNumber::MAX)
+    }
+
+    /// The result of a frame of a client.
+    pub fn result_of_client(
+        &mut self,
+        frame: &FrameNumber,
+        event: FrameEvent,
+    ) -> Result<(), String> {
+        let FrameNumber { stream, number, .. } = *frame;
+        match event {
+            FrameEvent::Rejected(reason) => {
+                if self.on_bus[stream as usize].contains(number) {
+                    return Err(format!(
+                        "{stream:?} frame {number} was sent and rejected: {reason}"
+                    ));
+                }
+                self.clients.rejected[stream as usize].insert(number);
+            }
+            FrameEvent::Received => {
+                return Err(format!("{stream:?} frame {number} was received as a result"));
+            }
+            // The service has ended: the Port may still accept it.
+            FrameEvent::Failed(TransmitFailure::NoResult) => {}
+            _ => self.clients.accepted += 1,
+        }
+        Ok(())
+    }
+
+    /// A client got an event of another sender's frame. `received` and `results`: those that it got before.
+    pub fn event_for_client(
+        &self,
+        frame: &CanFrame,
+        event: FrameEvent,
+        received: &mut Received,
+        results: &mut Received,
+    ) -> Result<(), String> {
+        if self.is_of_network(frame) {
+            return Ok(());
+        }
+        let number = self.number(frame)?;
+        if event == FrameEvent::Received {
+            self.check_of_other(&number)?;
+            return received.insert(&number);
+        }
+        let FrameNumber { channel, stream, number: n } = number;
+        let is_accepted = channel == self.channel && n < self.next[stream as usize];
+        if !is_accepted || matches!(event, FrameEvent::Rejected(_)) {
+            return Err(format!(
+                "{stream:?} frame {n} was not accepted and has the event {event:?}"
+            ));
+        }
+        results.insert_unordered(&number)
     }
 
     fn number(&self, frame: &CanFrame) -> Result<FrameNumber, String> {
@@ -68,18 +161,17 @@ impl Account {
         if channel != self.channel {
             return Err(format!("the gateway sent a frame of another channel: {frame:?}"));
         }
-        let stream_index = stream as usize;
-        let Some(next) = self.next.get(stream_index) else {
-            return Err(format!("the gateway sent a frame of the node: {number}"));
-        };
-        if number >= *next {
+        if number >= self.next[stream as usize] {
             return Err(format!("{stream:?} frame {number} was sent and not accepted"));
         }
-        let seen = &mut self.on_bus[stream_index];
+        if self.clients.rejected[stream as usize].contains(number) {
+            return Err(format!("{stream:?} frame {number} was rejected and sent"));
+        }
+        let seen = &mut self.on_bus[stream as usize];
         if seen.contains(number) {
             return Err(format!("{stream:?} frame {number} was sent twice"));
         }
-        if stream == Stream::Immediate && number < seen.next() {
+        if stream.is_ordered() && number < seen.next() {
             return Err(format!("{stream:?} frame {number} was sent after {}", seen.next() - 1));
         }
         seen.insert(number);
@@ -101,23 +193,18 @@ impl Account {
         if self.is_of_network(frame) {
             return Ok(());
         }
-        let FrameNumber { channel, stream, number } = self.number(frame)?;
-        let index = stream as usize;
-        if !self.of_others.get(&channel).is_some_and(|seen| seen[index].contains(number)) {
-            return Err(format!("{stream:?} frame {number} was received and not sent"));
+        let number = self.number(frame)?;
+        self.check_of_other(&number)?;
+        self.received.insert(&number)
+    }
+
+    /// A frame that is received was sent by a node or another channel.
+    fn check_of_other(&self, frame: &FrameNumber) -> Result<(), String> {
+        let FrameNumber { channel, stream, number } = *frame;
+        match self.of_others.get(&channel) {
+            Some(seen) if seen[stream as usize].contains(number) => Ok(()),
+            _ => Err(format!("{stream:?} frame {number} was received and not sent")),
         }
-        let seen = &mut self.received.entry(channel).or_default()[index];
-        if seen.contains(number) {
-            return Err(format!("{stream:?} frame {number} was received twice"));
-        }
-        if matches!(stream, Stream::Immediate | Stream::Node) && number < seen.next() {
-            return Err(format!(
-                "{stream:?} frame {number} was received after {}",
-                seen.next() - 1
-            ));
-        }
-        seen.insert(number);
-        Ok(())
     }
 
     /// The counters of the Port after a cycle.
@@ -145,10 +232,19 @@ impl Account {
         if on_bus > taken {
             return Err(format!("{on_bus} frames on the bus, of {taken} that it can be: {now:?}"));
         }
-        let accepted = self.next.iter().map(|next| u64::from(*next)).sum::<u64>();
-        let known = self.ended.frames_accepted + now.frames_accepted;
-        if known < accepted || known > accepted && !self.kinds.is_shared {
-            return Err(format!("{accepted} frames accepted, of which the Port knows {known}"));
+        let given = |streams: &[Stream]| -> u64 {
+            streams.iter().map(|stream| u64::from(self.next[*stream as usize])).sum()
+        };
+        let of_application = given(&Stream::OF_APPLICATION);
+        let clients = &self.clients;
+        let rejected = clients.rejected.iter().map(Seen::count).sum::<u64>();
+        let least = of_application + clients.accepted;
+        let most = of_application + given(&Stream::OF_CLIENTS) - rejected;
+        let known = self.accepted_so_far();
+        if known < least || known > most && !self.kinds.is_shared {
+            let text =
+                if least == most { format!("{least}") } else { format!("{least} to {most}") };
+            return Err(format!("{text} frames accepted, of which the Port knows {known}"));
         }
         Ok(())
     }
@@ -196,12 +292,14 @@ impl Account {
     }
 
     pub fn taken_by_application(&self) -> u64 {
-        self.received.values().flatten().map(Seen::count).sum()
+        self.received.count()
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use ecan_service_client::RejectReason;
+
     use super::*;
 
     const FD: Kinds = Kinds { is_fd: true, is_shared: false };
@@ -267,6 +365,42 @@ mod tests {
         assert!(text(account.received(&other(1))).contains("received after 2"));
         assert!(text(account.received(&other(2))).contains("received twice"));
         assert_eq!(account.taken_by_application(), 1);
+    }
+
+    #[test]
+    fn results_of_clients_are_checked() {
+        let text = |result: Result<(), String>| result.unwrap_err();
+        let stream = Stream::SecondClient;
+        let number = |number| FrameNumber { channel: 5, stream, number };
+        let mut account = account();
+        (0..3).for_each(|_| account.accepted(stream));
+        account.result_of_client(&number(0), FrameEvent::Published).unwrap();
+        account.sent_on_bus(&number(0).frame(FD)).unwrap();
+        let rejected = FrameEvent::Rejected(RejectReason::NotReady);
+        account.result_of_client(&number(1), rejected).unwrap();
+        assert!(text(account.sent_on_bus(&number(1).frame(FD))).contains("rejected and sent"));
+        assert!(text(account.result_of_client(&number(0), rejected)).contains("sent and rejected"));
+        // Ten of the application, one or two of the client.
+        account.update(statistics(11, 11)).unwrap();
+        account.update(statistics(12, 12)).unwrap();
+        assert!(text(account.update(statistics(13, 13))).contains("11 to 12 frames accepted"));
+    }
+
+    #[test]
+    fn events_for_clients_are_checked() {
+        let text = |result: Result<(), String>| result.unwrap_err();
+        let mut account = account();
+        account.sent_by_other(&frame(3)).unwrap();
+        let (mut received, mut results) = Default::default();
+        let mut event = |number, event| {
+            account.event_for_client(&frame(number), event, &mut received, &mut results)
+        };
+        event(3, FrameEvent::Received).unwrap();
+        assert!(text(event(3, FrameEvent::Received)).contains("received twice"));
+        assert!(text(event(4, FrameEvent::Received)).contains("received and not sent"));
+        event(9, FrameEvent::Transmitted).unwrap();
+        assert!(text(event(9, FrameEvent::Published)).contains("received twice"));
+        assert!(text(event(10, FrameEvent::Published)).contains("not accepted"));
     }
 
     #[test]

@@ -15,6 +15,8 @@ pub enum Rule {
     Target,
     /// A drive is enabled after a stop.
     Stop,
+    /// An event of a client of the service, or a counter of the service.
+    Service,
     /// The gateways or axes did not become ready again.
     Recovery,
     /// The version that a gateway runs, or the result of an update.

@@ -4,7 +4,10 @@
 use ecan_protocol::can::{CanFrame, CanId, Dlc, FrameKind};
 
 /// Bits of a number.
-const NUMBER_BITS: u32 = 21;
+const NUMBER_BITS: u32 = 20;
+const STREAM_BITS: u32 = 3;
+/// Bits of the channel, the stream and the number.
+const WORD_BITS: u32 = 5 + STREAM_BITS + NUMBER_BITS;
 const NUMBER_MASK: u32 = (1 << NUMBER_BITS) - 1;
 /// Marks an extended CAN ID that holds the whole number; the data is arbitrary.
 const IN_ID: u32 = 1 << 28;
@@ -22,6 +25,10 @@ pub enum Stream {
     Hinted,
     /// Sent by a node.
     Node,
+    /// Sent by a client of the service.
+    FirstClient,
+    SecondClient,
+    ThirdClient,
 }
 
 /// Frames that a channel carries.
@@ -34,7 +41,24 @@ pub struct Kinds {
 }
 
 impl Stream {
-    pub const ALL: [Self; 4] = [Self::Immediate, Self::Scheduled, Self::Hinted, Self::Node];
+    pub const COUNT: usize = 7;
+    pub const ALL: [Self; Self::COUNT] = [
+        Self::Immediate,
+        Self::Scheduled,
+        Self::Hinted,
+        Self::Node,
+        Self::FirstClient,
+        Self::SecondClient,
+        Self::ThirdClient,
+    ];
+    /// Sent by the application itself.
+    pub const OF_APPLICATION: [Self; 3] = [Self::Immediate, Self::Scheduled, Self::Hinted];
+    pub const OF_CLIENTS: [Self; 3] = [Self::FirstClient, Self::SecondClient, Self::ThirdClient];
+
+    /// Returns whether the frames of one sender keep their order.
+    pub fn is_ordered(self) -> bool {
+        !matches!(self, Self::Scheduled | Self::Hinted)
+    }
 }
 
 /// Number of a frame.
@@ -43,7 +67,7 @@ pub struct FrameNumber {
     /// Index of the channel: of the sender, or on whose bus the node is.
     pub channel: u8,
     pub stream: Stream,
-    /// From 0; the lower 21 bits.
+    /// From 0; the lower 20 bits.
     pub number: u32,
 }
 
@@ -52,16 +76,17 @@ impl FrameNumber {
     pub const MAX: u32 = NUMBER_MASK;
 
     fn word(self) -> u32 {
-        (u32::from(self.channel) << 2 | self.stream as u32) << NUMBER_BITS
+        (u32::from(self.channel) << STREAM_BITS | self.stream as u32) << NUMBER_BITS
             | self.number & NUMBER_MASK
     }
 
-    fn from_word(word: u32) -> Self {
-        Self {
-            channel: (word >> (NUMBER_BITS + 2)) as u8,
-            stream: Stream::ALL[(word >> NUMBER_BITS) as usize & 3],
+    fn from_word(word: u32) -> Option<Self> {
+        let stream = (word >> NUMBER_BITS) as usize & ((1 << STREAM_BITS) - 1);
+        Some(Self {
+            channel: (word >> (NUMBER_BITS + STREAM_BITS)) as u8,
+            stream: *Stream::ALL.get(stream)?,
             number: word & NUMBER_MASK,
-        }
+        })
     }
 
     /// The frame of this number on a channel.
@@ -105,14 +130,14 @@ impl FrameNumber {
         } else {
             u32::from_le_bytes(frame.data().get(..DATA_BYTES)?.try_into().ok()?)
         };
-        let number = Self::from_word(word);
+        let number = Self::from_word(word)?;
         let sent = match frame.kind() {
             FrameKind::Fd { brs, esi: true } => {
                 &CanFrame::fd(id, frame.data(), brs, false).expect("valid")
             }
             _ => frame,
         };
-        (word >> (NUMBER_BITS + 7) == 0 && *sent == number.frame(kinds)).then_some(number)
+        (word >> WORD_BITS == 0 && *sent == number.frame(kinds)).then_some(number)
     }
 }
 

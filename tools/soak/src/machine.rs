@@ -20,6 +20,7 @@ use serde::{Deserialize, Serialize};
 use crate::channel::{Channel, Partner};
 use crate::draw::{chance, pick, weighted};
 use crate::drives::{self, Mode};
+use crate::service_clients::ServicePlan;
 
 /// Variants with which a gateway does not start, which is no fault.
 const NO_START: [&str; 2] = ["missing_entries", "assignment_rewritten"];
@@ -48,6 +49,9 @@ pub struct Machine {
     /// The master segments process data above 1486 bytes.
     #[serde(default)]
     pub has_large_pdos: bool,
+    /// The application serves other programs.
+    #[serde(default)]
+    pub service: Option<ServicePlan>,
     /// Lines of each gateway's table in the scenario.
     pub gateway_keys: Vec<String>,
     /// Lines of `[gateway.variant]`.
@@ -267,6 +271,8 @@ impl Machine {
         if chance(r, 35) {
             share_buses(r, &mut gateway);
         }
+        let has_drives = gateway.iter().flat_map(|it| &it.channel).any(|it| it.drives() > 0);
+        let service = chance(r, 15).then(|| ServicePlan::draw(r, has_drives));
         Self {
             // Masters that segment process data are newer than 1.5.
             version: if has_large_pdos { "1.6" } else { pick(r, &["1.5", "1.6"]) }.to_owned(),
@@ -278,6 +284,7 @@ impl Machine {
             is_attached: chance(r, 20),
             has_io: !is_star && chance(r, 20),
             has_large_pdos,
+            service,
             gateway_keys,
             variants: switches,
             gateway,

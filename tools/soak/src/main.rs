@@ -20,6 +20,8 @@ mod master_owner;
 mod plan;
 mod runner;
 mod seen;
+mod service_client;
+mod service_clients;
 mod shrink;
 mod side;
 mod talker;

@@ -67,6 +67,8 @@ impl Search<'_> {
     }
 
     fn machine(&mut self) {
+        self.attempt(|plan| plan.machine.service = None);
+        self.attempt(|plan| plan.machine.service.iter_mut().for_each(|it| it.clients = 1));
         self.attempt(|plan| plan.machine.variants.clear());
         self.attempt(|plan| plan.machine.gateway_keys.clear());
         self.attempt(|plan| plan.machine.sync0_shift_us = None);

@@ -16,6 +16,8 @@ pub struct Side {
     /// Extended CAN IDs that its filter rejects.
     pub rejects: Option<[u32; 2]>,
     pub has_partner: bool,
+    /// Images of the gateway that this Port discarded because the gateway was not ready.
+    pub discarded_images: u64,
     pub account: Account,
     pub handle: Option<ChannelHandle>,
 }
@@ -23,6 +25,12 @@ pub struct Side {
 impl Side {
     /// The application got a frame.
     pub fn received(&mut self, frame: &CanFrame) -> Result<(), String> {
+        self.check_filter(frame)?;
+        self.account.received(frame)
+    }
+
+    /// A frame that arrives passes the filter.
+    pub fn check_filter(&self, frame: &CanFrame) -> Result<(), String> {
         let id = frame.id();
         if let Some([first, last]) = self.rejects
             && id.is_extended()
@@ -30,7 +38,7 @@ impl Side {
         {
             return Err(format!("a frame that the filter rejects: {frame:?}"));
         }
-        self.account.received(frame)
+        Ok(())
     }
 
     /// A text with the name of the channel.

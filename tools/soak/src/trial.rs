@@ -18,10 +18,12 @@ use crate::frame_number::Stream;
 use crate::machine::Machine;
 use crate::master_owner::Connection;
 use crate::plan::Plan;
+use crate::service_clients::ServiceClients;
 use crate::side::Side;
 use crate::talker::Talker;
 
 mod checks;
+mod clients;
 mod firmware;
 
 const MS: u64 = 1_000_000;
@@ -58,6 +60,7 @@ pub struct Trial {
     axes: Axes,
     gateways: Vec<Images>,
     firmware: Firmware,
+    clients: ServiceClients,
     cycle: u64,
     leave_until: u64,
     retry_at: u64,
@@ -137,6 +140,7 @@ impl Trial {
                     rejects: channel.rejects,
                     has_partner: channel.partner != Partner::Nobody
                         || plan.machine.sharing(slave, channel).next().is_some(),
+                    discarded_images: 0,
                     account: Account::new(number, kinds),
                     handle: None,
                 });
@@ -145,6 +149,7 @@ impl Trial {
         let mut trial = Self {
             random: Rng::with_seed(plan.seed),
             gateways: plan.machine.gateway.iter().map(|_| Images::default()).collect(),
+            clients: ServiceClients::new(plan.machine.service.clone())?,
             firmware: Firmware::of(&simulation, plan.machine.gateway.len()),
             plan: plan.clone(),
             backend,
@@ -177,13 +182,19 @@ impl Trial {
         let connection = self.connection.insert(opened?);
         connection.wait_ready()?;
         self.axes.open(&connection.port)?;
+        self.clients.attach(&mut connection.port);
         self.take_handles()
     }
 
     /// The application ends, without a stop.
     fn close(&mut self) {
         self.axes.close();
+        // Its parts end in any order.
+        if self.cycle.is_multiple_of(2) {
+            self.clients.end_service(&mut self.accounts);
+        }
         self.connection = None;
+        self.clients.end_service(&mut self.accounts);
     }
 
     fn take_handles(&mut self) -> Result<(), String> {
@@ -268,6 +279,7 @@ impl Trial {
             port.reconfigure(config)
                 .and_then(|()| port.wait_ready())
                 .map_err(|error| error.to_string())?;
+            trial.clients.attach(port);
             trial.take_handles()
         })
     }
@@ -341,6 +353,7 @@ impl Trial {
     /// One cycle of the application.
     fn cycle(&mut self, sends: bool) -> Check {
         self.operate();
+        self.serve_clients(sends)?;
         let Some(connection) = &mut self.connection else { return Ok(()) };
         let r = &mut self.random;
         let sync0_ns = self.plan.machine.sync0_shift_us.map(|_| self.plan.machine.cycle_us * 1_000);
@@ -400,7 +413,7 @@ impl Trial {
                     },
                     _ => SendOptions::default(),
                 };
-                let frame = side.account.next_frame(stream);
+                let (_, frame) = side.account.next_frame(stream);
                 match cycle.send_with(handle, &frame, options) {
                     Ok(_) => side.account.accepted(stream),
                     Err(error) if error.is_temporary() || stream == Stream::Scheduled => break,
@@ -466,6 +479,7 @@ impl Trial {
             self.cycle(false)?;
             self.cycle += 1;
         }
+        self.settle_clients()?;
         for (slave, images) in self.gateways.iter_mut().enumerate() {
             images.at_end = counters(&self.simulation, slave).frames_to_master;
         }

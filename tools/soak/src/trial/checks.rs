@@ -15,6 +15,7 @@ impl Trial {
             let SlaveStatistics { txpdo_lost, txpdo_unknown, parse_errors, .. } = statistics;
             images.now = txpdo_lost + txpdo_unknown + parse_errors;
             for side in self.accounts.iter_mut().filter(|side| side.slave == slave) {
+                side.discarded_images = statistics.txpdo_discarded;
                 let columns = statistics.channels[usize::from(side.channel)];
                 let update = side.account.update(columns);
                 update.map_err(|text| (Rule::Transmit, side.named(&text)))?;
