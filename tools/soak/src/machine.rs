@@ -49,6 +49,9 @@ pub struct Machine {
     /// The master segments process data above 1486 bytes.
     #[serde(default)]
     pub has_large_pdos: bool,
+    /// The application uses the C interface.
+    #[serde(default)]
+    pub uses_c: bool,
     /// The application serves other programs.
     #[serde(default)]
     pub service: Option<ServicePlan>,
@@ -273,6 +276,8 @@ impl Machine {
         }
         let has_drives = gateway.iter().flat_map(|it| &it.channel).any(|it| it.drives() > 0);
         let service = chance(r, 15).then(|| ServicePlan::draw(r, has_drives));
+        let is_attached = chance(r, 20);
+        let uses_c = !has_drives && !is_attached && service.is_none() && chance(r, 35);
         Self {
             // Masters that segment process data are newer than 1.5.
             version: if has_large_pdos { "1.6" } else { pick(r, &["1.5", "1.6"]) }.to_owned(),
@@ -281,7 +286,8 @@ impl Machine {
             cycle_us,
             sync0_shift_us: chance(r, 40).then(|| cycle_us * pick(r, &[10, 50, 70]) / 100),
             sync_cycles,
-            is_attached: chance(r, 20),
+            is_attached,
+            uses_c,
             has_io: !is_star && chance(r, 20),
             has_large_pdos,
             service,

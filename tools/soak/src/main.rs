@@ -8,6 +8,8 @@
 #![deny(unsafe_code)]
 
 mod account;
+mod application;
+mod c_application;
 mod channel;
 mod draw;
 mod drives;

@@ -67,6 +67,7 @@ impl Search<'_> {
     }
 
     fn machine(&mut self) {
+        self.attempt(|plan| plan.machine.uses_c = false);
         self.attempt(|plan| plan.machine.service = None);
         self.attempt(|plan| plan.machine.service.iter_mut().for_each(|it| it.clients = 1));
         self.attempt(|plan| plan.machine.variants.clear());

@@ -1,20 +1,19 @@
 //! Runs a plan.
 
-use ecan_mcan_port::{Received, ReceivedView, SendOptions, TransmitHint};
-use ecan_protocol::image::Schedule;
 use ecan_sim::{
     AttachedNode, Backend, ClockKind, Fault, GatewayCounters, IoSpec, SimOptions, Simulation,
 };
 use fastrand::Rng;
 
 use crate::account::Account;
+use crate::application::Application;
+use crate::c_application::CApplication;
 use crate::channel::Partner;
-use crate::draw::{chance, pick};
+use crate::draw::chance;
 use crate::drives::Axes;
 use crate::event::Action;
 use crate::finding::{Finding, Outcome, Rule};
 use crate::firmware_update::Firmware;
-use crate::frame_number::Stream;
 use crate::machine::Machine;
 use crate::master_owner::Connection;
 use crate::plan::Plan;
@@ -24,6 +23,7 @@ use crate::talker::Talker;
 
 mod checks;
 mod clients;
+mod cycle;
 mod firmware;
 
 const MS: u64 = 1_000_000;
@@ -54,7 +54,7 @@ pub struct Trial {
     backend: Backend,
     simulation: Simulation,
     io: Option<IoSpec>,
-    connection: Option<Connection>,
+    application: Option<Application>,
     _talkers: Vec<AttachedNode>,
     accounts: Vec<Side>,
     axes: Axes,
@@ -155,7 +155,7 @@ impl Trial {
             backend,
             simulation,
             io,
-            connection: None,
+            application: None,
             axes: Axes::new(&plan.machine),
             _talkers: talkers,
             accounts,
@@ -173,17 +173,21 @@ impl Trial {
     fn open(&mut self) -> Result<(), String> {
         // The master has one owner.
         self.close();
-        let Machine { is_attached, .. } = self.plan.machine;
-        let config = self.plan.machine.config();
-        let opened = match is_attached {
-            true => Connection::attach(&self.backend, config, self.io.as_ref()),
-            false => Connection::open(&self.backend, config),
+        let machine = &self.plan.machine;
+        let (backend, config) = (&self.backend, machine.config());
+        let application = match machine {
+            Machine { uses_c: true, .. } => Application::C(CApplication::open(backend, &config)?),
+            Machine { is_attached: true, .. } => {
+                Application::Rust(Connection::attach(backend, config, self.io.as_ref())?.into())
+            }
+            _ => Application::Rust(Connection::open(backend, config)?.into()),
         };
-        let connection = self.connection.insert(opened?);
-        connection.wait_ready()?;
-        self.axes.open(&connection.port)?;
-        self.clients.attach(&mut connection.port);
-        self.take_handles()
+        let application = self.application.insert(application);
+        application.wait_ready()?;
+        if let Some(port) = application.port() {
+            self.axes.open(port)?;
+        }
+        self.use_port()
     }
 
     /// The application ends, without a stop.
@@ -193,14 +197,17 @@ impl Trial {
         if self.cycle.is_multiple_of(2) {
             self.clients.end_service(&mut self.accounts);
         }
-        self.connection = None;
+        self.application = None;
         self.clients.end_service(&mut self.accounts);
     }
 
-    fn take_handles(&mut self) -> Result<(), String> {
-        let Some(connection) = &self.connection else { return Ok(()) };
+    /// After it was opened or configured again.
+    fn use_port(&mut self) -> Result<(), String> {
+        let port = self.application.as_mut().and_then(Application::port);
+        let Some(port) = port else { return Ok(()) };
+        self.clients.attach(port);
         for side in &mut self.accounts {
-            let handle = connection.port.channel(side.slave, side.channel);
+            let handle = port.channel(side.slave, side.channel);
             side.handle = Some(handle.map_err(|error| error.to_string())?);
         }
         Ok(())
@@ -221,7 +228,7 @@ impl Trial {
             while let Some(event) = events.next_if(|event| event.cycle <= self.cycle) {
                 self.act(&event.action)?;
             }
-            if self.connection.is_some() {
+            if self.application.is_some() {
                 self.cycle(true)?;
             }
             self.cycle += 1;
@@ -240,9 +247,8 @@ impl Trial {
                 effect.map_err(|error| (Rule::Call, format!("{fault:?}: {error}")))?;
             }
             Action::Discard(slave) => {
-                let Some(Connection { port, .. }) = &mut self.connection else { return Ok(()) };
-                let gateway = port.gateway(*slave).map_err(call)?;
-                port.discard_pending(gateway);
+                let Some(application) = &mut self.application else { return Ok(()) };
+                application.discard_pending(*slave).map_err(call)?;
             }
             // The owner of a master does not reconfigure it for one of its users.
             Action::Reconfigure if self.plan.machine.is_attached => self.restart(0)?,
@@ -275,12 +281,9 @@ impl Trial {
         self.end_statistics();
         self.repeat(|trial| {
             let config = trial.plan.machine.config();
-            let Some(Connection { port, .. }) = &mut trial.connection else { return trial.open() };
-            port.reconfigure(config)
-                .and_then(|()| port.wait_ready())
-                .map_err(|error| error.to_string())?;
-            trial.clients.attach(port);
-            trial.take_handles()
+            let Some(application) = &mut trial.application else { return trial.open() };
+            application.reconfigure(config)?;
+            trial.use_port()
         })
     }
 
@@ -350,92 +353,6 @@ impl Trial {
         }
     }
 
-    /// One cycle of the application.
-    fn cycle(&mut self, sends: bool) -> Check {
-        self.operate();
-        self.serve_clients(sends)?;
-        let Some(connection) = &mut self.connection else { return Ok(()) };
-        let r = &mut self.random;
-        let sync0_ns = self.plan.machine.sync0_shift_us.map(|_| self.plan.machine.cycle_us * 1_000);
-        let leaves = self.cycle < self.leave_until;
-        let mut received = Vec::new();
-        connection.begin();
-        let mut cycle = connection.port.begin_cycle();
-        if self.axes.is_open() {
-            if !leaves || chance(r, 50) {
-                self.axes.receive(&mut cycle, |item| {
-                    if let Received::Frame(frame) = item {
-                        received.push((frame.slave, frame.channel, frame.frame));
-                    }
-                });
-            }
-            self.axes.send(&mut cycle, r);
-        } else {
-            let most = if leaves { r.usize(..4) } else { usize::MAX };
-            for item in cycle.received().take(most) {
-                if let ReceivedView::Frame { slave, packet } = item {
-                    received.push((slave, packet.channel, packet.frame.to_owned()));
-                }
-            }
-        }
-        for side in self.accounts.iter_mut().filter(|side| sends && side.sends) {
-            let Some(handle) = side.handle else { continue };
-            // Bursts, with the mean of the channel.
-            let mean = side.frames;
-            let count = match r.u8(..8) {
-                0..6 => mean / 1_000 + u32::from(r.u32(..1_000) < mean % 1_000),
-                6 => 0,
-                _ => mean * 2 / 1_000,
-            };
-            for _ in 0..count {
-                if !side.account.has_numbers() {
-                    break;
-                }
-                let stream = match r.u8(..40) {
-                    0 if sync0_ns.is_some() => Stream::Scheduled,
-                    1 => Stream::Hinted,
-                    _ => Stream::Immediate,
-                };
-                let options = match (stream, sync0_ns) {
-                    (Stream::Scheduled, Some(period)) => {
-                        Schedule { tag: r.u16(..), offset_ns: r.u32(..period) }.into()
-                    }
-                    (Stream::Hinted, _) => SendOptions {
-                        hint: pick(
-                            r,
-                            &[
-                                TransmitHint::HighPriority,
-                                TransmitHint::DedicatedBuffer,
-                                TransmitHint::Queue,
-                            ],
-                        ),
-                        ..SendOptions::default()
-                    },
-                    _ => SendOptions::default(),
-                };
-                let (_, frame) = side.account.next_frame(stream);
-                match cycle.send_with(handle, &frame, options) {
-                    Ok(_) => side.account.accepted(stream),
-                    Err(error) if error.is_temporary() || stream == Stream::Scheduled => break,
-                    Err(error) => return Err((Rule::Call, error.to_string())),
-                }
-            }
-        }
-        let _ = cycle.finish();
-        connection.end();
-        self.drain_buses()?;
-        for (slave, channel, frame) in received {
-            let side =
-                self.accounts.iter_mut().find(|it| (it.slave, it.channel) == (slave, channel));
-            let side = side.ok_or_else(|| {
-                (Rule::Receive, format!("a frame of slave {slave} channel {channel}: {frame:?}"))
-            })?;
-            side.received(&frame).map_err(|text| (Rule::Receive, side.named(&text)))?;
-        }
-        self.axes.check(&self.simulation).map_err(|text| (Rule::Target, text))?;
-        self.update()
-    }
-
     /// Runs on until the last fault is over and all gateways stay ready.
     fn recover(&mut self) -> Check {
         self.switch_on();
@@ -446,11 +363,9 @@ impl Trial {
             self.cycle(sends)?;
             self.cycle += 1;
             let now = self.now_ns();
-            let Some(connection) = &mut self.connection else { return Ok(()) };
-            let is_ready = connection.port.is_ready()
-                && connection.has_io()
-                && self.axes.all_running()
-                && now - begin > LONGEST_FAULT_NS;
+            let Some(application) = &mut self.application else { return Ok(()) };
+            let is_ready =
+                application.is_ready() && self.axes.all_running() && now - begin > LONGEST_FAULT_NS;
             let since = if is_ready { *ready_since.get_or_insert(now) } else { now };
             ready_since = ready_since.filter(|_| is_ready);
             if now - since > STEADY_NS {
@@ -458,12 +373,12 @@ impl Trial {
                 return Ok(());
             }
             if now - begin > RECOVERY_NS {
-                return Err((Rule::Recovery, connection.status() + &self.axes.status()));
+                return Err((Rule::Recovery, application.status() + &self.axes.status()));
             }
             // As an operator does who reads what a gateway waits for.
-            if connection.waits_for_startup() && now >= self.retry_at {
+            if application.waits_for_startup() && now >= self.retry_at {
                 self.retry_at = now + RETRY_NS;
-                connection.retry_startup();
+                application.retry_startup();
             }
         }
     }

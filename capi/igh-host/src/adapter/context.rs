@@ -64,6 +64,18 @@ fn open(
     unsafe { handle::init(call, context.as_ptr().cast(), Kind::Adapter, bus) }
 }
 
+/// Opens the master of a library.
+fn open_own(
+    call: Call,
+    context: &OutPointer<ecan_igh_context_t>,
+    config: &IghConfig,
+    library: impl FnOnce(Call, &IghConfig) -> Result<Library, ecan_result_t>,
+) -> Result<(), ecan_result_t> {
+    open(call, context, config, library, |ecrt, rust| {
+        Adapter::open_with_stop(ecrt, rust, config.startup_plan(), config.stop()).or_code(call)
+    })
+}
+
 /// Opens the master: checks the configuration as a whole, loads the EtherCAT master library,
 /// reserves the master, finds and identifies the slaves, registers their startup SDOs (also those of
 /// igh_mcan_port_apply_config()) and maps their PDOs. Writes nothing to the slaves: the master executes
@@ -86,8 +98,22 @@ fn open(
 #[export(call)]
 pub fn ecan_igh_init(context: *mut ecan_igh_context_t, config: *const ecan_igh_config_t) {
     pointers!(call, out(context), encoded(config));
-    open(call, &context, &config, library::open, |ecrt, rust| {
-        Adapter::open_with_stop(ecrt, rust, config.startup_plan(), config.stop()).or_code(call)
+    open_own(call, &context, &config, library::open)
+}
+
+/// As [`ecan_igh_init`], on a library that a Rust program has opened, in place of the configured one: contexts that
+/// share a simulation. Not for C.
+///
+/// # Safety
+/// As for [`ecan_igh_init`].
+pub unsafe fn init_on(
+    context: *mut ecan_igh_context_t,
+    config: *const ecan_igh_config_t,
+    ecrt: &Ecrt,
+) -> c_int {
+    ecan_c_boundary::call("ecan_igh_init", |call| {
+        pointers!(call, out(context), encoded(config));
+        open_own(call, &context, &config, |_, _| Ok(Library::of(ecrt.clone())))
     })
 }
 

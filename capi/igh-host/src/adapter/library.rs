@@ -17,6 +17,13 @@ pub(crate) struct Library {
     pub(crate) is_stepped: bool,
 }
 
+impl Library {
+    pub(crate) fn of(ecrt: Ecrt) -> Self {
+        let is_stepped = ecrt.is_simulated() && !ecrt.clock().is_free_running();
+        Self { ecrt, is_stepped }
+    }
+}
+
 /// Path that the build sets in place of the installed libethercat (CMake's ECRT_LIBRARY).
 fn default_library() -> Option<PathBuf> {
     option_env!("ECAN_DEFAULT_ECRT").filter(|path| !path.is_empty()).map(PathBuf::from)
@@ -30,23 +37,19 @@ pub(crate) fn open(call: Call, config: &IghConfig) -> Result<Library, ecan_resul
         EcrtSetting::Library(None) if explicit.is_none() => EcrtSetting::Library(default_library()),
         setting => setting,
     };
-    load(&setting, config).map(library).map_err(|error| not_loaded(call, &error))
+    load(&setting, config).map(Library::of).map_err(|error| not_loaded(call, &error))
 }
 
 /// The library that this process has loaded, of which the owner of a master has its handle.
 pub(crate) fn find_loaded(call: Call, config: &IghConfig) -> Result<Library, ecan_result_t> {
     let setting = EcrtSetting::resolve(explicit(config)).map_err(|error| failed(call, &error))?;
-    setting.find_loaded().map(library).map_err(|error| failed(call, &error))
+    setting.find_loaded().map(Library::of).map_err(|error| failed(call, &error))
 }
 
 fn explicit(config: &IghConfig) -> Option<&str> {
     config.ecrt.as_ref().map(|text| text.get().unwrap_or_default())
 }
 
-fn library(ecrt: Ecrt) -> Library {
-    let is_stepped = ecrt.is_simulated() && !ecrt.clock().is_free_running();
-    Library { ecrt, is_stepped }
-}
 
 #[cold]
 fn failed(call: Call, error: &dyn Display) -> ecan_result_t {

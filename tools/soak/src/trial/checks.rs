@@ -5,13 +5,12 @@ use ecan_sim::TransmitLosses;
 
 use super::{Check, Trial, call, counters};
 use crate::finding::Rule;
-use crate::master_owner::Connection;
 
 impl Trial {
     pub(super) fn update(&mut self) -> Check {
-        let Some(Connection { port, .. }) = &self.connection else { return Ok(()) };
+        let Some(application) = &mut self.application else { return Ok(()) };
         for (slave, images) in self.gateways.iter_mut().enumerate() {
-            let statistics = port.statistics(port.gateway(slave).map_err(call)?);
+            let statistics = application.statistics(slave).map_err(call)?;
             let SlaveStatistics { txpdo_lost, txpdo_unknown, parse_errors, .. } = statistics;
             images.now = txpdo_lost + txpdo_unknown + parse_errors;
             for side in self.accounts.iter_mut().filter(|side| side.slave == slave) {

@@ -1,6 +1,7 @@
 //! The clients of the service in a trial.
 
 use super::{Check, Trial};
+use crate::application::Application;
 use crate::finding::Rule;
 use crate::service_clients::Turn;
 
@@ -12,10 +13,11 @@ const RESULT_NS: u64 = 20_000_000_000;
 impl Trial {
     /// Between two cycles.
     pub(super) fn serve_clients(&mut self, sends: bool) -> Check {
-        let Self { clients, connection, accounts, random, cycle, .. } = self;
-        let Some(connection) = connection else { return Ok(()) };
+        let Self { clients, application, accounts, random, cycle, .. } = self;
+        let port = application.as_mut().and_then(Application::port);
+        let Some(port) = port else { return Ok(()) };
         if clients.is_due(*cycle) {
-            clients.attach(&mut connection.port);
+            clients.attach(port);
         }
         let mut turn = Turn { sides: accounts, random, cycle: *cycle, sends, is_settled: false };
         clients.act(&mut turn).map_err(|text| (Rule::Service, text))

@@ -32,11 +32,11 @@ impl Trial {
 
     fn pass(&mut self, ns: u64) -> Check {
         let end = self.now_ns() + ns;
-        while self.connection.is_some() && self.now_ns() < end {
+        while self.application.is_some() && self.now_ns() < end {
             self.cycle(true)?;
             self.cycle += 1;
         }
-        if self.connection.is_none() {
+        if self.application.is_none() {
             self.simulation.pass_ns(ns);
         }
         Ok(())
