@@ -218,6 +218,12 @@ impl Account {
         if now.frames_accepted != columns {
             return Err(format!("accepted frames are not in one column each: {now:?}"));
         }
+        let (got, known) =
+            (self.received.count(), self.ended.frames_received + now.frames_received);
+        // Axes take frames, too.
+        if got != known && !self.kinds.is_shared {
+            return Err(format!("the application got {got} frames, the Port counts {known}"));
+        }
         let falls = [
             now.frames_delivered < before.frames_delivered,
             now.frames_lost < before.frames_lost,
@@ -331,7 +337,7 @@ mod tests {
             account.sent_by_other(&frame(number)).unwrap();
         }
         [1, 2, 9].iter().for_each(|number| account.received(&frame(*number)).unwrap());
-        account.update(statistics(10, 5)).unwrap();
+        account.update(ChannelStatistics { frames_received: 3, ..statistics(10, 5) }).unwrap();
     }
 
     #[test]
@@ -348,7 +354,11 @@ mod tests {
         account.received(&frame(3)).unwrap();
         assert!(text(account.received(&frame(3))).contains("received twice"));
         assert!(text(account.received(&frame(2))).contains("received after 3"));
-        assert!(text(account.update(statistics(10, 0))).contains("frames on the bus"));
+        assert!(
+            text(account.update(statistics(10, 0))).contains("got 1 frames, the Port counts 0")
+        );
+        let received = ChannelStatistics { frames_received: 1, ..statistics(10, 0) };
+        assert!(text(account.update(received)).contains("frames on the bus"));
     }
 
     #[test]
