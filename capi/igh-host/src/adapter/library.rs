@@ -50,7 +50,6 @@ fn explicit(config: &IghConfig) -> Option<&str> {
     config.ecrt.as_ref().map(|text| text.get().unwrap_or_default())
 }
 
-
 #[cold]
 fn failed(call: Call, error: &dyn Display) -> ecan_result_t {
     call.fail(ECAN_ERR_ECRT, format_args!("{error}"))
