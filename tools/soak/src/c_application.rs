@@ -11,8 +11,8 @@ use ecan_c_boundary::frames::{
     igh_mcan_rx_frame_t, igh_mcan_rx_kind_t, igh_mcan_tx_frame_t,
 };
 use ecan_c_boundary::result::ecan_result_t::{
-    ECAN_ERR_BUS_OFF, ECAN_ERR_CHANNEL, ECAN_ERR_MASTER, ECAN_ERR_NO_ROOM, ECAN_ERR_NOT_READY,
-    ECAN_ERR_NULL, ECAN_ERR_QUEUE_FULL, ECAN_ERR_SLAVE,
+    ECAN_ERR_CHANNEL, ECAN_ERR_FRAME, ECAN_ERR_MASTER, ECAN_ERR_NULL, ECAN_ERR_SCHEDULE,
+    ECAN_ERR_SLAVE,
 };
 use ecan_igh_host::adapter::config::{ecan_igh_config_t, ecan_igh_default_config};
 use ecan_igh_host::adapter::config_clocks::ecan_igh_config_set_dc_sync0;
@@ -55,6 +55,7 @@ use ecan_igh_host::mcan_port::statistics::{
     igh_mcan_port_get_statistics, igh_mcan_statistics_t,
 };
 use ecan_mcan_host::common::last_error::ecan_last_error;
+use ecan_mcan_host::common::result::ecan_result_is_temporary;
 use ecan_mcan_port::{
     AcceptanceFilter, ChannelFilter, ChannelStatistics, Config, PendingStep, SendOptions,
     SlaveStatistics,
@@ -274,13 +275,12 @@ impl CApplication {
                 }
             }
         };
-        let temporary =
-            [ECAN_ERR_NO_ROOM, ECAN_ERR_QUEUE_FULL, ECAN_ERR_BUS_OFF, ECAN_ERR_NOT_READY];
+        // A gateway may not support schedules, or the margin of the phase not suffice.
+        let is_scheduled = options.schedule.is_some();
         match code {
             0 => Ok(true),
-            code if temporary.iter().any(|it| it.code() == code) => Ok(false),
-            // The time may have passed, or the schedule of the gateway be full.
-            _ if options.schedule.is_some() => Ok(false),
+            code if ecan_result_is_temporary(code) == 1 => Ok(false),
+            code if is_scheduled && code == ECAN_ERR_SCHEDULE.code() => Ok(false),
             code => check(function, code).map(|()| true),
         }
     }
@@ -292,6 +292,8 @@ impl CApplication {
             (c!(igh_mcan_port_send_can(port, 0, 0, 1, 0, null(), 8)), ECAN_ERR_NULL),
             (c!(igh_mcan_port_send_can(port, absent, 0, 1, 0, data, 8)), ECAN_ERR_SLAVE),
             (c!(igh_mcan_port_send_can(port, 0, 4, 1, 0, data, 8)), ECAN_ERR_CHANNEL),
+            (c!(igh_mcan_port_send_can(port, 0, 0, 1, 0, data, 9)), ECAN_ERR_FRAME),
+            (c!(igh_mcan_port_send_can(port, 0, 0, 0x800, 0, data, 8)), ECAN_ERR_FRAME),
         ];
         match expected.iter().find(|(code, expected)| *code != expected.code()) {
             Some((code, expected)) => Err(format!("code {code} in place of {expected:?}")),
