@@ -20,7 +20,7 @@ use serde::{Deserialize, Serialize};
 use crate::channel::{Channel, Partner};
 use crate::draw::{chance, pick, weighted};
 use crate::drives::{self, Mode};
-use crate::service_clients::ServicePlan;
+use crate::service_plan::ServicePlan;
 
 /// Variants with which a gateway does not start, which is no fault.
 const NO_START: [&str; 2] = ["missing_entries", "assignment_rewritten"];

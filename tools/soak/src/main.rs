@@ -24,6 +24,7 @@ mod runner;
 mod seen;
 mod service_client;
 mod service_clients;
+mod service_plan;
 mod shrink;
 mod side;
 mod talker;

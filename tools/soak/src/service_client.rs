@@ -13,11 +13,22 @@ use fastrand::Rng;
 use crate::account::Received;
 use crate::draw::{chance, pick};
 use crate::frame_number::{FrameNumber, Stream};
-use crate::service_clients::{ServicePlan, Turn, wait_for_service};
+use crate::service_plan::ServicePlan;
 use crate::side::Side;
 
 /// Longest time until the end of a connection arrives.
 const END_LIMIT: Duration = Duration::from_secs(60);
+
+/// State of the trial in a turn of the clients, between two cycles.
+pub struct Turn<'a> {
+    pub sides: &'a mut [Side],
+    pub random: &'a mut Rng,
+    pub cycle: u64,
+    /// The clients may send.
+    pub sends: bool,
+    /// The service has served the Port since a whole cycle.
+    pub is_settled: bool,
+}
 
 pub struct ServiceClient {
     stream: Stream,
@@ -361,4 +372,13 @@ fn draw_subscription(r: &mut Rng, sides: &[Side]) -> Option<Subscription> {
         subscription.filters = vec![IdFilter { id: r.u32(..), mask: 3 << r.u8(..10) }];
     }
     Some(subscription)
+}
+
+/// Returns after the service has read what the cycle wrote before this call and has delivered it before its
+/// response: its loop reads the cycle once between two requests.
+pub fn wait_for_service(client: &Client) -> Result<(), String> {
+    for _ in 0..2 {
+        client.service_stats().map_err(|error| error.to_string())?;
+    }
+    Ok(())
 }

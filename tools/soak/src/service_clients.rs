@@ -5,57 +5,16 @@ use std::time::Duration;
 use ecan_mcan_port::Port;
 use ecan_service::{Control, Service, ServiceConfig};
 use ecan_service_client::{Client, Event};
-use fastrand::Rng;
-use serde::{Deserialize, Serialize};
 use tempfile::TempDir;
 
-use crate::draw::{chance, pick};
+use crate::draw::chance;
 use crate::frame_number::Stream;
-use crate::service_client::ServiceClient;
+use crate::service_client::{ServiceClient, Turn, wait_for_service};
+use crate::service_plan::ServicePlan;
 use crate::side::Side;
 
 /// Cycles after which the service has read what the cycle wrote, so that nothing is lost before it is read.
 const READ_CYCLES: u64 = 16;
-
-/// A service with clients, in the form of the file that repeats a trial.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct ServicePlan {
-    /// 1 to 3.
-    pub clients: u8,
-    /// Bytes that wait for one client.
-    pub queue_bytes: usize,
-    /// Frames of a client and channel that may be without result.
-    pub window: u32,
-    /// Cycles in 100 in which a client acts.
-    pub activity: u32,
-    /// Most frames that a client sends when it acts.
-    pub frames: u32,
-}
-
-impl ServicePlan {
-    /// `has_drives`: little traffic in addition to the axes.
-    pub fn draw(r: &mut Rng, has_drives: bool) -> Self {
-        Self {
-            clients: r.u8(1..=3),
-            queue_bytes: pick(r, &[8_192, 65_536, 1 << 20]),
-            window: pick(r, &[2, 16, 64]),
-            activity: pick(r, &[1, 5, 20]),
-            frames: if has_drives { 1 } else { pick(r, &[1, 4, 20]) },
-        }
-    }
-}
-
-/// State of the trial in a turn of the clients, between two cycles.
-pub struct Turn<'a> {
-    pub sides: &'a mut [Side],
-    pub random: &'a mut Rng,
-    pub cycle: u64,
-    /// The clients may send.
-    pub sends: bool,
-    /// The service has served the Port since a whole cycle.
-    pub is_settled: bool,
-}
 
 pub struct ServiceClients {
     plan: Option<ServicePlan>,
@@ -180,13 +139,4 @@ impl ServiceClients {
         }
         Ok(())
     }
-}
-
-/// Returns after the service has read what the cycle wrote before this call and has delivered it before its
-/// response: its loop reads the cycle once between two requests.
-pub fn wait_for_service(client: &Client) -> Result<(), String> {
-    for _ in 0..2 {
-        client.service_stats().map_err(|error| error.to_string())?;
-    }
-    Ok(())
 }

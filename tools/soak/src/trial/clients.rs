@@ -3,7 +3,7 @@
 use super::{Check, Trial};
 use crate::application::Application;
 use crate::finding::Rule;
-use crate::service_clients::Turn;
+use crate::service_client::Turn;
 
 /// Cycles between two attempts to settle.
 const SETTLE_CYCLES: u32 = 64;
