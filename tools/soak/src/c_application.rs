@@ -46,8 +46,9 @@ use ecan_igh_host::mcan_port::cycle::{
     igh_mcan_port_wait_next_cycle,
 };
 use ecan_igh_host::mcan_port::send::{
-    igh_mcan_port_discard_pending, igh_mcan_port_schedule_can, igh_mcan_port_schedule_canfd,
-    igh_mcan_port_send, igh_mcan_port_send_batch, igh_mcan_port_send_can, igh_mcan_port_send_canfd,
+    igh_mcan_port_discard_pending, igh_mcan_port_exchange, igh_mcan_port_schedule_can,
+    igh_mcan_port_schedule_canfd, igh_mcan_port_send, igh_mcan_port_send_batch,
+    igh_mcan_port_send_can, igh_mcan_port_send_canfd,
 };
 use ecan_igh_host::mcan_port::state::igh_mcan_port_get_session_text;
 use ecan_igh_host::mcan_port::statistics::{
@@ -86,8 +87,8 @@ macro_rules! checked {
 
 /// The contexts of a C application. They never move.
 pub struct CApplication {
-    igh: Box<MaybeUninit<ecan_igh_context_t>>,
-    port: Box<MaybeUninit<igh_mcan_port_t>>,
+    igh: Box<ecan_igh_context_t>,
+    port: Box<igh_mcan_port_t>,
     rx: Vec<igh_mcan_rx_frame_t>,
     gateways: usize,
 }
@@ -96,23 +97,27 @@ impl CApplication {
     pub fn open(backend: &Backend, config: &Config) -> Result<Self, String> {
         let mut configs = Configs::of(config)?;
         let mut this = Self {
-            igh: Box::new_uninit(),
-            port: Box::new_uninit(),
+            igh: Box::new(ecan_igh_context_t { opaque: [0; 4] }),
+            port: Box::new(igh_mcan_port_t { opaque: [0; 4] }),
             rx: vec![igh_mcan_rx_frame_t::EMPTY; 64],
             gateways: config.port.gateways.len(),
         };
-        let (igh, port) = (this.igh.as_mut_ptr(), this.port.as_mut_ptr());
+        let (igh, port) = (this.igh(), this.port());
         checked!(init_on(igh, configs.igh(), &backend.ecrt))?;
         checked!(igh_mcan_port_init(port, igh, configs.port()))?;
         Ok(this)
     }
 
+    fn igh(&mut self) -> *mut ecan_igh_context_t {
+        &mut *self.igh
+    }
+
     fn port(&mut self) -> *mut igh_mcan_port_t {
-        self.port.as_mut_ptr()
+        &mut *self.port
     }
 
     pub fn wait_ready(&mut self) -> Result<(), String> {
-        let igh = self.igh.as_mut_ptr();
+        let igh = self.igh();
         let timeout_ms = c!(ecan_igh_startup_timeout_ms(igh));
         checked!(ecan_igh_wait_op_timeout(igh, timeout_ms))
     }
@@ -151,7 +156,7 @@ impl CApplication {
 
     pub fn retry_startup(&mut self) {
         // One that fails is repeated by the caller.
-        let _ = c!(ecan_igh_retry_startup(self.igh.as_mut_ptr()));
+        let _ = c!(ecan_igh_retry_startup(self.igh()));
     }
 
     pub fn discard_pending(&mut self, slave: usize) -> Result<(), String> {
@@ -161,20 +166,24 @@ impl CApplication {
         }
     }
 
-    /// Waits for the next cycle, and begins it. Calls of the library may fail.
+    /// Waits for the next cycle, and begins it.
     pub fn begin(&mut self) -> Result<(), String> {
         checked!(igh_mcan_port_wait_next_cycle(self.port()))?;
-        match c!(igh_mcan_port_cycle_begin(self.port())) {
-            code if code == ECAN_ERR_MASTER.code() => Ok(()),
-            code => check("igh_mcan_port_cycle_begin", code),
-        }
+        check_cycle("igh_mcan_port_cycle_begin", c!(igh_mcan_port_cycle_begin(self.port())))
     }
 
     pub fn end(&mut self) -> Result<(), String> {
-        match c!(igh_mcan_port_cycle_end(self.port())) {
-            code if code == ECAN_ERR_MASTER.code() => Ok(()),
-            code => check("igh_mcan_port_cycle_end", code),
-        }
+        check_cycle("igh_mcan_port_cycle_end", c!(igh_mcan_port_cycle_end(self.port())))
+    }
+
+    /// A cycle without sending, by one function.
+    pub fn exchange(&mut self, take: impl FnMut(usize, u8, CanFrame)) -> Result<(), String> {
+        checked!(igh_mcan_port_wait_next_cycle(self.port()))?;
+        let (mut count, capacity) = (0, self.rx.len());
+        let (port, rx) = (self.port(), self.rx.as_mut_ptr());
+        let code = c!(igh_mcan_port_exchange(port, null(), 0, rx, capacity, &mut count));
+        check_cycle("igh_mcan_port_exchange", code)?;
+        self.pass(count, take)
     }
 
     /// Takes at most this number of items, in arrays of any length.
@@ -190,17 +199,23 @@ impl CApplication {
             let mut count = 0;
             let (port, rx) = (self.port(), self.rx.as_mut_ptr());
             checked!(igh_mcan_port_receive(port, rx, capacity, &mut count))?;
-            for item in &self.rx[..count] {
-                if item.kind == igh_mcan_rx_kind_t::IGH_MCAN_RX_FRAME as u8 {
-                    let frame = frame_of(item).map_err(|error| format!("{error}: {item:?}"))?;
-                    take(item.slave.into(), item.channel, frame);
-                }
-            }
+            self.pass(count, &mut take)?;
             left -= count;
             if count < capacity || left == 0 {
                 return Ok(());
             }
         }
+    }
+
+    /// Passes received frames on.
+    fn pass(&self, count: usize, mut take: impl FnMut(usize, u8, CanFrame)) -> Result<(), String> {
+        for item in &self.rx[..count] {
+            if item.kind == igh_mcan_rx_kind_t::IGH_MCAN_RX_FRAME as u8 {
+                let frame = frame_of(item).map_err(|error| format!("{error}: {item:?}"))?;
+                take(item.slave.into(), item.channel, frame);
+            }
+        }
+        Ok(())
     }
 
     /// Sends by one of the functions that can. Returns false if the frame was rejected for a reason that passes.
@@ -336,7 +351,7 @@ impl CApplication {
 
 impl Drop for CApplication {
     fn drop(&mut self) {
-        c!(ecan_igh_deinit(self.igh.as_mut_ptr()));
+        c!(ecan_igh_deinit(self.igh()));
     }
 }
 
@@ -427,6 +442,11 @@ fn frame_of(item: &igh_mcan_rx_frame_t) -> Result<CanFrame, FrameError> {
     } else {
         CanFrame::classic(id, data)
     }
+}
+
+/// As [`check`]; calls of the library may fail.
+fn check_cycle(function: &str, code: c_int) -> Result<(), String> {
+    if code == ECAN_ERR_MASTER.code() { Ok(()) } else { check(function, code) }
 }
 
 fn check(function: &str, code: c_int) -> Result<(), String> {
