@@ -62,6 +62,7 @@ use ecan_mcan_port::{
     SlaveStatistics,
 };
 use ecan_protocol::can::{CanFrame, CanId, Dlc, FrameError};
+use ecan_protocol::image::Schedule;
 use ecan_sim::Backend;
 use fastrand::Rng;
 
@@ -81,7 +82,7 @@ macro_rules! c {
 /// As [`c`]; a code other than 0 is an error.
 macro_rules! checked {
     ($function:ident($($argument:expr),* $(,)?)) => {
-        check(stringify!($function), c!($function($($argument),*)))
+        check(c!($function($($argument),*)))
     };
 }
 
@@ -162,18 +163,18 @@ impl CApplication {
     pub fn discard_pending(&mut self, slave: usize) -> Result<(), String> {
         match c!(igh_mcan_port_discard_pending(self.port(), slave)) {
             0.. => Ok(()),
-            code => check("igh_mcan_port_discard_pending", code),
+            code => check(code),
         }
     }
 
     /// Waits for the next cycle, and begins it.
     pub fn begin(&mut self) -> Result<(), String> {
         checked!(igh_mcan_port_wait_next_cycle(self.port()))?;
-        check_cycle("igh_mcan_port_cycle_begin", c!(igh_mcan_port_cycle_begin(self.port())))
+        check_cycle(c!(igh_mcan_port_cycle_begin(self.port())))
     }
 
     pub fn end(&mut self) -> Result<(), String> {
-        check_cycle("igh_mcan_port_cycle_end", c!(igh_mcan_port_cycle_end(self.port())))
+        check_cycle(c!(igh_mcan_port_cycle_end(self.port())))
     }
 
     /// A cycle without sending, by one function.
@@ -182,7 +183,7 @@ impl CApplication {
         let (mut count, capacity) = (0, self.rx.len());
         let (port, rx) = (self.port(), self.rx.as_mut_ptr());
         let code = c!(igh_mcan_port_exchange(port, null(), 0, rx, capacity, &mut count));
-        check_cycle("igh_mcan_port_exchange", code)?;
+        check_cycle(code)?;
         self.pass(count, take)
     }
 
@@ -237,56 +238,29 @@ impl CApplication {
             self.rejections(data)?;
         }
         let way = if options.hint as u8 == 0 { r.u8(..3) } else { r.u8(1..3) };
-        let (function, code) = match (way, options.schedule) {
-            (0, None) if is_fd => (
-                "igh_mcan_port_send_canfd",
-                c!(igh_mcan_port_send_canfd(port, slave, channel, id, flags, data, len)),
-            ),
-            (0, None) => (
-                "igh_mcan_port_send_can",
-                c!(igh_mcan_port_send_can(port, slave, channel, id, flags, data, len)),
-            ),
-            (0, Some(at)) if is_fd => (
-                "igh_mcan_port_schedule_canfd",
-                c!(igh_mcan_port_schedule_canfd(
-                    port,
-                    slave,
-                    channel,
-                    id,
-                    flags,
-                    data,
-                    len,
-                    at.offset_ns,
-                    at.tag
-                )),
-            ),
-            (0, Some(at)) => (
-                "igh_mcan_port_schedule_can",
-                c!(igh_mcan_port_schedule_can(
-                    port,
-                    slave,
-                    channel,
-                    id,
-                    flags,
-                    data,
-                    len,
-                    at.offset_ns,
-                    at.tag
-                )),
-            ),
+        let code = match (way, options.schedule) {
+            (0, None) => {
+                let send = if is_fd { igh_mcan_port_send_canfd } else { igh_mcan_port_send_can };
+                c!(send(port, slave, channel, id, flags, data, len))
+            }
+            (0, Some(Schedule { offset_ns, tag })) => {
+                let schedule =
+                    if is_fd { igh_mcan_port_schedule_canfd } else { igh_mcan_port_schedule_can };
+                c!(schedule(port, slave, channel, id, flags, data, len, offset_ns, tag))
+            }
             (way, schedule) => {
-                if let Some(at) = schedule {
-                    (tx.scheduled, tx.offset_ns, tx.tag) = (1, at.offset_ns, at.tag);
+                if let Some(Schedule { offset_ns, tag }) = schedule {
+                    (tx.scheduled, tx.offset_ns, tx.tag) = (1, offset_ns, tag);
                 }
                 if way == 1 {
-                    ("igh_mcan_port_send", c!(igh_mcan_port_send(port, &tx)))
+                    c!(igh_mcan_port_send(port, &tx))
                 } else {
                     let mut sent = 0;
                     let code = c!(igh_mcan_port_send_batch(port, &tx, 1, &mut sent));
                     if (sent == 1) != (code == 0) {
                         return Err(format!("igh_mcan_port_send_batch: {sent} sent, code {code}"));
                     }
-                    ("igh_mcan_port_send_batch", code)
+                    code
                 }
             }
         };
@@ -296,7 +270,7 @@ impl CApplication {
             0 => Ok(true),
             code if ecan_result_is_temporary(code) == 1 => Ok(false),
             code if is_scheduled && code == ECAN_ERR_SCHEDULE.code() => Ok(false),
-            code => check(function, code).map(|()| true),
+            code => check(code).map(|()| true),
         }
     }
 
@@ -445,15 +419,16 @@ fn frame_of(item: &igh_mcan_rx_frame_t) -> Result<CanFrame, FrameError> {
 }
 
 /// As [`check`]; calls of the library may fail.
-fn check_cycle(function: &str, code: c_int) -> Result<(), String> {
-    if code == ECAN_ERR_MASTER.code() { Ok(()) } else { check(function, code) }
+fn check_cycle(code: c_int) -> Result<(), String> {
+    if code == ECAN_ERR_MASTER.code() { Ok(()) } else { check(code) }
 }
 
-fn check(function: &str, code: c_int) -> Result<(), String> {
+/// The text of the error names the function.
+fn check(code: c_int) -> Result<(), String> {
     if code == 0 {
         return Ok(());
     }
     // SAFETY: the text is that of this thread, and is not changed before it is copied.
     let text = unsafe { CStr::from_ptr(ecan_last_error()) }.to_string_lossy();
-    Err(format!("{function} returned {code}: {text}"))
+    Err(format!("code {code}: {text}"))
 }

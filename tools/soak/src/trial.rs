@@ -216,7 +216,7 @@ impl Trial {
         Ok(())
     }
 
-    fn recovery_ns(&self) -> u64 {
+    fn longest_recovery_ns(&self) -> u64 {
         let Machine { like, gateway, .. } = &self.plan.machine;
         RECOVERY_NS + if like == "igh" { DICTIONARY_NS * gateway.len() as u64 } else { 0 }
     }
@@ -310,7 +310,7 @@ impl Trial {
             let result = step(self);
             self.drain_buses()?;
             let Err(text) = result else { return Ok(()) };
-            if self.now_ns() - begin > self.recovery_ns() {
+            if self.now_ns() - begin > self.longest_recovery_ns() {
                 return Err((Rule::Recovery, text));
             }
             self.switch_on();
@@ -330,7 +330,7 @@ impl Trial {
         while !self.axes.all_running() {
             self.cycle(true)?;
             self.cycle += 1;
-            if self.now_ns() - begin > self.recovery_ns() {
+            if self.now_ns() - begin > self.longest_recovery_ns() {
                 return Err((Rule::Start, self.axes.status()));
             }
         }
@@ -364,7 +364,7 @@ impl Trial {
     /// Runs on until the last fault is over and all gateways stay ready.
     fn recover(&mut self) -> Check {
         self.switch_on();
-        let (begin, longest) = (self.now_ns(), self.recovery_ns());
+        let (begin, longest) = (self.now_ns(), self.longest_recovery_ns());
         let mut ready_since = None;
         loop {
             let sends = chance(&mut self.random, 50);
