@@ -952,7 +952,7 @@ typedef struct {
 /**
  * Processes TPDOs, SDO responses, heartbeats and emergencies, and runs the next step of every
  * axis. First in the open cycle, in place of igh_mcan_port_receive(). Frames that do not belong to
- * the axes are dropped; igh_cia402_process_rx_ex() returns them.
+ * the axes are dropped; igh_cia402_process_rx_ex() returns them. A further call in the same cycle does nothing.
  *
  * @usage   rt, the cycle's thread, in an open cycle
  * @return  ECAN_OK; ECAN_ERR_ORDER if no cycle is open.
@@ -978,7 +978,9 @@ int igh_cia402_process_rx_ex(igh_cia402_context_t *context,
 
 /**
  * Sends targets and commands of all axes, then SYNC, then pending NMT, SDO and heartbeat frames.
- * Last in the open cycle, once.
+ * Last in the open cycle. A further call in the same cycle, of this function or of
+ * igh_cia402_send_target_step(), sends nothing, and its summary counts every axis as closed: targets and
+ * commands since the first call are those of the next cycle.
  *
  * @usage   rt, the cycle's thread, in an open cycle after igh_cia402_process_rx
  * @return  ECAN_OK; ECAN_ERR_ORDER if no cycle is open. igh_cia402_get_send_summary() reports the

@@ -3,14 +3,14 @@
 
 use std::time::Duration;
 
-use crate::axes::axis;
+use crate::axes::{Fixture, axis};
 use crate::support::limits::{MS, MotorWatch, STEP, at_limit, config, fixture, largest_step};
 use ecan_canopen::{DriveState, OperatingMode, object};
 use ecan_cia402::{
     AxisConfig, AxisFault, AxisPhase, Cia402, Cia402Error, CommandError, HomingConfig,
 };
 use ecan_host::AdapterConfig;
-use ecan_mcan_port::{ChannelConfig, GatewayConfig, Port, PortConfig};
+use ecan_mcan_port::{ChannelConfig, Cycle, GatewayConfig, Port, PortConfig};
 use ecan_sim::{ClockKind, DriveFault, SimOptions};
 
 const DIVISORS: [(u32, u32, u32); 7] =
@@ -42,6 +42,84 @@ fn step_limit_applies_to_targets_that_take_effect() {
         let case = format!("motion_div {motion_div}, SYNC in every {every_cycles}");
         assert_eq!(largest_step(&fixture, 0), STEP, "{case}");
         assert_eq!(largest_step(&fixture, 1), STEP, "{case}");
+    }
+}
+
+type Calls = fn(&mut Cia402, &mut Cycle<'_>);
+
+/// Calls of an application in one cycle of the Port, with a target a step limit beyond the last one.
+const REPEATED_CALLS: [(&str, Calls); 5] = [
+    ("everything twice", |cia402, cycle| {
+        for _ in 0..2 {
+            cia402.process_rx(cycle);
+            request_step(cia402);
+            cia402.send_targets_all(cycle);
+        }
+    }),
+    ("targets twice", |cia402, cycle| {
+        cia402.process_rx(cycle);
+        for _ in 0..2 {
+            request_step(cia402);
+            cia402.send_targets_all(cycle);
+        }
+    }),
+    ("step twice, received twice", |cia402, cycle| {
+        for _ in 0..2 {
+            cia402.process_rx(cycle);
+            cia402.send_target_step(cycle);
+        }
+    }),
+    ("step and target", |cia402, cycle| {
+        cia402.process_rx(cycle);
+        cia402.send_target_step(cycle);
+        cia402.process_rx(cycle);
+        request_step(cia402);
+        cia402.send_targets_all(cycle);
+    }),
+    ("network twice", |cia402, cycle| {
+        cia402.process_rx(cycle);
+        request_step(cia402);
+        cia402.send_targets_all(cycle);
+        let now_ns = cycle.adapter().clock().now_ns();
+        cia402.network_mut().receive(cycle, now_ns, |_| {});
+        cia402.network_mut().send_sync(cycle);
+        cia402.serve(cycle);
+    }),
+];
+
+fn request_step(cia402: &mut Cia402) {
+    if let Some(last) = cia402.target(0) {
+        cia402.set_target(0, last + STEP as i32).unwrap();
+    }
+}
+
+#[test]
+fn repeated_calls_in_a_cycle_keep_the_step_limit() {
+    for (motion_div, every_cycles, target_cycles) in [(1, 1, 1), (1, 2, 2), (3, 1, 3)] {
+        for (name, calls) in REPEATED_CALLS {
+            let case = format!("{name}, motion_div {motion_div}, SYNC in every {every_cycles}");
+            let mut fixture = fixture(1_000, at_limit(1), config(motion_div, every_cycles));
+            fixture.start();
+            let syncs = |fixture: &Fixture| fixture.cia402.network().statistics().syncs_sent;
+            let run = |fixture: &mut Fixture| {
+                for _ in 0..400 {
+                    let mut cycle = fixture.port.next_cycle();
+                    calls(&mut fixture.cia402, &mut cycle);
+                }
+            };
+            // The motor overshoots while it reaches the speed.
+            run(&mut fixture);
+            let before = syncs(&fixture);
+            let watch = MotorWatch::new(&fixture, 0);
+            run(&mut fixture);
+            let (slowest, fastest) = watch.range(&fixture);
+            let speed = f64::from(STEP) * 1_000.0 / f64::from(target_cycles);
+            let is_even = slowest > 0.98 * speed && fastest < 1.02 * speed;
+            assert!(is_even, "{case}: {slowest}..{fastest}");
+            let sent = syncs(&fixture) - before;
+            assert_eq!(sent, 400 / u64::from(every_cycles), "{case}");
+            assert!(fixture.cia402.is_running(0), "{case}");
+        }
     }
 }
 

@@ -52,6 +52,8 @@ pub struct Network {
     pub(super) time: Option<TimeConfig>,
     pub(super) statistics: ServiceStatistics,
     pub(super) boot: NetworkBoot,
+    /// Number of the cycle of the Adapter in which frames were received last; the first one is 1.
+    pub(super) last_cycle: u64,
 }
 
 impl Network {
@@ -65,6 +67,7 @@ impl Network {
             time: None,
             statistics: ServiceStatistics::default(),
             boot: NetworkBoot::default(),
+            last_cycle: 0,
         }
     }
 

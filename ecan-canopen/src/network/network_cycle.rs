@@ -17,7 +17,8 @@ impl Network {
     /// channel and CAN ID, frames of unknown nodes, and transmit reports. Then checks timeouts and the
     /// sessions of the gateways, and executes the boot-up of its nodes.
     ///
-    /// Call once per cycle, before anything is sent. Real-time safe if `other` is.
+    /// Call once per cycle, before anything is sent. A further call in a cycle only takes the frames that are left: a
+    /// SYNC period begins once. Real-time safe if `other` is.
     /// [`Port::cycle_report`](ecan_mcan_port::Port::cycle_report) shows whether the cycle was complete.
     pub fn receive(&mut self, cycle: &mut Cycle<'_>, now_ns: u64, mut other: impl FnMut(Received)) {
         self.watch_gateways(cycle);
@@ -27,8 +28,11 @@ impl Network {
                 item => other(item),
             }
         }
-        self.tick(now_ns);
-        self.step_boot(now_ns);
+        let number = cycle.adapter().cycle_number();
+        if std::mem::replace(&mut self.last_cycle, number) != number {
+            self.tick(now_ns);
+            self.step_boot(now_ns);
+        }
     }
 
     /// Sends NMT commands, the host's heartbeat, TIME, guarding requests, LSS and SDO frames that are due, in this

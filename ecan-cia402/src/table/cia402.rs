@@ -120,6 +120,9 @@ pub struct Cia402 {
     /// A target period begins in this cycle.
     pub(super) is_target_cycle: bool,
     pub(super) now_ns: u64,
+    /// Numbers of the cycles of the Adapter in which frames were received and targets sent last.
+    pub(super) received_cycle: u64,
+    pub(super) sent_cycle: u64,
     pub(super) shutdown: Shutdown,
     pub(super) path_stop: PathStop,
     pub(super) path_profile: Option<PathProfile>,
@@ -197,6 +200,8 @@ impl Cia402 {
             syncs_to_target: 0,
             is_target_cycle: false,
             now_ns: port.adapter().clock().now_ns(),
+            received_cycle: 0,
+            sent_cycle: 0,
             shutdown: Shutdown::None,
             path_stop: PathStop::None,
             path_profile: None,

@@ -55,7 +55,8 @@ impl Cia402 {
     /// Processes the received frames of the cycle and the next step of every axis: configuration,
     /// mode change, homing, enabling, holding.
     ///
-    /// Call it first in the cycle. Real-time safe: no allocation, no lock, no call beyond the clock.
+    /// Call it first in the cycle. A further call in the same cycle of the Port does nothing. Real-time safe: no
+    /// allocation, no lock, no call beyond the clock.
     pub fn process_rx(&mut self, cycle: &mut Cycle<'_>) {
         self.process_rx_with(cycle, |_| {});
     }
@@ -64,6 +65,10 @@ impl Cia402 {
     /// nor to an axis to `other`: frames of other nodes, other PDOs, transmit reports. Real-time safe
     /// if `other` is.
     pub fn process_rx_with(&mut self, cycle: &mut Cycle<'_>, mut other: impl FnMut(Received)) {
+        let number = cycle.adapter().cycle_number();
+        if std::mem::replace(&mut self.received_cycle, number) == number {
+            return;
+        }
         self.now_ns = cycle.adapter().clock().now_ns();
         let Self { network, axes, gateways, lookup, now_ns, .. } = self;
         axes.iter_mut().for_each(Axis::begin_cycle);
@@ -157,8 +162,10 @@ impl Cia402 {
     }
 
     /// Sends targets and commands of all axes, then SYNC, then the network's frames. Call it last in
-    /// the cycle, once. In a cycle without [`process_rx`](Self::process_rx) it sends no targets, since
-    /// their path is not known. Real-time safe.
+    /// the cycle. In a cycle without [`process_rx`](Self::process_rx) it sends no targets, since
+    /// their path is not known. A further call in the same cycle of the Port, of this function or of
+    /// [`send_target_step`](Self::send_target_step), sends nothing and counts every axis as closed: targets and
+    /// commands set since the first call are those of the next cycle. Real-time safe.
     pub fn send_targets_all(&mut self, cycle: &mut Cycle<'_>) -> SendSummary {
         self.send(cycle, false)
     }
@@ -173,6 +180,10 @@ impl Cia402 {
     }
 
     fn send(&mut self, cycle: &mut Cycle<'_>, stepping: bool) -> SendSummary {
+        let number = cycle.adapter().cycle_number();
+        if std::mem::replace(&mut self.sent_cycle, number) == number {
+            return SendSummary { closed: self.axes.len(), ..SendSummary::default() };
+        }
         if self.quick_stops.is_pending() {
             self.execute_quick_stops();
         }

@@ -167,6 +167,40 @@ fn calls_of_the_manual_move_the_axes() {
 }
 
 #[test]
+fn repeated_calls_in_a_cycle_send_one_target() {
+    let mut rig = Fixture::with_axes();
+    rig.start_up();
+    for _ in 0..50 {
+        let before = rig.state(0).target;
+        rig.cycle(|motors| {
+            // SAFETY: the pointers are valid.
+            unsafe {
+                for target in [before + 1_000, before + 2_000] {
+                    ok(igh_cia402_process_rx(motors));
+                    ok(igh_cia402_set_target(motors, 0, target));
+                    ok(igh_cia402_send_targets_all(motors));
+                }
+                ok(igh_cia402_send_target_step(motors));
+                let mut summary = igh_cia402_send_summary_t::default();
+                ok(igh_cia402_get_send_summary(motors, &mut summary));
+                assert_eq!((summary.targets, summary.closed as usize), (0, AXES));
+            }
+        });
+        assert!(rig.state(0).target - before <= 1_000);
+        // The later target is too far from the first one.
+        rig.cycle(|motors| {
+            // SAFETY: the pointers are valid.
+            unsafe {
+                ok(igh_cia402_process_rx(motors));
+                ok(igh_cia402_set_target(motors, 0, before));
+                ok(igh_cia402_send_targets_all(motors));
+            }
+        });
+    }
+    assert_eq!(rig.state(0).is_running, 1);
+}
+
+#[test]
 fn target_beyond_the_limit_is_rejected_with_its_reason() {
     let mut rig = Fixture::with_axes();
     rig.start_up();
