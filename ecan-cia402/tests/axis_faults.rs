@@ -5,11 +5,13 @@
 use std::time::Duration;
 
 use crate::axes::{Fixture, START, axes, axis, with_quirk};
-use ecan_canopen::{DriveState, NmtState, StepFault};
+use ecan_canopen::{CobId, DriveState, NmtCommand, NmtState, StepFault};
 use ecan_cia402::{
-    AxisConfig, AxisError, AxisPhase, AxisTimeout, Cia402, Cia402Error, Decision, HoldReason,
+    AxisConfig, AxisError, AxisPhase, AxisTimeout, Cia402, Cia402Config, Cia402Error, Decision,
+    HoldReason,
 };
 use ecan_mcan_port::Session;
+use ecan_protocol::can::FrameRef;
 use ecan_protocol::object::AbortCode;
 use ecan_sim::{DriveFault, Fault, GatewayFault, LossDirection, SdoDirection, SdoEffect, SdoRule};
 use tracing_test::traced_test;
@@ -383,6 +385,75 @@ fn unnoticed_restart_during_configuration_is_detected() {
         fixture.until(1_000, |cia402| cia402.phase(0) == Some(AxisPhase::Standby));
         recover(&mut fixture);
     }
+}
+
+/// An axis whose node is in NMT Stopped by a command of another master, and has no heartbeat: after a
+/// restart, which has cleared it, or configured without one.
+fn stopped_without_heartbeat(has_restarted: bool) -> Fixture {
+    let mut table = moving(1);
+    table[0].drive.heartbeat_ms = if has_restarted { 100 } else { 0 };
+    let mut fixture = Fixture::single(table).started();
+    if has_restarted {
+        fixture.strike(0, DriveFault::PowerCycle { off_ms: 1 });
+        fixture.steps(200);
+    }
+    fixture.cycle_with(|_, cycle| {
+        let frame = FrameRef::classic(CobId::NMT.can_id(), &[2, 0]).unwrap();
+        let channel = cycle.channel(0, 0).unwrap();
+        cycle.send(channel, frame).unwrap();
+    });
+    fixture.steps(50);
+    assert_eq!(fixture.drive(0, |drive| drive.nmt_state()), NmtState::Stopped);
+    fixture
+}
+
+type Return = fn(&mut Fixture);
+
+#[test]
+fn stopped_node_without_heartbeat_returns() {
+    let returns: [(&str, Return); 4] = [
+        ("recover", |fixture| fixture.cia402.recover(0).unwrap()),
+        ("stop, then recover", |fixture| {
+            fixture.cia402.stop_all();
+            fixture.until(2_000, Cia402::all_stopped);
+            fixture.cia402.recover(0).unwrap();
+        }),
+        ("configure", |fixture| {
+            fixture.cia402.configure(0).unwrap();
+            fixture.until(2_000, |cia402| cia402.phase(0) == Some(AxisPhase::Standby));
+            fixture.cia402.enable(0).unwrap();
+        }),
+        ("new owner", |fixture| {
+            let table = vec![fixture.cia402.config(0).unwrap().clone()];
+            let owner = Cia402::new(&fixture.port, table, Cia402Config::default());
+            fixture.cia402 = owner.unwrap_or_else(|error| panic!("{error}"));
+            fixture.start();
+        }),
+    ];
+    for has_restarted in [true, false] {
+        for (name, begin_return) in returns {
+            println!("{name}, restarted {has_restarted}");
+            let mut fixture = stopped_without_heartbeat(has_restarted);
+            begin_return(&mut fixture);
+            fixture.until(2_500, Cia402::all_running);
+            assert_eq!(fixture.drive(0, |drive| drive.nmt_state()), NmtState::Operational);
+        }
+    }
+}
+
+/// The host commanded Stopped, and the last status of the drive is still fresh.
+#[test]
+fn node_that_was_just_stopped_is_configured() {
+    let mut table = moving(1);
+    table[0].drive.heartbeat_ms = 0;
+    let mut fixture = Fixture::single(table).started();
+    fixture.cia402.stop_all();
+    fixture.until(500, Cia402::all_stopped);
+    fixture.cia402.send_nmt_all(NmtCommand::Stop).unwrap();
+    fixture.steps(2);
+    fixture.cia402.configure(0).unwrap();
+    fixture.until(1_000, |cia402| cia402.phase(0) == Some(AxisPhase::Standby));
+    assert_eq!(fixture.cia402.error(0), None);
 }
 
 #[test]

@@ -3,8 +3,8 @@
 use std::time::Duration;
 
 use ecan_canopen::{
-    Configurator, Controlword, DriveState, EmcyLog, Network, NmtCommand, NodeHandle, OperatingMode,
-    Statusword, Step, object,
+    Configurator, Controlword, DriveState, EmcyLog, Heartbeat, Network, NmtCommand, NmtState,
+    NodeHandle, OperatingMode, Statusword, Step, object,
 };
 use ecan_protocol::can::CanId;
 
@@ -41,9 +41,9 @@ use crate::guard::input::HoldReason;
 use crate::guard::motion_guard::MotionGuard;
 use crate::guard::terms::{Decision, GuardState, TargetKind};
 
-/// Pause between two NMT start commands to a node that does not report Operational; longer than
+/// Pause between two equal NMT commands to a node that does not report their effect; longer than
 /// its heartbeat takes to show the effect of the first one.
-const START_PAUSE_NS: u64 = 500_000_000;
+const NMT_PAUSE_NS: u64 = 500_000_000;
 
 /// Least time for which a reported status counts as present: a round of SDO transfers.
 const FRESH_NS: u64 = 100_000_000;
@@ -114,6 +114,8 @@ pub(crate) struct Axis {
     pub(crate) last_command: Option<Controlword>,
     /// Earliest time of the next NMT start command.
     next_start_ns: u64,
+    /// Earliest time of the next NMT command to a node that may be in Stopped.
+    next_wake_ns: u64,
     pub(crate) statistics: AxisStatistics,
     pub(crate) error: Option<AxisError>,
     pub(crate) phase: AxisPhase,
@@ -173,6 +175,7 @@ impl Axis {
             boot_ups: 0,
             last_command: None,
             next_start_ns: 0,
+            next_wake_ns: 0,
             statistics: AxisStatistics::default(),
             error: None,
             phase: AxisPhase::NotConfigured,
@@ -493,9 +496,25 @@ impl Axis {
         let is_stopped = (!self.reachability.operational || is_silent)
             && self.verification == Verification::Complete;
         if is_used && is_stopped && self.setup.is_complete() && now_ns >= self.next_start_ns {
-            self.next_start_ns = now_ns.saturating_add(START_PAUSE_NS);
+            self.next_start_ns = now_ns.saturating_add(NMT_PAUSE_NS);
             // If the queue is full, the next attempt follows after the pause.
             let _ = network.nmt(self.node, NmtCommand::Start);
+        }
+    }
+
+    /// Commands Pre-operational to a node that does not answer SDO requests and is, or may be, in NMT
+    /// Stopped, where it has no SDO server. Without a life sign nothing reports that state, and another
+    /// master may have commanded it; a node that sends TPDOs is not in it.
+    pub(crate) fn wake_node(&mut self, network: &mut Network, now_ns: u64) {
+        let Some(status) = network.status(self.node) else { return };
+        let is_unwatched = matches!(status.heartbeat, Heartbeat::Unconfigured | Heartbeat::Unknown);
+        let is_silent = !self.drive.is_fresh(now_ns, self.fresh_ns) && !self.node_share.is_heard;
+        let may_be_stopped = status.nmt_state == Some(NmtState::Stopped)
+            || is_unwatched && is_silent && self.reachability.gateway;
+        if may_be_stopped && now_ns >= self.next_wake_ns {
+            self.next_wake_ns = now_ns.saturating_add(NMT_PAUSE_NS);
+            // If the queue is full, the next attempt follows after the pause.
+            let _ = network.nmt(self.node, NmtCommand::EnterPreOperational);
         }
     }
 

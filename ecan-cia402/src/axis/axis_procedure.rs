@@ -75,6 +75,7 @@ impl Axis {
                     Configuring::Failed(_) => {
                         let from_ns = now_ns.saturating_add(RETRY_NS);
                         self.verification = Verification::Due { from_ns };
+                        self.wake_node(network, now_ns);
                     }
                 }
             }

@@ -3,7 +3,9 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use ecan_canopen::{Configurator, Configuring, Network, Step, StepFailure, StepFault, object};
+use ecan_canopen::{
+    Configurator, Configuring, Network, NmtCommand, NmtState, Step, StepFailure, StepFault, object,
+};
 
 use super::axis::Axis;
 use super::axis_state::AxisState;
@@ -115,6 +117,15 @@ impl Axis {
 
     pub(crate) fn begin_setup(&mut self, network: &mut Network) {
         self.poll.cancel(network, self.node);
+        let status = network.status(self.node);
+        let is_stopped = Some(NmtState::Stopped);
+        if status.is_some_and(|node| {
+            node.nmt_state == is_stopped || node.expected_nmt_state == is_stopped
+        }) {
+            // The first steps read the state of the drive, and in Stopped it has no SDO server. If the queue is
+            // full, the configuration fails, and the next one begins with an inspection.
+            let _ = network.nmt(self.node, NmtCommand::EnterPreOperational);
+        }
         self.configurator.restart(network);
         self.set_mode(self.config.mode);
         self.silences = network.sdo_silences(self.node);

@@ -25,6 +25,10 @@ const GONE_ATTEMPTS: u32 = 4;
 /// heartbeat, so that its own watch stops it.
 const TAKEOVER_ATTEMPTS: u32 = 24;
 
+/// Attempts without an answer after which the node of a drive may be in NMT Stopped, if it has no life sign. Process
+/// data have carried a stop for 200 ms by then.
+const WAKE_ATTEMPTS: u32 = 2;
+
 /// Time for which a drive without an actual position must report that it is off.
 const BLIND_REST_NS: u64 = 1_000_000_000;
 
@@ -87,7 +91,7 @@ impl Axis {
             && !self.is_fresh(now_ns)
     }
 
-    fn is_fresh(&self, now_ns: u64) -> bool {
+    pub(crate) fn is_fresh(&self, now_ns: u64) -> bool {
         self.drive.is_fresh(now_ns, self.fresh_ns)
     }
 
@@ -132,6 +136,9 @@ impl Axis {
             object::TARGET_POSITION => inspected.1 = Some(value as i32),
             _ => {}
         });
+        if self.poll.unanswered() >= WAKE_ATTEMPTS {
+            self.wake_node(network, now_ns);
+        }
         self.step_takeover(network, is_answered, now_ns);
     }
 

@@ -1,8 +1,8 @@
 //! Commands and reads a drive by SDO, which needs neither mapped PDOs nor NMT Operational.
 
 use ecan_canopen::{
-    Configuring, Controlword, Heartbeat, Network, NmtCommand, NmtState, NodeAccessError,
-    NodeHandle, Sdo, SdoFault, Step, StepFault, object,
+    Configuring, Controlword, Heartbeat, Network, NodeAccessError, NodeHandle, Sdo, SdoFault, Step,
+    StepFault, object,
 };
 
 use super::node_axis::first_index;
@@ -15,9 +15,6 @@ const RETRY_NS: u64 = 100_000_000;
 /// Every n-th attempt waits longer, for a drive that is slow to answer.
 const PATIENT_ATTEMPT: u32 = 4;
 const PATIENT_NS: u64 = 500_000_000;
-
-/// Pause between two NMT commands to a node that is in Stopped, where it has no SDO server.
-const NMT_PAUSE_NS: u64 = 500_000_000;
 
 /// Content of a round.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -42,7 +39,6 @@ pub(crate) struct DrivePoll {
     /// The last attempt had an answer.
     is_answered: bool,
     was_alive: bool,
-    next_nmt_ns: u64,
 }
 
 impl DrivePoll {
@@ -98,7 +94,7 @@ impl DrivePoll {
                 let limit_ns = if is_patient && !returned { PATIENT_NS } else { RETRY_NS };
                 if waited_ns > limit_ns {
                     round.cancel(network, node);
-                    self.failed(network, node, now_ns)
+                    self.failed()
                 } else {
                     false
                 }
@@ -107,7 +103,7 @@ impl DrivePoll {
                 // It has no statusword: the node is there, but it is not a drive.
                 self.answered()
             }
-            Configuring::Failed(_) => self.failed(network, node, now_ns),
+            Configuring::Failed(_) => self.failed(),
         }
     }
 
@@ -143,15 +139,10 @@ impl DrivePoll {
         true
     }
 
-    fn failed(&mut self, network: &mut Network, node: NodeHandle, now_ns: u64) -> bool {
+    fn failed(&mut self) -> bool {
         self.round = None;
         self.is_answered = false;
         self.unanswered = self.unanswered.saturating_add(1);
-        if network.nmt_state(node) == Some(NmtState::Stopped) && now_ns >= self.next_nmt_ns {
-            self.next_nmt_ns = now_ns.saturating_add(NMT_PAUSE_NS);
-            // If the queue is full, the next attempt follows after the pause.
-            let _ = network.nmt(node, NmtCommand::EnterPreOperational);
-        }
         false
     }
 }

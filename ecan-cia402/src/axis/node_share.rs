@@ -14,11 +14,20 @@ pub(crate) struct NodeShare {
     pub(crate) is_setup_wanted: bool,
     /// The axis may begin SDO transfers to read the state of its drive and to stop it.
     pub(crate) may_poll: bool,
+    /// An axis of the node has a fresh status.
+    pub(crate) is_heard: bool,
 }
 
 impl Default for NodeShare {
     /// The only axis of its node.
     fn default() -> Self {
-        Self { count: 1, is_first: true, may_begin: true, is_setup_wanted: false, may_poll: true }
+        Self {
+            count: 1,
+            is_first: true,
+            may_begin: true,
+            is_setup_wanted: false,
+            may_poll: true,
+            is_heard: false,
+        }
     }
 }

@@ -100,7 +100,7 @@ impl Cia402 {
         self.begin_target_period();
         self.observe(cycle);
         let Self { shared_nodes, axes, network, now_ns, .. } = self;
-        shared_nodes.iter_mut().for_each(|node| node.begin_cycle(axes));
+        shared_nodes.iter_mut().for_each(|node| node.begin_cycle(axes, *now_ns));
         axes.iter_mut().for_each(|axis| axis.step(network, *now_ns));
         shared_nodes.iter().for_each(|node| node.end_cycle(axes, network, *now_ns));
         if self.is_paused {

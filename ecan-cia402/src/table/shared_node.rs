@@ -70,11 +70,15 @@ impl SharedNode {
     }
 
     /// Before the steps of the axes: gives the SDO client to one of them.
-    pub(super) fn begin_cycle(&mut self, axes: &mut [Axis]) {
+    pub(super) fn begin_cycle(&mut self, axes: &mut [Axis], now_ns: u64) {
+        let is_heard = self.members(axes).any(|axis| axis.is_fresh(now_ns));
         let running = self.members(axes).position(|axis| axis.poll.is_running());
         let nth = self.turn.holder(running, self.axes.len());
         let holder = self.axes.get(nth).copied();
-        self.for_each(axes, |axis| axis.node_share.may_poll = Some(axis.index) == holder);
+        self.for_each(axes, |axis| {
+            axis.node_share.may_poll = Some(axis.index) == holder;
+            axis.node_share.is_heard = is_heard;
+        });
     }
 
     /// After the steps of the axes: continues the configuration of the node.
