@@ -5,6 +5,7 @@
  *     igh_simple_loop --ecrt sim --replay drive.log --dump back.log
  *     igh_simple_loop --ecrt sim --config cell.toml
  */
+#include <fcntl.h>
 #include <inttypes.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -248,6 +249,16 @@ static bool report_replay(bus_t *bus, const frame_source_t *source, const echo_c
     return is_good;
 }
 
+/* Opens a file for writing; a link is followed to a pipe or a device only, such as /dev/stdout. */
+static FILE *open_dump(const char *path)
+{
+    struct stat found;
+    bool is_stream = stat(path, &found) == 0 && !S_ISREG(found.st_mode);
+    int flags = is_stream ? O_WRONLY : O_WRONLY | O_CREAT | O_TRUNC | O_NOFOLLOW;
+    int file = open(path, flags | O_CLOEXEC, 0666);
+    return file < 0 ? NULL : fdopen(file, "w");
+}
+
 /* Loop with the ready gateways, and the report at its end. */
 static bool work(bus_t *bus, const arguments_t *arguments, const candump_log_t *recording)
 {
@@ -261,7 +272,7 @@ static bool work(bus_t *bus, const arguments_t *arguments, const candump_log_t *
         .total = is_replay ? recording->count : arguments->cycles};
     echo_check_t check;
     FILE *dump = NULL;
-    if (arguments->dump != NULL && (dump = fopen(arguments->dump, "w")) == NULL) {
+    if (arguments->dump != NULL && (dump = open_dump(arguments->dump)) == NULL) {
         report_errno("cannot write", arguments->dump);
         report_is_of_file();
         return false;

@@ -3,6 +3,7 @@
 use std::error::Error;
 use std::path::{Path, PathBuf};
 
+use ecan_command_line::new_file::{Existing, WholeFile};
 use ecan_mcan_port::Port;
 use ecan_sim::{BusFrame, Simulation};
 
@@ -33,8 +34,8 @@ impl ProbeFiles<'_> {
     /// A file cannot be written, or a recording needs a simulated bus.
     pub fn check(&self, is_simulated: bool) -> Result<(), Box<dyn Error>> {
         for path in [self.csv, self.picture, self.bus_dump].into_iter().flatten() {
-            let opened = std::fs::OpenOptions::new().append(true).create(true).open(path);
-            opened.map_err(|error| format!("cannot write {}: {error}", path.display()))?;
+            let prepared = WholeFile::create(path, Existing::Replace);
+            prepared.map_err(|error| format!("cannot write {}: {error}", path.display()))?;
         }
         if self.bus_dump.is_some() && !is_simulated {
             return Err("--bus-dump needs a simulated bus".into());

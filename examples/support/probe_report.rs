@@ -4,6 +4,7 @@ use std::error::Error;
 use std::fmt::Write;
 use std::path::Path;
 
+use ecan_command_line::new_file;
 use ecan_host::Distribution;
 use ecan_plot::{Heading, HistogramFigure, HistogramRow, PlotError};
 
@@ -245,5 +246,5 @@ fn dash() -> String {
 }
 
 fn write(path: &Path, text: &str) -> Result<(), Box<dyn Error>> {
-    std::fs::write(path, text).map_err(|e| format!("cannot write {}: {e}", path.display()).into())
+    new_file::write(path, text).map_err(|e| format!("cannot write {}: {e}", path.display()).into())
 }

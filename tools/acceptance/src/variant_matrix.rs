@@ -4,6 +4,7 @@
 use std::fmt::Write as _;
 
 use ecan_command_line::interrupt::Interrupt;
+use ecan_command_line::new_file;
 use serde::Deserialize;
 
 use crate::arguments::Arguments;
@@ -149,7 +150,7 @@ pub fn run(arguments: &Arguments, interrupt: Interrupt) -> Result<bool, String> 
         }
     }
     let path = directory.join("variants.md");
-    std::fs::write(&path, table).map_err(|error| format!("{}: {error}", path.display()))?;
+    new_file::write(&path, table).map_err(|error| format!("{}: {error}", path.display()))?;
     println!("{failed} steps failed\ntable: {}", path.display());
     Ok(failed == 0)
 }

@@ -5,6 +5,7 @@ use std::path::Path;
 use clap::Command;
 use clap_complete::Shell;
 use clap_mangen::Man;
+use ecan_command_line::new_file::{Existing, create};
 
 use crate::failure::Failure;
 use crate::screen;
@@ -24,7 +25,9 @@ fn write_page(command: &Command, directory: &Path) -> std::io::Result<()> {
     for subcommand in command.get_subcommands() {
         write_page(subcommand, directory)?;
     }
-    Man::new(command.clone()).section(SECTION).generate_to(directory).map(drop)
+    let name = command.get_display_name().unwrap_or_else(|| command.get_name());
+    let mut page = create(&directory.join(format!("{name}.{SECTION}")), Existing::Replace)?;
+    Man::new(command.clone()).section(SECTION).render(&mut page)
 }
 
 pub fn print_completions(mut program: Command, shell: Shell) -> Result<(), Failure> {

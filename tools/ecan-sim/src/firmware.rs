@@ -4,6 +4,7 @@ use std::path::PathBuf;
 use std::str::FromStr;
 
 use clap::Args;
+use ecan_command_line::new_file;
 use ecan_sim::FirmwarePackage;
 
 use crate::failure::Failure;
@@ -70,7 +71,7 @@ pub fn run(arguments: &FirmwareArguments) -> Result<(), Failure> {
         None => (0..APPLICATION_BYTES).map(|at| (at ^ (at >> 8)) as u8).collect(),
     };
     let file = FirmwarePackage::new(*device_type, version.raw(), application).to_bytes();
-    std::fs::write(out, &file).map_err(Failure::file("write", out))?;
+    new_file::write(out, &file).map_err(Failure::file("write", out))?;
     let Version { major, minor, build } = version;
     Screen::Output.line(format_args!(
         "{}: version {major}.{minor}.{build}, {} bytes, for simulated gateways only",

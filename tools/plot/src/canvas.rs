@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use ecan_command_line::new_file;
 use plotters::coord::Shift;
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
@@ -86,7 +87,7 @@ pub fn picture(
 
 /// Writes a picture to a file.
 pub fn write(path: &Path, svg: &str) -> Result<(), PlotError> {
-    std::fs::write(path, svg).map_err(|source| PlotError::Write { path: path.to_owned(), source })
+    new_file::write(path, svg).map_err(|source| PlotError::Write { path: path.to_owned(), source })
 }
 
 /// Draws a text at a position of the area, in units; the size is in pixels.

@@ -8,6 +8,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
 use ecan_command_line::interrupt::Interrupt;
+use ecan_command_line::new_file;
 
 use crate::Arguments;
 use crate::finding::{Finding, Outcome, Rule};
@@ -163,7 +164,8 @@ fn report(plan: &Plan, outcome: &Outcome, directory: &Path) -> Result<(), String
     let (small, outcome) = shrink(plan, outcome, &trial);
     let name = |kind: &str| directory.join(format!("soak-{}{kind}.toml", plan.seed));
     let write = |path: &Path, text: &str| {
-        fs::write(path, text).map_err(|error| format!("cannot write {}: {error}", path.display()))
+        new_file::write(path, text)
+            .map_err(|error| format!("cannot write {}: {error}", path.display()))
     };
     let smallest = outcome.finding.as_ref().unwrap_or(finding);
     let file = name("");

@@ -9,6 +9,7 @@ mod waiting;
 use std::path::PathBuf;
 
 use ecan_command_line::interrupt::Interrupt;
+use ecan_command_line::new_file;
 
 use crate::arguments::Arguments;
 use crate::bus::BusSpec;
@@ -122,7 +123,7 @@ impl Bench {
     /// It cannot be written.
     pub fn write_file(&self, name: &str, contents: impl AsRef<[u8]>) -> Result<String, Stop> {
         let path = self.work.join(name);
-        std::fs::write(&path, contents).map_err(|error| Stop::file(&path, &error))?;
+        new_file::write(&path, contents).map_err(|error| Stop::file(&path, &error))?;
         Ok(path.display().to_string())
     }
 }

@@ -6,6 +6,8 @@ use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
+use ecan_command_line::new_file;
+
 use super::{Bench, Kind};
 use crate::stop::Stop;
 
@@ -146,7 +148,7 @@ impl Bench {
             self.arguments.master
         );
         std::fs::create_dir_all(&directory)
-            .and_then(|()| std::fs::write(&path, text))
+            .and_then(|()| new_file::write(&path, text))
             .and_then(|()| std::fs::set_permissions(&path, Permissions::from_mode(0o755)))
             .map_err(|error| Stop::file(&path, &error))?;
         let rest = std::env::var("PATH").unwrap_or_default();

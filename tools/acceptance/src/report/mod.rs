@@ -8,6 +8,7 @@ mod versions;
 use std::collections::BTreeMap;
 use std::path::Path;
 
+use ecan_command_line::new_file;
 use serde::Serialize;
 
 use crate::child::CommandRecord;
@@ -83,7 +84,7 @@ impl Report {
             ));
         }
         for (path, text) in files {
-            std::fs::write(&path, text).map_err(|error| format!("{}: {error}", path.display()))?;
+            new_file::write(&path, text).map_err(|error| format!("{}: {error}", path.display()))?;
         }
         Ok(())
     }

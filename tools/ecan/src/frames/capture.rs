@@ -219,7 +219,7 @@ impl FrameCapture {
     /// Removes the file of a run that did not start.
     pub fn discard(self) {
         let _ = self.recorder.finish();
-        if self.path.metadata().is_ok_and(|found| found.is_file()) {
+        if self.path.symlink_metadata().is_ok_and(|found| found.is_file()) {
             let _ = std::fs::remove_file(self.path);
         }
     }

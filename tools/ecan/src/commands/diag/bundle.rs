@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use ecan_command_line::new_file;
 use ecan_diagnosis::Snapshot;
 use serde::{Deserialize, Serialize};
 
@@ -87,7 +88,7 @@ impl Bundle {
         let mut text = serde_json::to_string_pretty(self)
             .map_err(|error| Failure::file("write", path, error))?;
         text.push('\n');
-        std::fs::write(path, text).map_err(|error| Failure::file("write", path, error))
+        new_file::write(path, text).map_err(|error| Failure::file("write", path, error))
     }
 
     pub(super) fn load(path: &Path) -> Result<Self> {

@@ -12,6 +12,7 @@ use std::sync::Arc;
 
 use clap::Args;
 use ecan_command_line::interrupt::Interrupt;
+use ecan_command_line::new_file;
 use ecan_command_line::real_time::RealTimeArguments;
 use ecan_command_line::run_info::RunInfo;
 use ecan_host::CycleTiming;
@@ -209,13 +210,13 @@ fn progress(experiment: &Experiment) {
 fn write_profile(profile: &DeviceProfile, path: &Path) -> Result {
     let text =
         format!("# Measured by ecan probe {}\n{}", env!("CARGO_PKG_VERSION"), profile.to_toml());
-    std::fs::write(path, text).map_err(|it| Failure::file("write", path, it))
+    new_file::write(path, text).map_err(|it| Failure::file("write", path, it))
 }
 
 fn write_bundle(report: &Report, bus: &Bus, directory: &Path, context: &Context) -> Result {
     let write = |name: &str, bytes: Vec<u8>| {
         let path = directory.join(name);
-        std::fs::write(&path, bytes).map_err(|it| Failure::file("write", &path, it))
+        new_file::write(&path, bytes).map_err(|it| Failure::file("write", &path, it))
     };
     let json = serde_json::to_vec_pretty(report).map_err(std::io::Error::from)?;
     write("probe.json", json)?;

@@ -1,7 +1,7 @@
-use std::fs::File;
 use std::io::{ErrorKind, Write};
 use std::path::{Path, PathBuf};
 
+use ecan_command_line::new_file::{Existing, WholeFile};
 use serde::Serialize;
 
 use crate::context::{Failure, Output, Result, Tone};
@@ -154,25 +154,29 @@ impl Report {
             Some(serial) => serial.to_string(),
             None => format!("position-{position}"),
         };
-        let (path, mut file) = create(directory, &name)?;
-        let text = serde_json::to_string_pretty(self).map_err(std::io::Error::from);
-        let written = text.and_then(|text| writeln!(file, "{text}"));
-        written.map_err(|error| Failure::file("write", &path, error))?;
+        let text = serde_json::to_string_pretty(self).map_err(std::io::Error::from)?;
+        let path = write_new(directory, &name, &(text + "\n"))?;
         self.file = Some(path.display().to_string());
         Ok(())
     }
 }
 
-/// Creates a file that does not exist; earlier reports are kept.
-fn create(directory: &Path, name: &str) -> Result<(PathBuf, File)> {
+/// Writes a file that does not exist; earlier reports are kept, also an empty one.
+fn write_new(directory: &Path, name: &str, text: &str) -> Result<PathBuf> {
     let mut number = 1_u32;
     loop {
         let path = directory.join(match number {
             1 => format!("{name}.json"),
             more => format!("{name}-{more}.json"),
         });
-        match File::create_new(&path) {
-            Ok(file) => return Ok((path, file)),
+        if path.symlink_metadata().is_ok() && number < u32::MAX {
+            number += 1;
+            continue;
+        }
+        let file = WholeFile::create(&path, Existing::Keep);
+        match file.and_then(|file| file.finish(text.as_bytes())) {
+            Ok(()) => return Ok(path),
+            // Another program has created it just now.
             Err(error) if error.kind() == ErrorKind::AlreadyExists && number < u32::MAX => {
                 number += 1;
             }

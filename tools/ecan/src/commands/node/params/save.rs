@@ -1,13 +1,11 @@
 //! `ecan node params save`.
 
-use std::fs::File;
-use std::io::Write as _;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::time::Duration;
 
 use clap::Args;
 use ecan_canopen::{Commissioning, DataType, DeviceFile, SdoFault, object};
-use ecan_command_line::new_file::Existing;
+use ecan_command_line::new_file::WholeFile;
 use serde::Serialize;
 
 use crate::commands::node::node_client::{NodeClient, start_for};
@@ -59,7 +57,10 @@ pub fn run(arguments: &SaveArguments, context: &Context) -> Result {
                        `device_file` of the node in --config";
         return Err(Failure::Usage(message.to_owned()));
     };
-    let mut out = create(&arguments.file, arguments.options.capture.existing())?;
+    // Before the node is read, so that faults of the file are known at once.
+    let write_failure = |error| Failure::file("write", &arguments.file, error);
+    let out = WholeFile::create(&arguments.file, arguments.options.capture.existing())
+        .map_err(write_failure)?;
     let link = start_for(&selected, true, context)?;
     let read = NodeClient::new(link, selected.target, SDO_TIMEOUT).run(|client| {
         identity::check(client, &device, &name)?;
@@ -74,15 +75,8 @@ pub fn run(arguments: &SaveArguments, context: &Context) -> Result {
         let file = arguments.file.display().to_string();
         Ok((dcf, Saved { node: client.json(), file, values, left_out }))
     });
-    let (dcf, saved) = match read {
-        Ok(read) => read,
-        Err(failure) => {
-            // An empty file would look like a DCF.
-            let _ = std::fs::remove_file(out.path());
-            return Err(failure);
-        }
-    };
-    out.finish(dcf.write().as_bytes())?;
+    let (dcf, saved) = read?;
+    out.finish(dcf.write().as_bytes()).map_err(write_failure)?;
     context.output.data(&saved, |out| {
         let Saved { file, values, left_out, .. } = &saved;
         for LeftOut { index, subindex, name, reason } in left_out {
@@ -144,36 +138,4 @@ fn read_values(
 fn is_empty(data_type: DataType, data: &[u8]) -> bool {
     let is_text = matches!(data_type, DataType::VisibleString | DataType::UnicodeString);
     data.is_empty() || is_text && data.iter().all(|byte| *byte == 0)
-}
-
-/// A file that is complete or does not exist.
-struct NewFile {
-    file: File,
-    /// Written first, then renamed to `target`.
-    temporary: PathBuf,
-    target: PathBuf,
-}
-
-impl NewFile {
-    fn path(&self) -> &Path {
-        &self.temporary
-    }
-
-    fn finish(&mut self, bytes: &[u8]) -> Result {
-        let written = self.file.write_all(bytes).and_then(|()| self.file.sync_all());
-        let written = written.and_then(|()| std::fs::rename(&self.temporary, &self.target));
-        written.map_err(|error| Failure::file("write", &self.target, error))
-    }
-}
-
-/// Creates the file before the node is read, so that its faults are known at once.
-fn create(path: &Path, existing: Existing) -> Result<NewFile> {
-    if path.exists() && existing == Existing::Keep {
-        return Err(Failure::file("write", path, "file exists; use --force to overwrite it"));
-    }
-    let mut name = path.file_name().unwrap_or_default().to_owned();
-    name.push(format!(".{}.part", std::process::id()));
-    let temporary = path.with_file_name(name);
-    let file = File::create(&temporary).map_err(|error| Failure::file("write", path, error))?;
-    Ok(NewFile { file, temporary, target: path.to_owned() })
 }
