@@ -140,7 +140,7 @@ fn receive(arguments: &DumpArguments, mut service: Service, printer: &mut Printe
         if needs_all { passed.all(|it| it) } else { filters.is_empty() || passed.any(|it| it) }
     };
     let timeout_ns = arguments.timeout.map(|ms| ms.saturating_mul(1_000_000));
-    let (mut count, mut last_ns) = (0, service.now_ns());
+    let (mut count, mut last_ns) = (0, service.observed_ns());
     loop {
         let cycle = service.begin_with(|received| {
             let is_selected = passes(&received.frame) && Some(count) != arguments.count;
@@ -149,11 +149,11 @@ fn receive(arguments: &DumpArguments, mut service: Service, printer: &mut Printe
         });
         for arrival in &cycle.arrivals {
             let Event::Frame(frame) = arrival.event else { continue };
-            last_ns = arrival.time_ns;
+            last_ns = service.observed_ns();
             let time_ns = service.absolute_ns(arrival.time_ns);
             printer.put(TimedFrame { time_ns, frame }, service.is_real_time());
         }
-        let is_quiet = timeout_ns.is_some_and(|limit| cycle.now_ns - last_ns >= limit);
+        let is_quiet = timeout_ns.is_some_and(|limit| service.observed_ns() - last_ns >= limit);
         let ended = service.end(cycle);
         let is_complete = Some(count) == arguments.count;
         if service.is_interrupted() && count == 0 {

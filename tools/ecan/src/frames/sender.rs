@@ -75,7 +75,7 @@ impl Record {
 pub struct Sender {
     /// Observed channels.
     pub channels: Channels,
-    /// Time limit without progress, in nanoseconds.
+    /// Time limit without progress, in nanoseconds of observed time.
     pub timeout_ns: u64,
     pub record: Record,
 }
@@ -134,7 +134,7 @@ impl Sender {
             {
                 match service.send(0, due.channel, &due.frame)? {
                     Some(ticket) => {
-                        tracker.taken(ticket, cycle.now_ns);
+                        tracker.taken(ticket, service);
                         self.record.sent(due, service);
                         next = frames.next().transpose()?;
                     }
@@ -143,7 +143,7 @@ impl Sender {
                 }
             }
             // A gap between due times is not a stall.
-            let is_stuck = !has_space && tracker.stall_ns(cycle.now_ns) >= self.timeout_ns;
+            let is_stuck = !has_space && tracker.stall_ns(service) >= self.timeout_ns;
             service.end(cycle)?;
             if is_stuck {
                 break;
@@ -161,7 +161,6 @@ impl Sender {
             let cycle = service.begin();
             tracker.look(&cycle, service);
             self.record.received(&cycle, service);
-            let now_ns = cycle.now_ns;
             service.end(cycle)?;
             if service.is_interrupted() {
                 grace_ns += cycle_ns;
@@ -169,7 +168,7 @@ impl Sender {
                     break;
                 }
             }
-            if tracker.stall_ns(now_ns) >= self.timeout_ns {
+            if tracker.stall_ns(service) >= self.timeout_ns {
                 break;
             }
         }

@@ -20,6 +20,37 @@ use crate::frames::status_watch::StatusWatch;
 /// Default depth of a channel's transmit cache (manual 13.8).
 pub const CACHE_DEPTH: u32 = 64;
 
+/// Longest observed time of one cycle, or twice its period if that is longer.
+const MAX_OBSERVED_NS: u64 = 100_000_000;
+
+/// Time that counts only while it is observed: of a pause of this process, of the machine or of the
+/// service, it counts a tenth of a second. A limit of a second or more then never expires in a pause.
+#[derive(Clone, Copy, Debug)]
+struct ObservedTime {
+    total_ns: u64,
+    last_ns: u64,
+}
+
+impl ObservedTime {
+    fn start(now_ns: u64) -> Self {
+        Self { total_ns: 0, last_ns: now_ns }
+    }
+
+    fn advance(&mut self, now_ns: u64, period_ns: u64) {
+        let longest_ns = MAX_OBSERVED_NS.max(2 * period_ns);
+        self.total_ns += now_ns.saturating_sub(self.last_ns).min(longest_ns);
+        self.last_ns = now_ns;
+    }
+}
+
+/// Time in which a gateway has reported its status.
+#[derive(Clone, Copy, Debug)]
+struct StatusTime {
+    /// Number of received images.
+    images: u64,
+    time: ObservedTime,
+}
+
 /// A gateway of a frame command.
 #[derive(Debug)]
 pub struct ServedGateway {
@@ -45,6 +76,9 @@ pub struct Service {
     gateways: Vec<ServedGateway>,
     /// An empty buffer, outside a cycle.
     store: Vec<Arrival>,
+    cycle_time: ObservedTime,
+    /// Of each gateway.
+    status_times: Vec<StatusTime>,
     watch: StatusWatch,
     capture: Option<FrameCapture>,
     interrupt: Interrupt,
@@ -61,7 +95,10 @@ impl Service {
         let watch = StatusWatch::new(&watched, link.as_ref());
         let (is_real_time, since_1970_ns) = (link.is_real_time(), link.since_1970_ns());
         let capture = capture.map(|it| it.with_time(is_real_time, since_1970_ns));
-        Self { link, gateways, store: Vec::new(), watch, capture, interrupt }
+        let cycle_time = ObservedTime::start(link.now_ns());
+        let status_times = vec![StatusTime { images: 0, time: cycle_time }; gateways.len()];
+        let store = Vec::new();
+        Self { link, gateways, store, cycle_time, status_times, watch, capture, interrupt }
     }
 
     pub fn begin(&mut self) -> Cycle {
@@ -73,6 +110,15 @@ impl Service {
     pub fn begin_with(&mut self, mut accepts: impl FnMut(&BusFrame) -> bool) -> Cycle {
         let mut arrivals = std::mem::take(&mut self.store);
         let now_ns = self.link.begin(&mut arrivals);
+        let period_ns = self.cycle_ns();
+        self.cycle_time.advance(now_ns, period_ns);
+        for (gateway, status) in self.status_times.iter_mut().enumerate() {
+            let images = self.link.statistics(gateway).txpdo_received;
+            if images != status.images {
+                status.images = images;
+                status.time.advance(now_ns, period_ns);
+            }
+        }
         arrivals.retain(|arrival| match &arrival.event {
             Event::Frame(received) => {
                 let channels = self.channels(received.gateway);
@@ -226,6 +272,17 @@ impl Service {
         self.link.now_ns()
     }
 
+    /// Time of the cycles of this command in nanoseconds, for limits: a pause does not count.
+    pub fn observed_ns(&self) -> u64 {
+        self.cycle_time.total_ns
+    }
+
+    /// Time in which a gateway has reported its status, in nanoseconds, for limits on what the status
+    /// shows: neither a pause nor a loss of images counts.
+    pub fn status_ns(&self, gateway: usize) -> u64 {
+        self.status_times.get(gateway).map_or(0, |status| status.time.total_ns)
+    }
+
     /// Period of the cycle in nanoseconds.
     pub fn cycle_ns(&self) -> u64 {
         self.link.adapter_config().cycle_ns().into()
@@ -267,5 +324,29 @@ pub fn failure(position: usize, error: PortError) -> Failure {
         PortError::Adapter(ecan_host::Error::Open(error)) => Failure::Master(error.to_string()),
         PortError::Cycle(error) => Failure::Master(error.to_string()),
         error => Failure::NotReady { position, reason: error.to_string() },
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn pause_is_not_observed() {
+        const MS: u64 = 1_000_000;
+        let mut time = ObservedTime::start(5 * MS);
+        for cycle in 1..=10 {
+            time.advance((5 + cycle) * MS, MS);
+        }
+        assert_eq!(time.total_ns, 10 * MS);
+        // The machine sleeps for an hour, and the clock is set back.
+        time.advance(3_600_000 * MS, MS);
+        assert_eq!(time.total_ns, 110 * MS);
+        time.advance(MS, MS);
+        time.advance(2 * MS, MS);
+        assert_eq!(time.total_ns, 111 * MS);
+        // A long period counts in full.
+        time.advance(502 * MS, 500 * MS);
+        assert_eq!(time.total_ns, 611 * MS);
     }
 }

@@ -51,6 +51,7 @@ pub struct TransmitTracker {
     is_stopped: bool,
     /// Channel that was bus-off; it may have recovered.
     bus_off: Option<u8>,
+    /// Observed time of the last frame or result.
     last_progress_ns: u64,
     start_ns: u64,
     last_departure_ns: u64,
@@ -59,13 +60,13 @@ pub struct TransmitTracker {
 impl TransmitTracker {
     /// Starts tracking a ready gateway.
     pub fn new(channels: Channels, service: &Service) -> Self {
-        let now_ns = service.now_ns();
+        let (now_ns, observed_ns) = (service.now_ns(), service.observed_ns());
         Self {
             channels,
             open: HashMap::with_capacity(PENDING_FRAMES),
             capacity: channels.iter().map(|channel| service.capacity(GATEWAY, channel)).sum(),
             is_ready: service.is_ready(GATEWAY),
-            last_progress_ns: now_ns,
+            last_progress_ns: observed_ns,
             start_ns: now_ns,
             last_departure_ns: now_ns,
             ..Self::default()
@@ -73,10 +74,10 @@ impl TransmitTracker {
     }
 
     /// Adds a frame; numbers count from 0.
-    pub fn taken(&mut self, ticket: Ticket, now_ns: u64) {
+    pub fn taken(&mut self, ticket: Ticket, service: &Service) {
         self.open.insert(ticket, self.taken);
         self.taken += 1;
-        (self.quiet_cycles, self.last_progress_ns) = (0, now_ns);
+        (self.quiet_cycles, self.last_progress_ns) = (0, service.observed_ns());
     }
 
     pub fn look(&mut self, cycle: &Cycle, service: &Service) {
@@ -89,7 +90,7 @@ impl TransmitTracker {
             let Some(number) = ticket.and_then(|ticket| self.open.remove(&ticket)) else {
                 continue;
             };
-            (self.quiet_cycles, self.last_progress_ns) = (0, cycle.now_ns);
+            (self.quiet_cycles, self.last_progress_ns) = (0, service.observed_ns());
             if outcome.is_success() {
                 self.handed_over += 1;
                 self.last_departure_ns = cycle.now_ns;
@@ -103,7 +104,7 @@ impl TransmitTracker {
         }
         let pending = pending(self.channels, service);
         if pending < self.pending {
-            (self.last_progress_ns, self.last_departure_ns) = (cycle.now_ns, cycle.now_ns);
+            (self.last_progress_ns, self.last_departure_ns) = (service.observed_ns(), cycle.now_ns);
         }
         self.pending = pending;
         if pending < SATURATED {
@@ -149,9 +150,9 @@ impl TransmitTracker {
         self.first_failure
     }
 
-    /// Time since the last frame or result, in nanoseconds.
-    pub fn stall_ns(&self, now_ns: u64) -> u64 {
-        now_ns.saturating_sub(self.last_progress_ns)
+    /// Observed time since the last frame or result, in nanoseconds.
+    pub fn stall_ns(&self, service: &Service) -> u64 {
+        service.observed_ns().saturating_sub(self.last_progress_ns)
     }
 
     /// Returns whether every frame has its result and no channel holds frames.

@@ -129,7 +129,7 @@ fn print(history: &History, output: &Output, out: &mut dyn std::io::Write) -> st
 }
 
 fn watch(arguments: LiveViewArguments, client: &mut NodeClient, context: &Context) -> Result {
-    let mut view = arguments.start(client.link.service.now_ns());
+    let mut view = arguments.start(&client.link.service);
     let node = client.target().node;
     loop {
         let mut messages = Vec::new();
@@ -140,7 +140,7 @@ fn watch(arguments: LiveViewArguments, client: &mut NodeClient, context: &Contex
         });
         let Some(now_ns) = view.after_cycle(cycle)? else { return Ok(()) };
         for (time_ns, emcy) in messages {
-            view.receive(time_ns);
+            view.receive(now_ns);
             let message = Message {
                 seconds: view.seconds(time_ns),
                 code: emcy.code,

@@ -3,6 +3,7 @@
 use clap::Args;
 
 use crate::context::{Failure, Result};
+use crate::frames::Service;
 
 /// Options that end a live view. The command has the option `--watch`.
 #[derive(Clone, Copy, Debug, Args)]
@@ -22,10 +23,14 @@ impl LiveViewArguments {
         self.count.is_some() || self.timeout.is_some()
     }
 
-    /// Starts the view at this time.
-    pub fn start(&self, now_ns: u64) -> LiveView {
+    /// Starts the view now.
+    pub fn start(&self, service: &Service) -> LiveView {
+        self.start_at(service.now_ns(), service.observed_ns())
+    }
+
+    fn start_at(&self, start_ns: u64, last_ns: u64) -> LiveView {
         let timeout_ns = self.timeout.map(|ms| ms.saturating_mul(1_000_000));
-        LiveView { count: self.count, timeout_ns, start_ns: now_ns, last_ns: now_ns, printed: 0 }
+        LiveView { count: self.count, timeout_ns, start_ns, last_ns, printed: 0 }
     }
 }
 
@@ -36,7 +41,7 @@ pub struct LiveView {
     pub count: Option<u64>,
     timeout_ns: Option<u64>,
     start_ns: u64,
-    /// Time of the last reception.
+    /// Observed time of the last reception.
     last_ns: u64,
     /// Number of lines so far.
     pub printed: u64,
@@ -49,8 +54,8 @@ impl LiveView {
     }
 
     /// Restarts the timeout.
-    pub fn receive(&mut self, time_ns: u64) {
-        self.last_ns = time_ns;
+    pub fn receive(&mut self, observed_ns: u64) {
+        self.last_ns = observed_ns;
     }
 
     /// Counts a line; returns whether it is the last one.
@@ -60,11 +65,11 @@ impl LiveView {
     }
 
     /// Returns whether nothing was received for the timeout.
-    pub fn has_timed_out(&self, now_ns: u64) -> bool {
-        self.timeout_ns.is_some_and(|limit| now_ns.saturating_sub(self.last_ns) >= limit)
+    pub fn has_timed_out(&self, observed_ns: u64) -> bool {
+        self.timeout_ns.is_some_and(|limit| observed_ns.saturating_sub(self.last_ns) >= limit)
     }
 
-    /// Time after a cycle; `None` if the user ended the view, which is its usual end without a count.
+    /// Observed time after a cycle; `None` if the user ended the view, which is its usual end without a count.
     ///
     /// # Errors
     /// Those of the cycle.
@@ -83,7 +88,7 @@ mod tests {
     const MS: u64 = 1_000_000;
 
     fn view(count: Option<u64>, timeout: Option<u64>) -> LiveView {
-        LiveViewArguments { count, timeout }.start(50 * MS)
+        LiveViewArguments { count, timeout }.start_at(50 * MS, 50 * MS)
     }
 
     #[test]

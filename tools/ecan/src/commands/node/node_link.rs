@@ -18,9 +18,9 @@ use super::node_target::{JsonTarget, NodeTarget};
 
 /// Most SDO frames per cycle and channel, as much as a gateway sends per cycle in its default policy.
 const FRAMES_PER_CYCLE: usize = 2;
-/// Time without space for a frame after which a channel is stalled.
+/// Observed time without space for a frame after which a channel is stalled.
 const STALL_NS: u64 = 1_000_000_000;
-/// Longest time for which a gateway may be not ready.
+/// Longest observed time for which a gateway may be not ready.
 const LOST_NS: u64 = 2_000_000_000;
 
 /// Gateway (index in the command) and channel.
@@ -70,8 +70,9 @@ pub struct NodeLink {
     sent_to: HashSet<Place>,
     /// Channels with a node: it has sent or acknowledged a frame.
     alive: HashSet<Place>,
-    /// Channels that accept no frame, since this time.
+    /// Channels that accept no frame, since this observed time.
     stalled: HashMap<Place, u64>,
+    /// Observed time at which a gateway was lost.
     lost_since_ns: Option<u64>,
 }
 
@@ -115,12 +116,13 @@ impl NodeLink {
 
     /// Returns whether a channel has accepted no frame for a second.
     pub fn is_stalled(&self, place: Place) -> bool {
-        let now_ns = self.service.now_ns();
+        let now_ns = self.service.observed_ns();
         self.stalled.get(&place).is_some_and(|at| now_ns.saturating_sub(*at) > STALL_NS)
     }
 
     /// Runs a cycle: passes the received frames to the transfers and to `observe`, and sends the
-    /// frames of the transfers. Returns its time.
+    /// frames of the transfers. Returns its [observed time](Service::observed_ns), in which all limits
+    /// of a command are measured.
     ///
     /// # Errors
     /// The user stopped the command, or a gateway was lost.
@@ -141,7 +143,7 @@ impl NodeLink {
         mut observe: impl FnMut(&Observed),
     ) -> Result<(u64, bool)> {
         let cycle = self.service.begin();
-        let now_ns = cycle.now_ns;
+        let now_ns = self.service.observed_ns();
         for arrival in &cycle.arrivals {
             match arrival.event {
                 Event::Result { ticket: Some(ticket), outcome } => {
@@ -179,11 +181,12 @@ impl NodeLink {
             None => false,
         };
         self.service.end(cycle)?;
-        self.check(now_ns)?;
+        self.check()?;
         Ok((now_ns, is_sent))
     }
 
-    fn check(&mut self, now_ns: u64) -> Result {
+    fn check(&mut self) -> Result {
+        let now_ns = self.service.observed_ns();
         if self.service.is_interrupted() {
             return Err(Failure::Incomplete("stopped by the user".to_owned()));
         }
@@ -202,7 +205,7 @@ impl NodeLink {
     fn send(&mut self, gateway: usize, channel: u8, frame: &CanFrame) -> Result<bool> {
         let place = (gateway, channel);
         let Some(ticket) = self.service.send(gateway, channel, frame)? else {
-            let now_ns = self.service.now_ns();
+            let now_ns = self.service.observed_ns();
             self.stalled.entry(place).or_insert(now_ns);
             return Ok(false);
         };
@@ -245,7 +248,7 @@ impl NodeLink {
         frame: &CanFrame,
         mut observe: impl FnMut(&Observed),
     ) -> Result {
-        let end_ns = self.service.now_ns() + 1_000_000_000;
+        let end_ns = self.service.observed_ns() + STALL_NS;
         loop {
             let cycle = self.service.begin();
             let sent = self.send(0, channel, frame);
@@ -254,13 +257,12 @@ impl NodeLink {
                     observe(&Observed { time_ns: arrival.time_ns, frame });
                 }
             }
-            let now_ns = cycle.now_ns;
             self.service.end(cycle)?;
             if sent? {
                 return Ok(());
             }
-            self.check(now_ns)?;
-            if now_ns > end_ns {
+            self.check()?;
+            if self.service.observed_ns() > end_ns {
                 let message =
                     format!("the gateway accepts no frame for can{channel}; see `ecan diag`");
                 return Err(Failure::Rejected(message));

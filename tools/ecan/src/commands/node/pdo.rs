@@ -80,7 +80,7 @@ fn watch(
     names: &ObjectNames,
     context: &Context,
 ) -> Result {
-    let mut view = arguments.start(client.link.service.now_ns());
+    let mut view = arguments.start(&client.link.service);
     let mut known: HashMap<usize, Vec<u8>> = HashMap::new();
     loop {
         let mut received: Vec<Observed> = Vec::new();
@@ -97,7 +97,7 @@ fn watch(
             let is_it = |pdo: &NodePdo| pdo.is_sent_with(frame.as_ref().id());
             let Some(nth) = pdos.iter().position(is_it) else { continue };
             let (Some(pdo), false) = (pdos.get(nth), frame.as_ref().is_remote()) else { continue };
-            view.receive(it.time_ns);
+            view.receive(now_ns);
             if known.get(&nth).is_some_and(|data| data == frame.data()) {
                 continue;
             }
