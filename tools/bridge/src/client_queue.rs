@@ -5,7 +5,7 @@ use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 
 use ecan_protocol::can::CanFrame;
 
-use crate::bus_event::ErrorFrame;
+use crate::bus_event::{BusEvent, ErrorFrame};
 use crate::session::ReceiveSettings;
 
 /// Maximum number of queued answer bytes; above it the client is not read.
@@ -21,13 +21,21 @@ pub(crate) enum Outgoing {
     Error(ErrorFrame, u64),
     /// Result of the client's frame with this tag: its end time if it was sent.
     Result(u32, Option<u64>),
+    /// Number of the client's frames that were accepted and not sent since the last entry, with the
+    /// time of the last one.
+    Lost(u32, u64),
 }
 
-/// Entries that a client receives besides frames and answers.
+/// Form in which a client receives the losses of its frames, and events of the bus.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(crate) struct Reports {
-    pub(crate) has_errors: bool,
-    pub(crate) has_results: bool,
+pub(crate) enum Reports {
+    /// Lost frames, in the form of its protocol. No events.
+    #[default]
+    Losses,
+    /// Events as error frames. A CAN interface has no transmit results.
+    Events,
+    /// Events as error frames, and the result of each frame.
+    EventsAndResults,
 }
 
 #[derive(Debug, Default)]
@@ -36,6 +44,8 @@ struct State {
     frames: usize,
     answer_bytes: usize,
     is_closed: bool,
+    /// Frames were lost since the client last read its flags.
+    has_lost: bool,
     /// The writer waits; nobody else needs to be woken by a frame.
     is_awaited: bool,
 }
@@ -71,7 +81,14 @@ impl ClientQueue {
 
     /// Queues an event if the client receives events; returns false if the queue is full.
     pub(crate) fn offer_error(&self, error: ErrorFrame, time_ns: u64) -> bool {
-        !self.reports.has_errors || self.offer_bounded(Outgoing::Error(error, time_ns))
+        self.reports == Reports::Losses || self.offer_bounded(Outgoing::Error(error, time_ns))
+    }
+
+    /// Queues an event for the loss of several frames if the client receives no report of each;
+    /// returns false if the queue is full.
+    pub(crate) fn offer_loss_event(&self, time_ns: u64) -> bool {
+        let error = ErrorFrame::of(BusEvent::TransmitFailed, None);
+        self.reports != Reports::Events || self.offer_bounded(Outgoing::Error(error, time_ns))
     }
 
     fn offer_bounded(&self, item: Outgoing) -> bool {
@@ -84,12 +101,35 @@ impl ClientQueue {
         has_room
     }
 
-    /// Queues the result of a frame if the client receives results. The client bounds their number:
-    /// it has a limited number of frames without result.
-    pub(crate) fn report_result(&self, tag: u32, sent_ns: Option<u64>) {
-        if self.reports.has_results {
-            self.push(self.lock(), Outgoing::Result(tag, sent_ns));
+    /// Queues the result of a frame that was sent if the client receives results. The client bounds
+    /// their number: it has a limited number of frames without result.
+    pub(crate) fn report_sent(&self, tag: u32, sent_ns: u64) {
+        if self.reports == Reports::EventsAndResults {
+            self.push(self.lock(), Outgoing::Result(tag, Some(sent_ns)));
         }
+    }
+
+    /// Queues the loss of an accepted frame. Consecutive losses are one entry, so that their number
+    /// is bounded by the other entries. An interface without results receives events only.
+    pub(crate) fn report_lost(&self, tag: u32, time_ns: u64) {
+        match self.reports {
+            Reports::EventsAndResults => self.push(self.lock(), Outgoing::Result(tag, None)),
+            Reports::Events => {}
+            Reports::Losses => {
+                let mut state = self.lock();
+                state.has_lost = true;
+                if let Some(Outgoing::Lost(count, last_ns)) = state.items.back_mut() {
+                    (*count, *last_ns) = (count.saturating_add(1), time_ns);
+                } else {
+                    self.push(state, Outgoing::Lost(1, time_ns));
+                }
+            }
+        }
+    }
+
+    /// Returns whether frames of the client were lost since the last call.
+    pub(crate) fn take_lost(&self) -> bool {
+        std::mem::take(&mut self.lock().has_lost)
     }
 
     /// Queues an answer. Waits while too many answer bytes are queued; returns false once closed.
@@ -135,7 +175,7 @@ impl ClientQueue {
         let item = state.items.pop_front()?;
         match &item {
             Outgoing::Frame(..) | Outgoing::Error(..) => state.frames -= 1,
-            Outgoing::Result(..) => {}
+            Outgoing::Result(..) | Outgoing::Lost(..) => {}
             Outgoing::Answer(text, _) => {
                 state.answer_bytes -= text.len();
                 drop(state);
@@ -184,6 +224,20 @@ mod tests {
         assert_eq!(queue.try_take(), Some(Outgoing::Frame(frame(), 2)));
         assert_eq!(queue.try_take(), Some(Outgoing::Frame(frame(), 4)));
         assert_eq!(queue.try_take(), None);
+    }
+
+    #[test]
+    fn consecutive_losses_are_one_entry() {
+        let queue = ClientQueue::new(2);
+        assert!(!queue.take_lost());
+        (1..=1000).for_each(|time_ns| queue.report_lost(0, time_ns));
+        assert!(queue.offer(&frame(), 1001));
+        queue.report_lost(0, 1002);
+        assert_eq!(queue.try_take(), Some(Outgoing::Lost(1000, 1000)));
+        assert_eq!(queue.try_take(), Some(Outgoing::Frame(frame(), 1001)));
+        assert_eq!(queue.try_take(), Some(Outgoing::Lost(1, 1002)));
+        assert_eq!(queue.try_take(), None);
+        assert_eq!((queue.take_lost(), queue.take_lost()), (true, false));
     }
 
     #[test]

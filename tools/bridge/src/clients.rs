@@ -1,6 +1,7 @@
 //! The clients of a bridge: queues between the bus and their threads.
 
 use std::collections::VecDeque;
+use std::net::IpAddr;
 use std::sync::atomic::Ordering;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 
@@ -31,6 +32,9 @@ struct Client {
     id: ClientId,
     queue: Arc<ClientQueue>,
     connection: Box<dyn Close>,
+    peer: Option<IpAddr>,
+    /// The client has opened the bus. Until then its place is free for others if all are occupied.
+    has_opened: bool,
 }
 
 impl Client {
@@ -38,6 +42,13 @@ impl Client {
         self.queue.close();
         self.connection.close();
     }
+}
+
+/// Frames of one client for the bus, at least one.
+#[derive(Debug)]
+struct Inbox {
+    client: ClientId,
+    frames: VecDeque<ClientFrame>,
 }
 
 #[derive(Debug, Default)]
@@ -48,21 +59,73 @@ struct State {
     clients: Vec<Client>,
     next_client: ClientId,
     closed: bool,
-    /// Frames for the bus, with their senders.
-    inbox: VecDeque<ClientFrame>,
+    /// Frames for the bus, in the order of the turns. The inbox of a client that has left remains
+    /// until it is empty.
+    inboxes: VecDeque<Inbox>,
     /// Bit rates of the bus, once known.
     bus: Option<BusRates>,
 }
 
 impl State {
-    fn report_result(&self, frame: &ClientFrame, sent_ns: Option<u64>) {
-        if let Some(sender) = self.clients.iter().find(|client| client.id == frame.client) {
-            sender.queue.report_result(frame.tag, sent_ns);
+    fn client(&self, id: ClientId) -> Option<&Client> {
+        self.clients.iter().find(|client| client.id == id)
+    }
+
+    /// Queues a frame in the inbox of its client; returns false if that holds `limit` frames.
+    fn push(&mut self, frame: ClientFrame, limit: usize) -> bool {
+        let inbox = self.inboxes.iter_mut().find(|inbox| inbox.client == frame.client);
+        match inbox {
+            Some(inbox) if inbox.frames.len() >= limit => return false,
+            Some(inbox) => inbox.frames.push_back(frame),
+            None => {
+                let (client, frames) = (frame.client, VecDeque::from([frame]));
+                self.inboxes.push_back(Inbox { client, frames });
+            }
         }
+        true
+    }
+
+    /// Removes the next frame: the inboxes have turns of one frame.
+    fn pop(&mut self) -> Option<ClientFrame> {
+        let mut inbox = self.inboxes.pop_front()?;
+        let frame = inbox.frames.pop_front();
+        if !inbox.frames.is_empty() {
+            self.inboxes.push_back(inbox);
+        }
+        frame
+    }
+
+    /// Removes the largest inbox of a client that has left if there are more than `limit` of them;
+    /// returns the number of its frames. Clients that connect, send and leave again and again thus
+    /// lose their own frames.
+    fn drop_excess_inbox(&mut self, limit: usize) -> usize {
+        let has_left = |inbox: &Inbox| self.client(inbox.client).is_none();
+        let left = || self.inboxes.iter().enumerate().filter(|(_, inbox)| has_left(inbox));
+        if left().count() <= limit {
+            return 0;
+        }
+        let largest = left().max_by_key(|(_, inbox)| inbox.frames.len()).map(|(at, _)| at);
+        let dropped = largest.and_then(|at| self.inboxes.remove(at));
+        dropped.map_or(0, |inbox| inbox.frames.len())
+    }
+
+    /// Removes the client that has to leave if all places are occupied: the oldest of those that
+    /// have not opened the bus, from the address with the most such clients.
+    fn remove_silent(&mut self) -> Option<Client> {
+        let silent = || self.clients.iter().filter(|client| !client.has_opened);
+        let from_same = |client: &Client| silent().filter(|it| it.peer == client.peer).count();
+        let rank = |client: &&Client| (from_same(client), std::cmp::Reverse(client.id));
+        let id = silent().max_by_key(rank)?.id;
+        let at = self.clients.iter().position(|client| client.id == id)?;
+        Some(self.clients.swap_remove(at))
     }
 }
 
 /// The clients of one bridge, with bounded queues. No public method blocks.
+///
+/// Each client has a queue to the bus of its own, and they take turns: a client that sends more than
+/// the bus carries loses its own frames only. A frame of any length occupies the same memory,
+/// so the limit in frames is a limit in bytes.
 #[derive(Debug)]
 pub struct Clients {
     state: Mutex<State>,
@@ -87,34 +150,59 @@ impl Clients {
         self.queue
     }
 
+    /// Maximum number of clients.
+    pub fn max_clients(&self) -> usize {
+        self.max_clients
+    }
+
     /// Counters of the bridge.
     pub fn statistics(&self) -> BridgeStatistics {
         self.counters.read(self.lock().clients.len())
     }
 
-    /// Admits a client; `connection` is closed when it leaves.
+    /// Admits a client; `connection` is closed when it leaves. If all places are occupied, a client
+    /// that has not opened the bus loses its place.
     pub(crate) fn join(
         &self,
         connection: impl Close + 'static,
+        peer: Option<IpAddr>,
         queue: Arc<ClientQueue>,
     ) -> Option<ClientId> {
         let mut state = self.lock();
+        if !state.closed
+            && state.clients.len() >= self.max_clients
+            && let Some(silent) = state.remove_silent()
+        {
+            count(&self.counters.silent_clients);
+            silent.close();
+        }
         if state.closed || state.clients.len() >= self.max_clients {
             count(&self.counters.rejected_clients);
             return None;
         }
         let id = state.next_client;
         state.next_client += 1;
-        state.clients.push(Client { id, queue, connection: Box::new(connection) });
+        let connection = Box::new(connection);
+        state.clients.push(Client { id, queue, connection, peer, has_opened: false });
         count(&self.counters.connections);
         Some(id)
     }
 
-    /// Removes a client and closes its connection. Its waiting frames remain.
+    /// The client has opened the bus: it keeps its place until it leaves.
+    pub(crate) fn keep(&self, id: ClientId) {
+        if let Some(client) = self.lock().clients.iter_mut().find(|client| client.id == id) {
+            client.has_opened = true;
+        }
+    }
+
+    /// Removes a client and closes its connection. Its waiting frames remain; of the clients that have
+    /// left, at most `max_clients` have waiting frames.
     pub(crate) fn leave(&self, id: ClientId) {
         let mut state = self.lock();
         if let Some(at) = state.clients.iter().position(|client| client.id == id) {
             state.clients.swap_remove(at).close();
+            let dropped = state.drop_excess_inbox(self.max_clients);
+            self.counters.dropped_to_bus.fetch_add(dropped as u64, Ordering::Relaxed);
             self.wake(&state);
         }
     }
@@ -137,31 +225,30 @@ impl Clients {
         self.lock().bus
     }
 
-    /// Queues a client's frame for the bus; returns false if the queue is full or the bus accepts
+    /// Queues a client's frame for the bus; returns false if its queue is full or the bus accepts
     /// none.
     pub(crate) fn submit(&self, frame: ClientFrame) -> bool {
         let mut state = self.lock();
-        let has_room = state.inbox.len() < self.queue;
         if state.is_closed_to_clients {
             count(&self.counters.discarded);
-        } else if has_room {
-            state.inbox.push_back(frame);
-        } else {
+            return false;
+        }
+        let has_room = state.push(frame, self.queue);
+        if !has_room {
             count(&self.counters.dropped_to_bus);
         }
-        has_room && !state.is_closed_to_clients
+        has_room
     }
 
     /// As [`submit`](Self::submit), but waits for space while the client is connected.
     pub(crate) fn submit_when_possible(&self, frame: ClientFrame) {
         let mut state = self.lock();
         loop {
-            let is_there = state.clients.iter().any(|client| client.id == frame.client);
-            if state.is_closed_to_clients || !is_there {
+            if state.is_closed_to_clients || state.client(frame.client).is_none() {
                 return count(&self.counters.discarded);
             }
-            if state.inbox.len() < self.queue {
-                return state.inbox.push_back(frame);
+            if state.push(frame, self.queue) {
+                return;
             }
             state.waiting_clients += 1;
             state = self.changed.wait(state).unwrap_or_else(PoisonError::into_inner);
@@ -187,26 +274,32 @@ impl Clients {
 
     /// Sets whether the bus accepts frames of clients; by default it does. While it does not, new
     /// frames are rejected and waiting frames are discarded, because they would be stale later.
-    /// Returns the number of frames discarded by this call.
-    pub fn set_accepting(&self, is_accepting: bool) -> usize {
+    /// Their clients receive a report of the loss. Returns the number of frames discarded by this
+    /// call, at a time in nanoseconds of the bus's clock.
+    pub fn set_accepting(&self, is_accepting: bool, time_ns: u64) -> usize {
         let mut state = self.lock();
         state.is_closed_to_clients = !is_accepting;
         if is_accepting {
             return 0;
         }
-        let dropped = state.inbox.len();
-        for frame in std::mem::take(&mut state.inbox) {
-            state.report_result(&frame, None);
+        let mut dropped = 0;
+        for inbox in std::mem::take(&mut state.inboxes) {
+            dropped += inbox.frames.len();
+            let Some(sender) = state.client(inbox.client) else { continue };
+            inbox.frames.iter().for_each(|frame| sender.queue.report_lost(frame.tag, time_ns));
+            if !sender.queue.offer_loss_event(time_ns) {
+                count(&self.counters.dropped_to_clients);
+            }
         }
         self.wake(&state);
         self.counters.discarded.fetch_add(dropped as u64, Ordering::Relaxed);
         dropped
     }
 
-    /// Takes the next frame of a client for the bus.
+    /// Takes the next frame of a client for the bus. The clients take turns.
     pub fn next_for_bus(&self) -> Option<ClientFrame> {
         let mut state = self.lock();
-        let next = state.inbox.pop_front();
+        let next = state.pop();
         self.wake(&state);
         next
     }
@@ -220,14 +313,18 @@ impl Clients {
     /// receive the frame, and a CAN interface echoes it to its programs.
     pub fn confirm(&self, sent: &ClientFrame, time_ns: u64) {
         self.count_sent();
-        self.lock().report_result(sent, Some(time_ns));
+        if let Some(sender) = self.lock().client(sent.client) {
+            sender.queue.report_sent(sent.tag, time_ns);
+        }
         self.deliver(&sent.frame, time_ns, Some(sent.client));
     }
 
-    /// Reports that a client's frame was not sent.
-    pub fn fail(&self, frame: &ClientFrame) {
+    /// Reports to a client that its frame was not sent, or that the result is unknown.
+    pub fn fail(&self, frame: &ClientFrame, time_ns: u64) {
         count(&self.counters.failed);
-        self.lock().report_result(frame, None);
+        if let Some(sender) = self.lock().client(frame.client) {
+            sender.queue.report_lost(frame.tag, time_ns);
+        }
     }
 
     /// Reports an event of the bus to the CAN interfaces, with the error counters if they are known.

@@ -1,7 +1,7 @@
 //! Connection to a client; another thread can end it.
 
 use std::io::{self, Read as _, Write as _};
-use std::net::{Shutdown, TcpStream};
+use std::net::{IpAddr, Shutdown, TcpStream};
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -50,6 +50,22 @@ impl Connection {
         match self {
             Self::Tcp(stream) => (&*stream).read(bytes),
             Self::Terminal(line) => line.read(bytes),
+        }
+    }
+
+    /// Limits the time of the following calls of [`read`](Self::read). A terminal has no limit.
+    pub(crate) fn set_read_limit(&self, limit: Option<Duration>) -> io::Result<()> {
+        match self {
+            Self::Tcp(stream) => stream.set_read_timeout(limit),
+            Self::Terminal(_) => Ok(()),
+        }
+    }
+
+    /// Address of the client's machine.
+    pub(crate) fn peer(&self) -> Option<IpAddr> {
+        match self {
+            Self::Tcp(stream) => stream.peer_addr().ok().map(|address| address.ip()),
+            Self::Terminal(_) => None,
         }
     }
 

@@ -59,6 +59,10 @@ impl Uplink for Bus {
         self.sent.push(frame);
     }
 
+    fn take_lost(&mut self) -> bool {
+        false
+    }
+
     fn count_rejected(&mut self) {}
 
     fn count_mismatched(&mut self) {}

@@ -75,10 +75,11 @@ fn serve_programs(clients: &Clients, terminal: &Arc<Terminal>) {
         let line = Arc::new(TerminalLine::new(terminal.clone()));
         let queue = Arc::new(ClientQueue::new(clients.queue()));
         // If the client is not admitted, the bridge was closed just now.
-        let Some(id) = clients.join(Connection::Terminal(line.clone()), queue.clone()) else {
+        let connection = Connection::Terminal(line.clone());
+        let Some(id) = clients.join(connection, None, queue.clone()) else {
             return;
         };
         let session = Session::new(BridgeProtocol::Slcan);
-        serve(clients, id, &Connection::Terminal(line), session, &queue);
+        serve(clients, id, &Connection::Terminal(line), session, &queue, None);
     }
 }

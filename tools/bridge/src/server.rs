@@ -5,7 +5,7 @@ use std::net::{SocketAddr, TcpListener, TcpStream};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::{self, JoinHandle};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use ecan_protocol::can::CanFrame;
 
@@ -62,6 +62,7 @@ impl BridgeServer {
         let acceptor = Acceptor {
             listener,
             protocol: config.protocol,
+            handshake: (config.protocol == BridgeProtocol::Socketcand).then_some(config.handshake),
             clients: clients.clone(),
             stop: stop.clone(),
         };
@@ -100,6 +101,7 @@ impl Drop for BridgeServer {
 struct Acceptor {
     listener: TcpListener,
     protocol: BridgeProtocol,
+    handshake: Option<Duration>,
     clients: Arc<Clients>,
     stop: Arc<AtomicBool>,
 }
@@ -129,13 +131,15 @@ impl Acceptor {
             stream.set_nodelay(true)?;
             connection::watch(&stream)?;
             let connection = Connection::Tcp(stream);
-            let id = self.clients.join(connection.try_clone()?, queue.clone());
+            let peer = connection.peer();
+            let id = self.clients.join(connection.try_clone()?, peer, queue.clone());
             Ok(id.map(|id| (connection, id)))
         };
         let (connection, id) = admit().ok()??;
         let clients = self.clients.clone();
         let session = Session::new(self.protocol);
-        let serve = move || serve(&clients, id, &connection, session, &queue);
+        let handshake = self.handshake;
+        let serve = move || serve(&clients, id, &connection, session, &queue, handshake);
         let started = thread::Builder::new().name(format!("bridge client {id}")).spawn(serve);
         if started.is_err() {
             self.clients.leave(id);
@@ -144,12 +148,14 @@ impl Acceptor {
     }
 }
 
+/// Serves a client until it leaves; with `handshake`, it has this time to open the bus.
 pub(crate) fn serve(
     clients: &Clients,
     id: ClientId,
     stream: &Connection,
-    mut session: Session,
+    session: Session,
     queue: &ClientQueue,
+    handshake: Option<Duration>,
 ) {
     let mut greeting = Vec::new();
     session.greet(&mut greeting);
@@ -161,7 +167,8 @@ pub(crate) fn serve(
             clients.leave(id);
         });
         if writer.is_ok() {
-            read_all(clients, id, stream, &mut session, queue);
+            Reader { uplink: ClientUplink { clients, id, queue }, stream, session }
+                .read_all(handshake);
         }
         clients.leave(id);
     });
@@ -170,6 +177,7 @@ pub(crate) fn serve(
 struct ClientUplink<'a> {
     clients: &'a Clients,
     id: ClientId,
+    queue: &'a ClientQueue,
 }
 
 impl ClientUplink<'_> {
@@ -191,6 +199,10 @@ impl Uplink for ClientUplink<'_> {
         self.clients.submit_when_possible(self.untagged(frame));
     }
 
+    fn take_lost(&mut self) -> bool {
+        self.queue.take_lost()
+    }
+
     fn count_rejected(&mut self) {
         count(&self.clients.counters.rejected);
     }
@@ -200,29 +212,66 @@ impl Uplink for ClientUplink<'_> {
     }
 }
 
-fn read_all(
-    clients: &Clients,
-    id: ClientId,
-    stream: &Connection,
-    session: &mut Session,
-    queue: &ClientQueue,
-) {
-    let mut uplink = ClientUplink { clients, id };
-    let mut bytes = [0; 2048];
-    loop {
-        let read = match stream.read(&mut bytes) {
-            Ok(0) => return,
-            Ok(read) => read,
-            Err(error) if error.kind() == ErrorKind::Interrupted => continue,
-            Err(_) => return,
-        };
-        let mut answer = Vec::new();
-        session.feed(bytes.get(..read).unwrap_or_default(), &mut uplink, &mut answer);
-        // A client that does not read its answers is not read either. Its receive config change
-        // only with an answer.
-        if !answer.is_empty() && !queue.answer(answer, session.receive_settings()) {
-            return;
+struct Reader<'a> {
+    uplink: ClientUplink<'a>,
+    stream: &'a Connection,
+    session: Session,
+}
+
+impl Reader<'_> {
+    fn read_all(mut self, handshake: Option<Duration>) {
+        if let Some(limit) = handshake {
+            let deadline = Instant::now() + limit;
+            let has_opened = self.read_while(Some(deadline), |session| !session.is_open());
+            if !has_opened || self.stream.set_read_limit(None).is_err() {
+                return;
+            }
         }
+        self.read_while(None, |_| true);
+    }
+
+    /// Processes input while a condition holds; returns false if the client has left or the time is
+    /// over.
+    fn read_while(&mut self, deadline: Option<Instant>, condition: fn(&Session) -> bool) -> bool {
+        let mut bytes = [0; 2048];
+        while condition(&self.session) {
+            if let Some(deadline) = deadline {
+                let left = deadline.saturating_duration_since(Instant::now());
+                // A limit of zero would be none.
+                if left.is_zero() || self.stream.set_read_limit(Some(left)).is_err() {
+                    count(&self.uplink.clients.counters.silent_clients);
+                    return false;
+                }
+            }
+            let read = match self.stream.read(&mut bytes) {
+                Ok(0) => return false,
+                Ok(read) => read,
+                Err(error) => match error.kind() {
+                    ErrorKind::Interrupted | ErrorKind::WouldBlock | ErrorKind::TimedOut => {
+                        continue;
+                    }
+                    _ => return false,
+                },
+            };
+            if !self.feed(bytes.get(..read).unwrap_or_default()) {
+                return false;
+            }
+        }
+        true
+    }
+
+    fn feed(&mut self, bytes: &[u8]) -> bool {
+        let Self { uplink, session, .. } = self;
+        let was_open = session.is_open();
+        let mut answer = Vec::new();
+        session.feed(bytes, uplink, &mut answer);
+        // Before the answer: a client that has received it keeps its place.
+        if session.is_open() && !was_open {
+            uplink.clients.keep(uplink.id);
+        }
+        // A client that does not read its answers is not read either. Its receive settings change
+        // only with an answer.
+        answer.is_empty() || uplink.queue.answer(answer, session.receive_settings())
     }
 }
 

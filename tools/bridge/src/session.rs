@@ -6,7 +6,7 @@ use ecan_protocol::can::CanFrame;
 
 use crate::config::BridgeProtocol;
 use crate::rates::BusRates;
-use crate::slcan::{SlcanReceiveSettings, SlcanSession};
+use crate::slcan::{self, SlcanReceiveSettings, SlcanSession};
 use crate::socketcand::{self, SocketcandSession};
 use crate::uplink::Uplink;
 
@@ -43,6 +43,14 @@ impl Session {
         }
     }
 
+    /// Returns whether the client has opened the bus, so that it sends or receives frames.
+    pub(crate) fn is_open(&self) -> bool {
+        match self {
+            Self::Slcan(session) => session.is_open(),
+            Self::Socketcand(session) => session.is_open(),
+        }
+    }
+
     pub(crate) fn receive_settings(&self) -> ReceiveSettings {
         match self {
             Self::Slcan(session) => ReceiveSettings::Slcan(session.receive_settings()),
@@ -76,6 +84,14 @@ impl ReceiveSettings {
             Self::Slcan(receive_settings) => receive_settings.encode(frame, time_ns, bus, text),
             Self::Socketcand { is_raw: true } => socketcand::encode(frame, time_ns, text),
             Self::Socketcand { is_raw: false } => {}
+        }
+    }
+
+    /// Appends the loss of frames that were accepted earlier.
+    pub(crate) fn encode_losses(&self, count: u32, time_ns: u64, text: &mut Vec<u8>) {
+        match self {
+            Self::Slcan(_) => slcan::encode_losses(count, text),
+            Self::Socketcand { .. } => socketcand::encode_losses(count, time_ns, text),
         }
     }
 

@@ -31,6 +31,9 @@ counters! {
     connections,
     /// Number of clients rejected because too many were connected.
     rejected_clients,
+    /// Number of connections closed because their client did not open the bus: within the time for
+    /// it, or before another client needed the place.
+    silent_clients,
     /// Client frames that were sent on the bus.
     sent,
     /// Client frames that were passed to the bus and not sent, or without result.

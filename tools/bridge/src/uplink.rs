@@ -14,6 +14,9 @@ pub(crate) trait Uplink {
     /// Sends a frame and waits for space; no effect if the bus accepts none.
     fn send_when_possible(&mut self, frame: CanFrame);
 
+    /// Returns whether accepted frames of the client were lost since the last call.
+    fn take_lost(&mut self) -> bool;
+
     fn count_rejected(&mut self);
 
     /// Counts a frame that does not fit the bit rates or formats of the bus.

@@ -49,6 +49,9 @@ impl Writer {
                 Outgoing::Frame(frame, time_ns) => {
                     self.receive_settings.encode(&frame, time_ns, bus, &mut text);
                 }
+                Outgoing::Lost(count, time_ns) => {
+                    self.receive_settings.encode_losses(count, time_ns, &mut text);
+                }
                 // Entries of CAN interfaces.
                 Outgoing::Error(..) | Outgoing::Result(..) => {}
                 Outgoing::Answer(answer, receive_settings)

@@ -2,7 +2,7 @@ use std::collections::VecDeque;
 use std::net::SocketAddr;
 
 use ecan_bridge::{
-    BridgeConfig, BridgeInfo, BridgeProtocol, BridgeServer, BusRates, ClientId, ServerError,
+    BridgeConfig, BridgeInfo, BridgeProtocol, BridgeServer, BusRates, ClientFrame, ServerError,
 };
 use ecan_protocol::can::CanFrame;
 use ecan_sim::{BridgeSpec, Node, NodeOutput, StationConfig};
@@ -22,7 +22,7 @@ const CONTROLLER_DEPTH: usize = 2;
 pub struct BridgeNode {
     server: BridgeServer,
     due: Option<u64>,
-    in_flight: VecDeque<(ClientId, CanFrame)>,
+    in_flight: VecDeque<ClientFrame>,
 }
 
 impl BridgeNode {
@@ -41,24 +41,29 @@ impl BridgeNode {
         self.server.info()
     }
 
-    fn fill(&mut self, out: &mut NodeOutput) {
+    fn fill(&mut self, now: u64, out: &mut NodeOutput) {
         while out.len() < CONTROLLER_DEPTH
             && let Some(next) = self.server.clients().next_for_bus()
         {
             out.send(next.frame);
             // A frame that the bus lost (the controller was reconfigured, the node muted) is never
             // reported as sent and must not stay here forever.
-            while self.in_flight.len() > 2 * CONTROLLER_DEPTH {
-                self.in_flight.pop_front();
+            while self.in_flight.len() > 2 * CONTROLLER_DEPTH
+                && let Some(lost) = self.in_flight.pop_front()
+            {
+                self.server.clients().fail(&lost, now);
             }
-            self.in_flight.push_back((next.client, next.frame));
+            self.in_flight.push_back(next);
         }
     }
 
-    /// Removes a sent frame and returns its sender. Frames before it were lost.
-    fn sender_of(&mut self, sent: &CanFrame) -> Option<ClientId> {
-        let at = self.in_flight.iter().position(|(_, frame)| is_same(frame, sent))?;
-        self.in_flight.drain(..=at).next_back().map(|(sender, _)| sender)
+    /// Removes a sent frame of a client. Frames before it were lost.
+    fn take_sent(&mut self, now: u64, sent: &CanFrame) -> Option<ClientFrame> {
+        let at = self.in_flight.iter().position(|held| is_same(&held.frame, sent))?;
+        for lost in self.in_flight.drain(..at) {
+            self.server.clients().fail(&lost, now);
+        }
+        self.in_flight.pop_front()
     }
 }
 
@@ -73,6 +78,7 @@ fn config(spec: &BridgeSpec) -> BridgeConfig {
         address: SocketAddr::new(ip, spec.port),
         max_clients: spec.max_clients.unwrap_or(default.max_clients),
         queue: spec.queue.unwrap_or(default.queue),
+        handshake: default.handshake,
     }
 }
 
@@ -99,14 +105,14 @@ impl Node for BridgeNode {
 
     fn received(&mut self, now: u64, frame: &CanFrame, out: &mut NodeOutput) {
         self.server.clients().deliver(frame, now, None);
-        self.fill(out);
+        self.fill(now, out);
     }
 
     fn transmitted(&mut self, now: u64, frame: &CanFrame, out: &mut NodeOutput) {
-        let sender = self.sender_of(frame);
+        let sender = self.take_sent(now, frame).map(|sent| sent.client);
         self.server.clients().count_sent();
         self.server.clients().deliver(frame, now, sender);
-        self.fill(out);
+        self.fill(now, out);
     }
 
     fn next_event(&self) -> Option<u64> {
@@ -114,7 +120,7 @@ impl Node for BridgeNode {
     }
 
     fn advance(&mut self, now: u64, out: &mut NodeOutput) {
-        self.fill(out);
+        self.fill(now, out);
         let pause = if self.server.clients().is_any_connected() { POLL_NS } else { IDLE_POLL_NS };
         self.due = Some(now.saturating_add(pause));
     }

@@ -75,9 +75,9 @@ impl UsbCanBridge {
     ) -> io::Result<Self> {
         let clients = Arc::new(Clients::new(queue, 1));
         clients.set_bus(rates);
-        let reports = Reports { has_errors: true, has_results: true };
+        let reports = Reports::EventsAndResults;
         let queue = Arc::new(ClientQueue::with_reports(clients.queue(), reports));
-        let id = clients.join(Closing(socket.try_clone()?), queue.clone());
+        let id = clients.join(Closing(socket.try_clone()?), None, queue.clone());
         let id = id.ok_or(io::ErrorKind::ConnectionRefused)?;
         let device = Arc::new(Device {
             socket,
@@ -265,7 +265,7 @@ impl Device {
                 }
                 Outgoing::Result(number, sent_ns) => self.finish(number, sent_ns),
                 // An interface gets no answers.
-                Outgoing::Answer(..) => {}
+                Outgoing::Answer(..) | Outgoing::Lost(..) => {}
             }
         }
     }

@@ -94,7 +94,7 @@ fn transmit_result_decides_about_echo() {
     let id = CanId::standard(0x123).unwrap();
     assert_eq!(sent[0].frame, CanFrame::classic(id, &[0xAA, 0xBB]).unwrap());
     bridge.clients().confirm(&sent[0], 7_000);
-    bridge.clients().fail(&sent[1]);
+    bridge.clients().fail(&sent[1], 0);
     bridge.clients().confirm(&sent[2], 8_000);
     assert_eq!(kernel.response(), (3, 2, 0, Vec::new()));
     let (_, number, status, echo) = kernel.response();
@@ -137,7 +137,7 @@ fn closed_channel_fails_frames() {
     next(&bridge);
     kernel.frame(3, &host_frame(1));
     // The frame waits in the queue, or is rejected.
-    bridge.clients().set_accepting(false);
+    bridge.clients().set_accepting(false, 0);
     assert_eq!(kernel.response(), (3, 3, -32, Vec::new()));
     kernel.frame(4, &host_frame(2));
     assert_eq!(kernel.response(), (3, 4, -32, Vec::new()));

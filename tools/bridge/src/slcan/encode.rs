@@ -2,7 +2,7 @@
 
 use ecan_protocol::can::{CanFrame, FrameKind};
 
-use super::OK;
+use super::{BELL, OK};
 
 /// Period of timestamps, ms.
 const TIMESTAMP_WRAP: u64 = 60_000;
@@ -28,6 +28,12 @@ pub(super) fn encode(frame: &CanFrame, time_ns: Option<u64>, text: &mut Vec<u8>)
         hex((time_ns / 1_000_000 % TIMESTAMP_WRAP) as u32, 4, text);
     }
     text.push(OK);
+}
+
+/// Appends one BELL for each frame that was confirmed and then lost, in addition to the answers to
+/// commands. slcan has no other message that an adapter sends without a command.
+pub(crate) fn encode_losses(count: u32, text: &mut Vec<u8>) {
+    text.extend((0..count).map(|_| BELL));
 }
 
 /// Appends the lowest hexadecimal digits.

@@ -11,6 +11,7 @@ mod command_tests;
 #[cfg(test)]
 mod session_tests;
 
+pub(super) use encode::encode_losses;
 pub(super) use session::{SlcanReceiveSettings, SlcanSession};
 
 /// Ends a command; alone it is the answer "done".

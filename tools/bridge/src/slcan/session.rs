@@ -15,6 +15,8 @@ const VERSION: &[u8] = b"V1010";
 const SERIAL_NUMBER: &[u8] = b"NECAN";
 /// Status flag "transmit queue full".
 const FLAG_TRANSMIT_FULL: u32 = 1 << 1;
+/// Status flag "bus error": a confirmed frame was lost.
+const FLAG_BUS_ERROR: u32 = 1 << 7;
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 enum Mode {
@@ -84,6 +86,9 @@ impl SlcanSession {
             Command::Version => answer.extend(VERSION),
             Command::SerialNumber => answer.extend(SERIAL_NUMBER),
             Command::Flags if !is_closed => {
+                if bus.take_lost() {
+                    self.flags |= FLAG_BUS_ERROR;
+                }
                 answer.push(b'F');
                 hex(std::mem::take(&mut self.flags), 2, answer);
             }
@@ -117,6 +122,11 @@ impl SlcanSession {
         }
         answer.push(if frame.id().is_extended() { b'Z' } else { b'z' });
         true
+    }
+
+    /// Returns whether the channel is open, also for listening only.
+    pub(crate) fn is_open(&self) -> bool {
+        self.receive_settings.mode != Mode::Closed
     }
 
     pub(crate) fn receive_settings(&self) -> SlcanReceiveSettings {

@@ -16,6 +16,7 @@ struct Bus {
     room: usize,
     rejected: usize,
     mismatched: usize,
+    has_lost: bool,
 }
 
 impl Bus {
@@ -39,6 +40,10 @@ impl Uplink for Bus {
 
     fn send_when_possible(&mut self, _frame: CanFrame) {
         unreachable!("a client of slcan is answered")
+    }
+
+    fn take_lost(&mut self) -> bool {
+        std::mem::take(&mut self.has_lost)
     }
 
     fn count_rejected(&mut self) {

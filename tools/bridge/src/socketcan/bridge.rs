@@ -4,7 +4,7 @@ use std::io;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, OnceLock};
 use std::thread::{self, JoinHandle};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use ecan_protocol::can::CanFrame;
 use rustix::io::Errno;
@@ -22,8 +22,11 @@ use crate::statistics::count;
 const LOOK: Duration = Duration::from_millis(50);
 /// Interval of attempts to write to an interface with a full queue.
 const RETRY: Duration = Duration::from_millis(1);
-/// Maximum time for which a frame waits for an interface with a full queue.
-const TIMEOUT: Duration = Duration::from_millis(200);
+/// Number of attempts to write a frame to an interface whose queue is full, at 1 ms, and to a socket
+/// whose buffer is full, which waits for [`LOOK`]: about 200 ms. Attempts are counted, not time: in a
+/// pause of this process nothing was attempted.
+const MAX_ATTEMPTS: u32 = 200;
+const ATTEMPTS_OF_LOOK: u32 = 50;
 
 /// A CAN interface of Linux, virtual or real, connected to a bus. Dropping it ends its threads; an
 /// interface that it did not create remains.
@@ -107,10 +110,9 @@ impl SocketCanBridge {
         socket.set_write_timeout(LOOK)?;
         let buffer = ReceiveBuffer::of(&socket);
         let (clients, state) = (Arc::new(Clients::new(queue, 1)), Arc::new(State::default()));
-        let reports = Reports { has_errors: true, has_results: false };
-        let queue = Arc::new(ClientQueue::with_reports(clients.queue(), reports));
+        let queue = Arc::new(ClientQueue::with_reports(clients.queue(), Reports::Events));
         // The first client is always admitted.
-        let id = clients.join(Closing(state.clone()), queue.clone());
+        let id = clients.join(Closing(state.clone()), None, queue.clone());
         let id = id.ok_or(io::ErrorKind::ConnectionRefused)?;
         let connection =
             Arc::new(Connection { socket, clients: clients.clone(), state: state.clone(), id });
@@ -215,7 +217,7 @@ impl Connection {
                 Outgoing::Frame(frame, _) => to_kernel(&frame),
                 Outgoing::Error(error, _) => error_to_kernel(error),
                 // An interface gets no answers and requests no results.
-                Outgoing::Answer(..) | Outgoing::Result(..) => continue,
+                Outgoing::Answer(..) | Outgoing::Result(..) | Outgoing::Lost(..) => continue,
             };
             match kernel {
                 Some(kernel) => self.write(&kernel, &mut is_stuck),
@@ -225,8 +227,7 @@ impl Connection {
     }
 
     fn write(&self, kernel: &CanAnyFrame, is_stuck: &mut bool) {
-        let timeout = if *is_stuck { Duration::ZERO } else { TIMEOUT };
-        let start = Instant::now();
+        let mut attempts_left = if *is_stuck { 0 } else { MAX_ATTEMPTS };
         loop {
             match self.socket.write_frame(kernel) {
                 Ok(()) => {
@@ -239,12 +240,14 @@ impl Connection {
                 }
                 Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
                 Err(error) => {
-                    let is_full =
-                        error.kind() == io::ErrorKind::WouldBlock || is(&error, Errno::NOBUFS);
-                    if !is_full || self.state.is_closed() || start.elapsed() >= timeout {
+                    let has_waited = error.kind() == io::ErrorKind::WouldBlock;
+                    let is_full = has_waited || is(&error, Errno::NOBUFS);
+                    if !is_full || self.state.is_closed() || attempts_left == 0 {
                         *is_stuck = is_full;
                         return count(&self.clients.counters.dropped_to_clients);
                     }
+                    let attempts = if has_waited { ATTEMPTS_OF_LOOK } else { 1 };
+                    attempts_left = attempts_left.saturating_sub(attempts);
                     thread::sleep(RETRY);
                 }
             }

@@ -7,5 +7,5 @@ mod session;
 #[cfg(test)]
 mod tests;
 
-pub(super) use encode::encode;
+pub(super) use encode::{encode, encode_losses};
 pub(super) use session::SocketcandSession;

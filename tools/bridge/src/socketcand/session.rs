@@ -88,6 +88,11 @@ impl SocketcandSession {
         Ok(())
     }
 
+    /// Returns whether the client has opened a bus.
+    pub(crate) fn is_open(&self) -> bool {
+        self.mode != Mode::NoBus
+    }
+
     /// Returns whether the client receives frames of the bus.
     pub(crate) fn is_raw(&self) -> bool {
         self.mode == Mode::Raw

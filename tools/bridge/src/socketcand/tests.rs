@@ -27,6 +27,10 @@ impl Uplink for Bus {
         self.sent.push(frame);
     }
 
+    fn take_lost(&mut self) -> bool {
+        false
+    }
+
     fn count_rejected(&mut self) {
         self.rejected += 1;
     }

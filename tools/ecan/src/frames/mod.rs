@@ -33,5 +33,6 @@ pub use service_link::ServiceLink;
 pub use service_setup::{ServiceSetup, gateways_of_service, of_service};
 pub use settings::{GatewayRequirements, Planned, Settings, of_file_offline, of_whole_file};
 pub use signals::{DbcOption, Signals};
+pub use status_watch::Losses;
 pub use timestamp::Style;
 pub use transmit_tracker::TransmitTracker;

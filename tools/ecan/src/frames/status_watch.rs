@@ -78,16 +78,16 @@ impl LastReported {
     }
 }
 
-/// Reported number of lost or unknown images.
+/// Reported number of losses, for example of lost images.
 #[derive(Debug, Default)]
-struct Losses {
+pub struct Losses {
     reported: u64,
     next_ns: u64,
 }
 
 impl Losses {
     /// Updates the number; returns the number to report, at most once per interval.
-    fn next(&mut self, lost: u64, now_ns: u64) -> Option<u64> {
+    pub fn next(&mut self, lost: u64, now_ns: u64) -> Option<u64> {
         let new = lost.saturating_sub(self.reported);
         if new == 0 || now_ns < self.next_ns {
             return None;

@@ -1,6 +1,12 @@
 //! Tests of `ecan bridge` with clients.
 
-use std::io::Write as _;
+use std::io::{Read as _, Write as _};
+use std::net::TcpStream;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::time::{Duration, Instant};
+
+use rustix::process::Signal;
 
 use crate::support::client::Client;
 use crate::support::timed_reader::{LIMIT, TimedReader};
@@ -217,17 +223,24 @@ fn rejects_during(node: &str, fault: &str, end: &str) -> Vec<usize> {
     sender.expect("\r");
     // Each frame waits for the response to the previous one, so that the queue never fills.
     let mut answers = Vec::new();
-    let mut is_back = false;
+    let (mut is_back, mut late_bells) = (false, 0);
     let begun = std::time::Instant::now();
     while !is_back {
         assert!(begun.elapsed() < LIMIT, "the gateway does not come back");
-        sender.say(&format!("t1232{:04X}\r", answers.len()));
-        let mut answer = sender.hear_through(b"\r\x07");
-        // Frame of the node.
-        while answer.starts_with('t') {
-            answer = sender.hear_through(b"\r\x07");
+        // The version ends the answer: a BELL may also report the loss of an earlier frame.
+        sender.say(&format!("t1232{:04X}\rV\r", answers.len()));
+        let (mut is_taken, mut bells) = (false, 0);
+        loop {
+            match sender.hear_through(b"\r\x07").as_str() {
+                "z\r" => is_taken = true,
+                "\x07" => bells += 1,
+                "V1010\r" => break,
+                // Frame of the node.
+                frame => assert!(frame.starts_with('t'), "{frame}"),
+            }
         }
-        let is_taken = answer == "z\r";
+        assert!(is_taken || bells > 0);
+        late_bells += bells - usize::from(!is_taken);
         is_back = is_taken && answers.last() == Some(&false);
         answers.push(is_taken);
         // Slower than one frame per cycle.
@@ -250,6 +263,9 @@ fn rejects_during(node: &str, fault: &str, end: &str) -> Vec<usize> {
     let back = errors.lines().rfind(|line| line.ends_with(end)).unwrap();
     let back: f64 = back["# (".len()..].split(')').next().unwrap().parse().unwrap();
     assert!(heard.iter().all(|(_, number)| answers[*number]), "a rejected frame was sent");
+    // Each accepted frame was sent, or its loss was reported to its client.
+    let accepted = answers.iter().filter(|is_taken| **is_taken).count();
+    assert_eq!(accepted - heard.len(), late_bells, "{errors}");
     let is_late = |(time, number): &(f64, usize)| *time >= back && *number < first_after;
     heard.into_iter().filter(is_late).map(|(_, number)| number).collect()
 }
@@ -274,6 +290,147 @@ fn listen_only_bridge_rejects_frames() {
         let [id, ..] = next_frame(&mut socketcand);
         assert!(id != "7FF" && id != "7FE", "{id} was sent");
     }
+    bridge.terminate();
+    assert_eq!(bridge.wait().0, Some(0));
+}
+
+/// Counts two texts in what a raw connection receives until its end.
+fn count_on(stream: &TcpStream, texts: [&'static [u8]; 2]) -> Arc<[AtomicUsize; 2]> {
+    let (mut stream, counts) = (stream.try_clone().unwrap(), Arc::<[AtomicUsize; 2]>::default());
+    let counted = counts.clone();
+    std::thread::spawn(move || {
+        let (mut received, mut bytes) = (Vec::new(), [0; 4096]);
+        let mut next = [0; 2];
+        while let Ok(length @ 1..) = stream.read(&mut bytes) {
+            received.extend_from_slice(&bytes[..length]);
+            for ((text, next), count) in texts.iter().zip(&mut next).zip(&*counted) {
+                while let Some(at) =
+                    received[*next..].windows(text.len()).position(|it| it == *text)
+                {
+                    *next += at + text.len();
+                    count.fetch_add(1, Ordering::Relaxed);
+                }
+                // The end may be the first half of a text.
+                *next = (*next).max((received.len() + 1).saturating_sub(text.len()));
+            }
+        }
+    });
+    counts
+}
+
+/// The bridge is stopped for longer than its time limits and the watchdog of the gateway. Each frame
+/// is on the bus, or its client receives BELL for it, also if it was confirmed.
+#[test]
+fn paused_bridge_reports_every_lost_frame() {
+    const FRAMES: usize = 3000;
+    let bus = Scenario::new("[[node]]\nkind = \"silent\"\nbus = \"0.0\"\n");
+    let setting = bus.setting();
+    let options = ["--bitrate", "125000", "--slcan", "--socketcand"];
+    let mut bridge = Running::start(&[&["--ecrt", &setting, "bridge"][..], &options].concat());
+    let mut sender = TcpStream::connect(address(&bridge.line(), "slcan", "can0")).unwrap();
+    let mut listener = TcpStream::connect(address(&bridge.line(), "socketcand", "can0")).unwrap();
+    let heard = count_on(&listener, [b"< frame 123 ", b"< ok >"]);
+    let answered = count_on(&sender, [b"\x07", b"z"]);
+    listener.write_all(b"< open can0 >< rawmode >").unwrap();
+    let read = |count: &AtomicUsize| count.load(Ordering::Relaxed);
+    let begun = Instant::now();
+    let wait_until = |is_reached: &dyn Fn() -> bool| {
+        while !is_reached() {
+            assert!(begun.elapsed() < LIMIT, "on the bus: {heard:?}, BELL: {answered:?}");
+            std::thread::yield_now();
+        }
+    };
+    wait_until(&|| read(&heard[1]) == 2);
+    sender.write_all(b"O\r").unwrap();
+    for number in 0..FRAMES {
+        sender.write_all(format!("t1234{number:08X}\r").as_bytes()).unwrap();
+        if number == FRAMES / 2 {
+            bridge.signal(Signal::STOP);
+            // The pause is what is tested; nothing is waited for.
+            std::thread::sleep(Duration::from_millis(1500));
+            bridge.signal(Signal::CONT);
+        }
+    }
+    let accounted = || read(&heard[0]) + read(&answered[0]);
+    wait_until(&|| accounted() >= FRAMES);
+    bridge.terminate();
+    let (status, errors) = bridge.wait();
+    assert_eq!(status, Some(0), "{errors}");
+    // The results of the frames in the gateway may be unknown.
+    assert!(accounted() - FRAMES <= 96, "on the bus: {heard:?}, BELL: {answered:?}");
+}
+
+#[test]
+fn silent_connections_lose_their_places_with_a_note() {
+    let mut bridge = Running::start(&["--ecrt", "sim", "bridge", "--slcan", "--max-clients", "4"]);
+    let address = address(&bridge.line(), "slcan", "can0");
+    let _silent: Vec<_> = (0..4).map(|_| TcpStream::connect(&address).unwrap()).collect();
+    let mut clients: Vec<_> = (0..4)
+        .map(|_| {
+            let mut client = Client::connect(&address);
+            client.say("O\r");
+            client.expect("\r");
+            client
+        })
+        .collect();
+    bridge.wait_for_error("connections closed: their clients did not open the bus");
+    let mut fifth = Client::connect(&address);
+    assert_eq!(fifth.hear_through(b"\r"), "");
+    bridge.wait_for_error("connections rejected: 4 clients are connected; set --max-clients");
+    for client in &mut clients {
+        client.say("V\r");
+        client.expect("V1010\r");
+    }
+    bridge.terminate();
+    let (status, errors) = bridge.wait();
+    assert_eq!(status, Some(0), "{errors}");
+    assert!(errors.contains(": 4 connections closed: their clients"), "{errors}");
+    assert!(errors.contains(": 1 connections rejected: too many clients"), "{errors}");
+}
+
+/// One client sends more than the bus carries; each frame of the other one is sent.
+#[test]
+fn flooding_client_starves_no_other() {
+    let bus = Scenario::new("[[node]]\nkind = \"silent\"\nbus = \"0.0\"\n");
+    let setting = bus.setting();
+    let options = ["--bitrate", "125000", "--slcan"];
+    let mut bridge = Running::start(&[&["--ecrt", &setting, "bridge"][..], &options].concat());
+    let address = address(&bridge.line(), "slcan", "can0");
+    let flooder = TcpStream::connect(&address).unwrap();
+    let answered = count_on(&flooder, [b"\x07", b"z"]);
+    let mut output = flooder.try_clone().unwrap();
+    let flood = std::thread::spawn(move || {
+        let _ = output.write_all(b"O\r");
+        let frames = b"t1118AABBCCDDEEFF0011\r".repeat(100);
+        while output.write_all(&frames).is_ok() {}
+    });
+    let begun = Instant::now();
+    while answered[0].load(Ordering::Relaxed) == 0 {
+        assert!(begun.elapsed() < LIMIT, "the queue of the flooder is not full");
+        std::thread::yield_now();
+    }
+    let mut other = Client::connect(&address);
+    other.say("O\r");
+    other.expect("\r");
+    for _ in 0..9 {
+        other.say("t2220\r");
+        // Frames of the flooder precede the answer.
+        let mut answer = other.hear_through(b"\r\x07");
+        while answer.starts_with("t111") {
+            answer = other.hear_through(b"\r\x07");
+        }
+        assert_eq!(answer, "z\r");
+    }
+    // The last one waits for some frames of the flooder only, not for its 4096.
+    let mut observer = Client::connect(&address);
+    observer.say("O\rt3330\r");
+    let mut before = 0;
+    while other.hear_through(b"\r") != "t3330\r" {
+        before += 1;
+    }
+    assert!(before < 4096, "{before} frames before it");
+    flooder.shutdown(std::net::Shutdown::Both).unwrap();
+    flood.join().unwrap();
     bridge.terminate();
     assert_eq!(bridge.wait().0, Some(0));
 }

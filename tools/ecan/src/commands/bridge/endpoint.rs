@@ -76,12 +76,17 @@ pub enum InterfaceDriver {
 
 /// Symbolic link to a terminal; removed when dropped.
 #[derive(Debug)]
-pub struct Link(PathBuf);
+pub struct Link {
+    path: PathBuf,
+    terminal: PathBuf,
+}
 
 impl Drop for Link {
     fn drop(&mut self) {
-        // It may already be removed.
-        let _ = std::fs::remove_file(&self.0);
+        // Another program may have removed or replaced it.
+        if std::fs::read_link(&self.path).is_ok_and(|terminal| terminal == self.terminal) {
+            let _ = std::fs::remove_file(&self.path);
+        }
     }
 }
 
@@ -107,7 +112,8 @@ impl Endpoint {
         }
         let linked = std::os::unix::fs::symlink(bridge.path(), link);
         linked.map_err(|error| Failure::file("create the link", link, error))?;
-        Ok(Self::Terminal { bridge, link: Some(Link(link.to_owned())) })
+        let link = Link { path: link.to_owned(), terminal: bridge.path().to_owned() };
+        Ok(Self::Terminal { bridge, link: Some(link) })
     }
 
     pub fn interface(name: &str, driver: InterfaceDriver, rates: BusRates) -> Result<Self> {
@@ -145,7 +151,7 @@ impl Endpoint {
                 (server.info().protocol().name(), server.info().address().to_string())
             }
             Self::Terminal { bridge, link } => {
-                let path = link.as_ref().map_or(bridge.path(), |link| &link.0);
+                let path = link.as_ref().map_or(bridge.path(), |link| &link.path);
                 ("slcan", path.display().to_string())
             }
             Self::Interface(bridge) => ("socketcan", bridge.interface().to_owned()),
@@ -190,6 +196,8 @@ impl Endpoint {
                 "frames to the bus rejected: wrong bit rate, or CAN FD is disabled",
             ),
             (counted.failed, "frames to the bus not sent, or with unknown result"),
+            (counted.rejected_clients, "connections rejected: too many clients; set --max-clients"),
+            (counted.silent_clients, "connections closed: their clients did not open the bus"),
             (counted.discarded, "frames to the bus rejected: channel not available or listen-only"),
             (
                 counted.unsupported,

@@ -9,9 +9,10 @@ use crate::commands::bridge::lane_id::LaneId;
 use crate::commands::bridge::round_robin::RoundRobin;
 use crate::commands::bridge::transmit_gate::TransmitGate;
 use crate::context::{Result, note};
-use crate::frames::Service;
+use crate::frames::{Losses, Service};
 
-/// A bus without progress for this time, despite pending frames, has no acknowledging node.
+/// A bus without progress for this time of reported status, despite pending frames, has no
+/// acknowledging node.
 const STALL_NS: u64 = 1_000_000_000;
 
 /// A frame of a client of one endpoint.
@@ -25,14 +26,19 @@ pub struct PendingFrame {
 pub struct Lane {
     pub id: LaneId,
     endpoints: Vec<Endpoint>,
+    /// Rejected and closed connections of each endpoint.
+    lost_connections: Vec<(Losses, Losses)>,
     is_listening: bool,
     /// Frame that waits for space.
     waiting: Option<PendingFrame>,
     turns: RoundRobin,
     gate: TransmitGate,
     events: ChannelEvents,
-    /// Time of the last accepted frame, or without pending frames.
+    /// Status time of the gateway when it last accepted a frame, or had no pending frames.
     moved_ns: u64,
+    status_ns: u64,
+    /// Status time in which the channel had no pending frames.
+    idle_ns: u64,
     is_stalled: bool,
 }
 
@@ -45,7 +51,10 @@ impl Lane {
             turns: RoundRobin::default(),
             gate: TransmitGate::closed(id, &endpoints),
             events: ChannelEvents::default(),
+            lost_connections: endpoints.iter().map(|_| Default::default()).collect(),
             moved_ns: 0,
+            status_ns: 0,
+            idle_ns: 0,
             is_stalled: false,
             endpoints,
         }
@@ -60,9 +69,8 @@ impl Lane {
     }
 
     /// Accepts frames of clients from now on.
-    pub fn start(&mut self, now_ns: u64) {
-        self.moved_ns = now_ns;
-        self.gate.set_open(!self.is_listening, 0, &self.endpoints);
+    pub fn start(&mut self) {
+        self.gate.set_open(!self.is_listening, (0, 0), &self.endpoints);
     }
 
     /// Follows the state of the channel: events, and whether frames can be sent.
@@ -75,20 +83,64 @@ impl Lane {
                 self.report(event, time_ns);
             }
         }
-        if self.waiting.is_none() && status.tx_pending() == 0 {
-            self.moved_ns = now_ns;
+        self.report_connections(now_ns);
+        let before_ns = std::mem::replace(&mut self.status_ns, service.status_ns(self.id.gateway));
+        if status.tx_pending() == 0 {
+            self.idle_ns += self.status_ns - before_ns;
+            if self.waiting.is_none() {
+                self.moved_ns = self.status_ns;
+            }
         }
         let was_stalled = self.is_stalled;
-        self.is_stalled = now_ns.saturating_sub(self.moved_ns) >= STALL_NS;
+        self.is_stalled = self.status_ns - self.moved_ns >= STALL_NS;
         if self.is_stalled && !was_stalled {
             self.report(BusEvent::NotAcknowledged, time_ns);
         }
         let can_send = is_ready && !status.bus_off() && !self.is_stalled && !self.is_listening;
         let dropped = self.waiting.take_if(|_| !can_send);
         if let Some(dropped) = &dropped {
-            self.fail(dropped);
+            self.fail(dropped, time_ns);
         }
-        self.gate.set_open(can_send, dropped.iter().count(), &self.endpoints);
+        self.gate.set_open(can_send, (dropped.iter().count(), time_ns), &self.endpoints);
+    }
+
+    /// Reports connections without a place.
+    fn report_connections(&mut self, now_ns: u64) {
+        for (endpoint, (rejected, silent)) in self.endpoints.iter().zip(&mut self.lost_connections)
+        {
+            let clients = endpoint.clients();
+            let (counted, places) = (clients.statistics(), clients.max_clients());
+            let report = |text: String| {
+                let Address { protocol, address, .. } = endpoint.address(self.id);
+                note(format_args!("# {protocol} bridge at {address}: {text}"));
+            };
+            if let Some(count) = rejected.next(counted.rejected_clients, now_ns) {
+                report(format!(
+                    "{count} connections rejected: {places} clients are connected; set --max-clients"
+                ));
+            }
+            if let Some(count) = silent.next(counted.silent_clients, now_ns) {
+                report(format!("{count} connections closed: their clients did not open the bus"));
+            }
+        }
+    }
+
+    /// Status time of the gateway in which the channel had no pending frames: the time in which the
+    /// results of its frames arrive at the latest.
+    pub fn idle_ns(&self) -> u64 {
+        self.idle_ns
+    }
+
+    /// Rejects frames of clients from now on, and drops the waiting ones.
+    pub fn close(&mut self, time_ns: u64) {
+        let waiting = self.waiting.take();
+        waiting.iter().for_each(|held| self.fail(held, time_ns));
+        let queued: usize =
+            self.endpoints.iter().map(|it| it.clients().set_accepting(false, time_ns)).sum();
+        let dropped = queued + waiting.iter().count();
+        if dropped > 0 {
+            note(format_args!("# {}: {dropped} client frames not sent before the end", self.id));
+        }
     }
 
     /// Returns the next frame for the bus: first the one that waits for space.
@@ -113,8 +165,8 @@ impl Lane {
 
     /// The gateway has reported a frame as sent: its sender receives the result, the others the
     /// frame.
-    pub fn confirm(&mut self, held: &PendingFrame, time_ns: u64, now_ns: u64) {
-        self.moved_ns = now_ns;
+    pub fn confirm(&mut self, held: &PendingFrame, time_ns: u64) {
+        self.moved_ns = self.status_ns;
         for (number, endpoint) in self.endpoints.iter().enumerate() {
             match number == held.endpoint {
                 true => endpoint.clients().confirm(&held.sent, time_ns),
@@ -124,9 +176,9 @@ impl Lane {
     }
 
     /// A frame was not sent, or its result is unknown.
-    pub fn fail(&self, held: &PendingFrame) {
+    pub fn fail(&self, held: &PendingFrame, time_ns: u64) {
         if let Some(endpoint) = self.endpoints.get(held.endpoint) {
-            endpoint.clients().fail(&held.sent);
+            endpoint.clients().fail(&held.sent, time_ns);
         }
     }
 

@@ -108,7 +108,7 @@ pub fn run(arguments: &BridgeArguments, context: &Context) -> Result {
     let Some(service) = prepared.enter()? else { return Ok(()) };
     // Open before the addresses are printed: early clients are not rejected.
     for lane in &mut lanes {
-        lane.start(service.now_ns());
+        lane.start();
     }
     announce(&lanes, &context.output)?;
     let _beacons = start_beacons(arguments, &lanes)?;

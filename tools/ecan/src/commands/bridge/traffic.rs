@@ -30,6 +30,11 @@ impl Traffic {
         while outcome.is_ok() && !self.service.is_interrupted() {
             outcome = self.cycle();
         }
+        let now_ns = self.service.now_ns();
+        let time_ns = self.service.absolute_ns(now_ns);
+        self.lanes.iter_mut().for_each(|lane| lane.close(time_ns));
+        let unknown = self.in_flight.forget(|_| None);
+        self.report_unknown(unknown, now_ns);
         self.lanes.iter().for_each(Lane::report_losses);
         outcome.and(self.service.finish())
     }
@@ -50,11 +55,11 @@ impl Traffic {
                     let Some((lane, held)) = held else { continue };
                     let Some(lane) = self.lanes.get_mut(lane) else { continue };
                     if outcome.is_success() {
-                        lane.confirm(&held, time_ns, cycle.now_ns);
+                        lane.confirm(&held, time_ns);
                     } else {
                         note(format_args!("# {}: client frame lost: {outcome}", lane.id));
                         lane.report(of_failure(*outcome), time_ns);
-                        lane.fail(&held);
+                        lane.fail(&held, time_ns);
                     }
                 }
             }
@@ -72,17 +77,23 @@ impl Traffic {
     /// results of frames before the loss of a session never arrive.
     fn forget(&mut self, now_ns: u64) {
         let Self { service, lanes, in_flight, .. } = self;
-        let is_ready = |(lane, _): &(usize, PendingFrame)| {
-            lanes.get(*lane).is_some_and(|lane| service.is_ready(lane.id.gateway))
+        let lane_ns = |(lane, _): &(usize, PendingFrame)| {
+            let lane = lanes.get(*lane)?;
+            service.is_ready(lane.id.gateway).then(|| lane.idle_ns())
         };
-        let unknown = in_flight.forget(now_ns, is_ready);
+        let unknown = in_flight.forget(lane_ns);
+        self.report_unknown(unknown, now_ns);
+    }
+
+    fn report_unknown(&self, unknown: Vec<(usize, PendingFrame)>, now_ns: u64) {
         if !unknown.is_empty() {
             note(format_args!("# {} client frames: transmit result unknown", unknown.len()));
         }
+        let time_ns = self.service.absolute_ns(now_ns);
         for (lane, held) in unknown {
-            if let Some(lane) = lanes.get(lane) {
-                lane.report(BusEvent::TransmitFailed, service.absolute_ns(now_ns));
-                lane.fail(&held);
+            if let Some(lane) = self.lanes.get(lane) {
+                lane.report(BusEvent::TransmitFailed, time_ns);
+                lane.fail(&held, time_ns);
             }
         }
     }
@@ -90,7 +101,7 @@ impl Traffic {
     /// Sends frames of the lanes in turn, until no lane has a frame that fits.
     fn send(&mut self, now_ns: u64) {
         self.first = (self.first + 1) % self.lanes.len().max(1);
-        let mut has_progress = true;
+        let (mut has_progress, mut without_result) = (true, Vec::new());
         while has_progress {
             has_progress = false;
             let (before, from) = self.lanes.split_at_mut(self.first);
@@ -99,18 +110,21 @@ impl Traffic {
                 let Some(held) = lane.take() else { continue };
                 match self.service.send(lane.id.gateway, lane.id.channel, &held.sent.frame) {
                     Ok(Some(ticket)) => {
-                        self.in_flight.insert(ticket, (number, held), now_ns);
+                        let repeated =
+                            self.in_flight.insert(ticket, (number, held), lane.idle_ns());
+                        without_result.extend(repeated);
                         has_progress = true;
                     }
                     Ok(None) => lane.keep(held),
                     // An invalid frame of one client must not stop the others.
                     Err(error) => {
                         note(format_args!("# {}: client frame rejected: {error}", lane.id));
-                        lane.fail(&held);
+                        lane.fail(&held, self.service.absolute_ns(now_ns));
                         has_progress = true;
                     }
                 }
             }
         }
+        self.report_unknown(without_result, now_ns);
     }
 }

@@ -15,14 +15,19 @@ pub struct TransmitGate {
 impl TransmitGate {
     pub fn closed(lane: LaneId, endpoints: &[Endpoint]) -> Self {
         for endpoint in endpoints {
-            endpoint.clients().set_accepting(false);
+            endpoint.clients().set_accepting(false, 0);
         }
         Self { lane, is_open: false, rejected_before: rejected(endpoints) }
     }
 
-    /// Opens or closes the gate and reports lost frames. `held` pending frames are dropped with
-    /// those in the queues.
-    pub fn set_open(&mut self, is_open: bool, held: usize, endpoints: &[Endpoint]) {
+    /// Opens or closes the gate and reports lost frames, also to their clients. `held` pending frames
+    /// are dropped with those in the queues.
+    pub fn set_open(
+        &mut self,
+        is_open: bool,
+        (held, time_ns): (usize, u64),
+        endpoints: &[Endpoint],
+    ) {
         if is_open == self.is_open {
             return;
         }
@@ -30,7 +35,8 @@ impl TransmitGate {
         let lane = self.lane;
         // Before the first endpoint is closed: from then on its frames are rejected.
         let rejected_before = rejected(endpoints);
-        let waiting: usize = endpoints.iter().map(|it| it.clients().set_accepting(is_open)).sum();
+        let waiting: usize =
+            endpoints.iter().map(|it| it.clients().set_accepting(is_open, time_ns)).sum();
         let dropped = held + waiting;
         if !is_open {
             self.rejected_before = rejected_before + waiting as u64;
