@@ -3,6 +3,10 @@
 //! The working counter counts in SAFEOP as in OP, but in SAFEOP a gateway discards its RxPDO images,
 //! and the slave state of the master lags by up to seconds. A read of the register AL status is a
 //! datagram of the slave, not a mailbox transfer: it takes a few cycles.
+//!
+//! A library may never end a read that it was executing when the slave went away. The Adapter abandons
+//! such a read, and the next one starts. While none succeeds, the state of the slave counts that the
+//! master reports, and images stay unproven for a limited number of cycles.
 
 use ecan_host::{Adapter, Error, RegRequestId, RequestState};
 use ecan_protocol::device::AlState;
@@ -14,6 +18,20 @@ const AL_STATUS_BYTES: usize = 2;
 const INTERVAL_NS: u64 = 10_000_000;
 /// Shortest time between two queries of a read, in nanoseconds.
 const QUERY_NS: u64 = 1_000_000;
+/// Reads in a row without a result after which the last result no longer counts.
+const MAX_FAILED_READS: u32 = 3;
+/// Cycles after which images are given up whose delivery no read proves. A scan of the bus, during
+/// which the master executes no reads, takes up to 7000 cycles per gateway.
+const UNPROVEN_CYCLES: u64 = 10_000;
+
+/// Result of a step about the images up to this number.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Proof {
+    /// The gateway was in OP when it took the images.
+    Proven(u64),
+    /// No read shows the state in which the gateway took the images.
+    Unproven(u64),
+}
 
 #[derive(Debug)]
 pub(crate) struct AlWatch {
@@ -23,6 +41,14 @@ pub(crate) struct AlWatch {
     next_ns: u64,
     is_below_op: bool,
     is_unnoticed: bool,
+    /// Reads in a row that failed or were abandoned.
+    failed_reads: u32,
+    /// Mark of a read that was abandoned. The library may still execute it, and its result may end the next
+    /// read.
+    abandoned: Option<u64>,
+    cycles: u64,
+    /// Mark and cycle from which no read has found OP.
+    unproven: Option<(u64, u64)>,
 }
 
 /// A read in progress.
@@ -45,6 +71,10 @@ impl AlWatch {
             next_ns: 0,
             is_below_op: false,
             is_unnoticed: false,
+            failed_reads: 0,
+            abandoned: None,
+            cycles: 0,
+            unproven: None,
         })
     }
 
@@ -60,21 +90,31 @@ impl AlWatch {
     }
 
     /// One step, once a cycle. Begins a read only while the gateway answers, since the master logs
-    /// each one that fails. Returns the `mark` with which a read began that found OP: the gateway was
-    /// in OP after that call.
-    pub(crate) fn step(&mut self, adapter: &mut Adapter, answers: bool, mark: u64) -> Option<u64> {
+    /// each one that fails. `mark`: the last image that a gateway which is in OP from now on has parsed.
+    pub(crate) fn step(
+        &mut self,
+        adapter: &mut Adapter,
+        answers: bool,
+        mark: u64,
+    ) -> Option<Proof> {
+        self.cycles += 1;
+        let (unproven_mark, since) = *self.unproven.get_or_insert((mark, self.cycles));
+        if self.cycles - since >= UNPROVEN_CYCLES {
+            self.unproven = None;
+            return Some(Proof::Unproven(unproven_mark));
+        }
         let now_ns = adapter.cycle_time_ns();
         if now_ns < self.next_ns {
             return None;
         }
-        if self.running.is_none() && !answers {
-            return None;
-        }
-        self.next_ns = now_ns.saturating_add(QUERY_NS);
         let Some(read) = self.running else {
-            self.begin(adapter, mark, now_ns);
+            if answers {
+                self.next_ns = now_ns.saturating_add(QUERY_NS);
+                self.begin(adapter, mark, now_ns);
+            }
             return None;
         };
+        self.next_ns = now_ns.saturating_add(QUERY_NS);
         let state = adapter.register_request_state(self.request);
         if state == Ok(RequestState::Busy) {
             return None;
@@ -82,17 +122,43 @@ impl AlWatch {
         self.running = None;
         self.next_ns = self.next_ns.max(read.begun_ns.saturating_add(INTERVAL_NS));
         let data = adapter.register_request_data(self.request);
-        let (Ok(RequestState::Success), [low, ..]) = (state, data) else { return None };
+        let (Ok(RequestState::Success), [low, ..]) = (state, data) else {
+            self.note_failure(read.mark);
+            return None;
+        };
         let is_op = AlState::from_status(u16::from(*low)) == Some(AlState::Op);
+        (self.failed_reads, self.abandoned) = (0, None);
         self.is_below_op = !is_op;
         self.is_unnoticed = !is_op && read.is_op_for_master;
-        is_op.then_some(read.mark)
+        if !is_op {
+            return None;
+        }
+        self.unproven = None;
+        Some(Proof::Proven(read.mark))
     }
 
+    fn note_failure(&mut self, mark: u64) {
+        self.abandoned = Some(mark);
+        self.failed_reads += 1;
+        if self.failed_reads >= MAX_FAILED_READS {
+            (self.is_below_op, self.is_unnoticed) = (false, false);
+        }
+    }
+
+    /// Begins a read, unless the master has no slave for the configuration: it scans the bus.
     fn begin(&mut self, adapter: &mut Adapter, mark: u64, now_ns: u64) {
-        let state = adapter.slave_state(self.slave);
-        let is_op_for_master = state.is_ok_and(|state| state.al_state == AlState::Op.raw());
-        let begun = adapter.register_request_read(self.request, AL_STATUS, AL_STATUS_BYTES);
-        self.running = begun.ok().map(|()| Read { mark, begun_ns: now_ns, is_op_for_master });
+        let state = adapter.slave_state(self.slave).ok();
+        if state.is_some_and(|state| !state.online) {
+            return;
+        }
+        let is_op_for_master = state.is_some_and(|state| state.al_state == AlState::Op.raw());
+        let mark = self.abandoned.unwrap_or(mark);
+        match adapter.register_request_read(self.request, AL_STATUS, AL_STATUS_BYTES) {
+            Ok(()) => self.running = Some(Read { mark, begun_ns: now_ns, is_op_for_master }),
+            Err(_) => {
+                self.next_ns = now_ns.saturating_add(INTERVAL_NS);
+                self.note_failure(mark);
+            }
+        }
     }
 }

@@ -6,7 +6,7 @@ use ecan_protocol::device::{AlState, Capabilities};
 use ecan_protocol::image::{ChannelStatus, ImageReader, ImageWriter, OptionFlags};
 use ecan_protocol::mapping::{CHANNELS, Direction};
 
-use crate::al_watch::AlWatch;
+use crate::al_watch::{AlWatch, Proof};
 use crate::port_config::GatewayConfig;
 use crate::receive::receiver::Receiver;
 use crate::schedule::config::ScheduleConfig;
@@ -212,8 +212,12 @@ impl Gateway {
     fn step_al_watch(&mut self, adapter: &mut Adapter, report: &DomainReport) {
         let answers = report.outputs == Delivery::Confirmed;
         let mark = self.transmitter.mark();
-        if let Some(mark) = self.al_watch.step(adapter, answers, mark) {
-            self.transmitter.prove(mark, &mut self.statistics);
+        match self.al_watch.step(adapter, answers, mark) {
+            Some(Proof::Proven(mark)) => self.transmitter.prove(mark, &mut self.statistics),
+            Some(Proof::Unproven(mark)) => {
+                self.transmitter.give_up_proof(mark, &mut self.statistics);
+            }
+            None => {}
         }
     }
 

@@ -12,7 +12,8 @@ use ecan_mcan_port::{
 use ecan_protocol::image::OptionFlags;
 use ecan_sim::variant::{Choice, toml, variants};
 use ecan_sim::{
-    EcrtVersion, Fault, GatewayCounters, GatewayFault, LibraryCall, LossDirection, Scenario,
+    EcrtVersion, Fault, GatewayCounters, GatewayFault, LibraryCall, LossDirection, MasterBehaviour,
+    Scenario,
 };
 use proptest::prelude::*;
 
@@ -89,6 +90,52 @@ fn sent_without_al_status(has_results: bool) -> Fixture {
 fn pending_and_delivered(fixture: &Fixture) -> (u64, u64) {
     let ChannelStatistics { frames_pending, frames_delivered, .. } = channel(fixture);
     (frames_pending, frames_delivered)
+}
+
+/// Link losses and power cycles in a row at different times of the reads of the AL status, with frames
+/// in flight. Returns the gateway when it is ready again, and its number of accepted frames.
+fn return_from_losses(keeps_lost_requests: bool) -> Fixture {
+    let mut scenario = ecan_sim::echo(1);
+    scenario.master = MasterBehaviour { keeps_lost_requests, ..MasterBehaviour::IGH };
+    let mut fixture = open(scenario, 3, false);
+    for loss in 0..16u32 {
+        assert_eq!(send_until_lost(&mut fixture, 40 + loss as usize), None);
+        fixture.simulation.inject(match loss % 4 {
+            3 => Fault::PowerCycle { gateway: 0, off_ms: 20 * loss },
+            _ => Fault::LinkLoss { gateway: 0, for_ms: 30 + 7 * loss },
+        });
+        send_until_lost(&mut fixture, 500).expect("lost");
+        assert!(fixture.until(60_000, Port::is_ready).is_some(), "loss {loss}");
+        check_transmit(&channel(&fixture), counters(&fixture).frames_parsed);
+    }
+    fixture
+}
+
+#[test]
+fn frames_over_link_losses_are_accounted_for() {
+    let mut fixture = return_from_losses(false);
+    let before = channel(&fixture);
+    assert_eq!(send_until_lost(&mut fixture, 100), None);
+    fixture.idle(30);
+    let after = channel(&fixture);
+    assert_eq!(after.frames_pending, 0, "{after:?}");
+    assert_eq!(after.frames_delivered, before.frames_delivered + before.frames_pending + 100);
+    check_transmit(&after, counters(&fixture).frames_parsed);
+}
+
+#[test]
+fn frames_without_readable_al_status_become_unknown() {
+    let mut fixture = return_from_losses(true);
+    let before = channel(&fixture);
+    assert_eq!(send_until_lost(&mut fixture, 100), None);
+    assert_eq!(channel(&fixture).frames_pending, before.frames_pending + 100);
+    // Twice the limit: an image is given up with those that follow within the limit.
+    fixture.idle(2 * 10_000);
+    let after = channel(&fixture);
+    assert_eq!(after.frames_pending, 0, "{after:?}");
+    assert_eq!(after.frames_unknown, before.frames_unknown + before.frames_pending + 100);
+    check_transmit(&after, counters(&fixture).frames_parsed);
+    assert!(fixture.port.is_ready());
 }
 
 #[test]

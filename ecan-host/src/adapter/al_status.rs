@@ -17,11 +17,10 @@ enum Registers {
 }
 
 impl Registers {
-    /// Address and size in bytes.
-    fn range(self) -> (u16, usize) {
+    fn address(self) -> u16 {
         match self {
-            Self::AlStatusCode => (AL_STATUS_CODE_REGISTER, 2),
-            Self::SyncManagers => (SYNC_MANAGER_REGISTERS, SYNC_MANAGER_BYTES),
+            Self::AlStatusCode => AL_STATUS_CODE_REGISTER,
+            Self::SyncManagers => SYNC_MANAGER_REGISTERS,
         }
     }
 }
@@ -36,7 +35,7 @@ pub(crate) struct AlStatusWatch {
 }
 
 impl AlStatusWatch {
-    /// Bytes that the request must have room for.
+    /// Bytes of every read.
     pub(crate) const BYTES: usize = SYNC_MANAGER_BYTES;
 
     pub(crate) fn new(request: RegRequestId) -> Self {
@@ -68,15 +67,15 @@ impl AlStatusWatch {
 
     /// Takes what a read has brought and starts the next one.
     pub(crate) fn step(&mut self, master: &mut Master) {
-        let Ok(state) = master.reg_request_state(self.request) else { return };
+        let Ok(state) = master.reg_request_result(self.request) else { return };
         if state == RequestState::Busy {
             return;
         }
         let is_read = state == RequestState::Success;
         let next = self.found.take(is_read.then(|| master.reg_request_data(self.request)));
-        let (address, size) = next.range();
-        // A slave that is gone rejects; the next step tries again.
-        let started = master.reg_request_read(self.request, address, size);
+        // A slave that is gone rejects; the next step tries again. Every read has the same size, since an
+        // abandoned one may still be executed with the address of its successor.
+        let started = master.reg_request_read(self.request, next.address(), Self::BYTES);
         self.found.pending = started.is_ok().then_some(next);
     }
 }

@@ -95,6 +95,7 @@ impl Adapter {
         }
         self.begin_observed_cycle();
         self.start_cycle();
+        self.master.count_cycle();
         let mut result = Ok(());
         if !self.is_attached() {
             let received = self.master.receive();

@@ -41,7 +41,7 @@ impl Adapter {
         let request = self.slaves.get(slave).map(|slave| slave.al_control);
         let request = request.ok_or(CycleError::of_slave(call, slave)(Errno::EINVAL))?;
         // Ends the request of an earlier call.
-        let _ = self.master.reg_request_state(request);
+        let _ = self.master.reg_request_result(request);
         self.master
             .reg_request_write(request, AL_CONTROL, &value.to_le_bytes())
             .map_err(CycleError::of_slave(call, slave))
@@ -176,12 +176,14 @@ impl Adapter {
             .map_err(CycleError::library("ecrt_reg_request_read"))
     }
 
-    /// State of a register request. Real-time safe.
+    /// State of a register request; [`RequestState::Error`] also for one that was abandoned, because
+    /// its slave went away or because it was busy for 1000 cycles: IgH does not end a request that it
+    /// was executing when the slave went away. It can be started again. Real-time safe.
     ///
     /// # Errors
     /// The library's error.
     pub fn register_request_state(&mut self, id: RegRequestId) -> Result<RequestState, CycleError> {
-        self.master.reg_request_state(id).map_err(CycleError::library("ecrt_reg_request_state"))
+        self.master.reg_request_result(id).map_err(CycleError::library("ecrt_reg_request_state"))
     }
 
     /// Registers that a request has read, once its state is [`RequestState::Success`]. Real-time

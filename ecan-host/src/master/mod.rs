@@ -147,6 +147,8 @@ pub struct Master {
     ownership: Ownership,
     active: bool,
     generation: u64,
+    /// Cycles of the application; see [`register`].
+    cycles: u64,
     domains: Vec<Domain>,
     images: Vec<Image>,
     slave_configs: Vec<NonNull<ec_slave_config_t>>,
@@ -167,6 +169,7 @@ impl Master {
             ownership,
             active: false,
             generation: next_generation(),
+            cycles: 0,
             domains: Vec::new(),
             images: Vec::new(),
             slave_configs: Vec::new(),

@@ -6,11 +6,23 @@ use ecrt_sys::{Errno, ec_reg_request_t, status};
 
 use super::{Master, RegRequestId, RequestState, SlaveConfigId};
 
-/// A request, its capacity, and whether it may be running.
+/// Cycles after which a request that the library reports as busy is abandoned. A slave in OP answers
+/// within a few; while the master configures the slave, the request waits, and is only started again.
+const BUSY_CYCLES: u64 = 1_000;
+
+/// A register request of a slave configuration.
+///
+/// IgH (1.5.2 to 1.6.2) reports a request as busy for ever if its configuration loses the slave while
+/// the request is executed: the state machine of the slave forgets the request, and nothing else ends
+/// it. Starting such a request again queues it for the slave that is attached next.
 pub(super) struct RegRequest {
     raw: NonNull<ec_reg_request_t>,
+    config: SlaveConfigId,
     size: usize,
+    /// The request was started, and neither ended nor was abandoned.
     busy: bool,
+    /// Cycle of the last start.
+    started: u64,
 }
 
 impl Master {
@@ -20,11 +32,11 @@ impl Master {
         config: SlaveConfigId,
         size: usize,
     ) -> Result<RegRequestId, Errno> {
-        let config = self.slave_config_raw(config)?;
+        let raw_config = self.slave_config_raw(config)?;
         let functions = self.ecrt.functions();
         Errno::clear_last();
         // SAFETY: the configuration belongs to this master and is current, so it is valid.
-        let raw = unsafe { (functions.slave_config_create_reg_request)(config, size) };
+        let raw = unsafe { (functions.slave_config_create_reg_request)(raw_config, size) };
         let raw = NonNull::new(raw).ok_or_else(Errno::of_null)?;
         // SAFETY: the request was just made.
         let data = unsafe { (functions.reg_request_data)(raw.as_ptr()) };
@@ -34,7 +46,7 @@ impl Master {
             unsafe { std::ptr::write_bytes(data, 0, size) };
         }
         let id = RegRequestId { generation: self.generation, index: self.reg_requests.len() };
-        self.reg_requests.push(RegRequest { raw, size, busy: false });
+        self.reg_requests.push(RegRequest { raw, config, size, busy: false, started: 0 });
         Ok(id)
     }
 
@@ -61,8 +73,7 @@ impl Master {
         Errno::check(unsafe {
             status!(self.ecrt.functions().reg_request_read, raw, address, size)
         })?;
-        self.reg_request_mut(id)?.busy = true;
-        Ok(())
+        self.note_reg_request_start(id)
     }
 
     /// Starts writing `data` to the registers from `address` on. Real-time safe.
@@ -95,8 +106,7 @@ impl Master {
             std::ptr::copy(data.as_ptr(), memory, data.len());
             Errno::check(status!(functions.reg_request_write, raw, address, data.len()))?;
         }
-        self.reg_request_mut(id)?.busy = true;
-        Ok(())
+        self.note_reg_request_start(id)
     }
 
     /// State of the request; fetches the data of a finished read. Real-time safe.
@@ -106,8 +116,49 @@ impl Master {
         // no slice of the data that the call may overwrite is alive.
         let state =
             RequestState::from_raw(unsafe { (self.ecrt.functions().reg_request_state)(raw) });
-        self.reg_request_mut(id)?.busy = state == RequestState::Busy;
+        if state != RequestState::Busy {
+            self.reg_request_mut(id)?.busy = false;
+        }
         Ok(state)
+    }
+
+    fn note_reg_request_start(&mut self, id: RegRequestId) -> Result<(), Errno> {
+        let cycle = self.cycles;
+        let request = self.reg_request_mut(id)?;
+        (request.busy, request.started) = (true, cycle);
+        Ok(())
+    }
+
+    /// Lets a request be started again that the library reports as busy, because its configuration lost
+    /// the slave. Real-time safe.
+    ///
+    /// # Errors
+    /// `EBADF` for a stale id.
+    pub fn abandon_reg_request(&mut self, id: RegRequestId) -> Result<(), Errno> {
+        self.reg_request_mut(id)?.busy = false;
+        Ok(())
+    }
+
+    /// State of the request, which is abandoned if the library cannot end it: its slave is not attached,
+    /// or it has been busy for [`BUSY_CYCLES`]. An abandoned request counts as failed and can be started
+    /// again. Real-time safe.
+    pub(crate) fn reg_request_result(&mut self, id: RegRequestId) -> Result<RequestState, Errno> {
+        let state = self.reg_request_state(id)?;
+        let request = self.reg_request(id)?;
+        if state != RequestState::Busy {
+            return Ok(state);
+        }
+        let is_overdue = self.cycles.saturating_sub(request.started) >= BUSY_CYCLES;
+        if request.busy && !is_overdue && self.config_state(request.config)?.online {
+            return Ok(state);
+        }
+        self.abandon_reg_request(id)?;
+        Ok(RequestState::Error)
+    }
+
+    /// Counts a cycle of the application, in which the library can execute requests.
+    pub(crate) fn count_cycle(&mut self) {
+        self.cycles = self.cycles.wrapping_add(1);
     }
 
     /// All bytes that the request has room for; after a successful read the first of them are

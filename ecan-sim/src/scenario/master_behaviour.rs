@@ -24,6 +24,9 @@ pub struct MasterBehaviour {
     pub fetches_dictionary: bool,
     /// The bus is scanned again when the master is released.
     pub scans_after_release: bool,
+    /// A register request whose configuration has lost its slave stays busy, also when it is started
+    /// again. False: as in IgH, the start queues it again.
+    pub keeps_lost_requests: bool,
 }
 
 impl MasterBehaviour {
@@ -35,6 +38,7 @@ impl MasterBehaviour {
         scans_in_steps: false,
         fetches_dictionary: false,
         scans_after_release: false,
+        keeps_lost_requests: false,
     };
 
     /// As IgH 1.6.2. It scans after a release only if a datagram gets lost at the change of its
@@ -46,6 +50,7 @@ impl MasterBehaviour {
         scans_in_steps: true,
         fetches_dictionary: true,
         scans_after_release: false,
+        keeps_lost_requests: false,
     };
 }
 
@@ -75,6 +80,7 @@ struct RawBehaviour {
     scans_in_steps: Option<bool>,
     fetches_dictionary: Option<bool>,
     scans_after_release: Option<bool>,
+    keeps_lost_requests: Option<bool>,
 }
 
 impl From<RawBehaviour> for MasterBehaviour {
@@ -91,6 +97,7 @@ impl From<RawBehaviour> for MasterBehaviour {
             scans_in_steps: choose(raw.scans_in_steps, base.scans_in_steps),
             fetches_dictionary: choose(raw.fetches_dictionary, base.fetches_dictionary),
             scans_after_release: choose(raw.scans_after_release, base.scans_after_release),
+            keeps_lost_requests: choose(raw.keeps_lost_requests, base.keeps_lost_requests),
         }
     }
 }

@@ -1,12 +1,16 @@
 //! Requests in parallel with the cycle while no slave can serve them.
 
-use crate::ecrt_support::{CYCLE_NS, Program, stepped_echo};
+use crate::ecrt_support::{CYCLE_NS, Program, stepped};
 use ecan_host::{RegRequestId, RequestState, SdoRequestId};
-use ecan_sim::Fault;
+use ecan_sim::{Fault, Scenario};
 
 /// In OP, with a request for the vendor id and one for the AL status.
 fn with_requests() -> (Program, SdoRequestId, RegRequestId) {
-    let mut program = Program::new(stepped_echo(1), &[1]);
+    with_requests_in(ecan_sim::echo(1))
+}
+
+fn with_requests_in(scenario: Scenario) -> (Program, SdoRequestId, RegRequestId) {
+    let mut program = Program::new(stepped(scenario), &[1]);
     let config = program.slaves[0].config;
     let sdo = program.master.create_sdo_request(config, 0x1018, 1, 4).unwrap();
     let register = program.master.create_reg_request(config, 2).unwrap();
@@ -54,11 +58,14 @@ fn request_in_progress_fails_at_a_rescan() {
     }
 }
 
-#[test]
-fn register_request_in_progress_fails_at_a_rescan() {
-    // a register is read within a cycle, so the result depends on the phase of the cycle
+/// Brings a register request into a rescan, at each phase of the cycle, because a register is read
+/// within a cycle. Returns the requests that the library reports as busy after the slave has returned.
+fn busy_after_a_rescan(keeps_lost_requests: bool) -> Vec<(Program, RegRequestId)> {
+    let mut busy = Vec::new();
     for quarter in 0..4 {
-        let (mut program, _, request) = with_requests();
+        let mut scenario = ecan_sim::echo(1);
+        scenario.master.keeps_lost_requests = keeps_lost_requests;
+        let (mut program, _, request) = with_requests_in(scenario);
         program.cycles(5);
         program.simulation().pass_ns(quarter * CYCLE_NS / 4);
         program.next += quarter * CYCLE_NS / 4;
@@ -68,11 +75,49 @@ fn register_request_in_progress_fails_at_a_rescan() {
             }
         });
         assert!(program.reaches_op(), "{:#?}", program.simulation().kernel_log());
-        program.cycles(5);
-        assert_ne!(register_state(&mut program, request), RequestState::Busy, "{quarter}");
+        program.cycles(1_000);
+        if register_state(&mut program, request) == RequestState::Busy {
+            busy.push((program, request));
+        }
+    }
+    assert!(!busy.is_empty(), "no request was in progress at the rescan");
+    busy
+}
+
+#[test]
+fn register_request_lost_at_a_rescan_stays_busy() {
+    for (mut program, request) in busy_after_a_rescan(false) {
+        program.master.abandon_reg_request(request).unwrap();
         program.master.reg_request_read(request, 0x0130, 2).unwrap();
         program.cycles(3);
-        assert_eq!(register_state(&mut program, request), RequestState::Success, "{quarter}");
+        assert_eq!(register_state(&mut program, request), RequestState::Success);
+    }
+}
+
+#[test]
+fn kept_register_request_stays_busy_when_started_again() {
+    for (mut program, request) in busy_after_a_rescan(true) {
+        program.master.abandon_reg_request(request).unwrap();
+        program.master.reg_request_read(request, 0x0130, 2).unwrap();
+        program.cycles(1_000);
+        assert_eq!(register_state(&mut program, request), RequestState::Busy);
+    }
+}
+
+#[test]
+fn register_request_started_without_a_slave_ends_on_its_return() {
+    for keeps_lost_requests in [false, true] {
+        let mut scenario = ecan_sim::echo(1);
+        scenario.master.keeps_lost_requests = keeps_lost_requests;
+        let (mut program, _, request) = with_requests_in(scenario);
+        into_scan(&mut program, |_| {});
+        program.master.reg_request_read(request, 0x0130, 2).unwrap();
+        program.cycles(50);
+        assert_eq!(register_state(&mut program, request), RequestState::Busy);
+        assert!(program.reaches_op(), "{:#?}", program.simulation().kernel_log());
+        program.cycles(5);
+        let is_busy = register_state(&mut program, request) == RequestState::Busy;
+        assert_eq!(is_busy, keeps_lost_requests);
     }
 }
 

@@ -28,7 +28,8 @@ impl MasterModel {
         self.configs.get_mut(id.config)?.reg_requests.get_mut(id.request)
     }
 
-    /// Queues an access. A write copies the caller's data.
+    /// Queues an access. A write copies the caller's data. As in IgH, a request that is busy is queued
+    /// again.
     pub(crate) fn start_reg_request(
         &mut self,
         id: RequestId,
@@ -37,6 +38,8 @@ impl MasterModel {
         size: usize,
         now: u64,
     ) -> Result<(), c_int> {
+        let keeps_lost_requests = self.behaviour.keeps_lost_requests;
+        let is_detached = self.configs.get(id.config).is_some_and(|config| config.slave.is_none());
         let entry = self.reg_request(id).ok_or(libc::ENOENT)?;
         if size == 0 || size > entry.memory.len() {
             return Err(libc::ENOBUFS);
@@ -45,6 +48,10 @@ impl MasterModel {
         if writes {
             entry.data.resize(size, 0);
             entry.memory.read(0, &mut entry.data);
+        }
+        if keeps_lost_requests && (is_detached || entry.progress == RequestProgress::Busy) {
+            entry.progress = RequestProgress::Busy;
+            return Ok(());
         }
         entry.progress = RequestProgress::Queued;
         self.wake(id.config, now);

@@ -60,7 +60,9 @@ impl MasterModel {
     }
 
     /// Fails the running transfers of all slaves and waiting blocking transfers: the slave list
-    /// will be cleared. Waiting requests belong to a configuration and stay.
+    /// will be cleared. Waiting requests belong to a configuration and stay. A register request that
+    /// is being executed stays busy: as in IgH, the state machine of the slave is the only one that
+    /// ends it, and a configuration that loses its slave takes the request from that state machine.
     pub(crate) fn fail_transfers(&mut self) {
         for sdo in &mut self.blocking {
             sdo.result.get_or_insert(Err(SdoFailure::UNANSWERED));
@@ -73,12 +75,13 @@ impl MasterModel {
                         entry.progress = RequestProgress::Failure;
                     }
                 }
-                Some(TransferOwner::Register(id)) => {
-                    if let Some(entry) = self.reg_request(id) {
-                        entry.progress = RequestProgress::Failure;
-                    }
-                }
-                Some(TransferOwner::Blocking(_)) | None => {}
+                Some(TransferOwner::Register(_) | TransferOwner::Blocking(_)) | None => {}
+            }
+        }
+        if self.behaviour.keeps_lost_requests {
+            let requests = self.configs.iter_mut().flat_map(|config| &mut config.reg_requests);
+            for entry in requests.filter(|entry| entry.progress == RequestProgress::Queued) {
+                entry.progress = RequestProgress::Busy;
             }
         }
     }
