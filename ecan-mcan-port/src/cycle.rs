@@ -152,11 +152,13 @@ impl Port {
         if !queues.begin() {
             return;
         }
+        // The deadline of a cycle after a pause of the host is one before the pause.
+        let turn = (self.cycle_number as u8, self.adapter.clock().now_ns());
         for (slave, gateway) in self.gateways.iter_mut().enumerate() {
-            let (image, first) = (self.adapter.rx_pdo_mut(slave), self.cycle_number as u8);
-            queues.send(slave, gateway, image, first, |channel, frames, taken| {
+            let image = self.adapter.rx_pdo_mut(slave);
+            queues.send(slave, gateway, image, turn, |frames| {
                 if let Some(recorder) = &mut self.recorder {
-                    recorder.rejected(stamp, slave, channel, frames, taken);
+                    recorder.rejected(stamp, slave, frames);
                 }
             });
         }

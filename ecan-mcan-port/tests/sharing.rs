@@ -33,6 +33,7 @@ struct Recorded {
     published: Vec<(u8, CanFrame, bool)>,
     results: usize,
     rejected: Vec<(u8, u32)>,
+    expired: Vec<(u8, u32)>,
     lost: u32,
     last_cycle: u64,
 }
@@ -69,9 +70,10 @@ impl Recorded {
                         }
                     }
                 }
-                ImageEvent::Rejected { channel, frames, .. } => {
-                    self.rejected.push((channel, frames));
-                }
+                ImageEvent::Rejected { channel, frames, is_expired, .. } => match is_expired {
+                    true => self.expired.push((channel, frames)),
+                    false => self.rejected.push((channel, frames)),
+                },
             }
         }
     }
@@ -230,6 +232,30 @@ fn queued_frames_wait_while_an_image_is_unconfirmed() {
     let ids: Vec<_> = recorded.published.iter().map(|(_, frame, _)| frame.id().raw()).collect();
     assert_eq!(ids, [1, 2, 3, 4, 5, 6, 7], "each once, in order");
     assert_eq!(recorded.results, 7);
+}
+
+#[test]
+fn expired_queued_frames_are_withdrawn_and_reported() {
+    let (mut fixture, mut stream, mut queues) = shared(gateway(), 16);
+    let mut recorded = Recorded::default();
+    // An unconfirmed image keeps the queued frames waiting.
+    fixture.simulation.inject(Fault::LostFrame { direction: LossDirection::Outward, cycles: 6 });
+    fixture.cycle(|cycle| {
+        let to = cycle.channel(0, 0).unwrap();
+        cycle.send(to, &frame(1, &[])).unwrap();
+    });
+    fixture.idle(1);
+    let now_ns = fixture.port.adapter().clock().now_ns();
+    let lives = [2_000_000, 1_000_000_000, 2_000_000, 2_000_000, 1_000_000_000];
+    for (number, life_ns) in (2..).zip(lives) {
+        queues.push_until(0, 0, &frame(number, &[]), now_ns + life_ns).unwrap();
+    }
+    fixture.idle(20);
+    recorded.drain(&mut stream);
+    let ids: Vec<_> = recorded.published.iter().map(|(_, frame, _)| frame.id().raw()).collect();
+    assert_eq!(ids, [1, 3, 6], "in order, without the expired ones");
+    assert_eq!((recorded.expired, recorded.rejected), (vec![(0, 1), (0, 2)], vec![]));
+    assert_eq!((recorded.results, queues.taken(0, 0)), (3, 5));
 }
 
 #[test]

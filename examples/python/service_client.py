@@ -5,7 +5,7 @@ service_client.py SOCKET [ID#DATA]        for example /run/ecan/master0.sock 123
 """
 import json, socket, struct, sys
 
-KINDS = ["received", "transmitted", "failed", "lost", "published", "rejected"]
+KINDS = ["received", "transmitted", "failed", "lost", "published", "rejected", "unknown"]
 service = socket.socket(socket.AF_UNIX)
 service.connect(sys.argv[1])
 stream = service.makefile("rb")

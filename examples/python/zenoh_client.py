@@ -7,7 +7,7 @@ zenoh_client.py CONFIG PREFIX METHOD [PARAMETERS]    for example state, sdo.uplo
 """
 import signal, struct, sys, threading, zenoh
 
-KINDS = ["received", "transmitted", "failed", "lost", "published", "rejected"]
+KINDS = ["received", "transmitted", "failed", "lost", "published", "rejected", "unknown"]
 RECORD = struct.Struct("<QIBBHBBHI")  # time, CAN ID, length, flags, gateway, channel, kind, code, tag
 accounts = {}  # key and epoch: frames before the first sample, published, received; lost in the service
 

@@ -5,6 +5,7 @@ use std::fmt;
 use ecan_protocol::image::{Header, PdoProfile};
 use ecan_protocol::mapping::{CHANNELS, CHUNK_BYTES, HEADER_BYTES, MAX_MULTIPLIER};
 
+use super::transmit_queue::RejectedFrames;
 use super::word_ring::{RingReader, RingWriter, ring};
 
 /// Words of a record before the image: kind and address, cycle, time, lost records, profile, and the
@@ -74,8 +75,8 @@ pub enum ImageEvent<'a> {
         /// Packets of each channel that came from the [`TransmitQueues`](crate::TransmitQueues).
         queued: QueuedFrames,
     },
-    /// Frames that the cycle took from a queue and did not send, since the gateway is not ready or the
-    /// channel was reconfigured.
+    /// Frames in a row that the cycle took from a queue and did not send, since they expired, the gateway
+    /// is not ready, or the channel was reconfigured.
     Rejected {
         /// Slave index.
         slave: usize,
@@ -83,8 +84,10 @@ pub enum ImageEvent<'a> {
         channel: u8,
         /// Number of frames.
         frames: u32,
-        /// Frames that the cycle took from the queue since the start, these included.
+        /// Frames that the cycle took from the queue since the start, up to the last of these.
         taken: u64,
+        /// They expired in the queue; otherwise gateway or channel did not accept them.
+        is_expired: bool,
     },
 }
 
@@ -119,13 +122,14 @@ impl ImageStream {
         let (head, image) = self.record.get(..words)?.split_first_chunk::<HEAD_WORDS>()?;
         let [address, cycle, time_ns, lost, profile, taken @ ..] = *head;
         let (lost_before, lost_packets) = (lost as u32, (lost >> 32) as u32);
-        let [kind, channel, slave, _, frames @ ..] = address.to_le_bytes();
+        let [kind, channel, slave, is_expired, frames @ ..] = address.to_le_bytes();
         let slave = usize::from(slave);
         self.lost += u64::from(lost_before);
         let event = match kind {
             REJECTED => {
                 let (frames, [taken, ..]) = (u32::from_le_bytes(frames), taken);
-                ImageEvent::Rejected { slave, channel, frames, taken }
+                let is_expired = is_expired != 0;
+                ImageEvent::Rejected { slave, channel, frames, taken, is_expired }
             }
             _ => {
                 let profile = PdoProfile::from_word(profile as u32)?;
@@ -210,12 +214,10 @@ impl ImageRecorder {
         &mut self,
         stamp: CycleStamp,
         slave: usize,
-        channel: u8,
-        frames: u32,
-        taken: u64,
+        RejectedFrames { channel, frames, taken, is_expired }: RejectedFrames,
     ) {
         let [a, b, c, d] = frames.to_le_bytes();
-        let address = [REJECTED, channel, slave as u8, 0, a, b, c, d];
+        let address = [REJECTED, channel, slave as u8, is_expired.into(), a, b, c, d];
         self.write(stamp, address, 0, [taken, 0, 0, 0], &[]);
     }
 

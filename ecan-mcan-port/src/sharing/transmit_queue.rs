@@ -14,8 +14,10 @@ use super::word_ring::{RingReader, RingWriter, ring};
 use crate::address::AddressError;
 use crate::gateway::Gateway;
 
-/// Words of a frame in a ring: its CAN ID, kind and DLC, and the data.
-const FRAME_WORDS: usize = 1 + 8;
+/// Words of a frame in a ring: its CAN ID, kind and DLC, its expiry, and the data.
+const FRAME_WORDS: usize = 2 + 8;
+/// Expiry of a frame that never expires.
+const NEVER: u64 = u64::MAX;
 
 /// Error of [`TransmitQueues::push`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
@@ -76,7 +78,8 @@ struct SharedGateway {
 ///
 /// The cycle sends them after the frames of the application, if the image and the back pressure of the
 /// channel allow it, and never waits. Frames stay in their queue while an image is unconfirmed. If the
-/// gateway is not ready the cycle rejects them. The [`ImageStream`](crate::ImageStream) reports what
+/// gateway is not ready the cycle rejects them, and it withdraws those that have
+/// [expired](Self::push_until). The [`ImageStream`](crate::ImageStream) reports what
 /// was sent and rejected. The application does not receive their transmit results; the statistics
 /// count them as all other frames.
 #[derive(Debug)]
@@ -121,6 +124,21 @@ impl TransmitQueues {
     /// # Errors
     /// A [`QueueError`]; the frame is not in the queue.
     pub fn push(&mut self, slave: usize, channel: u8, frame: &CanFrame) -> Result<(), QueueError> {
+        self.push_until(slave, channel, frame, NEVER)
+    }
+
+    /// As [`push`](Self::push). The cycle withdraws the frame if it still waits in the queue at
+    /// `expires_ns` on the clock of the Adapter.
+    ///
+    /// # Errors
+    /// As [`push`](Self::push).
+    pub fn push_until(
+        &mut self,
+        slave: usize,
+        channel: u8,
+        frame: &CanFrame,
+        expires_ns: u64,
+    ) -> Result<(), QueueError> {
         let count = self.shared.gateways.len();
         let Some(shared) = self.shared.gateways.get(slave) else {
             return Err(AddressError::Slave { slave, count }.into());
@@ -145,7 +163,7 @@ impl TransmitQueues {
         if writer.is_closed() {
             return Err(QueueError::Closed);
         }
-        match writer.write(&[frame_word(frame)], frame.data()) {
+        match writer.write(&[frame_word(frame), expires_ns], frame.data()) {
             true => {
                 self.shared.pushed.fetch_add(1, Ordering::Release);
                 Ok(())
@@ -191,16 +209,17 @@ impl CycleQueues {
         self.shared.pushed.load(Ordering::Acquire) != self.removed
     }
 
-    /// Adds the waiting frames of a gateway to its image; `reject` gets the channel and the number of those
-    /// that are rejected, and of those that were taken from its queue since the start. The channels take
-    /// turns, beginning with `first`. Once per cycle, after [`begin`](Self::begin). Real-time safe.
+    /// Adds the waiting frames of a gateway to its image; `reject` gets those that are not sent. A frame
+    /// after sent ones is rejected in a later cycle, so that the rejected frames of a cycle are the first
+    /// that it takes. The channels take turns, beginning with `first`. Once per cycle, after
+    /// [`begin`](Self::begin). Real-time safe.
     pub(crate) fn send(
         &mut self,
         slave: usize,
         gateway: &mut Gateway,
         image: &mut [u8],
-        first: u8,
-        mut reject: impl FnMut(u8, u32, u64),
+        (first, now_ns): (u8, u64),
+        mut reject: impl FnMut(RejectedFrames),
     ) {
         let start = slave * CHANNELS;
         let Self { shared, readers, removed, sent, has_sent } = self;
@@ -219,28 +238,50 @@ impl CycleQueues {
             else {
                 continue;
             };
-            let mut rejected = 0;
-            while let Some(verdict) = send_next(reader, gateway, image, channel) {
+            let mut run = RejectedFrames { channel, frames: 0, taken: 0, is_expired: false };
+            while let Some(verdict) = send_next(reader, gateway, image, channel, now_ns) {
                 match verdict {
                     Verdict::Wait => break,
+                    Verdict::Rejected { .. } if *sent > 0 => break,
                     Verdict::Sent => *sent = sent.saturating_add(1),
-                    Verdict::Rejected => rejected += 1,
+                    Verdict::Rejected { is_expired } => {
+                        if run.frames > 0 && run.is_expired != is_expired {
+                            reject(run);
+                            run.frames = 0;
+                        }
+                        run.is_expired = is_expired;
+                        run.frames += 1;
+                    }
                 }
                 reader.remove();
                 *removed = removed.wrapping_add(1);
-                taken.fetch_add(1, Ordering::Release);
+                let before = taken.fetch_add(1, Ordering::Release);
+                if let Verdict::Rejected { .. } = verdict {
+                    run.taken = before + 1;
+                }
             }
-            if rejected > 0 {
-                reject(channel, rejected, taken.load(Ordering::Relaxed));
+            if run.frames > 0 {
+                reject(run);
             }
         }
     }
 }
 
-/// What becomes of a waiting frame in this cycle.
+/// Frames in a row that the cycle took from the queue of a channel and did not send.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct RejectedFrames {
+    pub(crate) channel: u8,
+    pub(crate) frames: u32,
+    /// Frames that were taken from the queue since the start, up to the last of these.
+    pub(crate) taken: u64,
+    /// They expired; otherwise the gateway is not ready, or the channel was reconfigured.
+    pub(crate) is_expired: bool,
+}
+
+/// Result of a waiting frame in this cycle.
 enum Verdict {
     Sent,
-    Rejected,
+    Rejected { is_expired: bool },
     Wait,
 }
 
@@ -249,22 +290,28 @@ fn send_next(
     gateway: &mut Gateway,
     image: &mut [u8],
     channel: u8,
+    now_ns: u64,
 ) -> Option<Verdict> {
     let mut record = [0; FRAME_WORDS];
     let words = reader.peek(&mut record);
-    let (word, data) = record.get(..words)?.split_first()?;
+    let ([word, expires_ns], data) = record.get(..words)?.split_first_chunk()?;
     let mut bytes = [0; 64];
     for (to, word) in bytes.as_chunks_mut::<8>().0.iter_mut().zip(data) {
         *to = word.to_le_bytes();
     }
-    let Some(frame) = frame_of(*word, &bytes) else { return Some(Verdict::Rejected) };
+    let Some(frame) = frame_of(*word, &bytes) else {
+        return Some(Verdict::Rejected { is_expired: false });
+    };
+    if *expires_ns <= now_ns {
+        return Some(Verdict::Rejected { is_expired: true });
+    }
     Some(gateway.send_queued(image, channel, frame))
 }
 
 impl Gateway {
     fn send_queued(&mut self, image: &mut [u8], channel: u8, frame: FrameRef<'_>) -> Verdict {
         if !self.accepts(channel, frame) {
-            return Verdict::Rejected;
+            return Verdict::Rejected { is_expired: false };
         }
         // An unconfirmed image is published again; the frames of this cycle follow in a later one.
         let must_wait = self.transmitter.is_unconfirmed()
@@ -280,7 +327,7 @@ impl Gateway {
             Err(
                 PushError::NoRoom { .. } | PushError::TooManyPackets | PushError::Buffer { .. },
             ) => Verdict::Wait,
-            Err(_) => Verdict::Rejected,
+            Err(_) => Verdict::Rejected { is_expired: false },
         }
     }
 }

@@ -10,9 +10,9 @@ use std::time::{Duration, Instant};
 use ecan_protocol::can::CanFrame;
 use ecan_service_protocol::{
     Access, ActiveConfig, AssignedParams, AssignedPdo, Axes, BusState, DownloadParams, Empty,
-    Hello, HelloParams, ImageSubscription, Link, LinkParams, MAX_REQUEST_PAYLOAD, MessageKind,
-    Method, NmtParams, PROTOCOL_VERSION, Request, ServiceStats, Slave, SlaveParams, State,
-    Subscription, TransmitRecord, UploadParams, header, methods,
+    Hello, HelloParams, ImageSubscription, Link, LinkParams, MAX_AGE_MS, MAX_REQUEST_PAYLOAD,
+    MessageKind, Method, NmtParams, PROTOCOL_VERSION, Request, ServiceStats, Slave, SlaveParams,
+    State, Subscription, TransmitRecord, UploadParams, header, methods,
 };
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::io::Errno;
@@ -136,7 +136,8 @@ impl Client {
         self.call_within(method, params, self.request_timeout)
     }
 
-    /// As [`call`](Self::call), with the time for the response.
+    /// As [`call`](Self::call), with the time for the response. It is the age limit of the request, too:
+    /// the service does not execute a request whose sender no longer waits.
     ///
     /// # Errors
     /// As [`call`](Self::call).
@@ -165,7 +166,9 @@ impl Client {
         params: Value,
         timeout: Duration,
     ) -> Result<Value, ClientError> {
-        let payload = serde_json::to_vec(&Request::new(id, method, params))?;
+        let max_age_ms = Some(age_ms(timeout, MAX_AGE_MS));
+        let request = Request { max_age_ms, ..Request::new(id, method, params) };
+        let payload = serde_json::to_vec(&request)?;
         if payload.len() > MAX_REQUEST_PAYLOAD {
             return Err(ClientError::Protocol(format!(
                 "request {method} has {} bytes; allowed: at most {MAX_REQUEST_PAYLOAD}",
@@ -275,11 +278,38 @@ impl Client {
         self.request::<methods::SendNmt>(params).map(drop)
     }
 
-    /// Sends a frame. Exactly one later [`Event::Frame`] with the tag reports the result.
+    /// Sends a frame. Exactly one later [`Event::Frame`] with the tag reports the result. The age limit
+    /// is [`Hello::max_age_ms`].
     ///
     /// # Errors
     /// [`SendError::WindowFull`] while too many frames of the channel have no result.
     pub fn send(&self, gateway: u16, channel: u8, frame: &CanFrame) -> Result<Tag, SendError> {
+        self.send_record(gateway, channel, frame, 0)
+    }
+
+    /// As [`send`](Self::send), with an age limit of 1 ms to 65.535 s: if the frame waits longer between
+    /// its arrival at the service and the cycle, it is rejected with
+    /// [`RejectReason::Expired`](ecan_service_protocol::RejectReason::Expired).
+    ///
+    /// # Errors
+    /// As [`send`](Self::send).
+    pub fn send_within(
+        &self,
+        gateway: u16,
+        channel: u8,
+        frame: &CanFrame,
+        max_age: Duration,
+    ) -> Result<Tag, SendError> {
+        self.send_record(gateway, channel, frame, age_ms(max_age, u16::MAX.into()) as u16)
+    }
+
+    fn send_record(
+        &self,
+        gateway: u16,
+        channel: u8,
+        frame: &CanFrame,
+        max_age_ms: u16,
+    ) -> Result<Tag, SendError> {
         if self.hello.access != Access::Control {
             let reason = self.hello.access_reason.clone();
             let reason = reason.unwrap_or_else(|| "the service is read-only".into());
@@ -304,7 +334,7 @@ impl Client {
             tag
         };
         let mut payload = Vec::with_capacity(80);
-        TransmitRecord { gateway, channel, tag, frame: *frame }.encode(&mut payload);
+        TransmitRecord { gateway, channel, tag, max_age_ms, frame: *frame }.encode(&mut payload);
         self.write(MessageKind::Transmit, &payload)?;
         Ok(tag)
     }
@@ -398,6 +428,11 @@ impl Client {
         self.changed.notify_all();
         input
     }
+}
+
+/// An age limit in milliseconds, 1 to `max`.
+fn age_ms(age: Duration, max: u32) -> u32 {
+    u32::try_from(age.as_millis()).unwrap_or(max).clamp(1, max)
 }
 
 /// Reads what arrives within `left`; `None` without anything, 0 at the end.

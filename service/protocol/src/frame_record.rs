@@ -11,9 +11,6 @@ pub const FRAME_RECORD_BYTES: usize = 24;
 /// Bytes of the longest record.
 pub const MAX_FRAME_RECORD_BYTES: usize = FRAME_RECORD_BYTES + 64;
 
-/// Code of a failed frame whose transmit result never arrived.
-const NO_RESULT: u16 = 0x100;
-
 ecan_protocol::text_enum! {
     /// Reason for which the service rejected a frame of a client.
     #[non_exhaustive]
@@ -34,24 +31,8 @@ ecan_protocol::text_enum! {
     NotReady = 7, "the gateway is not ready";
     /// The service ends, or the bus is configured again.
     Closed = 8, "the service or the session of the bus ended";
-}
-
-/// Reason for which a published frame failed.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub enum TransmitFailure {
-    /// The gateway reported this result.
-    Result(ResultCode),
-    /// The result never arrived: the frame may have been sent.
-    NoResult,
-}
-
-impl std::fmt::Display for TransmitFailure {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        match self {
-            Self::Result(code) => code.fmt(f),
-            Self::NoResult => f.write_str("no transmit result"),
-        }
-    }
+    /// The frame waited longer than its age limit.
+    Expired = 9, "the frame waited longer than its age limit";
 }
 
 /// Event of a CAN frame.
@@ -61,12 +42,15 @@ pub enum FrameEvent {
     Received,
     /// Kind 1: the transmit result is success.
     Transmitted,
-    /// Kind 2: the transmit result is a failure, or never arrived.
-    Failed(TransmitFailure),
+    /// Kind 2: the transmit result is a failure.
+    Failed(ResultCode),
     /// Kind 4: sent to a gateway that reports no transmit results.
     Published,
     /// Kind 5: rejected before it was sent. Only the client that sent it gets this record.
     Rejected(RejectReason),
+    /// Kind 6: the transmit result is not known and will not be. The frame may have been sent, or may be
+    /// sent later.
+    Unknown,
 }
 
 /// Kind of a frame record, as filters and records name it.
@@ -79,10 +63,11 @@ enum Kind {
     Lost = 3,
     Published = 4,
     Rejected = 5,
+    Unknown = 6,
 }
 
 impl FrameEvent {
-    /// Number of the kind: 0, 1, 2, 4 or 5.
+    /// Number of the kind: 0, 1, 2, 4, 5 or 6.
     pub const fn kind(self) -> u8 {
         self.fields().0 as u8
     }
@@ -91,10 +76,10 @@ impl FrameEvent {
         match self {
             Self::Received => (Kind::Received, 0),
             Self::Transmitted => (Kind::Transmitted, 0),
-            Self::Failed(TransmitFailure::Result(code)) => (Kind::Failed, code.raw() as u16),
-            Self::Failed(TransmitFailure::NoResult) => (Kind::Failed, NO_RESULT),
+            Self::Failed(code) => (Kind::Failed, code.raw() as u16),
             Self::Published => (Kind::Published, 0),
             Self::Rejected(reason) => (Kind::Rejected, reason.raw()),
+            Self::Unknown => (Kind::Unknown, 0),
         }
     }
 
@@ -107,14 +92,14 @@ impl FrameEvent {
         Ok(match (kind, code) {
             (0, 0) => Self::Received,
             (1, 0) => Self::Transmitted,
-            (2, NO_RESULT) => Self::Failed(TransmitFailure::NoResult),
             (2, code) => {
                 let code = u8::try_from(code).map_err(|_| RecordError::Reserved)?;
-                Self::Failed(TransmitFailure::Result(ResultCode::from_raw(code)))
+                Self::Failed(ResultCode::from_raw(code))
             }
             (4, 0) => Self::Published,
             (5, code) => Self::Rejected(RejectReason::from_raw(code).ok_or(RecordError::Reserved)?),
-            (0 | 1 | 4, _) => return Err(RecordError::Reserved),
+            (6, 0) => Self::Unknown,
+            (0 | 1 | 4 | 6, _) => return Err(RecordError::Reserved),
             _ => return Err(RecordError::Kind(kind)),
         })
     }

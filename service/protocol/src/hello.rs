@@ -10,8 +10,22 @@ pub const PROTOCOL_VERSION: u32 = 1;
 pub struct HelloParams {
     /// [`PROTOCOL_VERSION`]. Further members are allowed, so that each version can read it.
     pub version: u32,
-    /// Name of the client, for statistics and the log; at most 64 bytes are kept.
+    /// Name of the client, for statistics and the log, as [`clean_name`] keeps it.
     pub client: String,
+}
+
+/// Bytes of a name that are kept.
+pub const MAX_NAME_BYTES: usize = 64;
+
+/// Returns at most [`MAX_NAME_BYTES`] bytes of a name of another program. Control characters and those
+/// that change the direction of text, which a terminal would execute, become `?`.
+pub fn clean_name(name: &str) -> String {
+    let is_hidden = |at: char| {
+        at.is_control()
+            || matches!(at, '\u{200B}'..='\u{200F}' | '\u{2028}'..='\u{202E}' | '\u{2066}'..='\u{2069}' | '\u{FEFF}')
+    };
+    let kept = name.get(..name.floor_char_boundary(MAX_NAME_BYTES)).unwrap_or_default();
+    kept.chars().map(|at| if is_hidden(at) { '?' } else { at }).collect()
 }
 
 /// Access of a client.
@@ -50,6 +64,10 @@ pub struct Hello {
     pub cycle_ns: Option<u64>,
     /// Frames of one client and channel that may be without result.
     pub window: u32,
+    /// Age limit of a request that may act and of a frame to send without an own one, in milliseconds;
+    /// 0 if the service checks none.
+    #[serde(default)]
+    pub max_age_ms: u32,
     /// The gateways; empty without a cycle. Notification `gateways` reports a change.
     pub gateways: Vec<Gateway>,
 }

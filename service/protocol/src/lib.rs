@@ -19,6 +19,7 @@ mod image_message;
 mod message;
 mod method;
 mod nmt;
+mod parameter_list;
 mod rpc;
 mod sdo;
 mod service_stats;
@@ -35,20 +36,25 @@ pub use bus::{
 pub use bus_error::{BusError, SdoDirection};
 pub use frame_record::{
     FRAME_RECORD_BYTES, FrameEvent, FrameRecord, FrameRecords, FrameReport, MAX_FRAME_RECORD_BYTES,
-    RejectReason, TransmitFailure,
+    RejectReason,
 };
-pub use hello::{Access, Channel, Gateway, GatewaysChanged, Hello, HelloParams, PROTOCOL_VERSION};
+pub use hello::{
+    Access, Channel, Gateway, GatewaysChanged, Hello, HelloParams, MAX_NAME_BYTES,
+    PROTOCOL_VERSION, clean_name,
+};
 pub use image_message::{IMAGE_HEAD_BYTES, ImageMessage};
 pub use message::{
-    HEADER_BYTES, HeaderError, MAX_REQUEST_PAYLOAD, MAX_SERVICE_PAYLOAD, MAX_TRANSMIT_PAYLOAD,
-    MessageKind, MessageReader, Sender, header, read_header,
+    HEADER_BYTES, HeaderError, MAX_HELLO_PAYLOAD, MAX_METHOD_PAYLOAD, MAX_REQUEST_PAYLOAD,
+    MAX_SERVICE_PAYLOAD, MAX_TRANSMIT_PAYLOAD, MessageKind, MessageReader, Sender, header,
+    read_header,
 };
 pub use method::{Empty, METHODS, Method, methods};
 pub use nmt::{NmtCommand, NmtParams};
+pub use parameter_list::{MAX_FILTERS, MAX_GATEWAYS};
 pub use rpc::{
-    BAD_RECORD, BUS_ERROR, BUSY, HELLO_FIRST, INTERNAL_ERROR, INVALID_PARAMS, INVALID_REQUEST,
-    JSON_RPC, METHOD_NOT_FOUND, NOT_AVAILABLE, NOT_PERMITTED, PARSE_ERROR, Request, Response,
-    RpcError, WRONG_VERSION,
+    BAD_RECORD, BUS_ERROR, BUSY, DEFAULT_MAX_AGE_MS, EXPIRED, HELLO_FIRST, INTERNAL_ERROR,
+    INVALID_PARAMS, INVALID_REQUEST, JSON_RPC, MAX_AGE_MS, METHOD_NOT_FOUND, NOT_AVAILABLE,
+    NOT_PERMITTED, PARSE_ERROR, RawRequest, Request, Response, RpcError, WRONG_VERSION,
 };
 pub use sdo::{DownloadParams, MAX_SDO_BYTES, Upload, UploadParams};
 pub use service_stats::{ClientStats, ServiceStats};

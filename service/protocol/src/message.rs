@@ -6,8 +6,13 @@ use thiserror::Error;
 pub const HEADER_BYTES: usize = 8;
 /// Largest payload from the service, in bytes.
 pub const MAX_SERVICE_PAYLOAD: usize = 1 << 20;
-/// Largest request of a client, in bytes.
+/// Largest request of a client with control, in bytes.
 pub const MAX_REQUEST_PAYLOAD: usize = 1 << 20;
+/// Largest request of a client that only reads, and of every method of this protocol, in bytes. Methods
+/// of a program may need more.
+pub const MAX_METHOD_PAYLOAD: usize = 64 << 10;
+/// Largest request before the response to `hello`, in bytes.
+pub const MAX_HELLO_PAYLOAD: usize = 4 << 10;
 /// Largest batch of transmit records, in bytes.
 pub const MAX_TRANSMIT_PAYLOAD: usize = 64 << 10;
 
@@ -115,6 +120,9 @@ pub fn read_header(
     }
 }
 
+/// Bytes of memory that a [`MessageReader`] keeps.
+const KEPT_BYTES: usize = 128 << 10;
+
 /// Cuts a byte stream into messages.
 ///
 /// ```
@@ -130,6 +138,8 @@ pub fn read_header(
 #[derive(Debug)]
 pub struct MessageReader {
     sender: Sender,
+    /// Largest request, in bytes.
+    max_request: usize,
     bytes: Vec<u8>,
     /// Bytes of the messages that were returned.
     used: usize,
@@ -138,13 +148,23 @@ pub struct MessageReader {
 impl MessageReader {
     /// Creates a reader of what `sender` writes.
     pub const fn new(sender: Sender) -> Self {
-        Self { sender, bytes: Vec::new(), used: 0 }
+        let max_request = sender.max_payload(MessageKind::Rpc);
+        Self { sender, max_request, bytes: Vec::new(), used: 0 }
+    }
+
+    /// Sets a lower limit for JSON-RPC messages, in bytes of their payload.
+    pub const fn set_max_request(&mut self, bytes: usize) {
+        self.max_request = bytes;
     }
 
     /// Adds bytes of the stream. The caller limits them: push, then take every message.
     pub fn push(&mut self, bytes: &[u8]) {
         self.bytes.drain(..self.used);
         self.used = 0;
+        if self.bytes.is_empty() {
+            // Memory of a long message.
+            self.bytes.shrink_to(KEPT_BYTES);
+        }
         self.bytes.extend_from_slice(bytes);
     }
 
@@ -156,6 +176,9 @@ impl MessageReader {
         let rest = self.bytes.get(self.used..).unwrap_or_default();
         let Some((head, rest)) = rest.split_first_chunk::<HEADER_BYTES>() else { return Ok(None) };
         let (kind, length) = read_header(*head, self.sender)?;
+        if kind == MessageKind::Rpc && length > self.max_request {
+            return Err(HeaderError::TooLong { bytes: length as u32, max: self.max_request });
+        }
         let Some(payload) = rest.get(..length) else { return Ok(None) };
         self.used += HEADER_BYTES + length;
         Ok(Some((kind, payload)))

@@ -1,6 +1,9 @@
 //! JSON-RPC 2.0 messages.
 
-use serde::{Deserialize, Serialize};
+use std::fmt;
+
+use serde::de::{DeserializeOwned, IgnoredAny, MapAccess, SeqAccess, Visitor};
+use serde::{Deserialize, Deserializer, Serialize};
 use serde_json::Value;
 
 use crate::bus_error::BusError;
@@ -28,13 +31,20 @@ pub const HELLO_FIRST: i32 = -32003;
 pub const BUS_ERROR: i32 = -32004;
 /// The state for the method does not exist now, for example without a cycle.
 pub const NOT_AVAILABLE: i32 = -32005;
-/// Too many requests are pending, or too many clients are connected.
+/// A limit of requests is reached, or one of clients; `data` of a request has the `limit`.
 pub const BUSY: i32 = -32006;
 /// A transmit batch is malformed; the service closes the connection.
 pub const BAD_RECORD: i32 = -32007;
+/// The request waited longer than its [`Request::max_age_ms`] and was not executed.
+pub const EXPIRED: i32 = -32008;
 
-/// A request of a client.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+/// Age limit in milliseconds of a request that may act, and of a frame to send, without an own one.
+pub const DEFAULT_MAX_AGE_MS: u32 = 10_000;
+/// Largest age limit of a request, in milliseconds.
+pub const MAX_AGE_MS: u32 = 3_600_000;
+
+/// A request of a client, to write it.
+#[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Request {
     /// [`JSON_RPC`].
     pub jsonrpc: String,
@@ -43,44 +53,197 @@ pub struct Request {
     /// Name of the method.
     pub method: String,
     /// Parameters by name.
-    #[serde(default, skip_serializing_if = "Value::is_null")]
+    #[serde(skip_serializing_if = "Value::is_null")]
     pub params: Value,
+    /// Age limit, counted from the arrival at the service, 1 to [`MAX_AGE_MS`]: a request that waits
+    /// longer is rejected with [`EXPIRED`]. `None` is [`DEFAULT_MAX_AGE_MS`] for a method that may act and
+    /// no limit for one that only reads.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub max_age_ms: Option<u32>,
 }
 
 impl Request {
-    /// Creates a request.
+    /// Creates a request without an age limit of its own.
     pub fn new(id: u64, method: &str, params: Value) -> Self {
-        Self { jsonrpc: JSON_RPC.into(), id: id.into(), method: method.into(), params }
+        let (jsonrpc, method) = (JSON_RPC.into(), method.into());
+        Self { jsonrpc, id: id.into(), method, params, max_age_ms: None }
     }
 
-    /// Reads the request of a client.
+    /// Reads the request of a client, with its parameters.
+    ///
+    /// # Errors
+    /// As [`RawRequest::parse`].
+    pub fn parse(payload: &[u8]) -> Result<Self, Box<Response>> {
+        let raw = RawRequest::parse(payload)?;
+        let params = raw.params_value();
+        let RawRequest { id, method, max_age_ms, .. } = raw;
+        Ok(Self { jsonrpc: JSON_RPC.into(), id, method, params, max_age_ms })
+    }
+}
+
+/// A request of a client whose parameters are not parsed yet: it takes no more memory than its bytes.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RawRequest {
+    /// Number or string that the response repeats.
+    pub id: Value,
+    /// Name of the method.
+    pub method: String,
+    /// As [`Request::max_age_ms`].
+    pub max_age_ms: Option<u32>,
+    payload: Vec<u8>,
+}
+
+impl RawRequest {
+    /// Reads the request of a client. A string in it, apart from the parameters, has at most 128 bytes.
     ///
     /// # Errors
     /// The response to send: with [`PARSE_ERROR`] or [`INVALID_REQUEST`], and the id if there is one.
     pub fn parse(payload: &[u8]) -> Result<Self, Box<Response>> {
-        let value: Value = serde_json::from_slice(payload).map_err(|error| {
-            let text = format!("request is not JSON: {error}");
-            Response::error(Value::Null, RpcError::new(PARSE_ERROR, text))
-        })?;
-        let id = value.get("id").filter(|id| id.is_u64() || id.is_i64() || id.is_string()).cloned();
-        let invalid = |text: String| {
-            let id = id.clone().unwrap_or_default();
-            Box::new(Response::error(id, RpcError::new(INVALID_REQUEST, text)))
+        let fail = |id: Value, code, text: String| {
+            Box::new(Response::error(id, RpcError::new(code, text)))
         };
-        if id.is_none() {
-            return Err(invalid(
-                "request has no id that is an integer or a string; batches are not supported"
-                    .into(),
-            ));
+        let head: Head = serde_json::from_slice(payload).map_err(|error| {
+            let code = if error.is_data() { INVALID_REQUEST } else { PARSE_ERROR };
+            fail(Value::Null, code, format!("request is not a JSON-RPC request: {error}"))
+        })?;
+        let is_object = payload.trim_ascii_start().first() == Some(&b'{');
+        let id = match head.id {
+            Scalar(id @ (Value::Number(_) | Value::String(_))) if is_object => id,
+            _ => {
+                let text = "request has no id that is an integer or a string of at most 128 bytes; batches \
+                            are not supported";
+                return Err(fail(Value::Null, INVALID_REQUEST, text.into()));
+            }
+        };
+        let invalid = |text: String| Err(fail(id.clone(), INVALID_REQUEST, text));
+        if head.jsonrpc.0 != JSON_RPC {
+            return invalid("jsonrpc version is not supported; allowed: \"2.0\"".into());
         }
-        match serde_json::from_value::<Self>(value) {
-            Ok(request) if request.jsonrpc == JSON_RPC => Ok(request),
-            Ok(request) => Err(invalid(format!(
-                "jsonrpc version \"{}\" is not supported; allowed: \"2.0\"",
-                request.jsonrpc
-            ))),
-            Err(error) => Err(invalid(format!("invalid request: {error}"))),
-        }
+        let Scalar(Value::String(method)) = head.method else {
+            return invalid("request has no method that is a string of at most 128 bytes".into());
+        };
+        let max_age_ms = match head.max_age_ms {
+            None => None,
+            Some(Scalar(age)) => {
+                let in_range = |age: &u32| (1..=MAX_AGE_MS).contains(age);
+                match age.as_u64().and_then(|age| age.try_into().ok()).filter(in_range) {
+                    Some(age) => Some(age),
+                    None => {
+                        return invalid(format!(
+                            "max_age_ms {age} is out of range; allowed: 1 to {MAX_AGE_MS}"
+                        ));
+                    }
+                }
+            }
+        };
+        Ok(Self { id, method, max_age_ms, payload: payload.into() })
+    }
+
+    /// Bytes of the request.
+    pub fn bytes(&self) -> usize {
+        self.payload.len()
+    }
+
+    /// The parameters as JSON; null for absent ones.
+    pub fn params_value(&self) -> Value {
+        let body = serde_json::from_slice::<Body<Value>>(&self.payload);
+        body.ok().and_then(|body| body.params).unwrap_or_default()
+    }
+
+    /// Parses the parameters. Absent ones are those of a method without any.
+    ///
+    /// # Errors
+    /// An error with the code [`INVALID_PARAMS`], the method and the cause.
+    pub fn params<P: DeserializeOwned>(&self) -> Result<P, RpcError> {
+        let body = serde_json::from_slice::<Body<P>>(&self.payload);
+        let params = body.and_then(|body| match body.params {
+            Some(params) => Ok(params),
+            None => P::deserialize(Value::Object(serde_json::Map::new())),
+        });
+        params.map_err(|error| {
+            let text = format!("invalid parameters of {}: {error}", self.method);
+            RpcError::new(INVALID_PARAMS, text)
+        })
+    }
+}
+
+/// Members of a request besides its parameters.
+#[derive(Deserialize)]
+#[serde(default)]
+struct Head {
+    jsonrpc: Scalar,
+    id: Scalar,
+    method: Scalar,
+    max_age_ms: Option<Scalar>,
+}
+
+impl Default for Head {
+    fn default() -> Self {
+        let none = || Scalar(Value::Null);
+        Self { jsonrpc: none(), id: none(), method: none(), max_age_ms: None }
+    }
+}
+
+/// Parameters of a request.
+#[derive(Deserialize)]
+struct Body<P> {
+    #[serde(default = "Option::default")]
+    params: Option<P>,
+}
+
+/// An integer or a short string; null for every other value, which takes no memory.
+struct Scalar(Value);
+
+/// Longest string of a [`Scalar`], in bytes.
+const MAX_SCALAR_BYTES: usize = 128;
+
+impl<'de> Deserialize<'de> for Scalar {
+    fn deserialize<D: Deserializer<'de>>(from: D) -> Result<Self, D::Error> {
+        from.deserialize_any(ScalarVisitor)
+    }
+}
+
+struct ScalarVisitor;
+
+impl<'de> Visitor<'de> for ScalarVisitor {
+    type Value = Scalar;
+
+    fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("an integer or a string")
+    }
+
+    fn visit_u64<E>(self, number: u64) -> Result<Scalar, E> {
+        Ok(Scalar(number.into()))
+    }
+
+    fn visit_i64<E>(self, number: i64) -> Result<Scalar, E> {
+        Ok(Scalar(number.into()))
+    }
+
+    fn visit_str<E>(self, text: &str) -> Result<Scalar, E> {
+        Ok(Scalar(if text.len() <= MAX_SCALAR_BYTES { text.into() } else { Value::Null }))
+    }
+
+    fn visit_bool<E>(self, _: bool) -> Result<Scalar, E> {
+        Ok(Scalar(Value::Null))
+    }
+
+    fn visit_f64<E>(self, _: f64) -> Result<Scalar, E> {
+        Ok(Scalar(Value::Null))
+    }
+
+    fn visit_unit<E>(self) -> Result<Scalar, E> {
+        Ok(Scalar(Value::Null))
+    }
+
+    fn visit_seq<A: SeqAccess<'de>>(self, mut list: A) -> Result<Scalar, A::Error> {
+        while list.next_element::<IgnoredAny>()?.is_some() {}
+        Ok(Scalar(Value::Null))
+    }
+
+    fn visit_map<A: MapAccess<'de>>(self, mut map: A) -> Result<Scalar, A::Error> {
+        while map.next_entry::<IgnoredAny, IgnoredAny>()?.is_some() {}
+        Ok(Scalar(Value::Null))
     }
 }
 
@@ -143,7 +306,7 @@ impl Response {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, thiserror::Error)]
 #[error("{message}")]
 pub struct RpcError {
-    /// Code: those of JSON-RPC 2.0, and -32001 to -32007.
+    /// Code: those of JSON-RPC 2.0, and -32001 to -32008.
     pub code: i32,
     /// Text for users.
     pub message: String,

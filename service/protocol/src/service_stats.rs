@@ -9,8 +9,23 @@ use crate::hello::Access;
 pub struct ServiceStats {
     /// Clients that were accepted since the start.
     pub clients_accepted: u64,
-    /// Clients that were rejected: too many, or no file descriptor.
+    /// Clients that were rejected: too many in all or of one user, or no file descriptor.
     pub clients_rejected: u64,
+    /// Clients that were disconnected because no `hello` came in time.
+    #[serde(default)]
+    pub clients_silent: u64,
+    /// Requests that wait for a worker or are executed by one.
+    #[serde(default)]
+    pub requests_pending: u64,
+    /// Requests that were rejected because a limit was reached.
+    #[serde(default)]
+    pub requests_rejected: u64,
+    /// Requests that were not executed because their client left.
+    #[serde(default)]
+    pub requests_cancelled: u64,
+    /// Requests that waited longer than their age limit and were not executed.
+    #[serde(default)]
+    pub requests_expired: u64,
     /// Frame events of the bus that the service read.
     pub frames: u64,
     /// Frames of images that found the ring of the cycle full: lost for every subscribed client.
@@ -39,6 +54,12 @@ pub struct ClientStats {
     pub connected_ms: u64,
     /// Requests.
     pub requests: u64,
+    /// Requests that were rejected because a limit was reached.
+    #[serde(default)]
+    pub requests_rejected: u64,
+    /// Requests that waited longer than their age limit and were not executed.
+    #[serde(default)]
+    pub requests_expired: u64,
     /// Frames put into the output queue of the client.
     pub frames_delivered: u64,
     /// Frames that the client lost.

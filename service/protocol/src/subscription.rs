@@ -5,6 +5,7 @@ use serde::{Deserialize, Serialize};
 use ecan_protocol::can::CanFrame;
 
 use crate::frame_record::FrameEvent;
+use crate::parameter_list::read_list;
 use crate::wire_frame::fields_of;
 
 /// Kind of a frame event to subscribe to.
@@ -19,6 +20,8 @@ pub enum EventKind {
     Failed,
     /// Sent to a gateway without transmit results.
     Published,
+    /// Sent, without a result that is known.
+    Unknown,
 }
 
 /// Filter for CAN IDs as in SocketCAN: `can_id & mask == id & mask`, with the format bits of
@@ -33,17 +36,21 @@ pub struct IdFilter {
 }
 
 /// Parameters of `frames.subscribe`; it replaces an earlier subscription. An empty list selects
-/// everything. Records of a client's own frames need no subscription.
+/// everything. No entry is there twice. Records of a client's own frames need no subscription.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Subscription {
-    /// Indices of gateways.
+    /// Indices of gateways, 0 to 255.
+    #[serde(deserialize_with = "read_list")]
     pub gateways: Vec<u16>,
     /// Channels, 0 to 3.
+    #[serde(deserialize_with = "read_list")]
     pub channels: Vec<u8>,
     /// Kinds of events.
+    #[serde(deserialize_with = "read_list")]
     pub kinds: Vec<EventKind>,
-    /// Filters; a frame that one of them accepts is selected.
+    /// Filters, at most [`MAX_FILTERS`](crate::MAX_FILTERS); a frame that one of them accepts is selected.
+    #[serde(deserialize_with = "read_list")]
     pub filters: Vec<IdFilter>,
 }
 
@@ -55,6 +62,7 @@ impl Subscription {
             FrameEvent::Transmitted => EventKind::Transmitted,
             FrameEvent::Failed(_) => EventKind::Failed,
             FrameEvent::Published => EventKind::Published,
+            FrameEvent::Unknown => EventKind::Unknown,
             FrameEvent::Rejected(_) => return false,
         };
         let (can_id, _, _) = fields_of(frame);
@@ -84,9 +92,11 @@ pub enum ImageDirection {
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct ImageSubscription {
-    /// Indices of gateways.
+    /// Indices of gateways, 0 to 255.
+    #[serde(deserialize_with = "read_list")]
     pub gateways: Vec<u16>,
     /// Directions.
+    #[serde(deserialize_with = "read_list")]
     pub directions: Vec<ImageDirection>,
 }
 

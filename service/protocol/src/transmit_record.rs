@@ -17,6 +17,9 @@ pub struct TransmitRecord {
     pub channel: u8,
     /// Tag of the frame records that report on it; not 0.
     pub tag: u32,
+    /// Age limit in milliseconds, counted from the arrival at the service: a frame that waits longer is
+    /// rejected. 0 for [`DEFAULT_MAX_AGE_MS`](crate::DEFAULT_MAX_AGE_MS).
+    pub max_age_ms: u16,
     /// The frame.
     pub frame: CanFrame,
 }
@@ -28,7 +31,8 @@ impl TransmitRecord {
         out.extend_from_slice(&can_id.to_le_bytes());
         out.extend_from_slice(&[length, flags]);
         out.extend_from_slice(&self.gateway.to_le_bytes());
-        out.extend_from_slice(&[self.channel, 0, 0, 0]);
+        out.extend_from_slice(&[self.channel, 0]);
+        out.extend_from_slice(&self.max_age_ms.to_le_bytes());
         out.extend_from_slice(&self.tag.to_le_bytes());
         push_data(&self.frame, out);
     }
@@ -50,8 +54,9 @@ impl<'a> TransmitRecords<'a> {
         let incomplete = RecordError::Incomplete(self.rest.len());
         let (head, rest) =
             self.rest.split_first_chunk::<TRANSMIT_RECORD_BYTES>().ok_or(incomplete)?;
-        let [i0, i1, i2, i3, length, flags, g0, g1, channel, reserved @ .., a0, a1, a2, a3] = *head;
-        if reserved != [0; 3] {
+        let [i0, i1, i2, i3, length, flags, g0, g1, channel, reserved, m0, m1, a0, a1, a2, a3] =
+            *head;
+        if reserved != 0 {
             return Err(RecordError::Reserved);
         }
         let tag = u32::from_le_bytes([a0, a1, a2, a3]);
@@ -62,7 +67,8 @@ impl<'a> TransmitRecords<'a> {
         let can_id = u32::from_le_bytes([i0, i1, i2, i3]);
         let (frame, rest) = read_frame(can_id, length, flags, rest)?;
         self.rest = rest;
-        Ok(TransmitRecord { gateway: u16::from_le_bytes([g0, g1]), channel, tag, frame })
+        let (gateway, max_age_ms) = (u16::from_le_bytes([g0, g1]), u16::from_le_bytes([m0, m1]));
+        Ok(TransmitRecord { gateway, channel, tag, max_age_ms, frame })
     }
 }
 

@@ -23,7 +23,7 @@ pub enum RecordError {
     #[error("record is incomplete: {0} bytes left in the message; send whole records")]
     Incomplete(usize),
     /// A kind that does not exist.
-    #[error("record kind {0} is unknown; allowed: 0 to 5")]
+    #[error("record kind {0} is unknown; allowed: 0 to 6")]
     Kind(u8),
     /// A channel that does not exist.
     #[error("channel {0} is out of range; allowed: 0 to 3")]

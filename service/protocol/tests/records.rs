@@ -28,7 +28,7 @@ fn received_frame_has_the_documented_bytes() {
 #[test]
 fn failed_fd_frame_has_the_documented_bytes() {
     let frame = CanFrame::fd(CanId::extended(0x1ABC_DEF0).unwrap(), &[7; 12], true, false).unwrap();
-    let event = FrameEvent::Failed(TransmitFailure::Result(ResultCode::BusOff));
+    let event = FrameEvent::Failed(ResultCode::BusOff);
     let mut bytes = Vec::new();
     report(event, 0x0A0B_0C0D, frame).encode(&mut bytes);
     #[rustfmt::skip]
@@ -54,8 +54,8 @@ fn lost_record_has_the_documented_bytes() {
 fn remote_frame_to_send_has_the_documented_bytes() {
     let frame = CanFrame::remote(CanId::standard(0x7FF).unwrap(), Dlc::new(8).unwrap()).unwrap();
     let mut bytes = Vec::new();
-    TransmitRecord { gateway: 1, channel: 3, tag: 9, frame }.encode(&mut bytes);
-    assert_eq!(bytes, [0xFF, 7, 0, 0x40, 8, 0, 1, 0, 3, 0, 0, 0, 9, 0, 0, 0]);
+    TransmitRecord { gateway: 1, channel: 3, tag: 9, max_age_ms: 0x0201, frame }.encode(&mut bytes);
+    assert_eq!(bytes, [0xFF, 7, 0, 0x40, 8, 0, 1, 0, 3, 0, 1, 2, 9, 0, 0, 0]);
 }
 
 #[test]
@@ -126,10 +126,8 @@ fn any_event() -> impl Strategy<Value = FrameEvent> {
         Just(FrameEvent::Received),
         Just(FrameEvent::Transmitted),
         Just(FrameEvent::Published),
-        Just(FrameEvent::Failed(TransmitFailure::NoResult)),
-        any::<u8>().prop_map(|code| {
-            FrameEvent::Failed(TransmitFailure::Result(ResultCode::from_raw(code)))
-        }),
+        Just(FrameEvent::Unknown),
+        any::<u8>().prop_map(|code| { FrameEvent::Failed(ResultCode::from_raw(code)) }),
         prop::sample::select(RejectReason::ALL).prop_map(FrameEvent::Rejected),
     ]
 }
@@ -169,12 +167,13 @@ proptest! {
 
     #[test]
     fn transmit_batch_round_trip(
-        frames in prop::collection::vec((any::<u16>(), 0_u8..4, 1_u32.., any_frame()), 0..20),
+        frames in prop::collection::vec(
+            (any::<u16>(), 0_u8..4, 1_u32.., any::<u16>(), any_frame()), 0..20),
     ) {
         let mut bytes = Vec::new();
         let mut records = Vec::new();
-        for (gateway, channel, tag, frame) in frames {
-            let record = TransmitRecord { gateway, channel, tag, frame };
+        for (gateway, channel, tag, max_age_ms, frame) in frames {
+            let record = TransmitRecord { gateway, channel, tag, max_age_ms, frame };
             record.encode(&mut bytes);
             records.push(record);
         }

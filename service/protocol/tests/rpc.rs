@@ -18,6 +18,11 @@ fn request_is_read_and_rejected_with_its_id() {
     assert_eq!(code(r#"{"jsonrpc":"2.0","method":"state"}"#), (INVALID_REQUEST, Value::Null));
     assert_eq!(code(r#"{"jsonrpc":"2.0","id":"a"}"#), (INVALID_REQUEST, json!("a")));
     assert_eq!(code(r#"{"jsonrpc":"1.0","id":5,"method":"x"}"#), (INVALID_REQUEST, json!(5)));
+    let aged = |age: u32| format!(r#"{{"jsonrpc":"2.0","id":5,"method":"x","max_age_ms":{age}}}"#);
+    for age in [0, MAX_AGE_MS + 1] {
+        assert_eq!(code(&aged(age)), (INVALID_REQUEST, json!(5)));
+    }
+    assert_eq!(Request::parse(aged(7).as_bytes()).unwrap().max_age_ms, Some(7));
 }
 
 #[test]

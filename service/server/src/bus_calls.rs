@@ -5,14 +5,66 @@ use ecan_host::{
     SlaveAccess, SlaveInfo,
 };
 use ecan_service_protocol::{
-    AssignedParams, AssignedPdo, BusError, BusState, DownloadParams, Empty, INVALID_PARAMS, Link,
-    LinkParams, MAX_SDO_BYTES, Method, PdoEntry, PortKind, Request, RpcError, SdoDirection, Slave,
-    SlaveParams, SlavePort, Upload, UploadParams, methods,
+    AssignedParams, AssignedPdo, BusError, BusState, DownloadParams, Empty, Link, LinkParams,
+    Method, PdoEntry, PortKind, RawRequest, RpcError, SdoDirection, Slave, SlaveParams, SlavePort,
+    Upload, UploadParams, methods,
 };
 use serde_json::Value;
 
 use crate::extension::result_value;
-use crate::session::parameters;
+
+/// A request about the bus, whose parameters are checked.
+#[derive(Debug)]
+pub(crate) enum BusCall {
+    State,
+    Link(LinkParams),
+    Slaves,
+    Slave(SlaveParams),
+    Assigned(AssignedParams),
+    Upload(UploadParams),
+    Download(DownloadParams),
+}
+
+impl BusCall {
+    /// Reads a request; `None` if the method is another one.
+    pub(crate) fn read(request: &RawRequest) -> Option<Result<Self, RpcError>> {
+        let without = |call: Self| request.params::<Empty>().map(|_| call);
+        Some(match request.method.as_str() {
+            methods::ReadBusState::NAME => without(Self::State),
+            methods::ReadLink::NAME => request.params().map(Self::Link),
+            methods::ReadSlaves::NAME => without(Self::Slaves),
+            methods::ReadSlave::NAME => request.params().map(Self::Slave),
+            methods::ReadAssigned::NAME => request.params().map(Self::Assigned),
+            methods::UploadSdo::NAME => request
+                .params()
+                .and_then(|params: UploadParams| params.checked_max_bytes().map(|_| params))
+                .map(Self::Upload),
+            methods::DownloadSdo::NAME => request
+                .params()
+                .and_then(|params: DownloadParams| params.check().map(|()| params))
+                .map(Self::Download),
+            _ => return None,
+        })
+    }
+
+    /// Slave whose mailbox the call needs.
+    pub(crate) const fn mailbox(&self) -> Option<u16> {
+        match self {
+            Self::Upload(params) => Some(params.slave),
+            Self::Download(params) => Some(params.slave),
+            _ => None,
+        }
+    }
+
+    /// Bytes of its data and of those that it returns.
+    pub(crate) fn bytes(&self) -> usize {
+        match self {
+            Self::Upload(params) => params.checked_max_bytes().unwrap_or_default(),
+            Self::Download(params) => params.data.len(),
+            _ => 0,
+        }
+    }
+}
 
 /// Requests about the bus of a master, each with a handle of its own: an idle one would keep IgH's
 /// module loaded, and stepped time waits for the threads that have one.
@@ -27,21 +79,19 @@ impl BusCalls {
         Self { ecrt, master_index }
     }
 
-    /// Executes a request; `None` if the method is another one.
-    pub(crate) fn call(&self, request: &Request) -> Option<Result<Value, RpcError>> {
-        Some(match request.method.as_str() {
-            methods::ReadBusState::NAME => self.with(|bus, _: Empty| bus_state(bus), request),
-            methods::ReadLink::NAME => self.with(link, request),
-            methods::ReadSlaves::NAME => self.with(|bus, _: Empty| slaves(bus), request),
-            methods::ReadSlave::NAME => self.with(
-                |bus, params: SlaveParams| Ok(slave(SlaveAccess::slave_info(bus, params.slave)?)),
-                request,
-            ),
-            methods::ReadAssigned::NAME => self.with(assigned, request),
-            methods::UploadSdo::NAME => self.upload(request),
-            methods::DownloadSdo::NAME => self.download(request),
-            _ => return None,
-        })
+    /// Executes a request.
+    pub(crate) fn execute(&self, call: &BusCall) -> Result<Value, RpcError> {
+        match *call {
+            BusCall::State => self.with(bus_state),
+            BusCall::Link(params) => self.with(|bus| link(bus, params)),
+            BusCall::Slaves => self.with(slaves),
+            BusCall::Slave(params) => {
+                self.with(|bus| Ok(slave(SlaveAccess::slave_info(bus, params.slave)?)))
+            }
+            BusCall::Assigned(params) => self.with(|bus| assigned(bus, params)),
+            BusCall::Upload(params) => self.upload(params),
+            BusCall::Download(ref params) => self.download(params),
+        }
     }
 
     /// State of the bus.
@@ -53,13 +103,11 @@ impl BusCalls {
         Ok(Master::open(&self.ecrt, self.master_index)?)
     }
 
-    fn with<P: serde::de::DeserializeOwned, R: serde::Serialize>(
+    fn with<R: serde::Serialize>(
         &self,
-        call: impl FnOnce(&Master, P) -> Result<R, Error>,
-        request: &Request,
+        call: impl FnOnce(&Master) -> Result<R, Error>,
     ) -> Result<Value, RpcError> {
-        let params = parameters(request)?;
-        let result = self.master().and_then(|master| call(&master, params));
+        let result = self.master().and_then(|master| call(&master));
         result_value(&result.map_err(|error| rpc_error(&error))?)
     }
 
@@ -69,16 +117,9 @@ impl BusCalls {
         Diagnostics::of_bus(&self.ecrt, self.master_index)
     }
 
-    fn upload(&self, request: &Request) -> Result<Value, RpcError> {
-        let params: UploadParams = parameters(request)?;
-        let UploadParams { slave, index, subindex, max_bytes, once } = params;
-        let max_bytes = max_bytes.unwrap_or(MAX_SDO_BYTES);
-        if !(1..=MAX_SDO_BYTES).contains(&max_bytes) {
-            let text =
-                format!("max_bytes {max_bytes} is out of range; allowed: 1 to {MAX_SDO_BYTES}");
-            return Err(RpcError::new(INVALID_PARAMS, text));
-        }
-        let mut data = vec![0; max_bytes as usize];
+    fn upload(&self, params: UploadParams) -> Result<Value, RpcError> {
+        let UploadParams { slave, index, subindex, once, .. } = params;
+        let mut data = vec![0; params.checked_max_bytes()?];
         let result = if once {
             self.master()
                 .and_then(|bus| SlaveAccess::sdo_upload(&bus, slave, index, subindex, &mut data))
@@ -90,22 +131,16 @@ impl BusCalls {
         result_value(&Upload { data })
     }
 
-    fn download(&self, request: &Request) -> Result<Value, RpcError> {
-        let params: DownloadParams = parameters(request)?;
-        let DownloadParams { slave, index, subindex, data, once, complete } = params;
-        if complete && subindex != 0 {
-            let text =
-                format!("subindex {subindex} with complete access is out of range; allowed: 0");
-            return Err(RpcError::new(INVALID_PARAMS, text));
-        }
+    fn download(&self, params: &DownloadParams) -> Result<Value, RpcError> {
+        let DownloadParams { slave, index, subindex, ref data, once, complete } = *params;
         let result = if complete {
             self.master()
-                .and_then(|bus| SlaveAccess::sdo_download_complete(&bus, slave, index, &data))
+                .and_then(|bus| SlaveAccess::sdo_download_complete(&bus, slave, index, data))
         } else if once {
             self.master()
-                .and_then(|bus| SlaveAccess::sdo_download(&bus, slave, index, subindex, &data))
+                .and_then(|bus| SlaveAccess::sdo_download(&bus, slave, index, subindex, data))
         } else {
-            self.repeating().and_then(|bus| bus.sdo_download(slave.into(), index, subindex, &data))
+            self.repeating().and_then(|bus| bus.sdo_download(slave.into(), index, subindex, data))
         };
         result.map_err(|error| rpc_error(&error))?;
         result_value(&Empty {})

@@ -80,6 +80,13 @@ impl BusView {
         }
     }
 
+    /// Number of the last cycle if the gateway is not ready in it.
+    pub(crate) fn cycle_of_lost_session(&mut self, slave: usize) -> Option<u64> {
+        self.update().ok()?;
+        let session = PortSnapshot::of(&self.snapshot)?.session(slave)?;
+        (session != PortSession::Ready).then(|| self.snapshot.cycle())
+    }
+
     /// Reads the last cycle; returns whether the application has ended.
     fn update(&mut self) -> Result<bool, RpcError> {
         match self.snapshot.update() {

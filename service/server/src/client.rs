@@ -1,7 +1,7 @@
 //! A client: its socket and session.
 
 use std::os::fd::OwnedFd;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use ecan_service_protocol::ClientStats;
 use rustix::event::PollFlags;
@@ -20,13 +20,26 @@ pub(crate) struct Client {
     pub(crate) session: Session,
     pub(crate) peer: Option<Peer>,
     connected: Instant,
+    /// Checks of the service without a `hello`; counts no time in which the service was stopped.
+    pub(crate) silent_checks: u32,
+    /// Time since which bytes may wait in the socket that the service did not read.
+    unread_since: Option<Duration>,
     /// The connection failed, or the client closed it.
     is_gone: bool,
 }
 
 impl Client {
     pub(crate) fn new(socket: OwnedFd, session: Session, peer: Option<Peer>) -> Self {
-        Self { socket, session, peer, connected: Instant::now(), is_gone: false }
+        let connected = Instant::now();
+        Self {
+            socket,
+            session,
+            peer,
+            connected,
+            silent_checks: 0,
+            unread_since: None,
+            is_gone: false,
+        }
     }
 
     /// Events that the client waits for.
@@ -41,21 +54,34 @@ impl Client {
         flags
     }
 
-    /// Reads what the client sent.
-    pub(crate) fn read(&mut self, buffer: &mut [u8], host: &mut impl Host) {
+    /// Reads what the client sent; it arrived at `arrival` or later, unless the service left it unread
+    /// before.
+    pub(crate) fn read(&mut self, buffer: &mut [u8], arrival: Duration, host: &mut impl Host) {
+        let first = self.unread_since.map_or(arrival, |since| since.min(arrival));
         for _ in 0..MAX_READS {
             if self.is_gone || !self.session.accepts_input() {
-                return;
+                break;
             }
             match recv(&self.socket, &mut *buffer, RecvFlags::DONTWAIT) {
                 Ok((0, _)) => self.is_gone = true,
                 Ok((count, _)) => {
-                    self.session.receive(buffer.get(..count).unwrap_or_default(), host);
+                    self.session.receive(buffer.get(..count).unwrap_or_default(), first, host);
                 }
                 Err(Errno::INTR) => {}
-                Err(Errno::AGAIN) => return,
+                Err(Errno::AGAIN) => {
+                    self.unread_since = None;
+                    return;
+                }
                 Err(_) => self.is_gone = true,
             }
+        }
+        self.unread_since = Some(first);
+    }
+
+    /// No byte of the client waits in the socket while the service reads it.
+    pub(crate) fn end_unread(&mut self) {
+        if self.session.accepts_input() {
+            self.unread_since = None;
         }
     }
 
@@ -86,16 +112,18 @@ impl Client {
     }
 
     pub(crate) fn statistics(&self) -> ClientStats {
-        let Session { id, ref name, ref permission, ref output, counters, .. } = self.session;
+        let Session { id, ref name, ref output, counters, .. } = self.session;
         let connected_ms = self.connected.elapsed().as_millis();
         ClientStats {
             id,
             name: name.clone(),
             pid: self.peer.map_or(0, |peer| peer.pid),
             uid: self.peer.map_or(0, |peer| peer.uid),
-            access: permission.access,
+            access: self.session.permission().access,
             connected_ms: u64::try_from(connected_ms).unwrap_or(u64::MAX),
             requests: counters.requests,
+            requests_rejected: counters.requests_rejected,
+            requests_expired: counters.requests_expired,
             frames_delivered: output.counters.frames_delivered,
             frames_lost: output.counters.frames_lost,
             images_delivered: output.counters.images_delivered,

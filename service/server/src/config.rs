@@ -38,7 +38,8 @@ pub struct ServiceConfig {
     pub group: Option<String>,
     /// Clients with control; by default none.
     pub control: Control,
-    /// Most clients at a time; 64 by default.
+    /// Most clients at a time; 64 by default. The last place is for root and the user of the service;
+    /// each other user has at most half of the places.
     pub max_clients: usize,
     /// Bytes of frames and images that wait for one client; 1 MiB by default. A client that reads too
     /// slowly loses what exceeds it.

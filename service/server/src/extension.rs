@@ -8,9 +8,14 @@ use serde_json::Value;
 
 /// Methods that a program adds to its service, for example `reload`.
 pub trait Extension: fmt::Debug + Send + Sync {
+    /// Access that a method needs: `Control` if it changes something; `None` if the extension does not
+    /// have it. Called on the thread of the service, which rejects clients without this access: it does not
+    /// block.
+    fn access(&self, method: &str) -> Option<Access>;
+
     /// Calls a method; `None` if the extension does not have it. Called on a worker thread of the
-    /// service, at most four calls at a time: it may block. An extension checks `access` itself, with
-    /// [`Permission::need_control`] for a method that changes something.
+    /// service, at most two calls at a time and one of each client: it may block. `access` is that of the
+    /// client.
     fn call(
         &self,
         method: &str,

@@ -8,15 +8,18 @@ use ecan_mcan_port::{
 use ecan_protocol::can::CanFrame;
 use ecan_protocol::image::{ImageReader, OptionFlags, Packet, PdoProfile, TxResult};
 use ecan_protocol::mapping::{CHANNELS, Direction};
-use ecan_service_protocol::{FrameEvent, FrameReport, ImageMessage, RejectReason, TransmitFailure};
+use ecan_service_protocol::{FrameEvent, FrameReport, ImageMessage, RejectReason};
 
+use crate::bus_view::BusView;
 use crate::session::ClientId;
 
-/// Time after which a published frame without transmit result counts as failed, in nanoseconds.
-const RESULT_TIMEOUT_NS: u64 = 1_000_000_000;
-/// Published images that wait for results. They arrive one or two images later, later under back
-/// pressure.
-const MAX_PUBLISHED: usize = 64;
+/// Images that the gateway sends after a published one until its missing results count as lost. Results
+/// arrive one or two images later, later under back pressure: the transmit queue of a channel has up to
+/// 1024 frames. A result in an image that was lost never arrives.
+const MAX_IMAGES: u64 = 4096;
+/// Published frames of a gateway that wait for results; an image has up to 255. The oldest ones beyond them
+/// count as lost.
+const MAX_OPEN_FRAMES: usize = 16 << 10;
 /// Records that are read in a row, before clients are served again.
 const MAX_RECORDS: usize = 1024;
 
@@ -48,12 +51,18 @@ struct Accounts {
     gateways: Vec<GatewayAccount>,
     /// Offset of the cycle clock to the time since 1970.
     since_1970_ns: u64,
+    /// Time of the last record, since 1970.
+    last_time_ns: u64,
 }
 
 #[derive(Debug)]
 struct GatewayAccount {
     channels: [ChannelQueue; CHANNELS],
     published: VecDeque<PublishedImage>,
+    /// Frames without result in the published images.
+    open_frames: usize,
+    /// Images that were received since the start.
+    received: u64,
     has_results: bool,
 }
 
@@ -76,7 +85,10 @@ impl ChannelQueue {
 #[derive(Debug)]
 struct PublishedImage {
     sequence: u16,
-    time_ns: u64,
+    /// Number of the cycle.
+    cycle: u64,
+    /// Images that were received before it.
+    received: u64,
     /// By index in the image; `None` after the result.
     frames: Vec<Option<PublishedFrame>>,
     /// Frames without result.
@@ -101,9 +113,12 @@ impl FrameFeed {
         let gateways = has_results.map(|has_results| GatewayAccount {
             channels: Default::default(),
             published: VecDeque::new(),
+            open_frames: 0,
+            received: 0,
             has_results,
         });
-        let accounts = Accounts { gateways: gateways.collect(), since_1970_ns };
+        let gateways = gateways.collect();
+        let accounts = Accounts { gateways, since_1970_ns, last_time_ns: 0 };
         stream.set_paused(true);
         Self { stream, queues, accounts, is_active: false, is_closed: false }
     }
@@ -134,13 +149,14 @@ impl FrameFeed {
         self.accounts.close(is_cycle_over, sink);
     }
 
-    /// Queues a frame of a client.
+    /// Queues a frame of a client; the cycle withdraws it at `expires_ns` on its clock.
     pub(crate) fn transmit(
         &mut self,
         owner: Owner,
         gateway: u16,
         channel: u8,
         frame: &CanFrame,
+        expires_ns: u64,
     ) -> Result<(), RejectReason> {
         if self.is_closed {
             return Err(RejectReason::Closed);
@@ -150,7 +166,7 @@ impl FrameFeed {
         let account = self.accounts.gateways.get_mut(slave);
         let queue = account.and_then(|it| it.channels.get_mut(usize::from(channel)));
         let Some(queue) = queue else { return Err(RejectReason::NoSuchChannel) };
-        self.queues.push(slave, channel, frame).map_err(|error| match error {
+        self.queues.push_until(slave, channel, frame, expires_ns).map_err(|error| match error {
             QueueError::Full { .. } => RejectReason::QueueFull,
             QueueError::NotFd { .. } => RejectReason::NotFd,
             QueueError::ReceiveOnly { .. } => RejectReason::ReceiveOnly,
@@ -162,9 +178,14 @@ impl FrameFeed {
         Ok(())
     }
 
-    /// Reads what the cycle wrote. `is_needed`: a client needs the images. `now_ns` on the cycle clock.
-    /// Returns whether more is left.
-    pub(crate) fn drain(&mut self, is_needed: bool, now_ns: u64, sink: &mut impl FeedSink) -> bool {
+    /// Reads what the cycle wrote. `is_needed`: a client needs the images. `view` has the state of the
+    /// gateways. Returns whether more is left.
+    pub(crate) fn drain(
+        &mut self,
+        is_needed: bool,
+        view: &mut BusView,
+        sink: &mut impl FeedSink,
+    ) -> bool {
         if !is_needed && !self.accounts.has_frames() {
             if std::mem::replace(&mut self.is_active, false) {
                 self.stream.set_paused(true);
@@ -175,9 +196,10 @@ impl FrameFeed {
         self.activate();
         // Before the last record is read.
         let is_closed = self.stream.is_closed();
+        let lost_sessions = self.accounts.lost_sessions(view);
         for _ in 0..MAX_RECORDS {
             let Some(record) = self.stream.next() else {
-                self.accounts.expire(now_ns, sink);
+                self.accounts.end_sessions(&lost_sessions, sink);
                 if is_closed && !self.is_closed {
                     self.close(sink);
                 }
@@ -201,7 +223,29 @@ impl Accounts {
     }
 
     fn forget(&mut self) {
-        self.gateways.iter_mut().for_each(|gateway| gateway.published.clear());
+        for gateway in &mut self.gateways {
+            gateway.published.clear();
+            gateway.open_frames = 0;
+        }
+    }
+
+    /// Gateways with open frames that are not ready in the last cycle, and the number of this cycle: the
+    /// records up to it are written.
+    fn lost_sessions(&self, view: &mut BusView) -> Vec<(usize, u64)> {
+        let open = self.gateways.iter().enumerate().filter(|(_, it)| it.open_frames > 0);
+        open.filter_map(|(slave, _)| Some((slave, view.cycle_of_lost_session(slave)?))).collect()
+    }
+
+    /// No results of sessions that are lost arrive any more.
+    fn end_sessions(&mut self, lost: &[(usize, u64)], sink: &mut impl FeedSink) {
+        let time_ns = self.last_time_ns;
+        for (slave, cycle) in lost {
+            let Some(gateway) = self.gateways.get_mut(*slave) else { continue };
+            let mut report = Reporter { time_ns, slave: *slave, sink };
+            while gateway.published.front().is_some_and(|image| image.cycle <= *cycle) {
+                gateway.lose_first(&mut report);
+            }
+        }
     }
 
     fn take(&mut self, record: &ImageRecord<'_>, sink: &mut impl FeedSink) {
@@ -209,6 +253,7 @@ impl Accounts {
             sink.lost(record.lost_before, record.lost_packets);
         }
         let time_ns = record.time_ns.wrapping_add(self.since_1970_ns);
+        self.last_time_ns = time_ns;
         let image = |slave: usize, direction, profile, image| ImageMessage {
             time_ns,
             cycle: record.cycle,
@@ -229,20 +274,22 @@ impl Accounts {
                 if let Ok(image) = read {
                     let frames = image.packets().map_while(Result::ok).filter_map(frame_of);
                     let frames = frames.collect();
-                    let time = (record.time_ns, time_ns);
+                    let time = (record.cycle, time_ns);
                     self.published(time, slave, image.sequence(), frames, queued, sink);
                 }
             }
-            ImageEvent::Rejected { slave, channel, frames, taken } => {
+            ImageEvent::Rejected { slave, channel, frames, taken, is_expired } => {
                 let Some(gateway) = self.gateways.get_mut(slave) else { return };
                 let Some(queue) = gateway.channels.get_mut(usize::from(channel)) else { return };
                 let mut report = Reporter { time_ns, slave, sink };
                 let sent = taken.saturating_sub(frames.into());
                 while let Some((owner, frame)) = queue.take_before(sent) {
-                    report.frame(channel, frame, Some(owner), NO_RESULT);
+                    report.frame(channel, frame, Some(owner), FrameEvent::Unknown);
                 }
+                let reason =
+                    if is_expired { RejectReason::Expired } else { RejectReason::NotReady };
                 while let Some((owner, frame)) = queue.take_before(taken) {
-                    let event = FrameEvent::Rejected(RejectReason::NotReady);
+                    let event = FrameEvent::Rejected(reason);
                     report.frame(channel, frame, Some(owner), event);
                 }
             }
@@ -273,11 +320,17 @@ impl Accounts {
                 Packet::TxResult(result) => gateway.result(&result, &mut report),
             }
         }
+        gateway.received += 1;
+        let received = gateway.received;
+        let is_old = |image: &PublishedImage| received - image.received > MAX_IMAGES;
+        while gateway.published.front().is_some_and(is_old) {
+            gateway.lose_first(&mut report);
+        }
     }
 
     fn published(
         &mut self,
-        (cycle_ns, time_ns): (u64, u64),
+        (cycle, time_ns): (u64, u64),
         slave: usize,
         sequence: u16,
         mut frames: Vec<Option<PublishedFrame>>,
@@ -291,7 +344,7 @@ impl Accounts {
         {
             // Of records that were lost.
             while let Some((owner, frame)) = queue.take_before(taken.saturating_sub(sent.into())) {
-                report.frame(channel, frame, Some(owner), NO_RESULT);
+                report.frame(channel, frame, Some(owner), FrameEvent::Unknown);
             }
             let of_channel = frames.iter_mut().flatten().filter(|it| it.channel == channel);
             let mut last: Vec<_> = of_channel.rev().take(sent.into()).collect();
@@ -304,27 +357,12 @@ impl Accounts {
                 report.frame(channel, frame, owner, FrameEvent::Published);
             }
         } else if !frames.is_empty() {
-            let open = frames.len();
-            gateway.published.push_back(PublishedImage {
-                sequence,
-                time_ns: cycle_ns,
-                frames,
-                open,
-            });
-            if gateway.published.len() > MAX_PUBLISHED {
-                gateway.fail_first(&mut report);
-            }
-        }
-    }
-
-    fn expire(&mut self, now_ns: u64, sink: &mut impl FeedSink) {
-        let time_ns = now_ns.wrapping_add(self.since_1970_ns);
-        for (slave, gateway) in self.gateways.iter_mut().enumerate() {
-            let mut report = Reporter { time_ns, slave, sink };
-            let is_old =
-                |it: &PublishedImage| it.time_ns.saturating_add(RESULT_TIMEOUT_NS) < now_ns;
-            while gateway.published.front().is_some_and(is_old) {
-                gateway.fail_first(&mut report);
+            let (open, received) = (frames.len(), gateway.received);
+            let image = PublishedImage { sequence, cycle, received, frames, open };
+            gateway.published.push_back(image);
+            gateway.open_frames += open;
+            while gateway.open_frames > MAX_OPEN_FRAMES {
+                gateway.lose_first(&mut report);
             }
         }
     }
@@ -334,13 +372,13 @@ impl Accounts {
         for (slave, gateway) in self.gateways.iter_mut().enumerate() {
             let mut report = Reporter { time_ns: 0, slave, sink };
             while !gateway.published.is_empty() {
-                gateway.fail_first(&mut report);
+                gateway.lose_first(&mut report);
             }
             for (channel, queue) in (0_u8..).zip(&mut gateway.channels) {
                 for (owner, frame) in queue.frames.drain(..) {
                     let event = match is_cycle_over {
                         true => FrameEvent::Rejected(RejectReason::Closed),
-                        false => NO_RESULT,
+                        false => FrameEvent::Unknown,
                     };
                     report.frame(channel, frame, Some(owner), event);
                 }
@@ -348,8 +386,6 @@ impl Accounts {
         }
     }
 }
-
-const NO_RESULT: FrameEvent = FrameEvent::Failed(TransmitFailure::NoResult);
 
 /// A frame of an image; the place of a packet that is none.
 fn frame_of(packet: Packet<'_>) -> Option<Option<PublishedFrame>> {
@@ -372,10 +408,11 @@ impl GatewayAccount {
         let frame = slot.and_then(|slot| slot.take_if(|it| it.channel == result.channel));
         let Some(PublishedFrame { channel, frame, owner }) = frame else { return };
         image.open -= 1;
+        self.open_frames = self.open_frames.saturating_sub(1);
         let event = if result.code.is_success() {
             FrameEvent::Transmitted
         } else {
-            FrameEvent::Failed(TransmitFailure::Result(result.code))
+            FrameEvent::Failed(result.code)
         };
         report.frame(channel, frame, owner, event);
         while self.published.front().is_some_and(|image| image.open == 0) {
@@ -383,10 +420,12 @@ impl GatewayAccount {
         }
     }
 
-    fn fail_first(&mut self, report: &mut Reporter<'_, impl FeedSink>) {
-        let frames = self.published.pop_front().map_or_else(Vec::new, |image| image.frames);
-        for PublishedFrame { channel, frame, owner } in frames.into_iter().flatten() {
-            report.frame(channel, frame, owner, NO_RESULT);
+    /// The results of the oldest image are not known and will not be.
+    fn lose_first(&mut self, report: &mut Reporter<'_, impl FeedSink>) {
+        let Some(image) = self.published.pop_front() else { return };
+        self.open_frames = self.open_frames.saturating_sub(image.open);
+        for PublishedFrame { channel, frame, owner } in image.frames.into_iter().flatten() {
+            report.frame(channel, frame, owner, FrameEvent::Unknown);
         }
     }
 }

@@ -7,6 +7,7 @@
 #![deny(clippy::print_stdout, clippy::print_stderr)]
 #![forbid(unsafe_code)]
 
+mod admission;
 mod attachment;
 mod bus;
 mod bus_calls;
@@ -15,6 +16,7 @@ mod client;
 mod config;
 mod extension;
 mod frame_feed;
+mod job_queue;
 mod listener;
 mod metrics;
 mod offline_session;

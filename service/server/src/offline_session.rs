@@ -1,11 +1,14 @@
 //! A session without a socket, for fuzzing.
 
+use std::time::Duration;
+
 use ecan_service_protocol::{
-    Access, Hello, MessageReader, RejectReason, Request, RpcError, Sender, TransmitRecord,
+    Access, Hello, MessageReader, RawRequest, RejectReason, RpcError, Sender, TransmitRecord,
 };
 use serde_json::Value;
 
 use crate::extension::Permission;
+use crate::job_queue::Requester;
 use crate::session::{ClientId, Host, Session};
 
 const QUEUE_BYTES: usize = 1 << 20;
@@ -16,7 +19,7 @@ pub struct OfflineSession {
     /// Frames that were passed to the bus.
     pub sent: Vec<TransmitRecord>,
     /// Requests that were passed to the bus.
-    pub requests: Vec<Request>,
+    pub requests: Vec<RawRequest>,
     /// Bytes for the client.
     pub output: Vec<u8>,
     /// The service would close the connection.
@@ -28,7 +31,7 @@ pub struct OfflineSession {
 #[derive(Default)]
 struct Recorder {
     sent: Vec<TransmitRecord>,
-    requests: Vec<Request>,
+    requests: Vec<RawRequest>,
 }
 
 impl Host for Recorder {
@@ -38,15 +41,21 @@ impl Host for Recorder {
 
     fn call(
         &mut self,
-        _client: ClientId,
+        _requester: Requester,
         _permission: &Permission,
-        request: &Request,
+        request: &RawRequest,
+        _arrival: Duration,
     ) -> Option<Result<Value, RpcError>> {
         self.requests.push(request.clone());
         Some(Ok(Value::Null))
     }
 
-    fn transmit(&mut self, _client: ClientId, record: &TransmitRecord) -> Result<(), RejectReason> {
+    fn transmit(
+        &mut self,
+        _client: ClientId,
+        record: &TransmitRecord,
+        _arrival: Duration,
+    ) -> Result<(), RejectReason> {
         self.sent.push(*record);
         Ok(())
     }
@@ -58,10 +67,11 @@ impl OfflineSession {
     /// Passes the pieces of a client's bytes to a session.
     pub fn hold<'a>(access: Access, window: u32, pieces: impl Iterator<Item = &'a [u8]>) -> Self {
         let permission = Permission { access, reason: None };
-        let mut session = Session::new(1, permission, QUEUE_BYTES, window);
+        let mut session =
+            Session::new(Requester { client: 1, user: 0 }, permission, QUEUE_BYTES, window);
         let mut host = Recorder::default();
         for piece in pieces {
-            session.receive(piece, &mut host);
+            session.receive(piece, Duration::ZERO, &mut host);
         }
         session.output.end_batch();
         let counters = (session.counters.frames_accepted, session.counters.frames_rejected);

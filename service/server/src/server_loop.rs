@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::os::fd::{AsFd as _, OwnedFd};
 use std::sync::Arc;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use ecan_protocol::mapping::Direction;
 use ecan_service_protocol::{
@@ -16,29 +16,32 @@ use rustix::io::Errno;
 use rustix::net::{SendFlags, send};
 use serde_json::Value;
 
+use crate::admission::{Admission, UNKNOWN_USER};
 use crate::attachment::Attachment;
 use crate::bus::Bus;
 use crate::client::Client;
 use crate::frame_feed::{FeedSink, Owner};
+use crate::job_queue::Requester;
 use crate::listener::Listener;
 use crate::permission::{AccessRule, Peer};
 use crate::scheduling::enter_background;
 use crate::session::{ClientId, Session};
 use crate::shared::{Shared, Update, notification};
-use crate::workers::Done;
+use crate::workers::{Done, time_since_boot};
 
 /// Interval of reading the cycle's ring while a client needs it.
 const ACTIVE_INTERVAL: Duration = Duration::from_millis(1);
-/// Interval of sampling the cycle.
+/// Interval of sampling the cycle, and longest wait: a longer one means that the service was stopped.
 const SAMPLE_INTERVAL: Duration = Duration::from_millis(50);
 /// Interval of checking the socket file.
 const CHECK_INTERVAL: Duration = Duration::from_secs(1);
+/// Delay of a wait beyond which bytes may have arrived at its start.
+const STOPPED_DELAY: Duration = Duration::from_millis(100);
 const READ_BYTES: usize = 64 << 10;
 
 /// Limits of a service.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Limits {
-    pub(crate) max_clients: usize,
     pub(crate) queue_bytes: usize,
     pub(crate) window: u32,
 }
@@ -49,6 +52,7 @@ pub(crate) struct ServerLoop {
     access: AccessRule,
     bus: Bus,
     limits: Limits,
+    admission: Admission,
     clients: Clients,
     /// Descriptor that is closed to accept, and reject, a client when there is no other one.
     reserve: Option<OwnedFd>,
@@ -61,7 +65,7 @@ pub(crate) struct ServerLoop {
 #[derive(Debug, Default)]
 struct Clients {
     all: BTreeMap<ClientId, Client>,
-    /// Without the list of clients.
+    /// Without the list of clients, and the requests of the connected ones.
     stats: ServiceStats,
 }
 
@@ -71,7 +75,7 @@ impl ServerLoop {
         shared: Arc<Shared>,
         access: AccessRule,
         bus: Bus,
-        limits: Limits,
+        (admission, limits): (Admission, Limits),
     ) -> Self {
         Self {
             listener,
@@ -79,6 +83,7 @@ impl ServerLoop {
             access,
             bus,
             limits,
+            admission,
             clients: Clients::default(),
             reserve: open_reserve(),
             has_no_descriptor: false,
@@ -89,7 +94,7 @@ impl ServerLoop {
     pub(crate) fn run(mut self) {
         enter_background();
         let mut buffer = vec![0; READ_BYTES];
-        let (mut next_check, mut next_sample) = (Instant::now(), Instant::now());
+        let (mut next_check, mut next_sample) = (time_since_boot(), time_since_boot());
         while !self.shared.is_stopped() {
             for update in self.shared.take_updates() {
                 self.apply(update);
@@ -99,18 +104,22 @@ impl ServerLoop {
                     client.session.respond_later(id, result);
                 }
             }
-            let now = Instant::now();
+            let now = time_since_boot();
             if now >= next_sample {
                 next_sample = now + SAMPLE_INTERVAL;
+                let clients = self.clients.all.values_mut();
+                self.clients.stats.clients_silent += self.admission.end_silent(clients);
                 self.bus.cycle.iter_mut().for_each(|cycle| cycle.view.sample());
             }
             if now >= next_check {
                 next_check = now + CHECK_INTERVAL;
                 self.check_socket();
+                self.admission.end_incidents();
             }
             let wait = self.drain();
+            self.admission.log_ends(self.clients.all.values_mut());
             self.clients.all.values_mut().for_each(Client::write);
-            self.clients.all.retain(|_, client| !client.is_over());
+            self.remove_clients();
             self.serve(wait, &mut buffer);
         }
         self.close();
@@ -130,13 +139,15 @@ impl ServerLoop {
             }
             Update::Access(access) => {
                 for client in self.clients.all.values_mut() {
-                    client.session.permission = access.permission(client.peer);
+                    client.session.set_permission(access.permission(client.peer));
                 }
                 self.access = access;
             }
-            Update::MaxClients(max_clients) => self.limits.max_clients = max_clients,
+            Update::MaxClients(max_clients) => self.admission.max_clients = max_clients,
             Update::Metrics(reply) => {
-                let (stats, clients) = (self.clients.stats.clone(), self.clients.all.len());
+                let requests_pending = self.bus.workers.pending();
+                let stats = ServiceStats { requests_pending, ..self.clients.stats() };
+                let clients = self.clients.all.len();
                 // The thread of the metrics may no longer wait.
                 let _ = reply.send(self.bus.metrics_sample(stats, clients));
             }
@@ -149,9 +160,9 @@ impl ServerLoop {
     /// Delivers what the cycle wrote; returns the time until it is read again.
     fn drain(&mut self) -> Duration {
         let is_needed = self.clients.all.values().any(|client| client.session.needs_images());
-        let Some(cycle) = &mut self.bus.cycle else { return CHECK_INTERVAL };
-        let now_ns = self.bus.clock.now_ns();
-        if cycle.feed.drain(is_needed, now_ns, &mut self.clients) {
+        let Some(cycle) = &mut self.bus.cycle else { return SAMPLE_INTERVAL };
+        let Attachment { feed, view, .. } = &mut **cycle;
+        if feed.drain(is_needed, view, &mut self.clients) {
             return Duration::ZERO;
         }
         if cycle.feed.is_active() { ACTIVE_INTERVAL } else { SAMPLE_INTERVAL }
@@ -165,9 +176,13 @@ impl ServerLoop {
         let clients = self.clients.all.values();
         fds.extend(clients.map(|client| PollFd::new(&client.socket, client.poll_flags())));
         let timeout = Timespec::try_from(wait).ok();
+        let start = time_since_boot();
         if poll(&mut fds, timeout.as_ref()).is_err() {
             return;
         }
+        let end = time_since_boot();
+        // A service that was stopped, or its machine, finds bytes that arrived long ago.
+        let arrival = if end > start + wait + STOPPED_DELAY { start } else { end };
         let ready: Vec<_> = fds.iter().map(PollFd::revents).collect();
         if ready.first().is_some_and(|flags| !flags.is_empty()) {
             waker.clear();
@@ -176,12 +191,15 @@ impl ServerLoop {
         let with_input = ready.iter().skip(2).any(|flags| flags.contains(PollFlags::IN));
         if with_input {
             let clients = self.clients.all.values().map(Client::statistics).collect();
-            self.bus.stats = ServiceStats { clients, ..self.clients.stats.clone() };
+            self.bus.stats = ServiceStats { clients, ..self.clients.stats() };
         }
         for (client, flags) in self.clients.all.values_mut().zip(ready.iter().skip(2)) {
             if flags.contains(PollFlags::IN) {
-                client.read(buffer, &mut self.bus);
-            } else if flags.intersects(PollFlags::ERR | PollFlags::HUP) {
+                client.read(buffer, arrival, &mut self.bus);
+                continue;
+            }
+            client.end_unread();
+            if flags.intersects(PollFlags::ERR | PollFlags::HUP) {
                 client.hang_up();
             }
         }
@@ -214,18 +232,33 @@ impl ServerLoop {
     }
 
     fn admit(&mut self, socket: OwnedFd) {
-        let Limits { max_clients, queue_bytes, window } = self.limits;
-        if self.clients.all.len() >= max_clients {
-            let text =
-                format!("{max_clients} clients are connected; close one, or raise max_clients");
-            return self.reject(&socket, &text);
-        }
+        let Limits { queue_bytes, window } = self.limits;
         let peer = Peer::of(&socket);
+        let user = peer.map_or(UNKNOWN_USER, |peer| peer.uid);
+        let users = self.clients.all.values().map(|client| client.session.user);
+        if let Err(reason) = self.admission.check(user, users) {
+            self.admission.log_rejection(peer, &reason);
+            return self.reject(&socket, &reason);
+        }
         let permission = self.access.permission(peer);
         self.clients.stats.clients_accepted += 1;
         let id = self.clients.stats.clients_accepted;
-        let session = Session::new(id, permission, queue_bytes, window);
+        let requester = Requester { client: id, user };
+        let session = Session::new(requester, permission, queue_bytes, window);
         self.clients.all.insert(id, Client::new(socket, session, peer));
+    }
+
+    /// Removes the clients whose connection ended, with their requests that wait.
+    fn remove_clients(&mut self) {
+        let Self { clients: Clients { all, stats }, bus, .. } = self;
+        all.retain(|id, client| {
+            let is_over = client.is_over();
+            if is_over {
+                stats.requests_cancelled += bus.workers.cancel(*id) as u64;
+                client.session.counters.add_to(stats);
+            }
+            !is_over
+        });
     }
 
     /// Sends the reason, as far as the socket takes it, and closes the connection.
@@ -267,6 +300,13 @@ fn open_reserve() -> Option<OwnedFd> {
 }
 
 impl Clients {
+    /// Counters of all clients, also of those that left.
+    fn stats(&self) -> ServiceStats {
+        let mut stats = self.stats.clone();
+        self.all.values().for_each(|client| client.session.counters.add_to(&mut stats));
+        stats
+    }
+
     fn notify(&mut self, notification: &Response) {
         for client in self.all.values_mut() {
             client.session.notify(notification);

@@ -7,9 +7,10 @@ use std::thread::{self, JoinHandle};
 
 use ecan_host::Ecrt;
 use ecan_mcan_port::Port;
-use ecan_service_protocol::{Access, Hello, PROTOCOL_VERSION, ServiceStats};
+use ecan_service_protocol::{Access, DEFAULT_MAX_AGE_MS, Hello, PROTOCOL_VERSION, ServiceStats};
 use serde_json::Value;
 
+use crate::admission::Admission;
 use crate::attachment::Attachment;
 use crate::bus::Bus;
 use crate::config::{Control, ServiceConfig, ServiceError};
@@ -66,6 +67,7 @@ impl Service {
             access_reason: None,
             cycle_ns: None,
             window: config.window,
+            max_age_ms: DEFAULT_MAX_AGE_MS,
             gateways: Vec::new(),
         };
         let clock = ecrt.clock().clone();
@@ -76,12 +78,9 @@ impl Service {
             .metrics
             .map(|metrics| MetricsServer::start(&metrics, socket, &shared, ecrt, master_index));
         let metrics = metrics.transpose()?;
-        let limits = Limits {
-            max_clients: config.max_clients,
-            queue_bytes: config.queue_bytes,
-            window: config.window,
-        };
-        let server = ServerLoop::new(listener, shared.clone(), access, bus, limits);
+        let limits = Limits { queue_bytes: config.queue_bytes, window: config.window };
+        let admission = Admission::new(config.max_clients);
+        let server = ServerLoop::new(listener, shared.clone(), access, bus, (admission, limits));
         let thread = spawn(server).map_err(ServiceError::Thread)?;
         Ok(Self {
             shared,

@@ -1,25 +1,27 @@
 //! Threads for requests that block.
 
 use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
+use std::sync::Arc;
 use std::sync::mpsc::{self, Receiver, Sender};
-use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
 use ecan_host::Ecrt;
-use ecan_service_protocol::{Request, RpcError};
+use ecan_service_protocol::{Access, DEFAULT_MAX_AGE_MS, EXPIRED, RawRequest, RpcError};
 use rustix::event::{EventfdFlags, eventfd};
-use serde_json::Value;
+use serde_json::{Value, json};
 
-use crate::bus_calls::BusCalls;
+use crate::bus_calls::{BusCall, BusCalls};
 use crate::extension::{Extension, Permission};
+use crate::job_queue::{JobKey, JobQueue, Lane, QueueLimit, Requester};
 use crate::scheduling::enter_background;
 use crate::session::{ClientId, no_such_method};
 
-const WORKERS: usize = 4;
 /// Time that the end of a service waits for a request. A transfer that the bus does not answer ends
 /// with the master's handle later.
 const END_WAIT: Duration = Duration::from_secs(2);
+/// Bytes of a job besides its data.
+const JOB_BYTES: usize = 256;
 
 /// Wakes the service's thread.
 #[derive(Debug, Clone)]
@@ -47,12 +49,79 @@ impl AsFd for Waker {
     }
 }
 
+/// Arrival and age limit of a request. The clock counts while the machine sleeps.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Age {
+    pub(crate) arrival: Duration,
+    /// `None`: no limit.
+    pub(crate) max: Option<Duration>,
+}
+
+/// Time since the start of the system, with the time asleep.
+pub(crate) fn time_since_boot() -> Duration {
+    let now = rustix::time::clock_gettime(rustix::time::ClockId::Boottime);
+    Duration::try_from(now).unwrap_or_default()
+}
+
+impl Age {
+    /// Age limit of a request; of one that may act, the default.
+    pub(crate) fn of(request: &RawRequest, access: Access, arrival: Duration) -> Self {
+        let default = (access == Access::Control).then_some(DEFAULT_MAX_AGE_MS);
+        let max = request.max_age_ms.or(default);
+        Self { arrival, max: max.map(|ms| Duration::from_millis(ms.into())) }
+    }
+
+    /// Time until the limit; zero after it, `None` without a limit.
+    pub(crate) fn left(&self) -> Option<Duration> {
+        let age = time_since_boot().saturating_sub(self.arrival);
+        self.max.map(|max| max.saturating_sub(age))
+    }
+
+    /// Rejects a request that waited longer than its limit.
+    pub(crate) fn check(&self, method: &str) -> Result<(), RpcError> {
+        if self.left() != Some(Duration::ZERO) {
+            return Ok(());
+        }
+        let age_ms = time_since_boot().saturating_sub(self.arrival).as_millis() as u64;
+        let max_ms = self.max.unwrap_or_default().as_millis() as u64;
+        let text = format!(
+            "{method} was not executed: it waited {age_ms} ms; allowed: {max_ms} ms (max_age_ms); \
+             send it again if it is still needed"
+        );
+        let data = json!({ "age_ms": age_ms, "max_age_ms": max_ms });
+        Err(RpcError { data, ..RpcError::new(EXPIRED, text) })
+    }
+}
+
+/// Task of a worker.
+#[derive(Debug)]
+pub(crate) enum Work {
+    Bus(BusCall),
+    /// A method of the extension with this index.
+    Extension(usize, RawRequest),
+}
+
+impl Work {
+    fn key(&self, requester: Requester) -> JobKey {
+        let (lane, slave, bytes) = match self {
+            Self::Bus(call) => match call.mailbox() {
+                Some(slave) => (Lane::Mailbox, Some(slave), call.bytes()),
+                None => (Lane::View, None, 0),
+            },
+            Self::Extension(_, request) => (Lane::Extension, None, request.bytes()),
+        };
+        JobKey { requester, lane, slave, bytes: JOB_BYTES + bytes }
+    }
+}
+
 /// A request for a worker.
 #[derive(Debug)]
 pub(crate) struct Job {
-    pub(crate) client: ClientId,
     pub(crate) permission: Permission,
-    pub(crate) request: Request,
+    pub(crate) id: Value,
+    pub(crate) method: String,
+    pub(crate) age: Age,
+    pub(crate) work: Work,
 }
 
 /// Response of a worker.
@@ -63,10 +132,12 @@ pub(crate) struct Done {
     pub(crate) result: Result<Value, RpcError>,
 }
 
-/// The workers of a service. Dropping it waits for them, for a limited time.
+/// The workers of a service. Dropping it discards the jobs that wait, and waits for those in progress for a
+/// limited time.
 #[derive(Debug)]
 pub(crate) struct Workers {
-    jobs: Option<Sender<Job>>,
+    queue: Arc<JobQueue<Job>>,
+    extensions: Vec<Arc<dyn Extension>>,
     done: Receiver<Done>,
     threads: Vec<JoinHandle<()>>,
 }
@@ -78,29 +149,51 @@ impl Workers {
         extensions: &[Arc<dyn Extension>],
         waker: &Waker,
     ) -> std::io::Result<Self> {
-        let (jobs, job_receiver) = mpsc::channel();
         let (done_sender, done) = mpsc::channel();
-        let jobs_in = Arc::new(Mutex::new(job_receiver));
-        let start = |number: usize| {
-            let worker = Worker {
-                jobs: jobs_in.clone(),
-                done: done_sender.clone(),
-                bus: BusCalls::new(ecrt.clone(), master_index),
-                extensions: extensions.to_vec(),
-                waker: waker.clone(),
-            };
-            let name = format!("ecan worker {number}");
-            thread::Builder::new().name(name).spawn(move || worker.run())
+        let queue = Arc::<JobQueue<Job>>::default();
+        // Dropped, and so ended, if a thread cannot be started.
+        let mut workers = Self {
+            queue: queue.clone(),
+            extensions: extensions.to_vec(),
+            done,
+            threads: Vec::new(),
         };
-        let threads = (0..WORKERS).map(start).collect::<Result<_, _>>()?;
-        Ok(Self { jobs: Some(jobs), done, threads })
+        for lane in Lane::ALL {
+            for number in 0..lane.workers().0 {
+                let worker = Worker {
+                    lane,
+                    queue: queue.clone(),
+                    done: done_sender.clone(),
+                    bus: BusCalls::new(ecrt.clone(), master_index),
+                    extensions: extensions.to_vec(),
+                    waker: waker.clone(),
+                };
+                let name = format!("ecan {lane:?} {number}").to_lowercase();
+                let thread = thread::Builder::new().name(name).spawn(move || worker.run())?;
+                workers.threads.push(thread);
+            }
+        }
+        Ok(workers)
     }
 
-    pub(crate) fn submit(&self, job: Job) {
-        // Workers end after the sender only.
-        if let Some(jobs) = &self.jobs {
-            let _ = jobs.send(job);
-        }
+    /// Index of the extension that has a method, and the access that it needs.
+    pub(crate) fn extension(&self, method: &str) -> Option<(usize, Access)> {
+        let mut extensions = self.extensions.iter().enumerate();
+        extensions.find_map(|(index, extension)| Some((index, extension.access(method)?)))
+    }
+
+    pub(crate) fn submit(&self, requester: Requester, job: Job) -> Result<(), QueueLimit> {
+        self.queue.push(job.work.key(requester), job)
+    }
+
+    /// Requests that wait or are executed.
+    pub(crate) fn pending(&self) -> u64 {
+        self.queue.amount().jobs as u64
+    }
+
+    /// A client left: its requests that wait are not executed. Returns their number.
+    pub(crate) fn cancel(&self, client: ClientId) -> usize {
+        self.queue.cancel(client)
     }
 
     pub(crate) fn next_done(&self) -> Option<Done> {
@@ -110,10 +203,10 @@ impl Workers {
 
 impl Drop for Workers {
     fn drop(&mut self) {
-        self.jobs = None;
+        self.queue.close();
         let end = Instant::now() + END_WAIT;
         for thread in self.threads.drain(..) {
-            // A channel without senders has no timeout for the end of a thread.
+            // A thread has no timeout for its end.
             while !thread.is_finished() && Instant::now() < end {
                 thread::sleep(Duration::from_millis(1));
             }
@@ -127,7 +220,8 @@ impl Drop for Workers {
 }
 
 struct Worker {
-    jobs: Arc<Mutex<Receiver<Job>>>,
+    lane: Lane,
+    queue: Arc<JobQueue<Job>>,
     done: Sender<Done>,
     bus: BusCalls,
     extensions: Vec<Arc<dyn Extension>>,
@@ -137,23 +231,26 @@ struct Worker {
 impl Worker {
     fn run(self) {
         enter_background();
-        loop {
-            let next = self.jobs.lock().unwrap_or_else(PoisonError::into_inner).recv();
-            let Ok(Job { client, permission, request }) = next else { return };
-            let result = self.execute(&request, &permission);
-            if self.done.send(Done { client, id: request.id, result }).is_err() {
+        while let Some((key, job)) = self.queue.take(self.lane) {
+            let result = job.age.check(&job.method).and_then(|()| self.execute(&job));
+            self.queue.finish(key);
+            let client = key.requester.client;
+            if self.done.send(Done { client, id: job.id, result }).is_err() {
                 return;
             }
             self.waker.wake();
         }
     }
 
-    fn execute(&self, request: &Request, permission: &Permission) -> Result<Value, RpcError> {
-        let method = &request.method;
-        let of_program =
-            || self.extensions.iter().find_map(|it| it.call(method, &request.params, permission));
-        of_program()
-            .or_else(|| self.bus.call(request))
-            .unwrap_or_else(|| Err(no_such_method(method)))
+    fn execute(&self, Job { permission, work, method, .. }: &Job) -> Result<Value, RpcError> {
+        match work {
+            Work::Bus(call) => self.bus.execute(call),
+            Work::Extension(index, request) => {
+                let extension = self.extensions.get(*index);
+                let result =
+                    extension.and_then(|it| it.call(method, &request.params_value(), permission));
+                result.unwrap_or_else(|| Err(no_such_method(method)))
+            }
+        }
     }
 }

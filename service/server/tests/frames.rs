@@ -14,9 +14,9 @@ use ecan_protocol::image::OptionFlags;
 use ecan_service::{Control, ServePort as _, Service, ServiceConfig};
 use ecan_service_client::{
     Client, Event, EventKind, FrameEvent, FrameReport, IdFilter, ImageSubscription, RejectReason,
-    SendError, Subscription, TransmitFailure,
+    SendError, SessionState, Subscription,
 };
-use ecan_sim::{ClockKind, SimOptions};
+use ecan_sim::{ClockKind, Fault, SimOptions};
 
 fn next_frame(client: &Client) -> FrameReport {
     match next(client) {
@@ -213,12 +213,18 @@ fn reconfiguration_reports_gateways_and_frames_continue() {
 
 /// A Port in stepped time whose cycle runs on the thread of the test, with a client of its service.
 fn stepped() -> (tempfile::TempDir, Port, Service, Client) {
+    stepped_with(GatewayConfig::on_channel(0, ChannelConfig::classic(1_000_000)))
+}
+
+fn stepped_with(gateway: GatewayConfig) -> (tempfile::TempDir, Port, Service, Client) {
     let directory = tempfile::tempdir().unwrap();
     let path = directory.path().join("master0.sock");
     let options = SimOptions { clock: Some(ClockKind::Stepped), ..SimOptions::default() };
     let backend = ecan_sim::open_scenario(ecan_sim::echo(1), &options).unwrap();
-    let adapter = AdapterConfig::new(1).with_cycle(Duration::from_millis(1));
-    let gateway = GatewayConfig::on_channel(0, ChannelConfig::classic(1_000_000));
+    // A slave leaves OP when its watchdog expires: not in a pause of a test.
+    let adapter = AdapterConfig::new(1)
+        .with_cycle(Duration::from_millis(1))
+        .with_watchdog(Duration::from_secs(6));
     let mut port = Port::open(&backend.ecrt, (adapter, PortConfig::uniform(1, gateway))).unwrap();
     let service = port.serve(ServiceConfig::new(&path).with_control(Control::Owner)).unwrap();
     port.wait_ready().unwrap();
@@ -230,6 +236,85 @@ fn stepped() -> (tempfile::TempDir, Port, Service, Client) {
 fn queue_frame(client: &Client) {
     client.send(0, 0, &frame(5, &[])).unwrap();
     client.state().unwrap();
+}
+
+/// Lets time pass without a cycle, as while the process is stopped, and the service see it.
+fn pause(port: &Port, client: &Client, pause: Duration) {
+    let clock = port.adapter().clock();
+    clock.sleep_until_ns(clock.now_ns() + pause.as_nanos() as u64);
+    client.state().unwrap();
+}
+
+#[test]
+fn pause_of_the_host_loses_no_result() {
+    let (_directory, mut port, _service, client) = stepped_with(common::gateway());
+    for number in 0..50 {
+        client.send(0, 0, &frame(0x100 + number, &[])).unwrap();
+        client.state().unwrap();
+        port.next_cycle().finish();
+        pause(&port, &client, Duration::from_secs(5));
+        assert_eq!(client.poll(Duration::ZERO).unwrap(), None, "the result is not known");
+        for _ in 0..10 {
+            port.next_cycle().finish();
+        }
+        let report = next_frame(&client);
+        assert_eq!(report.event, FrameEvent::Transmitted);
+        assert_eq!(report.frame.id().raw(), u32::from(0x100 + number));
+    }
+    let stats = client.service_stats().unwrap().clients[0].clone();
+    assert_eq!((stats.frames_accepted, stats.frames_pending), (50, 0));
+}
+
+#[test]
+fn frames_of_a_lost_session_end_as_transmitted_or_unknown() {
+    let fixture = Fixture::start(|_| ());
+    let client = fixture.client();
+    let accepted = || client.service_stats().unwrap().clients[0].frames_accepted;
+    for _ in 0..3 {
+        let (mut sent, mut ended) = (0, 0);
+        fixture.simulation.inject(Fault::PowerCycle { gateway: 0, off_ms: 200 });
+        while sent < 100 {
+            if client.send(0, 0, &frame(1, &[])).is_ok() {
+                sent += 1;
+            }
+            while let Some(event) = client.poll(Duration::ZERO).unwrap() {
+                let Event::Frame(report) = event else { panic!("{event:?}") };
+                let not_ready = FrameEvent::Rejected(RejectReason::NotReady);
+                let expected = [FrameEvent::Transmitted, FrameEvent::Unknown, not_ready];
+                assert!(expected.contains(&report.event), "{report:?}");
+                ended += 1;
+            }
+        }
+        // Without a further image of the gateway.
+        while ended < sent {
+            let Event::Frame(_) = next(&client) else { panic!("no frame") };
+            ended += 1;
+        }
+        assert_eq!(client.in_flight(0, 0), 0);
+        wait_for("the gateway", || {
+            client.state().unwrap().gateways[0].session == SessionState::Ready
+        });
+    }
+    assert_eq!(accepted(), 300);
+}
+
+#[test]
+fn frame_older_than_its_limit_is_rejected() {
+    let (_directory, mut port, _service, client) = stepped();
+    let (short, long) = (Duration::from_millis(5), Duration::from_secs(60));
+    client.send_within(0, 0, &frame(1, &[]), short).unwrap();
+    client.send_within(0, 0, &frame(2, &[]), long).unwrap();
+    client.send(0, 0, &frame(3, &[])).unwrap();
+    client.state().unwrap();
+    pause(&port, &client, Duration::from_secs(11));
+    port.next_cycle().finish();
+    port.next_cycle().finish();
+    let mut events = [next_frame(&client), next_frame(&client), next_frame(&client)]
+        .map(|report| (report.frame.id().raw(), report.event));
+    events.sort_by_key(|(id, _)| *id);
+    let expired = FrameEvent::Rejected(RejectReason::Expired);
+    // The last one has the default limit of 10 s.
+    assert_eq!(events, [(1, expired), (2, FrameEvent::Published), (3, expired)]);
 }
 
 #[test]
@@ -255,7 +340,7 @@ fn end_of_service_leaves_queued_frames_without_result() {
     drop(service);
     // The frame is still in the queue, from which the next cycle takes it.
     let event = next_frame(&client).event;
-    assert_eq!(event, FrameEvent::Failed(TransmitFailure::NoResult));
+    assert_eq!(event, FrameEvent::Unknown);
     assert_eq!(accepted(&port), 0);
     port.next_cycle().finish();
     assert_eq!(accepted(&port), 1);

@@ -4,11 +4,12 @@
 mod common;
 mod metrics;
 
-use std::io::{Read as _, Write as _};
-use std::os::unix::net::UnixStream;
+use std::io::Write as _;
 use std::time::Duration;
 
-use common::{Fixture, PATIENCE, exists, frame, gateway, next, wait_for};
+use common::{
+    Fixture, PATIENCE, call, exists, frame, gateway, next, read, say_hello, wait_for, write,
+};
 use ecan_host::AdapterConfig;
 use ecan_mcan_port::PortConfig;
 use ecan_service::{Control, Extension, Permission, Service, ServiceConfig, ServiceError};
@@ -116,7 +117,8 @@ fn read_only_client_is_rejected_with_the_reason() {
     let mut stream = fixture.stream();
     say_hello(&mut stream);
     let mut payload = Vec::new();
-    TransmitRecord { gateway: 0, channel: 0, tag: 3, frame: frame(1, &[]) }.encode(&mut payload);
+    TransmitRecord { gateway: 0, channel: 0, tag: 3, max_age_ms: 0, frame: frame(1, &[]) }
+        .encode(&mut payload);
     write(&mut stream, MessageKind::Transmit, &payload);
     let (kind, payload) = read(&mut stream).unwrap();
     assert_eq!(kind, MessageKind::Frames);
@@ -134,33 +136,6 @@ fn nmt_command_reaches_the_bus() {
     let Event::Frame(report) = common::next(&client) else { panic!() };
     assert_eq!((report.frame.id().raw(), report.frame.data()), (0, &[129, 5][..]));
     assert!(client.nmt(&NmtParams { channel: 3, ..params }).is_err());
-}
-
-fn write(stream: &mut UnixStream, kind: MessageKind, payload: &[u8]) {
-    stream.write_all(&header(kind, payload.len())).unwrap();
-    stream.write_all(payload).unwrap();
-}
-
-/// The next message; `None` at the end.
-fn read(stream: &mut UnixStream) -> Option<(MessageKind, Vec<u8>)> {
-    stream.set_read_timeout(Some(PATIENCE)).unwrap();
-    let mut head = [0; HEADER_BYTES];
-    stream.read_exact(&mut head).ok()?;
-    let (kind, length) = read_header(head, Sender::Service).unwrap();
-    let mut payload = vec![0; length];
-    stream.read_exact(&mut payload).unwrap();
-    Some((kind, payload))
-}
-
-fn call(stream: &mut UnixStream, request: &Value) -> Response {
-    write(stream, MessageKind::Rpc, request.to_string().as_bytes());
-    serde_json::from_slice(&read(stream).unwrap().1).unwrap()
-}
-
-fn say_hello(stream: &mut UnixStream) {
-    let params = json!({"version": 1, "client": "raw"});
-    let hello = json!({"jsonrpc": "2.0", "id": 1, "method": "hello", "params": params});
-    assert!(call(stream, &hello).result.is_some());
 }
 
 #[test]
@@ -226,7 +201,13 @@ fn batch_cut_by_the_end_of_its_client_sends_nothing() {
     good.subscribe(&Subscription::default()).unwrap();
     let mut stream = fixture.stream();
     say_hello(&mut stream);
-    let record = |id| TransmitRecord { gateway: 0, channel: 0, tag: 1, frame: frame(id, &[7; 8]) };
+    let record = |id| TransmitRecord {
+        gateway: 0,
+        channel: 0,
+        tag: 1,
+        max_age_ms: 0,
+        frame: frame(id, &[7; 8]),
+    };
     let (mut whole, mut cut) = (Vec::new(), Vec::new());
     record(0x111).encode(&mut whole);
     (0..2).for_each(|_| record(0x222).encode(&mut cut));
@@ -295,6 +276,14 @@ fn control_changes_for_connected_clients() {
 struct Counter;
 
 impl Extension for Counter {
+    fn access(&self, method: &str) -> Option<Access> {
+        match method {
+            "test.read" => Some(Access::Read),
+            "test.change" => Some(Access::Control),
+            _ => None,
+        }
+    }
+
     fn call(
         &self,
         method: &str,

@@ -128,7 +128,7 @@ impl State {
             Err(SendError::ReadOnly { .. }) => RejectReason::ReadOnly,
             Err(_) => RejectReason::Closed,
         };
-        let TransmitRecord { gateway, channel, tag, frame } = *record;
+        let TransmitRecord { gateway, channel, tag, frame, .. } = *record;
         let event = FrameEvent::Rejected(reason);
         self.report(place, FrameReport { time_ns: 0, gateway, channel, tag, event, frame })
     }
@@ -164,7 +164,9 @@ mod tests {
 
     fn records(tags: &[Tag]) -> Vec<TransmitRecord> {
         let frame = CanFrame::classic(CanId::standard(1).unwrap(), &[]).unwrap();
-        tags.iter().map(|tag| TransmitRecord { gateway: 0, channel: 2, tag: *tag, frame }).collect()
+        let record =
+            |tag: &Tag| TransmitRecord { gateway: 0, channel: 2, tag: *tag, max_age_ms: 0, frame };
+        tags.iter().map(record).collect()
     }
 
     fn result(tag: Tag) -> FrameReport {

@@ -164,7 +164,7 @@ fn next(samples: &Samples) -> Sample {
 }
 
 fn record(channel: u8, tag: u32, data: &[u8]) -> TransmitRecord {
-    TransmitRecord { gateway: 0, channel, tag, frame: frame(0x123, data) }
+    TransmitRecord { gateway: 0, channel, tag, max_age_ms: 0, frame: frame(0x123, data) }
 }
 
 #[test]

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use ecan_mcan_port::ChannelStatistics;
 use ecan_protocol::can::CanFrame;
-use ecan_service_client::{FrameEvent, TransmitFailure};
+use ecan_service_client::FrameEvent;
 
 use crate::frame_number::{FrameNumber, Kinds, Stream};
 use crate::seen::Seen;
@@ -110,7 +110,7 @@ impl Account {
                 return Err(format!("{stream:?} frame {number} was received as a result"));
             }
             // The service has ended: the Port may still accept it.
-            FrameEvent::Failed(TransmitFailure::NoResult) => {}
+            FrameEvent::Unknown => {}
             _ => self.clients.accepted += 1,
         }
         Ok(())

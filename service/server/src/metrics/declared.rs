@@ -55,8 +55,33 @@ static SERVICE: &[Metric] = &[
     ),
     Metric::new(
         "ecan_service_clients_rejected_total",
-        "Clients that the service rejected: too many, or no file descriptor.",
+        "Clients that the service rejected: too many in all or of one user, or no file descriptor.",
         Source::Service(|it| it.stats.clients_rejected as f64),
+    ),
+    Metric::new(
+        "ecan_service_clients_silent_total",
+        "Clients that the service disconnected because no hello came in time.",
+        Source::Service(|it| it.stats.clients_silent as f64),
+    ),
+    Metric::new(
+        "ecan_service_requests_pending",
+        "Requests that wait for a worker or are executed by one.",
+        Source::Service(|it| it.stats.requests_pending as f64),
+    ),
+    Metric::new(
+        "ecan_service_requests_rejected_total",
+        "Requests rejected because a limit of pending requests was reached.",
+        Source::Service(|it| it.stats.requests_rejected as f64),
+    ),
+    Metric::new(
+        "ecan_service_requests_cancelled_total",
+        "Requests not executed because their client left.",
+        Source::Service(|it| it.stats.requests_cancelled as f64),
+    ),
+    Metric::new(
+        "ecan_service_requests_expired_total",
+        "Requests not executed because they waited longer than their age limit.",
+        Source::Service(|it| it.stats.requests_expired as f64),
     ),
     Metric::new(
         "ecan_service_frames_lost_total",

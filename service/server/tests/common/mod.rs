@@ -1,6 +1,7 @@
 //! A Port on a simulated bus with a service, on a thread of its own.
 #![allow(dead_code, missing_docs)]
 
+use std::io::{Read as _, Write as _};
 use std::os::unix::net::UnixStream;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -13,8 +14,11 @@ use ecan_mcan_port::{ChannelConfig, GatewayConfig, Port, PortConfig, SlaveStatis
 use ecan_protocol::can::{CanFrame, CanId};
 use ecan_protocol::image::OptionFlags;
 use ecan_service::{Control, ServePort as _, Service, ServiceConfig};
-use ecan_service_client::{Client, Event};
+use ecan_service_client::{
+    Client, Event, HEADER_BYTES, MessageKind, Response, Sender, header, read_header,
+};
 use ecan_sim::{ClockKind, SimOptions, Simulation};
+use serde_json::{Value, json};
 
 /// Limit of all waits.
 pub const PATIENCE: Duration = Duration::from_secs(30);
@@ -165,4 +169,32 @@ pub fn next(client: &Client) -> Event {
 
 pub fn exists(path: &Path) -> bool {
     path.symlink_metadata().is_ok()
+}
+
+/// Writes a message as a client that is not the project's.
+pub fn write(stream: &mut UnixStream, kind: MessageKind, payload: &[u8]) {
+    stream.write_all(&header(kind, payload.len())).unwrap();
+    stream.write_all(payload).unwrap();
+}
+
+/// The next message; `None` at the end.
+pub fn read(stream: &mut UnixStream) -> Option<(MessageKind, Vec<u8>)> {
+    stream.set_read_timeout(Some(PATIENCE)).unwrap();
+    let mut head = [0; HEADER_BYTES];
+    stream.read_exact(&mut head).ok()?;
+    let (kind, length) = read_header(head, Sender::Service).unwrap();
+    let mut payload = vec![0; length];
+    stream.read_exact(&mut payload).unwrap();
+    Some((kind, payload))
+}
+
+pub fn call(stream: &mut UnixStream, request: &Value) -> Response {
+    write(stream, MessageKind::Rpc, request.to_string().as_bytes());
+    serde_json::from_slice(&read(stream).unwrap().1).unwrap()
+}
+
+pub fn say_hello(stream: &mut UnixStream) {
+    let params = json!({"version": 1, "client": "raw"});
+    let hello = json!({"jsonrpc": "2.0", "id": 1, "method": "hello", "params": params});
+    assert!(call(stream, &hello).result.is_some());
 }

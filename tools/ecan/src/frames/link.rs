@@ -7,7 +7,7 @@ use ecan_mcan_port::{PortConfig, SendTicket, Session, SlaveStatistics};
 use ecan_protocol::can::CanFrame;
 use ecan_protocol::image::{ChannelStatus, ResultCode, Timestamp};
 use ecan_protocol::mapping::Direction;
-use ecan_service_protocol::{self as service, RejectReason, TransmitFailure};
+use ecan_service_protocol::{self as service, RejectReason};
 
 use crate::context::Result;
 
@@ -35,8 +35,8 @@ pub enum Outcome {
     Result(ResultCode),
     /// A service reports success, or the gateway reports no results.
     Sent,
-    /// A service reports a failure.
-    Failed(TransmitFailure),
+    /// The result is not known and will not be.
+    Unknown,
     /// A service did not send the frame.
     Rejected(RejectReason),
 }
@@ -46,7 +46,7 @@ impl Outcome {
         match self {
             Self::Result(code) => code.is_success(),
             Self::Sent => true,
-            Self::Failed(_) | Self::Rejected(_) => false,
+            Self::Unknown | Self::Rejected(_) => false,
         }
     }
 }
@@ -56,7 +56,7 @@ impl fmt::Display for Outcome {
         match self {
             Self::Result(code) => code.fmt(f),
             Self::Sent => f.write_str("sent"),
-            Self::Failed(failure) => failure.fmt(f),
+            Self::Unknown => f.write_str("transmit result not known; the frame may have been sent"),
             Self::Rejected(reason) => reason.fmt(f),
         }
     }

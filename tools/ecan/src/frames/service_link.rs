@@ -186,7 +186,8 @@ impl ServiceLink {
             tag => Event::Result {
                 ticket: Some(Ticket::of_service(tag)),
                 outcome: match report.event {
-                    FrameEvent::Failed(failure) => Outcome::Failed(failure),
+                    FrameEvent::Failed(code) => Outcome::Result(code),
+                    FrameEvent::Unknown => Outcome::Unknown,
                     FrameEvent::Rejected(reason) => Outcome::Rejected(reason),
                     _ => Outcome::Sent,
                 },

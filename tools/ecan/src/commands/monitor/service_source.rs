@@ -164,7 +164,7 @@ impl ServiceSource {
         let direction = match report.event {
             FrameEvent::Received => Direction::Received,
             FrameEvent::Transmitted | FrameEvent::Published => Direction::Sent,
-            FrameEvent::Failed(_) => Direction::Failed,
+            FrameEvent::Failed(_) | FrameEvent::Unknown => Direction::Failed,
             FrameEvent::Rejected(_) => return,
         };
         let Some(gateway) = gateway else { return };

@@ -7,7 +7,7 @@ use std::sync::{Mutex, TryLockError};
 
 use ecan_mcan_port::Config;
 use ecan_service::{Extension, Permission, parse_params, result_value};
-use ecan_service_client::{BUSY, INVALID_PARAMS, NOT_AVAILABLE, RpcError};
+use ecan_service_client::{Access, BUSY, INVALID_PARAMS, NOT_AVAILABLE, RpcError};
 use ecan_sim::Backend;
 use serde_json::{Value, json};
 
@@ -101,6 +101,10 @@ impl ReconfigureMethod {
 }
 
 impl Extension for ReconfigureMethod {
+    fn access(&self, method: &str) -> Option<Access> {
+        (method == METHOD).then_some(Access::Control)
+    }
+
     fn call(
         &self,
         method: &str,

@@ -1,7 +1,7 @@
 //! Methods of the service for a simulated machine.
 
 use ecan_service::{Extension, Permission, parse_params, result_value};
-use ecan_service_client::{INVALID_PARAMS, RpcError};
+use ecan_service_client::{Access, INVALID_PARAMS, RpcError};
 use ecan_sim::Simulation;
 use serde_json::Value;
 
@@ -29,6 +29,14 @@ impl SimulationMethods {
 }
 
 impl Extension for SimulationMethods {
+    fn access(&self, method: &str) -> Option<Access> {
+        match method {
+            FAULT_METHOD => Some(Access::Control),
+            FAULTS_METHOD | STATUS_METHOD => Some(Access::Read),
+            _ => None,
+        }
+    }
+
     fn call(
         &self,
         method: &str,

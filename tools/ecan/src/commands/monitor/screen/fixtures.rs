@@ -115,6 +115,8 @@ pub fn through_service() -> Snapshot {
         access,
         connected_ms: 0,
         requests: 5,
+        requests_rejected: 0,
+        requests_expired: 0,
         frames_delivered: 120_400,
         frames_lost: lost,
         images_delivered: 0,
