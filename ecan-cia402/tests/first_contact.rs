@@ -5,8 +5,8 @@ use std::time::Duration;
 
 use crate::axes::{Fixture, START};
 use crate::support::stops::{
-    HostHeartbeat, QUICK, RATE_AND_PROFILE_MODES, RETURN_MS, SPEED, Trace, accelerate,
-    assert_runs_again, assert_stays_stopped, at_speed, at_speed_with, config, drives, open,
+    HostHeartbeat, QUICK, RATE_AND_PROFILE_MODES, REST, RETURN_MS, SPEED, Trace, accelerate,
+    assert_runs_again, assert_stays_stopped, at_speed, at_speed_with, config, drives, now_ms, open,
     replace_owner, state, table, velocity,
 };
 use ecan_canopen::{
@@ -15,7 +15,7 @@ use ecan_canopen::{
 use ecan_cia402::{AxisPhase, Cia402, Cia402Config, Takeover};
 use ecan_host::{AdapterConfig, DcSync};
 use ecan_protocol::object::AbortCode;
-use ecan_sim::{CommandSource, Fault, SdoDirection, SdoEffect, SdoRule};
+use ecan_sim::{CommandSource, DriveFault, Fault, SdoDirection, SdoEffect, SdoRule, TraceEvent};
 
 /// COB-IDs of SYNC and of the heartbeat of the host, by which a drive continues.
 fn feeds(frame: &ecan_sim::BusFrame) -> bool {
@@ -138,20 +138,209 @@ fn adopt(fixture: &mut Fixture, mode: OperatingMode) {
 
 #[test]
 fn drive_at_rest_is_adopted_without_being_switched_off() {
-    for mode in [OperatingMode::CyclicPosition, OperatingMode::CyclicVelocity] {
+    for mode in ADOPTED_MODES.into_iter().chain([OperatingMode::CyclicPosition]) {
         let mut fixture = open(drives(|_| {}), mode, HostHeartbeat::On);
         fixture.start();
         fixture.idle(100);
         adopt(&mut fixture, mode);
-        for _ in 0..100 {
+        let begin_ms = now_ms(&fixture);
+        while !fixture.cia402.is_configured(0) {
             fixture.step();
             assert_eq!(state(&fixture), DriveState::OperationEnabled, "{mode}");
+            assert!(now_ms(&fixture) < begin_ms + 250.0, "{mode}: {:?}", fixture.cia402.phase(0));
         }
-        assert!(fixture.cia402.is_configured(0), "{mode}: {:?}", fixture.cia402.phase(0));
+        println!("{mode}: adopted after {:.0} ms", now_ms(&fixture) - begin_ms);
+        fixture.idle(200);
+        assert_eq!(state(&fixture), DriveState::OperationEnabled, "{mode}");
         fixture.cia402.enable(0).unwrap();
         fixture.until(500, Cia402::all_running);
         assert_eq!(state(&fixture), DriveState::OperationEnabled, "{mode}");
         fixture.check();
+    }
+}
+
+const ADOPTED_MODES: [OperatingMode; 4] = [
+    OperatingMode::ProfileVelocity,
+    OperatingMode::CyclicVelocity,
+    OperatingMode::Velocity,
+    OperatingMode::ProfilePosition,
+];
+
+/// An axis that moves at a velocity or to a set-point far away, whose motor is blocked, so that it rests.
+fn blocked_with_target(mode: OperatingMode, adapter: AdapterConfig) -> Fixture {
+    let scenario = drives(|drive| drive.trace = 50_000);
+    let axes = table(mode, HostHeartbeat::On);
+    let fixture = Fixture::open_with(scenario, adapter, axes, config(HostHeartbeat::On));
+    block_with_target(fixture, mode)
+}
+
+fn block_with_target(fixture: Fixture, mode: OperatingMode) -> Fixture {
+    let mut fixture = fixture.started();
+    let target = match mode {
+        OperatingMode::ProfilePosition => fixture.cia402.actual(0).unwrap() + 100_000_000,
+        OperatingMode::CyclicVelocity => 20_000,
+        OperatingMode::Velocity => 1_000,
+        _ => 100_000,
+    };
+    fixture.cia402.set_target(0, target).unwrap();
+    fixture.steps(300);
+    assert!(velocity(&fixture) > 10_000.0, "{mode}: {}/s", velocity(&fixture));
+    fixture.strike(0, DriveFault::Blocked { for_ms: 3_000 });
+    fixture.steps(50);
+    assert!(velocity(&fixture).abs() < REST, "{mode}: blocked");
+    assert_eq!(state(&fixture), DriveState::OperationEnabled, "{mode}");
+    fixture
+}
+
+/// The fastest motion of the drive since a time.
+fn fastest_since(fixture: &Fixture, since_ns: u64) -> f64 {
+    let new = |drive: &ecan_sim::Drive| {
+        let records = drive.trace().iter().filter(|record| record.time_ns >= since_ns);
+        let speed = |event| match event {
+            TraceEvent::Motion(sample) => Some(sample.velocity.abs()),
+            _ => None,
+        };
+        records.filter_map(|record| speed(record.event)).fold(0.0, f64::max)
+    };
+    fixture.drive(0, new)
+}
+
+/// The drive rests only because its motor is blocked. What the earlier owner commanded must not be in force
+/// when it is free again.
+#[test]
+fn adopted_drive_does_not_continue_the_motion_of_an_earlier_owner() {
+    for mode in &ADOPTED_MODES[..3] {
+        let mode = *mode;
+        let cycle = AdapterConfig::new(1).with_cycle(Duration::from_millis(2));
+        let mut fixture = blocked_with_target(mode, cycle);
+        adopt(&mut fixture, mode);
+        let since_ns = fixture.now_ns();
+        // The demand of a profile mode returns by the ramp of the drive.
+        fixture.until(500, |cia402| cia402.is_configured(0));
+        assert_eq!(state(&fixture), DriveState::OperationEnabled, "{mode}: adopted");
+        // The motor is free after 3 s.
+        fixture.steps(2_000);
+        let fastest = fastest_since(&fixture, since_ns);
+        assert!(fastest < REST, "{mode}: {fastest}/s, {}", fixture.cia402.progress(0).unwrap());
+        fixture.cia402.enable(0).unwrap();
+        fixture.until(500, Cia402::all_running);
+        fixture.steps(200);
+        let fastest = fastest_since(&fixture, since_ns);
+        assert!(fastest < REST, "{mode}: {fastest}/s after it was enabled");
+        assert_eq!(state(&fixture), DriveState::OperationEnabled, "{mode}");
+        assert_moves_again(&mut fixture, mode);
+    }
+}
+
+/// The set-point of the earlier owner is pending: its axis was halted.
+#[test]
+fn adopted_drive_does_not_continue_to_a_pending_set_point() {
+    let mode = OperatingMode::ProfilePosition;
+    let mut fixture = open(drives(|drive| drive.trace = 50_000), mode, HostHeartbeat::On);
+    fixture.start();
+    let far = fixture.cia402.actual(0).unwrap() + 100_000_000;
+    fixture.cia402.set_target(0, far).unwrap();
+    fixture.steps(300);
+    fixture.cia402.halt(0).unwrap();
+    fixture.until(2_000, |cia402| cia402.is_at_rest(0));
+    fixture.steps(50);
+    assert!(velocity(&fixture).abs() < REST, "{}/s", velocity(&fixture));
+    adopt(&mut fixture, mode);
+    let since_ns = fixture.now_ns();
+    fixture.until(200, |cia402| cia402.is_configured(0));
+    fixture.steps(500);
+    fixture.cia402.enable(0).unwrap();
+    fixture.until(500, Cia402::all_running);
+    fixture.steps(500);
+    let fastest = fastest_since(&fixture, since_ns);
+    assert!(fastest < REST, "{fastest}/s, {}", fixture.cia402.progress(0).unwrap());
+    assert_eq!(state(&fixture), DriveState::OperationEnabled);
+    assert_moves_again(&mut fixture, mode);
+}
+
+/// A blocked motor far from the demand of its drive would go there as soon as it is free.
+#[test]
+fn blocked_drive_far_from_its_demand_is_not_adopted() {
+    let mode = OperatingMode::ProfilePosition;
+    let cycle = AdapterConfig::new(1).with_cycle(Duration::from_millis(2));
+    let mut fixture = blocked_with_target(mode, cycle);
+    adopt(&mut fixture, mode);
+    let since_ns = fixture.now_ns();
+    fixture.until(1_000, Cia402::all_stopped);
+    fixture.steps(1_500);
+    assert!(!fixture.cia402.is_configured(0));
+    let fastest = fastest_since(&fixture, since_ns);
+    assert!(fastest < REST, "{fastest}/s in {}", state(&fixture));
+}
+
+/// The axis follows the targets of its new owner.
+fn assert_moves_again(fixture: &mut Fixture, mode: OperatingMode) {
+    let from = fixture.cia402.actual(0).unwrap();
+    let target = match mode {
+        OperatingMode::ProfilePosition => from + 50_000,
+        OperatingMode::Velocity => 500,
+        _ => 20_000,
+    };
+    fixture.cia402.set_target(0, target).unwrap();
+    fixture.steps(500);
+    assert!(fixture.cia402.actual(0).unwrap() > from + 1_000, "{mode}");
+}
+
+/// The last RPDO of the earlier owner waits in the drive for the first SYNC of the new one.
+#[test]
+fn waiting_target_does_not_move_an_adopted_drive() {
+    let mode = OperatingMode::CyclicVelocity;
+    let mut adapter = AdapterConfig::new(1).with_cycle(Duration::from_millis(2));
+    adapter.dc = Some(DcSync::new(Duration::from_millis(2), Duration::from_micros(700)));
+    let scenario = drives(|drive| drive.trace = 50_000);
+    let axes = table(mode, HostHeartbeat::On);
+    let mut fixture = Fixture::open_with(scenario, adapter, axes, config(HostHeartbeat::On));
+    // After the SYNC of its cycle.
+    fixture.cia402.set_scheduled_tx(&fixture.port, Some(200_000), None).unwrap();
+    let mut fixture = fixture.started();
+    fixture.cia402.set_target(0, 20_000).unwrap();
+    fixture.steps(1);
+    adopt(&mut fixture, mode);
+    // Frames of the old owner, which the Port and the gateway still hold.
+    fixture.steps(3);
+    let since_ns = fixture.now_ns();
+    fixture.until(200, |cia402| cia402.is_configured(0));
+    fixture.steps(500);
+    let fastest = fastest_since(&fixture, since_ns);
+    assert!(fastest < REST, "{fastest}/s");
+    assert_eq!(state(&fixture), DriveState::OperationEnabled);
+}
+
+/// Targets that the drive does not take, and one that it takes but does not keep.
+#[test]
+fn drive_that_keeps_an_earlier_target_is_stopped() {
+    let rule = |index, direction, effect| SdoRule {
+        index,
+        subindex: None,
+        direction,
+        effect,
+        times: None,
+    };
+    let abort = SdoEffect::Abort(AbortCode::READ_ONLY);
+    for (mode, rule) in [
+        (OperatingMode::ProfileVelocity, rule(object::TARGET_VELOCITY, SdoDirection::Write, abort)),
+        (OperatingMode::Velocity, rule(object::VL_TARGET_VELOCITY, SdoDirection::Write, abort)),
+        (OperatingMode::ProfilePosition, rule(object::TARGET_POSITION, SdoDirection::Write, abort)),
+    ] {
+        let scenario = drives(|drive| {
+            drive.trace = 50_000;
+            drive.quirks.sdo_rules.push(rule);
+        });
+        let fixture = open(scenario, mode, HostHeartbeat::On);
+        let mut fixture = block_with_target(fixture, mode);
+        adopt(&mut fixture, mode);
+        let since_ns = fixture.now_ns();
+        fixture.until(1_000, Cia402::all_stopped);
+        fixture.steps(1_500);
+        assert!(!fixture.cia402.is_configured(0), "{mode}");
+        assert_ne!(state(&fixture), DriveState::OperationEnabled, "{mode}");
+        let fastest = fastest_since(&fixture, since_ns);
+        assert!(fastest < REST, "{mode}: {fastest}/s");
     }
 }
 

@@ -74,7 +74,7 @@ pub(crate) struct Axis {
     /// The first contact with the drive is not complete: its channel gets neither SYNC nor heartbeats.
     pub(crate) is_uninspected: bool,
     pub(crate) poll: DrivePoll,
-    /// Mode and target that the drive reported at the first contact.
+    /// Mode and position of [`kept_position`](Self::kept_position) that the drive reported at the first contact.
     pub(crate) inspected: (Option<i8>, Option<i32>),
     pub(crate) guard: MotionGuard,
     /// Mode that the drive has confirmed, or that is being written.

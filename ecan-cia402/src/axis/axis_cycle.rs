@@ -15,6 +15,7 @@ use super::power::PowerGoal;
 use super::procedure::Stage;
 use super::ramp::Ramp;
 use super::setup::SetupState;
+use super::takeover::TakeoverState;
 use super::verification::Reachability;
 use crate::guard::gateway_watch::GatewayWatch;
 use crate::guard::input::{ChannelView, DriveView, GuardInput, HoldReason};
@@ -211,6 +212,9 @@ impl Axis {
         now_ns: u64,
     ) -> Option<Outgoing> {
         self.decision = Decision::Closed;
+        if let TakeoverState::Adopting(_) = self.takeover {
+            return self.adoption_frame(repeats_commands);
+        }
         let is_stopping = self.state.is_stopping() && self.setup.has_process_data();
         if !(self.setup.is_complete() || is_stopping) {
             return None;
@@ -353,6 +357,7 @@ impl Axis {
         }
         self.last_command = outgoing.command;
         if outgoing.command.is_some() {
+            self.takeover.frame_sent();
             return;
         }
         let before = self.target();

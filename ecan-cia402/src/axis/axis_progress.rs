@@ -12,6 +12,7 @@ use super::power::PowerGoal;
 use super::procedure::Stage;
 use super::setup::SetupState;
 use super::stop::StopCause;
+use super::takeover::TakeoverState;
 
 impl Axis {
     /// Returns the target of an axis that is running as before.
@@ -68,7 +69,9 @@ impl Axis {
             return AxisPhase::Stopping(cause);
         }
         match self.setup {
-            _ if self.is_uninspected => return AxisPhase::Inspecting,
+            _ if self.is_uninspected || matches!(self.takeover, TakeoverState::Adopting(_)) => {
+                return AxisPhase::Inspecting;
+            }
             SetupState::Unconfigured => return AxisPhase::NotConfigured,
             SetupState::Requested { .. } | SetupState::Configuring => {
                 return AxisPhase::Configuring;

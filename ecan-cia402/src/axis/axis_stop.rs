@@ -2,21 +2,18 @@
 
 use std::time::Duration;
 
-use ecan_canopen::{Configuring, Controlword, Network, Statusword, object};
+use ecan_canopen::{Controlword, Network, Statusword, object};
 
 use super::axis::Axis;
 use super::axis_state::AxisState;
-use super::config::target_kind;
 use super::drive_poll::Round;
 use super::drive_status::is_energised;
-use super::pdo_layout::TargetObject;
 use super::phase::AxisError;
 use super::rest::REST_NS;
 use super::setup::SetupState;
 use super::stop::{DISABLE_NS, StopCause};
 use super::takeover::{ADOPT_NS, Takeover, TakeoverState};
 use super::verification::Verification;
-use crate::guard::terms::TargetKind;
 
 /// Attempts without an answer after which a drive counts as absent or gone: 800 ms.
 const GONE_ATTEMPTS: u32 = 4;
@@ -119,7 +116,9 @@ impl Axis {
                 let command = stop.command(state, self.drive_is_at_rest(now_ns));
                 Round::Stop(command.map(Controlword::of))
             }
-            _ if self.takeover_policy == Takeover::Adopt => Round::InspectMode,
+            _ if self.takeover_policy == Takeover::Adopt => {
+                Round::InspectMode(self.kept_position())
+            }
             _ => Round::Inspect,
         };
         if !self.node_share.may_poll && !self.poll.is_running() {
@@ -133,7 +132,7 @@ impl Axis {
                 drive.rest.observe(value as i32, config.range, config.standstill, now_ns);
             }
             object::MODE_DISPLAY => inspected.0 = Some(value as i8),
-            object::TARGET_POSITION => inspected.1 = Some(value as i32),
+            object::TARGET_POSITION | object::POSITION_DEMAND => inspected.1 = Some(value as i32),
             _ => {}
         });
         if self.poll.unanswered() >= WAKE_ATTEMPTS {
@@ -176,23 +175,12 @@ impl Axis {
                     self.takeover = TakeoverState::Done;
                 }
             }
-            TakeoverState::Adopting(script) => {
+            TakeoverState::Adopting(_) => {
                 if self.state.is_stopping() {
-                    script.cancel(network, self.node);
+                    self.cancel_adoption(network);
                     self.takeover = TakeoverState::Stopping;
-                    return;
-                }
-                match script.advance(network, self.node, now_ns, |_, _, _| {}) {
-                    Configuring::Running => {}
-                    Configuring::Done => {
-                        if let Some(script) = self.next_verification() {
-                            self.takeover = TakeoverState::Adopting(script);
-                        } else {
-                            self.adopt(network);
-                            self.takeover = TakeoverState::Done;
-                        }
-                    }
-                    Configuring::Failed(_) => self.stop_enabled_drive(now_ns),
+                } else if self.step_adoption(network, now_ns) {
+                    self.stop_enabled_drive(now_ns);
                 }
             }
             TakeoverState::Stopping => {
@@ -212,35 +200,15 @@ impl Axis {
             self.takeover = TakeoverState::Done;
         } else if self.takeover_policy == Takeover::Stop || self.setup.is_pending() {
             self.stop_enabled_drive(now_ns);
-        } else if self.drive_is_at_rest(now_ns) && self.can_be_adopted() {
+        } else if self.drive_is_at_rest(now_ns)
+            && let Some(target) = self.adoptable_target()
+        {
             self.mode = self.config.mode;
             self.verification_stage = 0;
-            self.takeover = TakeoverState::Adopting(self.verification_script());
+            self.takeover = TakeoverState::begin_adoption(self.verification_script(), target);
         } else if self.drive_is_at_rest(now_ns) || now_ns.saturating_sub(since_ns) > ADOPT_NS {
             self.stop_enabled_drive(now_ns);
         }
-    }
-
-    fn can_be_adopted(&self) -> bool {
-        let (mode, target) = self.inspected;
-        let holds_position = target_kind(self.config.mode) != TargetKind::Position
-            || match (target, self.drive.rest.position()) {
-                (Some(target), Some(position)) => {
-                    let distance = self.config.range.distance(target, position).unsigned_abs();
-                    distance <= u64::from(self.config.step_limit)
-                }
-                _ => false,
-            };
-        // An axis at rest may hold a load by its torque, which the first target would take away.
-        // In IP the last set-point is not in 0x607A.
-        let is_torque = matches!(
-            self.command_layout.target(),
-            TargetObject::Torque | TargetObject::InterpolationData
-        );
-        self.drive.is_enabled()
-            && mode == Some(self.config.mode.raw())
-            && holds_position
-            && !is_torque
     }
 
     fn stop_enabled_drive(&mut self, now_ns: u64) {

@@ -23,8 +23,8 @@ pub(crate) enum Round {
     Stop(Option<Controlword>),
     /// Reads statusword and position.
     Inspect,
-    /// Reads mode and target, too.
-    InspectMode,
+    /// Reads the mode, too, and the object with the position that the drive keeps, in a position mode.
+    InspectMode(Option<u16>),
 }
 
 /// Repeats rounds of SDO transfers with a drive.
@@ -124,9 +124,10 @@ impl DrivePoll {
                 axis_script(self.axis, word.into_iter().chain(status))
             }
             Round::Inspect => axis_script(self.axis, status),
-            Round::InspectMode => {
-                let more = [read(object::MODE_DISPLAY), read(object::TARGET_POSITION)];
-                axis_script(self.axis, status.into_iter().chain(more.map(Step::if_present)))
+            Round::InspectMode(kept) => {
+                let more = [Some(object::MODE_DISPLAY), kept].into_iter().flatten();
+                let more = more.map(|index| read(index).if_present());
+                axis_script(self.axis, status.into_iter().chain(more))
             }
         });
         self.since_ns = now_ns;

@@ -297,6 +297,7 @@ impl Cia402 {
             let is_sent = self.network.has_sent_sync(address.slave, address.channel);
             if is_sent {
                 axis.target_period.sync_sent(self.now_ns);
+                axis.takeover.sync_sent();
             }
             if !counts {
                 axis.statistics.restart_tpdo_count();
