@@ -9,8 +9,9 @@ use super::pdo_layout::RpdoBytes;
 use crate::guard::feed_forward::FeedForward;
 use crate::guard::terms::Decision;
 
-/// Cycles with a clear path after a frame without feed-forward until the drive certainly has it.
-const CLEARED_CYCLES: u8 = 4;
+/// Cycles with a clear path after a frame without feed-forward until the drive certainly has it, with SYNC in every
+/// cycle and frames that are sent at once.
+const CLEARED_CYCLES: u32 = 4;
 
 impl Axis {
     /// After the first RPDO of a cycle: takes the feed-forward of its target, and returns whether the
@@ -63,7 +64,9 @@ impl Axis {
             self.further.cleared_cycles = 0;
         } else if self.further.cleared_cycles > 0 && !has_no_sync {
             self.further.cleared_cycles += 1;
-            if self.further.cleared_cycles > CLEARED_CYCLES {
+            let until_sync = self.cycles_per_sync.saturating_sub(1);
+            let in_schedule = u32::from(self.schedule_images);
+            if self.further.cleared_cycles > CLEARED_CYCLES + until_sync + in_schedule {
                 self.further.offsets_in_force = false;
                 self.further.cleared_cycles = 0;
                 self.guard.restart_activation();

@@ -27,7 +27,7 @@ pub(crate) struct FurtherData {
     /// The drive was in Operation Enabled by its last status.
     pub(crate) was_enabled: bool,
     /// Cycles with a clear path since a frame without feed-forward was sent, that one included.
-    pub(crate) cleared_cycles: u8,
+    pub(crate) cleared_cycles: u32,
     /// The path has no known fault in this cycle. Only with RPDOs after the first.
     pub(crate) is_path_clear: bool,
     pub(crate) probes: TouchProbes,

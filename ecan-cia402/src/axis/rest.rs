@@ -8,11 +8,14 @@ pub(crate) const REST_NS: u64 = 20_000_000;
 /// Fewest positions in that time.
 const SAMPLES: u16 = 3;
 
+/// Most of that time that one position counts for: a host that was paused gets positions from before.
+const MOST_NS: u64 = REST_NS / 2;
+
 /// Detects that an axis is at rest: all positions of a time are within the standstill window.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub(crate) struct RestDetector {
     anchor: Option<i32>,
-    since_ns: u64,
+    rest_ns: u64,
     last_ns: u64,
     samples: u16,
 }
@@ -30,8 +33,10 @@ impl RestDetector {
         });
         if is_near {
             self.samples = self.samples.saturating_add(1);
+            let passed_ns = now_ns.saturating_sub(self.last_ns).min(MOST_NS);
+            self.rest_ns = self.rest_ns.saturating_add(passed_ns);
         } else {
-            *self = Self { anchor: Some(position), since_ns: now_ns, last_ns: now_ns, samples: 1 };
+            *self = Self { anchor: Some(position), rest_ns: 0, last_ns: now_ns, samples: 1 };
         }
         self.last_ns = now_ns;
     }
@@ -59,7 +64,7 @@ impl RestDetector {
     /// `longest_ns`.
     pub(crate) fn is_at_rest(&self, now_ns: u64, longest_ns: u64) -> bool {
         self.samples >= SAMPLES
-            && self.last_ns.saturating_sub(self.since_ns) >= REST_NS
+            && self.rest_ns >= REST_NS
             && now_ns.saturating_sub(self.last_ns) <= longest_ns
     }
 }
@@ -96,6 +101,14 @@ mod tests {
         for nth in 0..200 {
             assert!(!observe(&mut detector, &[nth * 5], nth as u64, 1), "{nth} ms");
         }
+    }
+
+    #[test]
+    fn positions_from_before_a_pause_are_not_rest() {
+        let mut detector = RestDetector::default();
+        assert!(!observe(&mut detector, &[0, 5, 10], 0, 1));
+        assert!(!observe(&mut detector, &[15, 20], 200, 1), "one from before, one from after");
+        assert!(observe(&mut detector, &[20; 9], 202, 1));
     }
 
     #[test]

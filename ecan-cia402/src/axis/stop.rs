@@ -18,6 +18,9 @@ const RAMP_NS: u64 = 2_000_000_000;
 /// switch off by its own ramp: it is quick-stopped then.
 pub(crate) const DISABLE_NS: u64 = 30_000_000_000;
 
+/// Longest time between two cycles that counts as time with reports: a paused host got none.
+const LONGEST_CYCLE_NS: u64 = 50_000_000;
+
 /// Cause of a stop.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[non_exhaustive]
@@ -120,7 +123,7 @@ impl Stop {
 
     /// Call once per cycle, with whether the drive's status is fresh.
     pub(crate) fn note_status(&mut self, is_fresh: bool, now_ns: u64) {
-        let elapsed_ns = now_ns.saturating_sub(self.noted_ns);
+        let elapsed_ns = now_ns.saturating_sub(self.noted_ns).min(LONGEST_CYCLE_NS);
         self.noted_ns = now_ns;
         if is_fresh {
             self.heard_ns = self.heard_ns.saturating_add(elapsed_ns);
@@ -197,6 +200,8 @@ mod tests {
     /// The command to an enabled drive that has reported its state for so long.
     fn command_after(cause: StopCause, heard_ns: u64) -> Option<Command> {
         let mut stop = stop(cause);
+        let cycle_ns = LONGEST_CYCLE_NS / 5;
+        (1..=heard_ns / cycle_ns).for_each(|nth| stop.note_status(true, nth * cycle_ns));
         stop.note_status(true, heard_ns);
         stop.command(Some(DriveState::OperationEnabled), false)
     }
@@ -222,7 +227,20 @@ mod tests {
             // Every second report is lost.
             quick.note_status(nth % 2 == 0, u64::MAX / 2 + nth * 100_000_000);
         }
+        assert_eq!(quick.command(enabled, false), Some(Command::QuickStop));
+        for nth in 7..=12 {
+            quick.note_status(nth % 2 == 0, u64::MAX / 2 + nth * 100_000_000);
+        }
         assert_eq!(quick.command(enabled, false), Some(Command::DisableOperation));
+    }
+
+    /// A pause of the host, which then sees the report of the time before.
+    #[test]
+    fn pause_makes_no_drive_disobedient() {
+        let mut quick = stop(StopCause::QuickStop);
+        quick.note_status(true, 10_000_000_000);
+        let enabled = Some(DriveState::OperationEnabled);
+        assert_eq!(quick.command(enabled, false), Some(Command::QuickStop));
     }
 
     #[test]

@@ -9,6 +9,9 @@ const PAUSE_PERIODS: u64 = 4;
 pub(crate) struct TargetPeriod {
     cycles: u32,
     ns: u64,
+    /// Cycles from a target to the SYNC that makes it effective: 0 if that follows in the same image, else the SYNC
+    /// period.
+    lead: u32,
     /// A target was sent, but no SYNC after it.
     awaits_sync: bool,
     elapsed: u32,
@@ -18,7 +21,16 @@ pub(crate) struct TargetPeriod {
 impl TargetPeriod {
     /// Creates the period of an axis without targets: the first one is due at once.
     pub(crate) fn new(cycles: u32, ns: u64) -> Self {
-        Self { cycles, ns, awaits_sync: false, elapsed: u32::MAX, effective_ns: 0 }
+        Self { cycles, ns, lead: 0, awaits_sync: false, elapsed: u32::MAX, effective_ns: 0 }
+    }
+
+    /// The same with targets that take effect `lead` cycles later, with the next SYNC.
+    pub(crate) fn with_lead(self, lead: u32) -> Self {
+        Self { lead, ..self }
+    }
+
+    pub(crate) fn lead(&self) -> u32 {
+        self.lead
     }
 
     pub(crate) fn ns(&self) -> u64 {
@@ -29,9 +41,10 @@ impl TargetPeriod {
         self.elapsed = self.elapsed.saturating_add(1);
     }
 
-    /// Returns whether a target takes effect a whole period after the last one, with a SYNC of this cycle.
+    /// Returns whether a target of this cycle takes effect a whole period after the last one. With a lead, the
+    /// SYNC of this cycle must have been sent before.
     pub(crate) fn is_over(&self) -> bool {
-        !self.awaits_sync && self.elapsed >= self.cycles
+        !self.awaits_sync && self.elapsed.saturating_add(self.lead) >= self.cycles
     }
 
     /// Whether targets were missed for so long, also by a pause of the cycle, that a drive that follows
@@ -73,5 +86,29 @@ mod tests {
         period.begin_cycle();
         assert!(period.is_over(), "a SYNC without a target starts no period");
         assert!(!period.is_paused(1_800) && period.is_paused(1_801));
+    }
+
+    /// SYNC every 2 cycles, targets every 4.
+    #[test]
+    fn target_with_a_lead_takes_effect_with_the_next_sync() {
+        let mut period = TargetPeriod::new(4, 400).with_lead(2);
+        period.sync_sent(0);
+        period.target_sent();
+        for (cycle, has_sync, is_over) in
+            [(1, false, false), (2, true, false), (3, false, false), (4, true, true)]
+        {
+            period.begin_cycle();
+            if has_sync {
+                period.sync_sent(cycle * 100);
+            }
+            assert_eq!(period.is_over(), is_over, "cycle {cycle}");
+        }
+        period.target_sent();
+        period.begin_cycle();
+        // The SYNC of the next period is late: the target waits for it.
+        for _ in 0..6 {
+            period.begin_cycle();
+            assert!(!period.is_over());
+        }
     }
 }

@@ -73,6 +73,8 @@ struct ChannelWatch {
     counters: ChannelStatistics,
     queue_rejected: bool,
     image_full: bool,
+    /// Frames were withdrawn, a SYNC or targets among them: the image was too late for their phase.
+    frames_discarded: bool,
     /// An image since then, observed or not, reported that the channel was off the bus.
     was_bus_off: bool,
     was_stopped: bool,
@@ -222,7 +224,7 @@ impl GatewayWatch {
             is_ready: self.is_ready,
             is_complete: self.report.domain.is_complete(),
             is_unconfirmed: self.report.is_unconfirmed,
-            discarded: self.discarded,
+            discarded: self.discarded || watch.frames_discarded,
             queue_rejected: watch.queue_rejected,
             image_full: watch.image_full,
             skipped_incomplete: self.skipped_incomplete,
@@ -289,6 +291,7 @@ impl ChannelWatch {
     fn note(&mut self, counters: &ChannelStatistics, is_new: bool) {
         let before = std::mem::replace(&mut self.counters, *counters);
         self.queue_rejected = counters.rejected_queue_full != before.rejected_queue_full;
+        self.frames_discarded = counters.frames_discarded != before.frames_discarded;
         self.image_full = counters.rejected_image_full != before.rejected_image_full;
         self.was_bus_off = counters.bus_off_images != before.bus_off_images;
         self.was_stopped = counters.not_running_images != before.not_running_images;

@@ -11,6 +11,10 @@ use super::terms::{Decision, GuardLimits, GuardState, TargetKind, TargetRejectio
 /// be.
 const READINGS: u8 = 2;
 
+/// Cycles, apart from those of the drain, from the sample of a position until a target made of it takes effect: the
+/// drive must rest for so long that it is still there.
+const EFFECT_CYCLES: u16 = 2;
+
 /// Prevents jumps of an axis: decides when it gets a target, and which. A pure state machine
 /// without time, frames and memory of the bus; its input is the status of each cycle.
 ///
@@ -27,13 +31,16 @@ const READINGS: u8 = 2;
 ///    number of frames confirmed after the last target, by a status word that is at least two
 ///    images newer. Bus-off, an unconfirmed image, discarded frames or a lost session restart it.
 /// 2. `Reading`. Nothing is sent. It needs [`Actual::Fresh`] positions of three cycles, each at most
-///    `standstill` from the one before: the third was produced after the first was read, so after
-///    the drain, and the axis is at standstill. A position further away becomes the first.
+///    `standstill` from the first and from the one before: the third was produced after the first was read, so after
+///    the drain, and the axis is at standstill. A position further away becomes the first. The last one comes at
+///    least `drain_images` + 2 cycles after the first, the time until a target takes effect: an axis that moves
+///    slowly would be elsewhere by then.
 /// 3. `Armed`. While the drive is not enabled, [`Decision::Track`] with the fresh position of the
 ///    cycle accompanies the control commands; in cycles without one nothing is sent. An axis that
-///    moves more than `standstill` between two fresh positions returns to `Reading`. When the
+///    moves more than `standstill` in that time returns to `Reading`. When the
 ///    statusword reports Operation Enabled, the fresh position of that cycle is
-///    [`Decision::First`]; after it is sent, the axis is `Running`. An axis whose drive was enabled
+///    [`Decision::First`]; after it is sent, the axis is `Running`. If the drive was enabled before and its last
+///    target is inside the bounds, a position beyond them by `standstill` or less is moved to the bound. An axis whose drive was enabled
 ///    all the time gets its `First` at once, unless it is further than `step` from the last
 ///    target, after a reason on the path also from the one before, since the last may be lost: then
 ///    the drive must be switched off and enabled again
@@ -82,8 +89,14 @@ pub struct MotionGuard {
     limits: GuardLimits,
     state: GuardState,
     drain: Drain,
-    /// The last position of `Reading`, and how many positions at rest it ends.
-    reading: Option<(i32, u8)>,
+    /// Number of positions of `Reading` at rest.
+    readings: u8,
+    /// Position from which the axis has not moved more than `standstill` in `Reading` and `Armed`, and how many
+    /// cycles ago it came.
+    anchor: i32,
+    anchor_age: u16,
+    /// The last position in these states.
+    last_read: i32,
     fresh: Option<i32>,
     /// The last usable actual position, and how many cycles ago it came.
     actual: Option<i32>,
@@ -115,7 +128,10 @@ impl MotionGuard {
             limits,
             state: GuardState::Idle,
             drain: Drain::default(),
-            reading: None,
+            readings: 0,
+            anchor: 0,
+            anchor_age: 0,
+            last_read: 0,
             fresh: None,
             actual: None,
             actual_age: u16::MAX,
@@ -210,7 +226,7 @@ impl MotionGuard {
     fn begin_activation(&mut self) {
         self.state = GuardState::Draining;
         self.drain = Drain::default();
-        self.reading = None;
+        self.readings = 0;
         self.decided = None;
         self.was_following = false;
     }
@@ -254,11 +270,11 @@ impl MotionGuard {
                 self.read(input);
                 None
             }
-            GuardState::Armed { target } => {
+            GuardState::Armed { .. } => {
                 let reason = self.path_broken(input).or_else(|| self.drive_lost(input));
                 match (reason, self.fresh) {
                     (Some(reason), _) => self.trip(reason),
-                    (None, Some(position)) => self.track(target, position),
+                    (None, Some(position)) => self.track(position),
                     (None, None) => {}
                 }
                 reason
@@ -279,6 +295,7 @@ impl MotionGuard {
 
     fn note(&mut self, input: &GuardInput) {
         self.fresh = None;
+        self.anchor_age = self.anchor_age.saturating_add(1);
         self.actual_age = self.actual_age.saturating_add(1);
         match input.actual {
             Actual::Fresh(position) => {
@@ -376,36 +393,55 @@ impl MotionGuard {
             return self.begin_activation();
         }
         if self.drive_lost(input).is_some() {
-            self.reading = None;
+            self.readings = 0;
             return;
         }
         let Some(position) = self.fresh else { return };
-        self.reading = match self.reading {
-            Some((last, READINGS)) if self.is_at_rest(last, position) => {
-                self.state = GuardState::Armed { target: self.starting_target(position) };
-                None
-            }
-            Some((last, readings)) if self.is_at_rest(last, position) => {
-                Some((position, readings + 1))
-            }
-            _ => Some((position, 1)),
-        };
-    }
-
-    /// `Armed`: the target follows the axis while it rests.
-    fn track(&mut self, before: i32, position: i32) {
-        let is_position = self.limits.kind != TargetKind::Rate;
-        if is_position && !self.is_at_rest(before, position) {
-            self.state = GuardState::Reading;
-            self.reading = Some((position, 1));
-        } else {
+        if self.readings == 0 || !self.is_at_rest(position) {
+            return self.begin_reading(position);
+        }
+        self.last_read = position;
+        self.readings = self.readings.saturating_add(1);
+        if self.readings > READINGS && self.anchor_age >= self.effect_cycles() {
+            self.set_anchor(position);
             self.state = GuardState::Armed { target: self.starting_target(position) };
         }
     }
 
-    fn is_at_rest(&self, before: i32, now: i32) -> bool {
-        let distance = self.limits.range.distance(before, now).unsigned_abs();
-        distance <= u64::from(self.limits.standstill)
+    fn begin_reading(&mut self, position: i32) {
+        self.state = GuardState::Reading;
+        self.readings = 1;
+        self.set_anchor(position);
+    }
+
+    fn set_anchor(&mut self, position: i32) {
+        (self.anchor, self.anchor_age, self.last_read) = (position, 0, position);
+    }
+
+    /// Cycles from the sample of a position until a target made of it takes effect.
+    fn effect_cycles(&self) -> u16 {
+        self.limits.drain_images.saturating_add(EFFECT_CYCLES)
+    }
+
+    /// `Armed`: the target follows the axis while it rests.
+    fn track(&mut self, position: i32) {
+        let is_position = self.limits.kind != TargetKind::Rate;
+        if is_position && !self.is_at_rest(position) {
+            return self.begin_reading(position);
+        }
+        self.last_read = position;
+        if self.anchor_age >= self.effect_cycles() {
+            self.set_anchor(position);
+        }
+        self.state = GuardState::Armed { target: self.starting_target(position) };
+    }
+
+    fn is_at_rest(&self, position: i32) -> bool {
+        let is_near = |before: i32| {
+            let distance = self.limits.range.distance(before, position).unsigned_abs();
+            distance <= u64::from(self.limits.standstill)
+        };
+        is_near(self.anchor) && is_near(self.last_read)
     }
 
     fn starting_target(&self, position: i32) -> i32 {
@@ -439,7 +475,7 @@ impl MotionGuard {
                 } else if self.is_enabled && self.holds_old_target(target) {
                     Decision::Wait(WaitReason::HoldsOldTarget)
                 } else if self.is_enabled {
-                    Decision::First(target)
+                    Decision::First(self.first_inside(target))
                 } else {
                     Decision::Track(target)
                 }
@@ -455,6 +491,22 @@ impl MotionGuard {
                 }
             }
             _ => Decision::Closed,
+        }
+    }
+
+    /// The first target of a drive that holds a target inside the bounds: its position may be beyond them by noise or
+    /// by the lag of its last motion.
+    fn first_inside(&self, position: i32) -> i32 {
+        let is_position = self.limits.kind == TargetKind::Position;
+        match (self.limits.bounds, self.held) {
+            (Some((min, max)), Some(held))
+                if is_position
+                    && beyond(held, min, max) == 0
+                    && beyond(position, min, max) <= i64::from(self.limits.standstill) =>
+            {
+                position.clamp(min, max)
+            }
+            _ => position,
         }
     }
 

@@ -243,7 +243,18 @@ fn check_beginning(
     let Actual::Fresh(position) = records[n].what.input.actual else {
         return Err(TestCaseError::fail(format!("at {n}: the position is not of this cycle")));
     };
-    let expected = if limits.kind == TargetKind::Rate { 0 } else { position };
+    let expected = match (limits.kind, limits.bounds) {
+        (TargetKind::Rate, _) => 0,
+        // A position that is beyond the bounds by noise is moved to them.
+        (TargetKind::Position, Some((min, max)))
+            if matches!(records[n].decision, Decision::First(_))
+                && position.clamp(min, max).abs_diff(position) <= limits.standstill
+                && target != position =>
+        {
+            position.clamp(min, max)
+        }
+        _ => position,
+    };
     prop_assert_eq!(target, expected);
     let fresh = |r: &Record| match r.what.input.actual {
         Actual::Fresh(position) => Some(position),
@@ -372,7 +383,7 @@ proptest! {
         happenings in prop::collection::vec(happening(), 0..60),
         position in -50..50_i32,
     ) {
-        let sound = happenings.into_iter().chain((0..20).map(|_| well(position)));
+        let sound = happenings.into_iter().chain((0..25).map(|_| well(position)));
         let (guard, records) = run(limits, sound.collect());
         check_records(&limits, &records)?;
         let is_running = matches!(guard.state(), GuardState::Running { .. });
@@ -391,7 +402,7 @@ fn random_sequences_reach_the_relevant_states() {
     use proptest::test_runner::TestRunner;
     let mut runner = TestRunner::deterministic();
     let (mut firsts, mut targets, mut rejections, mut waits) = (0, 0, 0, 0);
-    for _ in 0..250 {
+    for _ in 0..600 {
         let limits = limits().new_tree(&mut runner).unwrap().current();
         let happenings =
             prop::collection::vec(happening(), 160).new_tree(&mut runner).unwrap().current();

@@ -264,7 +264,8 @@ impl Cia402 {
         self.target_cycles = target_cycles;
         self.syncs_to_target = 0;
         for axis in &mut self.axes {
-            axis.target_period = TargetPeriod::new(target_cycles, period_ns);
+            let lead = axis.target_period.lead();
+            axis.target_period = TargetPeriod::new(target_cycles, period_ns).with_lead(lead);
             axis.convert_limits(target_period);
         }
         // infallible: the same objects were mapped when the axes were created
@@ -282,6 +283,10 @@ impl Cia402 {
     ///
     /// A gateway drops a scheduled frame that arrives after its phase, and the drive then keeps its
     /// previous target; leave a margin. The drain of old targets includes the gateway's schedule.
+    ///
+    /// If only the targets are scheduled, they take effect with the SYNC of a later cycle. If only one of both is
+    /// scheduled, its phase must not be a time at which frames that are sent at once are on the bus: a target would
+    /// take effect with one or another SYNC (docs/SAFETY.md, residual risks).
     ///
     /// Only while no axis is active: an immediate target would overtake one that is still scheduled.
     ///
@@ -312,11 +317,19 @@ impl Cia402 {
         let waits = self.cycles_in_schedule(port, target_offset_ns);
         let longest = waits.max(self.cycles_in_schedule(port, sync_offset_ns));
         self.gateways.iter_mut().for_each(|gateway| gateway.schedule_images = longest);
+        let lead = if self.is_sync_first() { self.sync.every_cycles.max(1) } else { 0 };
         for axis in &mut self.axes {
+            axis.target_period = axis.target_period.with_lead(lead);
             axis.schedule_images = waits;
             axis.set_mode(axis.mode);
         }
         Ok(())
+    }
+
+    /// Targets wait for their phase and SYNC does not: the SYNC of an image leaves before its targets, which take
+    /// effect with the next one.
+    pub(super) fn is_sync_first(&self) -> bool {
+        self.target_options.schedule.is_some() && self.sync.schedule.is_none()
     }
 
     fn check_offset(&self, port: &Port, offset_ns: u32) -> Result<(), ScheduleError> {

@@ -1,6 +1,6 @@
 //! The axes in the cycle: receive, then send.
 
-use ecan_canopen::NodeAddress;
+use ecan_canopen::{Network, NodeAddress};
 use ecan_host::QuickStop;
 use ecan_mcan_port::{Cycle, Received, ReceivedFrame, SendError, SendOptions};
 use ecan_protocol::can::{CanId, FrameKind, FrameRef};
@@ -189,10 +189,13 @@ impl Cia402 {
         }
         let mut summary = SendSummary::default();
         self.gateways.iter_mut().for_each(|gateway| gateway.begin_send(cycle));
+        if self.is_sync_first() {
+            summary.syncs = self.send_sync(cycle, ChannelSet::default());
+        }
         let path_turn = self.begin_path_turn(|table, axis| {
             let gateway = table.gateways.get(axis.config.address.slave);
             let begins = table.is_target_cycle;
-            match target_turn(gateway, begins, || table.sync_is_due(cycle, axis)) {
+            match target_turn(gateway, begins, || table.has_sync(cycle, axis)) {
                 TargetTurn::NotDue => None,
                 turn => Some(axis.is_due(turn) && gateway.is_some_and(GatewayWatch::is_open)),
             }
@@ -200,10 +203,11 @@ impl Cia402 {
         let mut full = ChannelSet::default();
         // A command that stops or resets takes effect with a SYNC, too.
         let mut commanded = ChannelSet::default();
+        let is_sync_first = self.is_sync_first();
         for axis in &mut self.axes {
             let (slave, channel) = (axis.config.address.slave, axis.config.address.channel);
             let gateway = self.gateways.get(slave);
-            let has_sync = || self.network.sync_is_due(cycle, slave, channel);
+            let has_sync = || has_sync(&self.network, cycle, (slave, channel), is_sync_first);
             let turn = target_turn(gateway, self.is_target_cycle, has_sync);
             let repeats = self.network.sync_period_begins() || turn == TargetTurn::NotReceived;
             let outgoing = axis.prepare(stepping, turn, repeats, self.now_ns);
@@ -245,13 +249,7 @@ impl Cia402 {
             summary.count(axis.decision);
         }
         self.end_path_turn(path_turn);
-        let Self { network, gateways, axes, .. } = self;
-        summary.syncs = network.send_sync_where(cycle, |slave, channel| {
-            commanded.contains((slave, channel)) || may_sync(gateways, axes, (slave, channel))
-        });
-        if summary.syncs > 0 {
-            self.note_sync();
-        }
+        summary.syncs += self.send_sync(cycle, commanded);
         self.network.send(cycle, self.now_ns);
         // A first target activates an axis.
         let now_ns = self.now_ns;
@@ -281,9 +279,23 @@ impl Cia402 {
         });
     }
 
-    fn sync_is_due(&self, cycle: &Cycle<'_>, axis: &Axis) -> bool {
-        let address = axis.config.address;
-        self.network.sync_is_due(cycle, address.slave, address.channel)
+    /// Returns whether the targets of an axis in this cycle have the SYNC that they need.
+    fn has_sync(&self, cycle: &Cycle<'_>, axis: &Axis) -> bool {
+        let NodeAddress { slave, channel, .. } = axis.config.address;
+        has_sync(&self.network, cycle, (slave, channel), self.is_sync_first())
+    }
+
+    /// Sends SYNC to the channels on which it is due, where it adds nothing to frames that wait or a command needs
+    /// it. Returns their number.
+    fn send_sync(&mut self, cycle: &mut Cycle<'_>, commanded: ChannelSet) -> usize {
+        let Self { network, gateways, axes, .. } = self;
+        let syncs = network.send_sync_where(cycle, |slave, channel| {
+            commanded.contains((slave, channel)) || may_sync(gateways, axes, (slave, channel))
+        });
+        if syncs > 0 {
+            self.note_sync();
+        }
+        syncs
     }
 
     /// A TPDO is due of every axis that is Operational and whose channel had a SYNC.
@@ -329,6 +341,20 @@ fn send_auxiliary(
     let is_complete = axis.auxiliary_frames().all(|frame| send(frame).is_ok());
     axis.auxiliary_sent(is_complete);
     is_complete
+}
+
+/// Returns whether a channel has SYNC in this cycle: it is sent before the targets, or due after them.
+fn has_sync(
+    network: &Network,
+    cycle: &Cycle<'_>,
+    (slave, channel): (usize, u8),
+    is_sync_first: bool,
+) -> bool {
+    if is_sync_first {
+        network.has_sent_sync(slave, channel)
+    } else {
+        network.sync_is_due(cycle, slave, channel)
+    }
 }
 
 /// Returns whether this cycle carries targets of running axes of a gateway; `begins` states whether a target

@@ -20,8 +20,8 @@ pub const QUICK: f64 = 1_000_000.0;
 pub const PROFILE: f64 = 200_000.0;
 /// Velocity at which the drive regards its motor as settled.
 pub const REST: f64 = 656.0;
-/// Longest time from the call to the deceleration if frames can leave.
-pub const REACTION_MS: f64 = 20.0;
+/// Longest time from the call to the deceleration if frames can leave: S + 4 C + B (docs/SAFETY.md).
+pub const REACTION_MS: f64 = 12.0;
 /// Longest time from the return of a drive, channel or gateway to the deceleration.
 pub const RETURN_MS: f64 = 100.0;
 /// Time for which a drive is watched that does not stop.
