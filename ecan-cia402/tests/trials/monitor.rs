@@ -8,11 +8,11 @@ use ecan_canopen::{Command, Controlword, DriveState, OperatingMode, QuickStopOpt
 use ecan_cia402::FeedForwardLimits;
 use ecan_sim::{TargetKind, TargetSums, TraceCause, TraceEvent, TraceRecord};
 
+use crate::bounds::{self, Bounds, LostAttempts};
 use crate::log::DriveLog;
 use crate::plan::{AxisPlan, MS, Plan};
 use crate::report::{Finding, Kind, StopSample};
 use crate::sdk::Class;
-use crate::variants;
 
 mod motion;
 mod stop;
@@ -26,19 +26,17 @@ pub use stop::StopKind;
 /// Velocity below which an axis counts as at rest, increments per second: three times that at which
 /// the simulated drive ends a stop (0.01 revolutions per second).
 const REST: f64 = 2_000.0;
-/// Increments per revolution of the simulated motor.
-const INCREMENTS: i32 = 65_536;
 /// A motor that was blocked returns to its demand as fast as it can, as long as that is inside the
 /// drive's window for the following error.
 const AFTER_BLOCK_NS: u64 = 400 * MS;
-/// A further axis of the node may use its SDO server first.
-const FURTHER_AXIS_NS: u64 = 100 * MS;
 
 /// State of the path from the host to the drive.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Path {
     /// In this cycle the application did not call what sends and receives; nothing else is wrong.
     Paused,
+    /// The host has lost time; nothing else is wrong. As blocked, but no frame waits.
+    Resumed,
     /// A fault on the path, or a drive that is not on the bus or cannot answer.
     Blocked,
     /// The drive answers: SDO works. Process data do not, or the SDK does not know that they do.
@@ -84,24 +82,11 @@ pub struct AxisMonitor {
     machine: String,
     read: u64,
     // limits
-    step_limit: f64,
-    bounds: Option<(i32, i32)>,
-    standstill: u32,
-    /// Deviation of the velocity by the feed-forward, increments per second.
-    feed_forward: f64,
-    /// Distance by which a stop that ends the feed-forward moves the motor, increments.
-    feed_forward_distance: f64,
+    pub bounds: Bounds,
+    range: Option<(i32, i32)>,
     target_ns: f64,
-    service_period_ns: f64,
-    cycle_ns: u64,
     friction: f64,
     may_coast: bool,
-    /// Longest time until a stop takes effect at the drive.
-    process_data_bound_ns: u64,
-    services_bound_ns: u64,
-    /// Additional time of a drive that ignores the quick stop, which is optional in CiA 402.
-    disobedience_ns: u64,
-    cut_bound_ns: u64,
     // drive
     pub state: DriveState,
     pub follows: bool,
@@ -118,7 +103,6 @@ pub struct AxisMonitor {
     target_kind: Option<TargetKind>,
     window: VecDeque<(u64, f64, f64)>,
     unlimited_until: u64,
-    blocked_until: u64,
     /// A drive that ignores the quick stop may follow the positions of the stop frames: these are not
     /// limited (docs/SAFETY.md).
     stop_frames_until: u64,
@@ -139,6 +123,9 @@ pub struct AxisMonitor {
     /// drive.
     is_reading: bool,
     was_process_data: bool,
+    /// The drive was silent while its owner did not know it: it may still execute an RPDO of an earlier owner
+    /// (docs/SAFETY.md, residual risks).
+    pub is_unknown: bool,
     uncontrolled_ns: u64,
     /// Time in which the present owner may adopt the drive.
     adoption_ns: u64,
@@ -156,7 +143,6 @@ pub struct AxisMonitor {
 impl AxisMonitor {
     pub fn new(axis: usize, plan: &Plan) -> Self {
         let AxisPlan { config, drive, .. } = &plan.axes[axis];
-        let cycle_ns = plan.cycle_ns;
         Self {
             axis,
             machine: format!(
@@ -167,36 +153,11 @@ impl AxisMonitor {
                 plan.table.sync.every_cycles
             ),
             read: 0,
-            step_limit: f64::from(config.step_limit),
-            bounds: match config.mode {
-                // Targets are revolutions per minute.
-                OperatingMode::Velocity => {
-                    config.bounds.map(|(low, high)| (low * INCREMENTS / 60, high * INCREMENTS / 60))
-                }
-                _ => config.bounds,
-            },
-            feed_forward: motion::feed_forward_deviation(config, plan.target_ns() as f64),
-            feed_forward_distance: match config.mode {
-                OperatingMode::CyclicPosition => motion::feed_forward_distance(config),
-                _ => 0.0,
-            },
-            standstill: config.standstill,
+            bounds: Bounds::new(plan, axis),
+            range: bounds::range(config),
             target_ns: plan.target_ns() as f64,
-            service_period_ns: variants::service_period_ns(&plan.variants),
-            cycle_ns,
             friction: f64::from(drive.motor.friction),
             may_coast: config.drive.quick_stop == Some(QuickStopOption::Disable),
-            // The call may follow the send of its cycle; then the image, the gateway and the bus
-            // need two cycles, and the frame waits for SYNC.
-            process_data_bound_ns: plan.sync_ns() + 4 * cycle_ns + 2 * MS,
-            disobedience_ns: if drive.quirks.ignores_quick_stop { 330 * MS } else { 0 },
-            // The tolerated SYNC periods, one in progress, and the delay of the last TPDO.
-            cut_bound_ns: (u64::from(config.tpdo_timeout) + 2) * plan.sync_ns() + 6 * cycle_ns,
-            // Established by measurement: one running SDO transfer, a read and a write.
-            services_bound_ns: 12 * cycle_ns
-                + 8 * u64::from(drive.sdo_delay_us) * 1_000
-                + 60 * MS
-                + (plan.axes_of_node(axis).count() as u64 - 1) * FURTHER_AXIS_NS,
             state: DriveState::NotReadyToSwitchOn,
             follows: false,
             mode: None,
@@ -211,7 +172,6 @@ impl AxisMonitor {
             target_kind: None,
             window: VecDeque::new(),
             unlimited_until: 0,
-            blocked_until: 0,
             stop_frames_until: 0,
             late_until: 0,
             released_until: 0,
@@ -226,6 +186,7 @@ impl AxisMonitor {
             has_resumed: false,
             is_reading: false,
             was_process_data: false,
+            is_unknown: false,
             uncontrolled_ns: 0,
             adoption_ns: 0,
             findings: Vec::new(),
@@ -281,13 +242,9 @@ impl AxisMonitor {
         self.not_stopped_ns = 0;
     }
 
-    /// The motor cannot move until `until`.
+    /// The motor cannot follow until `until`.
     pub fn blocked(&mut self, until: u64) {
-        self.blocked_until = until;
         self.unlimited_until = until + AFTER_BLOCK_NS;
-        if self.stop.as_ref().is_some_and(Stop::allows_adoption) {
-            self.stop = None;
-        }
     }
 
     // Cycle
@@ -337,6 +294,7 @@ impl AxisMonitor {
         if path == Path::Blocked {
             self.releasing(now, RELEASED);
         }
+        self.is_unknown &= !class.is_running();
         self.check_halt(now, ns, path, class);
         self.check_cut(now, ns, class, is_cut);
         // In a cycle without calls the phase is that before the application's commands.
@@ -349,7 +307,7 @@ impl AxisMonitor {
         }
         self.is_reading &= !is_current || class == Class::Reading;
         self.note_class(now, class);
-        if path != Path::Paused && path != Path::Blocked {
+        if matches!(path, Path::Services | Path::ProcessData) {
             self.was_process_data = path == Path::ProcessData;
         }
         self.check_stop(now, ns, path);
@@ -361,14 +319,12 @@ impl AxisMonitor {
             && now > self.unlimited_until
             && self.stop.is_none();
         match path {
-            Path::Blocked => self.uncontrolled_ns = 0,
+            Path::Blocked | Path::Resumed => self.uncontrolled_ns = 0,
             Path::Paused => {}
             _ if is_uncontrolled => self.uncontrolled_ns += ns,
             _ => self.uncontrolled_ns = 0,
         }
-        let bound_ns =
-            self.services_bound_ns.max(150 * MS) + self.adoption_ns + self.disobedience_ns;
-        if self.uncontrolled_ns > bound_ns {
+        if self.uncontrolled_ns > self.bounds.uncontrolled_ns() + self.adoption_ns {
             let text = format!("{:.0}/s while {class:?}, {:?}", self.velocity, self.mode);
             self.report(now, Kind::Uncontrolled, text);
         }
@@ -381,7 +337,7 @@ impl AxisMonitor {
             Some(_) => self.cut_ns = 0,
             None => {}
         }
-        if self.cut_ns > self.cut_bound_ns {
+        if self.cut_ns > self.bounds.loss_detected_ns() {
             let text = format!("no TPDO for {} ms, {class:?}", self.cut_ns / MS);
             self.report(now, Kind::LossNotDetected, text);
         }
@@ -403,8 +359,9 @@ impl AxisMonitor {
             TraceEvent::Controlword { word, source } => {
                 self.is_halted = word.has(Controlword::HALT);
                 log.line(at, || format!("controlword {:04X} by {source:?}", word.0));
-                if self.disobedience_ns > 0 && word.command(word) == Command::QuickStop {
-                    self.stop_frames_until = at + self.disobedience_ns;
+                if self.bounds.ignores_quick_stop() && word.command(word) == Command::QuickStop {
+                    let command_ns = self.bounds.stop_by_sdo_ns(LostAttempts::default());
+                    self.stop_frames_until = at + self.bounds.ignored_stop_ns(command_ns);
                 }
             }
             TraceEvent::State { state, cause } => {

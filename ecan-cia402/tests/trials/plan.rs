@@ -16,6 +16,7 @@ use ecan_sim::{
 use crate::random::Random;
 use crate::variants;
 
+mod scheduled;
 mod shared_nodes;
 mod text;
 
@@ -112,6 +113,12 @@ pub enum Action {
     Silent(usize, u32),
     /// The process is suspended: time passes without cycles.
     Pause(u32),
+    /// The process or the machine stops for this time, in us: between two cycles, or inside the next one,
+    /// after its status was processed. Nothing else is wrong.
+    LoseTime {
+        us: u64,
+        inside: bool,
+    },
     Command(usize, Command),
     /// To every axis.
     CommandAll(Command),
@@ -259,35 +266,6 @@ impl Plan {
     /// Returns whether the gateway sends frames at a time after Sync0.
     pub fn schedules_frames(&self) -> bool {
         !matches!(self.clock, None | Some((None, None)))
-    }
-
-    /// Longest time in which a halted axis comes to rest: by its ramp or step limit, twice that for
-    /// the rounded ends of a ramp, or by the drive's deceleration or friction.
-    pub fn halt_ns(&self, axis: usize) -> u64 {
-        let AxisPlan { config, drive, .. } = &self.axes[axis];
-        let limit = u64::from(config.step_limit.max(1));
-        let bound = config.bounds.map_or(0, |(_, high)| u64::from(high.unsigned_abs()));
-        let targets = match config.mode {
-            OperatingMode::CyclicPosition | OperatingMode::InterpolatedPosition => {
-                2 * limit / u64::from(config.ramp.max(1)) + 8
-            }
-            OperatingMode::CyclicVelocity | OperatingMode::CyclicTorque => bound / limit,
-            _ => 0,
-        };
-        // In CST the velocity is what torque and friction left: at most that of the motor.
-        let drive_ns = match config.mode {
-            // 0x6084 of the simulated drive is a twentieth of its highest acceleration; in VL 0x6049 is
-            // 100 revolutions per minute in 17 ms, but the halt uses 0x6084.
-            OperatingMode::ProfileTorque => {
-                let deceleration = u64::from(drive.motor.max_acceleration / 20);
-                u64::from(drive.motor.max_velocity) * 1_000 * MS / deceleration
-            }
-            OperatingMode::CyclicTorque => {
-                u64::from(drive.motor.max_velocity) * 1_000 * MS / u64::from(drive.motor.friction)
-            }
-            _ => 100 * MS,
-        };
-        (targets + 2) * self.target_ns() + drive_ns + 200 * MS
     }
 
     pub fn sync_ns(&self) -> u64 {

@@ -37,6 +37,10 @@ pub struct Trial {
     configured: Vec<bool>,
     /// Path faults: the path counts as disturbed until then, ns.
     slave_blocked: Vec<u64>,
+    /// After the host lost time, the path counts as disturbed until then, ns; nothing waits on it.
+    resumed_until: u64,
+    /// Time to lose inside the next cycle, ns.
+    stall_ns: u64,
     /// Images that each gateway has missed around a pulse of Sync0.
     outputs_missed: Vec<u64>,
     channel_blocked: Vec<(usize, u8, u64)>,
@@ -114,6 +118,8 @@ impl Trial {
             monitors: (0..axes).map(|axis| AxisMonitor::new(axis, &plan)).collect(),
             configured: vec![false; axes],
             slave_blocked: vec![0; plan.gateways],
+            resumed_until: 0,
+            stall_ns: 0,
             outputs_missed: vec![0; plan.gateways],
             channel_blocked: Vec::new(),
             bus_offs: Vec::new(),
@@ -306,7 +312,9 @@ impl Trial {
         }
         self.plan.app.steps = false;
         self.own.fill(None);
-        while self.now - begin < 150 * MS {
+        // Twelve target periods or more; two of them are the delay to the drive.
+        let time = (150 * MS).max(12 * self.plan.target_ns());
+        while self.now - begin < time {
             self.cycle(Skips::default(), &[]);
         }
         for (n, before) in positions.into_iter().enumerate() {
@@ -317,7 +325,6 @@ impl Trial {
             ) && axis.config.bounds.is_none()
                 && self.classes[n] == Class::Running;
             let moved = (self.monitors[n].position - before).abs();
-            // 150 ms are nine target periods or more; two of them are the delay to the drive.
             if is_free && moved < 3.0 * f64::from(axis.config.step_limit) {
                 let text = format!(
                     "moved {moved:.0}, limit {}: {:?}",
@@ -410,6 +417,10 @@ impl Trial {
             }
         }
         self.set_targets();
+        let lost_ns = std::mem::take(&mut self.stall_ns);
+        if lost_ns > 0 {
+            self.lose_time(lost_ns);
+        }
         if let (Some(port), Some(cia402)) = (&mut self.port, &mut self.cia402)
             && let Some(mut cycle) = port.open_cycle()
         {
@@ -427,7 +438,8 @@ impl Trial {
             let _ = cycle.end();
         }
         self.now = self.world_ns();
-        self.check(self.now - before, skips);
+        // In the time that it lost the host could notice nothing.
+        self.check((self.now - before).saturating_sub(lost_ns), skips);
     }
 
     fn on_drive<T>(&self, axis: usize, look: impl FnOnce(&Drive) -> T) -> T {
@@ -473,6 +485,7 @@ impl Trial {
                 }
             }
             self.configured[n] = self.cia402.as_ref().is_some_and(|cia402| cia402.is_configured(n));
+            self.monitors[n].is_unknown |= self.now < self.silent[n] && !self.configured[n];
             let path = self.path(n, skips);
             if self.paths[n] != path {
                 self.paths[n] = path;
@@ -574,6 +587,9 @@ impl Trial {
         let ignores = self.plan.axes[n].drive.quirks.ignores_quick_stop;
         if (!is_process_data || ignores) && self.now < self.silent[n] {
             return Path::Blocked;
+        }
+        if self.now < self.resumed_until {
+            return Path::Resumed;
         }
         if skips.rx || skips.send || port.cycle_report(gateway).is_unconfirmed {
             return Path::Paused;

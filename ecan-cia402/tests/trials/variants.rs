@@ -98,9 +98,9 @@ fn supports(axes: &[AxisPlan], timing: &Timing, (variant, alternative): &Choice)
 }
 
 /// Period of gateways that serve their frames on a clock of their own; 0 for others.
-pub fn service_period_ns(choices: &[Choice]) -> f64 {
+pub fn service_period_ns(choices: &[Choice]) -> u64 {
     let period = choices.iter().find(|(variant, _)| variant.key == "service_period_us");
-    period.map_or(0.0, |(_, alternative)| alternative.value.parse::<f64>().unwrap() * 1e3)
+    period.map_or(0, |(_, alternative)| alternative.value.parse::<u64>().unwrap() * 1_000)
 }
 
 /// The configurations of such gateways.

@@ -4,20 +4,10 @@ use ecan_canopen::OperatingMode;
 use ecan_sim::TraceCause;
 
 use super::{AxisMonitor, Path, Permit, REST};
+use crate::bounds::LostAttempts;
 use crate::plan::MS;
 use crate::report::{Kind, StopSample};
 use crate::sdk::Class;
-
-/// An SDO transfer whose request or response was lost is repeated after 100 ms; every fourth attempt
-/// waits for the SDO timeout of 500 ms, for a drive that is slow to answer. The first loss may be of such an attempt.
-const REPEAT_NS: u64 = 620 * MS;
-/// Time of another attempt whose response was lost, without the two cycles to its repetition.
-const LOST_NS: u64 = 100 * MS;
-/// Additional time of every fourth one, and of those of a configuration.
-const PATIENT_NS: u64 = 400 * MS;
-const PATIENT_ATTEMPT: u64 = 4;
-/// Time in which a moving drive may come to rest to be adopted by the next owner.
-const ADOPT_NS: u64 = 220 * MS;
 
 /// Origin of a stop.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -61,21 +51,18 @@ impl Stop {
         (self.lost_responses, self.lost_by_configuration) = (0, 0);
     }
 
-    /// The new owner may adopt the drive, if it comes to rest.
-    pub(super) fn allows_adoption(&self) -> bool {
-        self.kind == StopKind::Takeover && self.allowance_ns > 0
-    }
-
-    /// Time for attempts that were lost.
-    fn repetitions_ns(&self, cycle_ns: u64) -> u64 {
+    /// Attempts of the stop that were lost.
+    fn lost_attempts(&self) -> LostAttempts {
         if !(self.was_blocked || self.was_paused) {
-            return 0;
+            return LostAttempts::default();
         }
-        // The first one was lost while the path was blocked, or is the first of these.
-        let further = self.lost_responses.saturating_sub(u64::from(!self.was_blocked));
-        // The configuration of a drive that counts as absent reads its state first.
-        let patient = further / PATIENT_ATTEMPT + self.lost_by_configuration;
-        REPEAT_NS + further * (LOST_NS + 2 * cycle_ns) + patient * PATIENT_NS
+        LostAttempts {
+            first: true,
+            // The first one was lost while the path was blocked, or is the first of these.
+            further: self.lost_responses.saturating_sub(u64::from(!self.was_blocked)),
+            // The configuration of a drive that counts as absent reads its state first.
+            by_configuration: self.lost_by_configuration,
+        }
     }
 }
 
@@ -129,26 +116,33 @@ impl AxisMonitor {
             )
         );
         self.was_running = false;
-        self.adoption_ns = if adopts { ADOPT_NS } else { 0 };
-        let is_blocked = now < self.blocked_until;
-        if adopts && (is_blocked || !(moves_on && self.is_moving())) {
+        self.adoption_ns = if adopts { self.bounds.adoption_ns() } else { 0 };
+        if adopts && !(moves_on && self.is_moving()) {
             // Without targets and SYNC the others come to rest.
             self.stop = None;
             return;
         }
-        if self.disobedience_ns > 0 {
+        if self.bounds.ignores_quick_stop() {
             // The new owner starts its own time for a drive that ignores the quick stop.
             self.stop = None;
         }
         self.stopping(now, StopKind::Takeover, Class::NotConfigured);
         if let Some(stop) = self.stop.as_mut().filter(|_| adopts) {
-            stop.allowance_ns = ADOPT_NS;
+            stop.allowance_ns = self.adoption_ns;
         }
     }
 
-    /// A running axis was halted and must be at rest after this time of undisturbed cycles.
-    pub fn halting(&mut self, ns: u64) {
-        self.halt.get_or_insert(ns);
+    /// The drive got the velocity 0: the next owner may adopt it, since no velocity of the earlier one is in force.
+    pub(super) fn stand(&mut self) {
+        let is_adopted = |stop: &Stop| stop.kind == StopKind::Takeover && stop.allowance_ns > 0;
+        if self.stop.as_ref().is_some_and(is_adopted) {
+            self.stop = None;
+        }
+    }
+
+    /// A running axis was halted and must be at rest after its bound, in undisturbed cycles.
+    pub fn halting(&mut self) {
+        self.halt.get_or_insert(self.bounds.halt_ns());
     }
 
     pub fn resuming(&mut self) {
@@ -178,7 +172,7 @@ impl AxisMonitor {
             }
             _ => self.not_stopped_ns = 0,
         }
-        if self.not_stopped_ns > self.services_bound_ns {
+        if self.not_stopped_ns > self.bounds.stop_by_sdo_ns(LostAttempts::default()) {
             let text = format!("{:.0}/s in {}, {:?}", self.velocity, self.state, self.mode);
             self.report(now, Kind::NotStopped, text);
         }
@@ -187,7 +181,7 @@ impl AxisMonitor {
     pub(super) fn check_stop(&mut self, now: u64, ns: u64, path: Path) {
         let Some(stop) = &mut self.stop else { return };
         match path {
-            Path::Blocked => {
+            Path::Blocked | Path::Resumed => {
                 stop.services_ns = 0;
                 stop.process_data_ns = 0;
                 stop.forget_losses();
@@ -200,10 +194,12 @@ impl AxisMonitor {
                 stop.process_data_ns += ns;
             }
         }
-        let by_process_data = stop.process_data_ns
-            > self.process_data_bound_ns + stop.allowance_ns + self.disobedience_ns;
-        let more_ns = stop.allowance_ns + self.disobedience_ns + stop.repetitions_ns(self.cycle_ns);
-        if !by_process_data && stop.services_ns <= self.services_bound_ns + more_ns {
+        let data_ns = self.bounds.stop_by_process_data_ns();
+        let data_ns = data_ns + self.bounds.ignored_stop_ns(data_ns) + stop.allowance_ns;
+        let sdo_ns = self.bounds.stop_by_sdo_ns(stop.lost_attempts());
+        let sdo_ns = sdo_ns + self.bounds.ignored_stop_ns(sdo_ns) + stop.allowance_ns;
+        let by_process_data = stop.process_data_ns > data_ns;
+        if !by_process_data && stop.services_ns <= sdo_ns {
             return;
         }
         let stop = *stop;
@@ -248,7 +244,7 @@ impl AxisMonitor {
                     kind: stop.kind,
                     class: stop.class,
                     was_configured: stop.was_configured,
-                    ignores_quick_stop: self.disobedience_ns > 0,
+                    ignores_quick_stop: self.bounds.ignores_quick_stop(),
                     is_moving: stop.velocity.abs() > REST,
                     was_blocked: stop.was_blocked,
                     was_paused: stop.was_paused,

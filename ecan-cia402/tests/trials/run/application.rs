@@ -62,7 +62,6 @@ impl Trial {
         let now = self.now;
         let Some(cia402) = &mut self.cia402 else { return };
         let class = Class::of(cia402, n);
-        let halt_ns = self.plan.halt_ns(n);
         let monitor = &mut self.monitors[n];
         monitor.note_class(now, class);
         let result = match command {
@@ -86,7 +85,7 @@ impl Trial {
         if result.is_ok() {
             match command {
                 Command::Enable => monitor.enabling(),
-                Command::Halt if class == Class::Running => monitor.halting(halt_ns),
+                Command::Halt if class == Class::Running => monitor.halting(),
                 Command::Resume => monitor.resuming(),
                 Command::Recover => {
                     monitor.procedure();

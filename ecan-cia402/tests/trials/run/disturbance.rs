@@ -62,12 +62,9 @@ impl Trial {
                 let node = self.plan.axes[axis].node_name();
                 self.simulation.inject(Fault::NodeSilent { node, for_ms });
             }
-            Action::Pause(ms) => {
-                let ns = u64::from(ms) * MS;
-                self.simulation.pass_ns(ns);
-                self.slave_blocked.iter_mut().for_each(|until| *until += ns);
-                self.block_all(now + ns + 5 * cycle);
-            }
+            Action::Pause(ms) => self.lose_time(u64::from(ms) * MS),
+            Action::LoseTime { us, inside: true } => self.stall_ns = us * 1_000,
+            Action::LoseTime { us, inside: false } => self.lose_time(us * 1_000),
             Action::Replace { idle_cycles } => {
                 self.cia402 = None;
                 self.takeover();
@@ -124,6 +121,17 @@ impl Trial {
         if self.now > before {
             self.monitors.iter_mut().for_each(AxisMonitor::disturbed);
         }
+        self.observe();
+    }
+
+    /// The host loses time: everything else continues.
+    pub(super) fn lose_time(&mut self, ns: u64) {
+        self.simulation.pass_ns(ns);
+        self.slave_blocked.iter_mut().for_each(|until| *until += ns);
+        self.monitors.iter_mut().for_each(|monitor| monitor.time_lost(ns));
+        self.now = self.world_ns();
+        self.resumed_until = self.now + 5 * self.plan.cycle_ns;
+        self.monitors.iter_mut().for_each(AxisMonitor::disturbed);
         self.observe();
     }
 

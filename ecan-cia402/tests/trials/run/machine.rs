@@ -30,7 +30,7 @@ pub fn config(plan: &Plan) -> Config {
 }
 
 pub fn scenario(plan: &Plan) -> Scenario {
-    let mut scenario = ecan_sim::drives(plan.gateways, 4);
+    let mut scenario = ecan_sim::drives(plan.gateways, 5);
     scenario.seed = plan.seed;
     scenario.topology = plan.topology;
     let configs = variants::gateway_configs(&plan.variants, plan.gateways);
