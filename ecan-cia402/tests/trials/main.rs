@@ -81,13 +81,15 @@ const FOUND_SHARED: &[u64] = &[5346, 60447, 62312, 66800, 75644, 91190, 93763, 1
 
 /// The same with scheduled transmission.
 ///
+/// 2001759: a clock that jumped dropped a target again and again, one at a time.
+/// 2006266: with the heartbeat of the host more frames waited for the second pulse than the status counts.
 /// 2000109: the time that the host lost counted as time without TPDOs.
 /// 1000298: the SYNC of a scheduled target's own image, which leaves before it, counted as the one that made it effective.
 /// 1000313, 1000376, 1000445, 1000570, 1001375: the host lost time inside a cycle, and the SYNC of its targets was
 /// withdrawn.
 /// 1002127: a drive that was silent at the takeover executed an RPDO of its earlier owner with the first SYNC.
 const FOUND_SCHEDULED: &[u64] =
-    &[1000298, 1000313, 1000376, 1000445, 1000570, 1001375, 1002127, 2000109];
+    &[1000298, 1000313, 1000376, 1000445, 1000570, 1001375, 1002127, 2000109, 2001759, 2006266];
 
 fn variable(name: &str) -> Option<u64> {
     let value = std::env::var(name).ok()?;

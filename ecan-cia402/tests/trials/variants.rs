@@ -87,8 +87,8 @@ fn supports(axes: &[AxisPlan], timing: &Timing, (variant, alternative): &Choice)
         ("service_period_us", "1000") => !is_scheduled,
         // So are those that count from the pulse before.
         ("scheduled_pulse", "\"previous\"") => !is_scheduled,
-        // A saturated count never shows room in the queue.
-        ("scheduled_pulse", "\"second\"") => timing.waiting_for_second_pulse(axes) < SATURATED,
+        // A saturated count never shows room in the queue, for the heartbeat of the host, too.
+        ("scheduled_pulse", "\"second\"") => timing.waiting_for_second_pulse(axes) + 1 < SATURATED,
         // The budgets stay at those of the device: two received frames in each service.
         ("missing_entries", "[\"0x8021\"]") => {
             axes.iter().all(|axis| axis.config.address.node.get() == 1)
