@@ -152,6 +152,7 @@ inside env ECAN_ECRT="/usr/lib/$triplet/ecan-lite/sim/libethercat.so.1" ecan sca
 
 say "service by the command line of its unit"
 unit=$root/lib/systemd/system/ecan-serve@.service
+grep -x "RestrictAddressFamilies=AF_INET AF_INET6" "$root/usr/share/ecan-lite/systemd/metrics-tcp.conf"
 user=$(sed -n 's/^User=//p' "$unit")
 command=$(sed -n 's/^ExecStart=//p' "$unit" | sed 's/%i/0/g')
 inside sh -c 'ecan config example >/etc/ecan/master0.toml'

@@ -7,7 +7,9 @@ trap 'rm -r "$directory"' EXIT
 for unit in tools/ecan/systemd/*.service tools/ecan/systemd/*.socket; do
     sed 's#/usr/local/bin/ecan#/bin/true#' "$unit" >"$directory/$(basename "$unit")"
 done
-problems=$(systemd-analyze verify "$directory"/* 2>&1) || true
+mkdir "$directory/ecan-serve@.service.d"
+cp tools/ecan/systemd/*.conf "$directory/ecan-serve@.service.d"
+problems=$(systemd-analyze verify "$directory"/*.service "$directory"/*.socket 2>&1) || true
 if [[ -n $problems ]]; then
     printf '%s\n' "$problems"
     exit 1

@@ -145,6 +145,7 @@ for unit in tools/ecan/systemd/*.service tools/ecan/systemd/*.socket; do
     install -D -m 644 -t "$tree/lib/systemd/system" "$unit"
 done
 sed -i 's#/usr/local/bin/#/usr/bin/#' "$tree"/lib/systemd/system/*.service
+install -D -m 644 -t "$tree/usr/share/ecan-lite/systemd" tools/ecan/systemd/*.conf
 
 # ---- pack
 

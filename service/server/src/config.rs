@@ -167,7 +167,7 @@ pub enum ServiceError {
     )]
     RemoteMetrics(SocketAddr),
     /// The address of the metrics cannot be used.
-    #[error("cannot listen at metrics address {address}: {source}; set another address")]
+    #[error("cannot listen at metrics address {address}: {source}; {}", metrics_remedy(source))]
     MetricsAddress {
         /// The address.
         address: SocketAddr,
@@ -179,6 +179,17 @@ pub enum ServiceError {
     Thread(io::Error),
 }
 
+/// Action after a failed listen at a TCP address.
+fn metrics_remedy(source: &io::Error) -> &'static str {
+    if source.raw_os_error() == Some(rustix::io::Errno::AFNOSUPPORT.raw_os_error()) {
+        // The unit of `ecan serve` permits Unix sockets only.
+        "a unit of systemd denies TCP by RestrictAddressFamilies: install the drop-in metrics-tcp.conf \
+         (docs/METRICS.md), or set unix:PATH"
+    } else {
+        "set another address"
+    }
+}
+
 struct Process(Option<u32>);
 
 impl fmt::Display for Process {
@@ -187,5 +198,24 @@ impl fmt::Display for Process {
             Some(pid) => write!(f, "process {pid}"),
             None => f.write_str("another process"),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn denied_address_family_names_the_drop_in() {
+        let text = |errno: rustix::io::Errno| {
+            let address = "127.0.0.1:9464".parse().unwrap();
+            ServiceError::MetricsAddress { address, source: errno.into() }.to_string()
+        };
+        let denied = text(rustix::io::Errno::AFNOSUPPORT);
+        assert!(
+            denied.contains("127.0.0.1:9464") && denied.contains("metrics-tcp.conf"),
+            "{denied}"
+        );
+        assert!(text(rustix::io::Errno::ADDRINUSE).ends_with("; set another address"));
     }
 }

@@ -315,6 +315,11 @@ fn unit_starts_the_program_with_valid_options() {
     let start = start.unwrap().replace("%i", "0");
     let arguments: Vec<_> = start.split(' ').chain(["--help"]).collect();
     assert!(good(&arguments).contains("ecan serve"));
+    // Options, file, host: a restart does not help. The drop-in opens what `--metrics` needs.
+    assert!(unit.contains("\nRestartPreventExitStatus=2 6 7\n"));
+    assert!(unit.contains("\nRestrictAddressFamilies=AF_UNIX\n"));
+    let drop_in = std::fs::read_to_string(directory.join("metrics-tcp.conf")).unwrap();
+    assert!(drop_in.ends_with("\n[Service]\nRestrictAddressFamilies=AF_INET AF_INET6\n"));
     let socket = std::fs::read_to_string(directory.join("ecan-serve@.socket")).unwrap();
     assert!(
         socket.contains("ListenStream=/run/ecan/master%i.sock\n"),
