@@ -147,6 +147,31 @@ impl Client {
         params: Value,
         timeout: Duration,
     ) -> Result<Value, ClientError> {
+        self.call_aged(method, params, timeout, timeout)
+    }
+
+    /// As [`call`](Self::call), with the age limit of the request: the service begins it within this
+    /// time, or rejects it with [`EXPIRED`](ecan_service_protocol::EXPIRED). The response may follow
+    /// later.
+    ///
+    /// # Errors
+    /// As [`call`](Self::call).
+    pub fn call_before(
+        &self,
+        method: &str,
+        params: Value,
+        max_age: Duration,
+    ) -> Result<Value, ClientError> {
+        self.call_aged(method, params, max_age, self.request_timeout)
+    }
+
+    fn call_aged(
+        &self,
+        method: &str,
+        params: Value,
+        max_age: Duration,
+        timeout: Duration,
+    ) -> Result<Value, ClientError> {
         let id = {
             let mut input = self.input();
             let id = input.next_id;
@@ -154,21 +179,20 @@ impl Client {
             input.inbox.expect_response(id);
             id
         };
-        let result = self.call_with_id(id, method, params, timeout);
+        let max_age_ms = Some(age_ms(max_age, MAX_AGE_MS));
+        let request = Request { max_age_ms, ..Request::new(id, method, params) };
+        let result = self.exchange(id, &request, timeout);
         self.input().inbox.forget_response(id);
         result
     }
 
-    fn call_with_id(
+    fn exchange(
         &self,
         id: u64,
-        method: &str,
-        params: Value,
+        request: &Request,
         timeout: Duration,
     ) -> Result<Value, ClientError> {
-        let max_age_ms = Some(age_ms(timeout, MAX_AGE_MS));
-        let request = Request { max_age_ms, ..Request::new(id, method, params) };
-        let payload = serde_json::to_vec(&request)?;
+        let (method, payload) = (&request.method, serde_json::to_vec(request)?);
         if payload.len() > MAX_REQUEST_PAYLOAD {
             return Err(ClientError::Protocol(format!(
                 "request {method} has {} bytes; allowed: at most {MAX_REQUEST_PAYLOAD}",
@@ -179,7 +203,7 @@ impl Client {
         match self.wait(timeout, |input| input.inbox.take_response(id))? {
             Some(result) => result.map_err(|error| ClientError::Rpc(Box::new(error))),
             None => Err(ClientError::Timeout {
-                method: method.into(),
+                method: method.clone(),
                 timeout_ms: u64::try_from(timeout.as_millis()).unwrap_or(u64::MAX),
             }),
         }
