@@ -3,14 +3,16 @@
 use thiserror::Error;
 
 /// Bytes of the head.
-pub const BATCH_HEAD_BYTES: usize = 24;
+pub const BATCH_HEAD_BYTES: usize = 32;
 
-/// Counters of a publication: three little-endian numbers of 64 bits.
+/// Counters of a publication: four little-endian numbers of 64 bits.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct BatchHead {
-    /// Start of the publisher's connection to the service, in nanoseconds since 1970. The counters
-    /// start at 0 with each connection.
+    /// Start of the publisher, in nanoseconds since 1970. The counters start at 0 with each epoch.
     pub epoch: u64,
+    /// Connections of the publisher to the service in this epoch, this one included. Frames of the
+    /// bus between two connections are not counted.
+    pub connections: u64,
     /// Frames of this key that were published before this payload.
     pub frames: u64,
     /// Frames of all keys that the publisher lost: records of kind 3 of the service, and losses in
@@ -26,7 +28,10 @@ pub struct HeadError(pub usize);
 impl BatchHead {
     /// Bytes of the attachment.
     pub fn encode(&self) -> Vec<u8> {
-        [self.epoch, self.frames, self.lost].iter().flat_map(|it| it.to_le_bytes()).collect()
+        [self.epoch, self.connections, self.frames, self.lost]
+            .iter()
+            .flat_map(|number| number.to_le_bytes())
+            .collect()
     }
 
     /// Reads an attachment.
@@ -35,8 +40,8 @@ impl BatchHead {
     /// Another length.
     pub fn decode(bytes: &[u8]) -> Result<Self, HeadError> {
         let (numbers, []) = bytes.as_chunks::<8>() else { return Err(HeadError(bytes.len())) };
-        match numbers.iter().map(|it| u64::from_le_bytes(*it)).collect::<Vec<_>>()[..] {
-            [epoch, frames, lost] => Ok(Self { epoch, frames, lost }),
+        match numbers.iter().map(|bytes| u64::from_le_bytes(*bytes)).collect::<Vec<_>>()[..] {
+            [epoch, connections, frames, lost] => Ok(Self { epoch, connections, frames, lost }),
             _ => Err(HeadError(bytes.len())),
         }
     }
@@ -47,12 +52,15 @@ mod tests {
     use super::*;
 
     #[test]
-    fn head_is_three_little_endian_numbers() {
-        let head = BatchHead { epoch: 1, frames: 0x0203, lost: 4 };
+    fn head_is_four_little_endian_numbers() {
+        let head = BatchHead { epoch: 1, connections: 5, frames: 0x0203, lost: 4 };
         let bytes = head.encode();
-        assert_eq!(bytes, [1, 0, 0, 0, 0, 0, 0, 0, 3, 2, 0, 0, 0, 0, 0, 0, 4, 0, 0, 0, 0, 0, 0, 0]);
+        let starts = [(0, 1), (8, 5), (16, 3), (17, 2), (24, 4)];
+        let expected =
+            |at| starts.iter().find(|(start, _)| *start == at).map_or(0, |found| found.1);
+        assert_eq!(bytes, (0..32).map(expected).collect::<Vec<_>>());
         assert_eq!(BatchHead::decode(&bytes), Ok(head));
-        for length in [0, 8, 23, 25, 32] {
+        for length in [0, 8, 24, 31, 33, 40] {
             assert_eq!(BatchHead::decode(&vec![0; length]), Err(HeadError(length)));
         }
     }

@@ -14,6 +14,7 @@ pub struct FrameAccount {
     received: u64,
     lost_on_network: u64,
     lost_in_service: u64,
+    reconnections: u64,
     restarts: u64,
 }
 
@@ -26,6 +27,7 @@ struct Epoch {
     /// Highest counters.
     frames: u64,
     lost: u64,
+    connections: u64,
     received: u64,
 }
 
@@ -44,46 +46,58 @@ impl FrameAccount {
             // It started without frames, after the samples of the former one.
             Some(_) => {
                 self.end_epoch();
-                self.begin(head, BatchHead { epoch: head.epoch, ..BatchHead::default() });
+                let first = BatchHead { epoch: head.epoch, connections: 1, frames: 0, lost: 0 };
+                self.begin(head, first);
             }
         }
         if let Some(epoch) = &mut self.current {
             epoch.received += frames;
             epoch.frames = epoch.frames.max(head.frames + frames);
             epoch.lost = epoch.lost.max(head.lost);
+            epoch.connections = epoch.connections.max(head.connections);
         }
     }
 
     fn begin(&mut self, head: BatchHead, first: BatchHead) {
-        let (epoch, frames, lost) = (head.epoch, first.frames, first.lost);
-        self.current = Some(Epoch { epoch, first, frames, lost, received: 0 });
+        let BatchHead { connections, frames, lost, .. } = first;
+        let epoch = head.epoch;
+        self.current = Some(Epoch { epoch, first, frames, lost, connections, received: 0 });
     }
 
     fn end_epoch(&mut self) {
         self.received = self.received();
         self.lost_on_network = self.lost_on_network();
         self.lost_in_service = self.lost_in_service();
+        self.reconnections = self.reconnections();
         self.restarts += 1;
         self.current = None;
     }
 
     /// Frames that arrived.
     pub fn received(&self) -> u64 {
-        self.received + self.current.map_or(0, |it| it.received)
+        self.received + self.current.map_or(0, |epoch| epoch.received)
     }
 
     /// Frames that were published and did not arrive: lost by Zenoh or by the network.
     pub fn lost_on_network(&self) -> u64 {
-        self.lost_on_network + self.current.map_or(0, |it| it.lost_on_network())
+        self.lost_on_network + self.current.map_or(0, |epoch| epoch.lost_on_network())
     }
 
     /// Frames of all channels that the publisher itself lost.
     pub fn lost_in_service(&self) -> u64 {
-        self.lost_in_service + self.current.map_or(0, |it| it.lost - it.first.lost)
+        self.lost_in_service + self.current.map_or(0, |epoch| epoch.lost - epoch.first.lost)
     }
 
     /// Number of times that the publisher connected to the service again. Frames of the bus between
-    /// its connections, and a loss at the end of one, are not counted.
+    /// its connections are not counted as lost.
+    pub fn reconnections(&self) -> u64 {
+        let of_epoch = |epoch: Epoch| epoch.connections - epoch.first.connections;
+        self.reconnections + self.current.map_or(0, of_epoch)
+    }
+
+    /// Number of times that the publisher was started again. Frames of the bus while it was away, and
+    /// a loss at its end, are not counted. A number that grows with each sample means that two
+    /// publishers use the key.
     pub fn restarts(&self) -> u64 {
         self.restarts
     }
@@ -101,7 +115,17 @@ mod tests {
     }
 
     fn head(epoch: u64, frames: u64, lost: u64) -> BatchHead {
-        BatchHead { epoch, frames, lost }
+        BatchHead { epoch, connections: 1, frames, lost }
+    }
+
+    #[test]
+    fn counters_continue_over_a_new_connection() {
+        let mut account = FrameAccount::default();
+        account.take(BatchHead { connections: 2, ..head(5, 1000, 0) }, 10);
+        account.take(BatchHead { connections: 4, ..head(5, 1030, 0) }, 10);
+        assert_eq!((counts(&account), account.reconnections()), ((20, 20, 0, 0), 2));
+        account.take(BatchHead { connections: 2, ..head(6, 4, 0) }, 1);
+        assert_eq!((counts(&account), account.reconnections()), ((21, 24, 0, 1), 3));
     }
 
     #[test]
@@ -143,7 +167,7 @@ mod tests {
             }
             // The reply of a `get`.
             account.take(head(1, frames, lost), 0);
-            let first = arrived.first().map_or(head(1, frames, lost), |it| it.0);
+            let first = arrived.first().map_or(head(1, frames, lost), |first| first.0);
             let all = frames - first.frames;
             prop_assert_eq!(counts(&account), (received, all - received, lost - first.lost, 0));
         }

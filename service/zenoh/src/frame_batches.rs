@@ -19,6 +19,7 @@ pub(crate) type Batch = (Address, BatchHead, Vec<u8>);
 #[derive(Debug, Default)]
 pub(crate) struct FrameBatches {
     epoch: u64,
+    connections: u64,
     lost: u64,
     channels: BTreeMap<Address, Channel>,
 }
@@ -35,6 +36,15 @@ struct Channel {
 impl FrameBatches {
     pub(crate) fn new(epoch: u64) -> Self {
         Self { epoch, ..Self::default() }
+    }
+
+    pub(crate) fn epoch(&self) -> u64 {
+        self.epoch
+    }
+
+    /// Counts a connection to the service.
+    pub(crate) fn begin_connection(&mut self) {
+        self.connections += 1;
     }
 
     /// Adds a frame; returns whether its batch is full.
@@ -55,9 +65,10 @@ impl FrameBatches {
         let mut batches = Vec::new();
         for (address, channel) in &mut self.channels {
             if channel.waiting > 0 {
-                let (epoch, frames, lost) = (self.epoch, channel.published, self.lost);
+                let Self { epoch, connections, lost, .. } = *self;
+                let frames = channel.published;
                 let records = std::mem::take(&mut channel.records);
-                batches.push((*address, BatchHead { epoch, frames, lost }, records));
+                batches.push((*address, BatchHead { epoch, connections, frames, lost }, records));
                 channel.published += std::mem::take(&mut channel.waiting);
             }
         }
@@ -67,7 +78,8 @@ impl FrameBatches {
     /// Counters after the last publication of a channel.
     pub(crate) fn head(&self, address: Address) -> BatchHead {
         let frames = self.channels.get(&address).map_or(0, |channel| channel.published);
-        BatchHead { epoch: self.epoch, frames, lost: self.lost }
+        let Self { epoch, connections, lost, .. } = *self;
+        BatchHead { epoch, connections, frames, lost }
     }
 }
 
@@ -90,20 +102,27 @@ mod tests {
     #[test]
     fn batches_are_per_channel_and_counted() {
         let mut batches = FrameBatches::new(9);
+        batches.begin_connection();
         let frames = [report(0, 1), report(1, 1), report(0, 1)];
-        frames.iter().for_each(|it| assert!(!batches.push(it)));
+        frames.iter().for_each(|report| assert!(!batches.push(report)));
         assert_eq!(batches.head((0, 1)).frames, 0, "waiting frames are not published");
         let taken = batches.take();
         let [(first, head, payload), (second, ..)] = &taken[..] else { panic!("{taken:?}") };
         assert_eq!((first, second), (&(0, 1), &(1, 1)));
-        assert_eq!(*head, BatchHead { epoch: 9, frames: 0, lost: 0 });
+        assert_eq!(*head, BatchHead { epoch: 9, connections: 1, frames: 0, lost: 0 });
         assert_eq!(records(payload), [FrameRecord::Frame(report(0, 1)); 2]);
         batches.lose(5);
         assert!(batches.take().is_empty());
         batches.push(&report(0, 1));
-        assert_eq!(batches.take()[0].1, BatchHead { epoch: 9, frames: 2, lost: 5 });
-        assert_eq!(batches.head((0, 1)), BatchHead { epoch: 9, frames: 3, lost: 5 });
-        assert_eq!(batches.head((3, 3)), BatchHead { epoch: 9, frames: 0, lost: 5 });
+        assert_eq!(batches.take()[0].1, BatchHead { epoch: 9, connections: 1, frames: 2, lost: 5 });
+        assert_eq!(
+            batches.head((0, 1)),
+            BatchHead { epoch: 9, connections: 1, frames: 3, lost: 5 }
+        );
+        assert_eq!(
+            batches.head((3, 3)),
+            BatchHead { epoch: 9, connections: 1, frames: 0, lost: 5 }
+        );
     }
 
     #[test]

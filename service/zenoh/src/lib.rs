@@ -1,14 +1,17 @@
 //! Publishes the service of a running ECAN-Lite bus to other hosts through Zenoh (docs/SERVICE.md,
 //! "Other hosts").
 //!
-//! Key expressions ([`Keys`]), the head of a publication ([`BatchHead`]) and the account of a
-//! subscriber ([`FrameAccount`]) need no engine. With the feature `engine`, `Publication` is a client
+//! Key expressions ([`Keys`]), the head of a publication ([`BatchHead`]), the account of a subscriber
+//! ([`FrameAccount`]) and the deadline of a request ([`PublisherClock`]) need no engine. With the feature `engine`, `Publication` is a client
 //! of the service that publishes it.
 #![deny(missing_docs)]
 #![deny(clippy::print_stdout, clippy::print_stderr)]
 #![forbid(unsafe_code)]
 
 mod batch_head;
+#[cfg(any(feature = "engine", test))]
+mod client_turns;
+mod deadline;
 mod frame_account;
 #[cfg(any(feature = "engine", test))]
 mod frame_batches;
@@ -17,7 +20,11 @@ mod keys;
 mod remote_request;
 #[cfg(any(feature = "engine", test))]
 mod transmit_jobs;
+#[cfg(any(feature = "engine", test))]
+mod transmit_limits;
 
+#[cfg(feature = "engine")]
+mod presence;
 #[cfg(feature = "engine")]
 mod publication;
 #[cfg(feature = "engine")]
@@ -25,15 +32,20 @@ mod publication_error;
 #[cfg(feature = "engine")]
 mod publisher;
 #[cfg(feature = "engine")]
+mod query_gate;
+#[cfg(feature = "engine")]
 mod remote_clients;
 #[cfg(feature = "engine")]
 mod zenoh_config;
 
 pub use batch_head::{BATCH_HEAD_BYTES, BatchHead, HeadError};
+pub use deadline::{MAX_LIFETIME, PublisherClock, PublisherInfo};
 pub use frame_account::FrameAccount;
-pub use keys::{Keys, PrefixError};
+pub use keys::{Keys, PrefixError, RequestKey};
 
 #[cfg(feature = "engine")]
-pub use publication::{Publication, PublicationConfig, PublicationEvent};
+pub use publication::{Publication, PublicationConfig, PublicationEvent, RejectedRequests};
 #[cfg(feature = "engine")]
 pub use publication_error::PublicationError;
+#[cfg(feature = "engine")]
+pub use transmit_limits::{TransmitLimits, TransmitRule, TransmitRuleError};

@@ -2,18 +2,16 @@
 
 use std::fmt;
 use std::path::Path;
-use std::sync::mpsc::{Receiver, sync_channel};
-use std::sync::{Mutex, PoisonError};
-use std::time::Duration;
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::{Duration, SystemTime};
 
 use ecan_service_client::Hello;
-use zenoh::pubsub::Subscriber;
-use zenoh::sample::SampleKind;
 use zenoh::{Session, Wait as _};
 
 use crate::frame_batches::FrameBatches;
 use crate::keys::Keys;
 use crate::publication_error::PublicationError;
+use crate::transmit_limits::TransmitLimits;
 use crate::zenoh_config;
 
 /// Settings of a publication.
@@ -24,8 +22,19 @@ pub struct PublicationConfig {
     /// Remote clients may send frames and change something, if the service permits it to this
     /// process.
     pub has_control: bool,
+    /// Frames that remote clients with control may send.
+    pub limits: TransmitLimits,
     /// Interval of the states.
     pub interval: Duration,
+}
+
+/// Requests of remote clients that the publisher rejected since its start.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct RejectedRequests {
+    /// Requests and frames that were late.
+    pub late: u64,
+    /// Requests that exceeded a limit of the publisher.
+    pub full: u64,
 }
 
 /// Event of a publication, with its text for users.
@@ -39,11 +48,20 @@ pub enum PublicationEvent {
         /// Zenoh peers; clients that connect to a listener are not counted.
         peers: usize,
     },
-    /// Another session publishes under the same keys: its data and these are mixed.
+    /// Another publisher uses the same keys: its publications and these are mixed, and both reject
+    /// requests that act.
     PrefixInUse {
-        /// Key of its liveliness token, which ends with its Zenoh ID.
+        /// Key of its liveliness token, which ends with its identity.
         token: String,
     },
+    /// No other publisher uses the keys any more.
+    PrefixFree,
+    /// The service responds no more: the liveliness token is withdrawn and requests are rejected.
+    ServiceSilent,
+    /// The service responds again.
+    ServiceResponds,
+    /// Requests were rejected, at most once per second.
+    Rejected(RejectedRequests),
 }
 
 impl fmt::Display for PublicationEvent {
@@ -52,8 +70,18 @@ impl fmt::Display for PublicationEvent {
             Self::Links { routers, peers } => {
                 write!(f, "zenoh: connected to {routers} routers, {peers} peers")
             }
-            Self::PrefixInUse { token } => {
-                write!(f, "warning: another publisher uses the prefix ({token}); set --prefix")
+            Self::PrefixInUse { token } => write!(
+                f,
+                "warning: another publisher uses the prefix ({token}); remote control is rejected; \
+                 set --prefix"
+            ),
+            Self::PrefixFree => f.write_str("zenoh: no other publisher uses the prefix"),
+            Self::ServiceSilent => {
+                f.write_str("warning: the service does not respond; remote requests are rejected")
+            }
+            Self::ServiceResponds => f.write_str("service responds again"),
+            Self::Rejected(RejectedRequests { late, full }) => {
+                write!(f, "zenoh: remote requests rejected: {late} late, {full} beyond a limit")
             }
         }
     }
@@ -64,26 +92,36 @@ impl fmt::Display for PublicationEvent {
 pub struct Publication {
     pub(crate) session: Session,
     pub(crate) config: PublicationConfig,
-}
-
-/// What the publishing thread shares with those that answer queries.
-#[derive(Debug)]
-pub(crate) struct Published {
-    pub(crate) hello: Mutex<Hello>,
-    pub(crate) batches: Mutex<FrameBatches>,
+    /// The counters continue over connections to the service.
+    pub(crate) batches: Arc<Mutex<FrameBatches>>,
+    pub(crate) rejected: Arc<Mutex<RejectedRequests>>,
+    open_control: Option<String>,
 }
 
 impl Publication {
-    /// Opens a session with a configuration file of Zenoh (JSON5), unchanged; nothing listens and
-    /// multicast scouting is off unless it is configured.
+    /// Opens a session with a configuration file of Zenoh (JSON5), unchanged except for three
+    /// defaults: nothing listens, multicast scouting is off, and received messages have at most 1 MiB
+    /// unless it is configured.
     ///
     /// # Errors
     /// The file is wrong, or the session does not open.
     pub fn open(file: &Path, config: PublicationConfig) -> Result<Self, PublicationError> {
-        let session = zenoh::open(zenoh_config::read(file)?).wait();
+        let (zenoh_config, open_control) = zenoh_config::read(file)?;
+        let session = zenoh::open(zenoh_config).wait();
         let session =
             session.map_err(|error| PublicationError::Open { reason: error.to_string() })?;
-        Ok(Self { session, config })
+        let epoch = SystemTime::UNIX_EPOCH.elapsed().unwrap_or_default().as_nanos();
+        let batches = FrameBatches::new(u64::try_from(epoch).unwrap_or_default());
+        let (batches, rejected) = (Arc::new(Mutex::new(batches)), Arc::default());
+        let open_control = open_control.filter(|_| config.has_control);
+        Ok(Self { session, config, batches, rejected, open_control })
+    }
+
+    /// Reason for which programs without authentication may have control, by the
+    /// configuration of Zenoh; `None` without control or if only authenticated programs have
+    /// it.
+    pub fn open_control(&self) -> Option<&str> {
+        self.open_control.as_deref()
     }
 
     pub(crate) fn links(&self) -> PublicationEvent {
@@ -92,27 +130,8 @@ impl Publication {
         PublicationEvent::Links { routers: routers.count(), peers: peers.count() }
     }
 
-    /// Key of the liveliness token.
-    pub(crate) fn token(&self) -> String {
-        self.config.keys.alive(&self.session.zid().to_string())
-    }
-
-    /// Reports other publishers with the same keys.
-    pub(crate) fn watch_prefix(
-        &self,
-    ) -> Result<(Subscriber<()>, Receiver<String>), PublicationError> {
-        let (sender, others) = sync_channel(1);
-        let (own, tokens) = (self.token(), self.config.keys.alive("*"));
-        let subscriber = self.session.liveliness().declare_subscriber(&tokens).history(true);
-        let subscriber = subscriber.callback(move |token| {
-            if token.kind() == SampleKind::Put && token.key_expr().as_str() != own {
-                // One is enough.
-                let _ = sender.try_send(token.key_expr().to_string());
-            }
-        });
-        let subscriber =
-            subscriber.wait().map_err(PublicationError::session("observe", &tokens))?;
-        Ok((subscriber, others))
+    pub(crate) fn count_late(&self, requests: u64) {
+        lock(&self.rejected).late += requests;
     }
 
     /// The response to `hello`, with the access of remote clients.

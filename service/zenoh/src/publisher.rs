@@ -1,10 +1,10 @@
 //! The threads that publish frames and states.
 
 use std::path::Path;
-use std::sync::Mutex;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
+use std::sync::{Arc, Mutex};
 use std::thread;
-use std::time::{Duration, Instant, SystemTime};
+use std::time::{Duration, Instant};
 
 use ecan_service_client::{Client, ClientError, Event, Method as _, Subscription, methods};
 use serde_json::Value;
@@ -13,9 +13,10 @@ use zenoh::bytes::Encoding;
 use zenoh::qos::CongestionControl;
 
 use crate::batch_head::BatchHead;
-use crate::frame_batches::FrameBatches;
-use crate::publication::{Publication, PublicationEvent, Published, lock};
+use crate::presence::Presence;
+use crate::publication::{Publication, PublicationEvent, RejectedRequests, lock};
 use crate::publication_error::PublicationError;
+use crate::query_gate::{QueryGate, QueryQueue};
 use crate::remote_clients::RemoteClients;
 use crate::remote_request::PUBLISHED;
 
@@ -23,6 +24,8 @@ use crate::remote_request::PUBLISHED;
 const GATHER: Duration = Duration::from_millis(5);
 /// Interval of looking for the end and for connections.
 const POLL: Duration = Duration::from_millis(100);
+/// Least time between two reports of rejected requests.
+const PAUSE: Duration = Duration::from_secs(1);
 /// Time for a response of the service: that of a Zenoh query.
 const REQUEST_TIMEOUT: Duration = Duration::from_secs(10);
 
@@ -48,24 +51,75 @@ impl Publication {
             true => Some(connect("ecan zenoh: transmit")?),
             false => None,
         };
-        let epoch = SystemTime::UNIX_EPOCH.elapsed().unwrap_or_default().as_nanos();
-        let published = Published {
+        lock(&self.batches).begin_connection();
+        let gate = Arc::new(QueryGate {
+            keys: self.config.keys.clone(),
+            presence: Presence::new(),
             hello: Mutex::new(self.remote_hello(caller.hello())),
-            batches: Mutex::new(FrameBatches::new(u64::try_from(epoch).unwrap_or_default())),
-        };
+            batches: self.batches.clone(),
+            rejected: self.rejected.clone(),
+            requests: QueryQueue::new(),
+            sends: QueryQueue::new(),
+        });
         observer.subscribe(&Subscription::default())?;
-        let remote = RemoteClients { publication: self, published: &published, caller, sender };
+        let remote = RemoteClients { publication: self, gate: &gate, caller, sender };
         remote.serve_during(|caller| {
-            let publisher = Publisher { publication: self, published: &published, caller };
+            let publisher = Publisher { publication: self, gate: &gate, caller };
             publisher.run(&observer, is_stopped, report)
         })
+    }
+}
+
+/// State that was reported last: each change is reported once.
+#[derive(Default)]
+struct Notices {
+    links: Option<PublicationEvent>,
+    other: Option<String>,
+    is_silent: bool,
+    rejected: RejectedRequests,
+    /// Time of the last report of rejected requests.
+    rejected_at: Option<Instant>,
+}
+
+impl Notices {
+    fn report_changes(
+        &mut self,
+        publication: &Publication,
+        presence: &Presence,
+        report: &dyn Fn(PublicationEvent),
+    ) {
+        let links = publication.links();
+        if self.links.as_ref() != Some(&links) {
+            report(links.clone());
+            self.links = Some(links);
+        }
+        let other = presence.other();
+        if other.is_some() != self.other.is_some() {
+            report(match &other {
+                Some(token) => PublicationEvent::PrefixInUse { token: token.clone() },
+                None => PublicationEvent::PrefixFree,
+            });
+        }
+        self.other = other;
+        if presence.is_silent() != self.is_silent {
+            self.is_silent = !self.is_silent;
+            report(match self.is_silent {
+                true => PublicationEvent::ServiceSilent,
+                false => PublicationEvent::ServiceResponds,
+            });
+        }
+        let rejected = *lock(&publication.rejected);
+        if rejected != self.rejected && self.rejected_at.is_none_or(|at| at.elapsed() > PAUSE) {
+            report(PublicationEvent::Rejected(rejected));
+            (self.rejected, self.rejected_at) = (rejected, Some(Instant::now()));
+        }
     }
 }
 
 /// Publishes frames and states.
 struct Publisher<'a> {
     publication: &'a Publication,
-    published: &'a Published,
+    gate: &'a QueryGate,
     caller: &'a Client,
 }
 
@@ -77,21 +131,13 @@ impl Publisher<'_> {
         report: &dyn Fn(PublicationEvent),
     ) -> Result<(), PublicationError> {
         self.put_hello()?;
-        let (_subscriber, others) = self.publication.watch_prefix()?;
-        let mut links = None;
+        let mut notices = Notices::default();
         thread::scope(|scope| {
             // Dropped at the end, which ends the other thread.
             let (_end, ended) = channel();
             scope.spawn(move || self.publish_states(&ended));
             while !is_stopped() {
-                let found = self.publication.links();
-                if links.as_ref() != Some(&found) {
-                    report(found.clone());
-                    links = Some(found);
-                }
-                if let Ok(token) = others.try_recv() {
-                    report(PublicationEvent::PrefixInUse { token });
-                }
+                notices.report_changes(self.publication, &self.gate.presence, report);
                 self.publish_frames(observer)?;
             }
             Ok(())
@@ -149,16 +195,16 @@ impl Publisher<'_> {
     fn take(&self, event: Event) -> Result<(), PublicationError> {
         match event {
             Event::Frame(report) => {
-                let is_full = lock(&self.published.batches).push(&report);
+                let is_full = lock(&self.gate.batches).push(&report);
                 if is_full { self.put_frames() } else { Ok(()) }
             }
             Event::Lost(lost) => {
-                lock(&self.published.batches).lose(lost.frames + lost.frames_in_client);
+                lock(&self.gate.batches).lose(lost.frames + lost.frames_in_client);
                 Ok(())
             }
             Event::Gateways(changed) => {
                 {
-                    let mut hello = lock(&self.published.hello);
+                    let mut hello = lock(&self.gate.hello);
                     (hello.cycle_ns, hello.gateways) = (changed.cycle_ns, changed.gateways);
                 }
                 self.put_hello()
@@ -174,7 +220,7 @@ impl Publisher<'_> {
     }
 
     fn put_frames(&self) -> Result<(), PublicationError> {
-        let batches = lock(&self.published.batches).take();
+        let batches = lock(&self.gate.batches).take();
         for ((gateway, channel), head, records) in batches {
             let key = self.publication.config.keys.frames(gateway, channel);
             self.put(&key, records, Some(head))?;
@@ -183,7 +229,7 @@ impl Publisher<'_> {
     }
 
     fn put_hello(&self) -> Result<(), PublicationError> {
-        let hello = serde_json::to_value(&*lock(&self.published.hello)).unwrap_or_default();
+        let hello = serde_json::to_value(&*lock(&self.gate.hello)).unwrap_or_default();
         self.put_json(methods::SayHello::NAME, &hello)
     }
 
@@ -203,7 +249,10 @@ impl Publisher<'_> {
         let put = put.congestion_control(CongestionControl::Drop);
         let result = match head {
             Some(head) => put.attachment(head.encode()).wait(),
-            None => put.encoding(Encoding::APPLICATION_JSON).wait(),
+            None => {
+                let publisher = self.gate.presence.publisher.as_bytes();
+                put.encoding(Encoding::APPLICATION_JSON).attachment(publisher).wait()
+            }
         };
         result.map_err(PublicationError::session("publish", key))
     }

@@ -7,9 +7,14 @@ use zenoh::Config;
 
 use crate::publication_error::PublicationError;
 
-/// Reads a configuration file of Zenoh. What it does not set has the default of Zenoh, except that
-/// nothing listens and multicast scouting is off.
-pub(crate) fn read(path: &Path) -> Result<Config, PublicationError> {
+/// Bytes of a received message without a setting. A request that is too long for the service gets an
+/// error; Zenoh discards a longer message. The default of Zenoh is 1 GiB.
+const MAX_MESSAGE_BYTES: &str = "1048576";
+
+/// Reads a configuration file of Zenoh, and the reason for which programs without authentication
+/// have control with it. What the file does not set has the default of Zenoh, except that nothing
+/// listens, multicast scouting is off and received messages have at most [`MAX_MESSAGE_BYTES`].
+pub(crate) fn read(path: &Path) -> Result<(Config, Option<String>), PublicationError> {
     let failed = |reason: String| PublicationError::ConfigFile { path: path.to_owned(), reason };
     let text = std::fs::read_to_string(path).map_err(|error| failed(error.to_string()))?;
     let value: Value = json5::from_str(&text).map_err(|error| failed(error.to_string()))?;
@@ -24,17 +29,50 @@ pub(crate) fn read(path: &Path) -> Result<Config, PublicationError> {
     if multicast.is_none() {
         set("scouting/multicast/enabled", "false")?;
     }
-    let has_endpoints = |it: Option<&Value>| match it {
-        Some(Value::Array(endpoints)) => !endpoints.is_empty(),
-        Some(Value::Object(modes)) => !modes.is_empty(),
-        _ => false,
-    };
-    let connects = value.pointer("/connect/endpoints");
-    if has_endpoints(listens) || has_endpoints(connects) || multicast == Some(&true.into()) {
-        Ok(config)
+    if value.pointer("/transport/link/rx/max_message_size").is_none() {
+        set("transport/link/rx/max_message_size", MAX_MESSAGE_BYTES)?;
+    }
+    let mut endpoints = Vec::new();
+    for key in ["/listen/endpoints", "/connect/endpoints"] {
+        value.pointer(key).into_iter().for_each(|found| collect_texts(found, &mut endpoints));
+    }
+    if !endpoints.is_empty() || multicast == Some(&true.into()) {
+        Ok((config, open_control(&value, &endpoints)))
     } else {
         Err(PublicationError::NoEndpoint { path: path.to_owned() })
     }
+}
+
+/// Endpoints are a list, or a list for each mode.
+fn collect_texts<'a>(value: &'a Value, texts: &mut Vec<&'a str>) {
+    match value {
+        Value::String(text) => texts.push(text),
+        Value::Array(values) => values.iter().for_each(|value| collect_texts(value, texts)),
+        Value::Object(modes) => modes.values().for_each(|value| collect_texts(value, texts)),
+        _ => {}
+    }
+}
+
+/// Reason for which programs without authentication may have control. A router between the hosts
+/// has a configuration of its own, which this one does not show.
+fn open_control(value: &Value, endpoints: &[&str]) -> Option<String> {
+    let is = |key, expected: Value| value.pointer(key) == Some(&expected);
+    let mut reasons = Vec::new();
+    let has_mutual_tls = is("/transport/link/tls/enable_mtls", true.into())
+        && endpoints
+            .iter()
+            .all(|endpoint| endpoint.starts_with("tls/") || endpoint.starts_with("quic/"));
+    let passwords = ["/transport/auth/usrpwd/dictionary_file", "/transport/auth/usrpwd/user"];
+    let has_password = passwords.iter().any(|key| value.pointer(key).is_some_and(Value::is_string));
+    if !has_mutual_tls && !has_password {
+        reasons.push("links without authentication (transport.link.tls.enable_mtls)");
+    }
+    if !is("/access_control/enabled", true.into()) {
+        reasons.push("access_control is off");
+    } else if is("/access_control/default_permission", "allow".into()) {
+        reasons.push("access_control.default_permission is \"allow\"");
+    }
+    (!reasons.is_empty()).then(|| reasons.join(", "))
 }
 
 #[cfg(test)]
@@ -44,7 +82,52 @@ mod tests {
     fn config(text: &str) -> Result<Config, PublicationError> {
         let file = tempfile::NamedTempFile::new().unwrap();
         std::fs::write(file.path(), text).unwrap();
-        read(file.path())
+        read(file.path()).map(|(config, _)| config)
+    }
+
+    #[test]
+    fn open_control_is_found_with_its_reason() {
+        let reason = |text: &str| {
+            let value: Value = json5::from_str(text).unwrap();
+            let mut endpoints = Vec::new();
+            collect_texts(&value["listen"]["endpoints"], &mut endpoints);
+            open_control(&value, &endpoints).unwrap_or_default()
+        };
+        let acl = "access_control: { enabled: true, default_permission: 'deny' }";
+        let tls = "transport: { link: { tls: { enable_mtls: true } } }";
+        let password = "transport: { auth: { usrpwd: { dictionary_file: 'users' } } }";
+        let [tcp, secured] =
+            ["tcp", "tls"].map(|link| format!("listen: {{ endpoints: ['{link}/a:1'] }}"));
+        let by_mode = "listen: { endpoints: { router: ['tls/a:1'], peer: ['tcp/a:1'] } }";
+        for (text, words) in [
+            (
+                format!("{{ {tcp} }}"),
+                "links without authentication (transport.link.tls.enable_mtls), \
+                                      access_control is off",
+            ),
+            (format!("{{ {secured}, {tls} }}"), "access_control is off"),
+            (format!("{{ {secured}, {acl} }}"), "links without authentication"),
+            (format!("{{ {tcp}, {tls}, {acl} }}"), "links without authentication"),
+            (format!("{{ {by_mode}, {tls}, {acl} }}"), "links without authentication"),
+            (format!("{{ {secured}, {tls}, {acl} }}").replace("deny", "allow"), "is \"allow\""),
+        ] {
+            assert!(reason(&text).contains(words), "{text}: {}", reason(&text));
+        }
+        for text in
+            [format!("{{ {secured}, {tls}, {acl} }}"), format!("{{ {tcp}, {password}, {acl} }}")]
+        {
+            assert_eq!(reason(&text), "");
+        }
+    }
+
+    #[test]
+    fn received_messages_are_bounded() {
+        let size = |settings: &str| {
+            let text = format!("{{ connect: {{ endpoints: ['tcp/a:1'] }}, {settings} }}");
+            config(&text).unwrap().get_json("transport/link/rx/max_message_size").unwrap()
+        };
+        assert_eq!(size(""), MAX_MESSAGE_BYTES);
+        assert_eq!(size("transport: { link: { rx: { max_message_size: 9000000 } } }"), "9000000");
     }
 
     fn network(config: &Config) -> [String; 2] {

@@ -8,7 +8,9 @@ use std::time::Duration;
 use clap::Args;
 use ecan_command_line::interrupt::Interrupt;
 use ecan_service_client::Access;
-use ecan_service_zenoh::{Keys, Publication, PublicationConfig, PublicationError};
+use ecan_service_zenoh::{
+    Keys, Publication, PublicationConfig, PublicationError, TransmitLimits, TransmitRule,
+};
 
 use crate::context::{Context, Failure, Result, note};
 use crate::via;
@@ -17,9 +19,12 @@ pub const EXAMPLES: &str = "\
 Examples:
   ecan zenoh zenoh.json5                       other hosts read the service of master 0
   ecan zenoh zenoh.json5 --control             they also send frames and write objects
+  ecan zenoh zenoh.json5 --control --transmit 0.1:100-1FF
+                                               they send these CAN IDs on channel 1 only
   ecan --via /run/cell.sock zenoh zenoh.json5  the service of an application
 
-Keys and payloads: docs/SERVICE.md. Encryption and access control: in the configuration of Zenoh.";
+Keys and payloads: docs/SERVICE.md. Encryption and access control: in the configuration of Zenoh,
+examples/zenoh has one for router, publisher, viewer and operator.";
 
 /// Pause before another attempt to reach a service that ended.
 const PAUSE: Duration = Duration::from_secs(1);
@@ -34,6 +39,9 @@ pub struct ZenohArguments {
     /// Permit remote clients to send frames and to change something
     #[arg(long)]
     control: bool,
+    /// Limit remote frames to GATEWAY.CHANNEL[:ID[-ID]]; may be repeated
+    #[arg(long, value_name = "RULE", requires = "control")]
+    transmit: Vec<TransmitRule>,
     /// Prefix of the keys [default: ecan/<HOST>/master<N>]
     #[arg(long, value_name = "KEY", value_parser = Keys::new)]
     prefix: Option<Keys>,
@@ -61,11 +69,19 @@ pub fn run(arguments: &ZenohArguments, context: &Context) -> Result {
     let config = PublicationConfig {
         keys,
         has_control: arguments.control,
+        limits: TransmitLimits { rules: arguments.transmit.clone() },
         interval: Duration::from_millis(arguments.interval.into()),
     };
     let publication = Publication::open(&arguments.file, config).map_err(failure)?;
     let access = if arguments.control { "control" } else { "read-only" };
     note(format_args!("publishing {prefix}/** through Zenoh, remote clients: {access}"));
+    if let Some(reason) = publication.open_control() {
+        note(format_args!(
+            "warning: control is open in {}: {reason}; every program that reaches this session can \
+             send frames and write objects; see docs/SERVICE.md, \"Security\"",
+            arguments.file.display()
+        ));
+    }
     let is_lost = Cell::new(false);
     let report = |event| {
         if is_lost.replace(false) {

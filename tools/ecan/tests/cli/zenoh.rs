@@ -72,6 +72,10 @@ fn wrong_configuration_is_reported_and_the_service_continues() {
     assert!(message.contains(&router), "{message}");
     let message = served.fails(2, &["--prefix", "a/*", "router.json5"]);
     assert!(message.contains("prefix \"a/*\" is invalid"), "{message}");
+    let message = served.fails(2, &["--control", "--transmit", "0.4", "router.json5"]);
+    assert!(message.contains("transmit limit \"0.4\" is invalid"), "{message}");
+    let message = served.fails(2, &["--transmit", "0.1:123", "router.json5"]);
+    assert!(message.contains("--control"), "{message}");
     let message = fails(3, &["--via", "direct", "zenoh", "router.json5"]);
     assert!(message.contains("no service to publish; start ecan serve"), "{message}");
     assert!(good(&["--via", &served.socket, "scan"]).contains("ECAN-Lite"));
@@ -84,7 +88,12 @@ fn publication_outlives_its_service() {
     let file = served.config("zenoh.json5", &text);
     let mut publication = Running::start(&["--via", &served.socket, "zenoh", &file, "--control"]);
     publication.wait_for_error("warning: --control has no effect: the service is read-only");
+    publication.wait_for_error("warning: control is open in ");
     publication.wait_for_error("zenoh: connected to 0 routers, 0 peers");
+    served.program.signal(rustix::process::Signal::STOP);
+    publication.wait_for_error("warning: the service does not respond");
+    served.program.signal(rustix::process::Signal::CONT);
+    publication.wait_for_error("service responds again");
     served.program.terminate();
     assert_eq!(served.program.wait().0, Some(0));
     publication.wait_for_error("service lost: ");
