@@ -113,6 +113,7 @@ mod tests {
         assert_eq!(records(payload), [FrameRecord::Frame(report(0, 1)); 2]);
         batches.lose(5);
         assert!(batches.take().is_empty());
+        assert_eq!(batches.epoch(), 9);
         batches.push(&report(0, 1));
         assert_eq!(batches.take()[0].1, BatchHead { epoch: 9, connections: 1, frames: 2, lost: 5 });
         assert_eq!(

@@ -193,6 +193,9 @@ mod tests {
         let long = "x".repeat(MAX_METHOD_BYTES + 1);
         assert_eq!(check(&long, true).unwrap_err().code, METHOD_NOT_FOUND);
         assert_eq!(check_client("hmi-2_a.b@cell"), Ok(()));
+        assert!(
+            not_addressed("nmt").message.ends_with("PREFIX/publisher/<publisher>/<client>/nmt")
+        );
         for name in ["", "a b", "\u{1b}[31m", "é", &"x".repeat(65)] {
             assert_eq!(check_client(name).unwrap_err().code, INVALID_REQUEST);
         }

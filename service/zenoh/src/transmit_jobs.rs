@@ -328,6 +328,8 @@ mod tests {
     fn reply_has_all_results_in_the_order_of_the_frames() {
         let jobs = TransmitJobs::new(64);
         let replies = add(&jobs, "a", &[7, 7, 9], NEVER);
+        // Returns at once, because frames were added.
+        jobs.wait(Duration::from_secs(30));
         let mut tags = [100, 101, 102].into_iter();
         jobs.send_waiting(
             || 0,
