@@ -11,8 +11,8 @@ use ecan_protocol::can::CanFrame;
 use ecan_service_protocol::{
     Access, ActiveConfig, AssignedParams, AssignedPdo, Axes, BusState, DownloadParams, Empty,
     Hello, HelloParams, ImageSubscription, Link, LinkParams, MAX_AGE_MS, MAX_REQUEST_PAYLOAD,
-    MessageKind, Method, NmtParams, PROTOCOL_VERSION, Request, ServiceStats, Slave, SlaveParams,
-    State, Subscription, TransmitRecord, UploadParams, header, methods,
+    METHODS, MessageKind, Method, NmtParams, PROTOCOL_VERSION, Request, ServiceStats, Slave,
+    SlaveParams, State, Subscription, TransmitRecord, UploadParams, header, methods,
 };
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::io::Errno;
@@ -136,8 +136,8 @@ impl Client {
         self.call_within(method, params, self.request_timeout)
     }
 
-    /// As [`call`](Self::call), with the time for the response. It is the age limit of the request, too:
-    /// the service does not execute a request whose sender no longer waits.
+    /// As [`call`](Self::call), with the time for the response. It is the age limit of a request that may
+    /// act, too: the service does not execute it when its sender no longer waits.
     ///
     /// # Errors
     /// As [`call`](Self::call).
@@ -147,7 +147,9 @@ impl Client {
         params: Value,
         timeout: Duration,
     ) -> Result<Value, ClientError> {
-        self.call_aged(method, params, timeout, timeout)
+        // A late answer to a request that only reads does no harm.
+        let may_act = !METHODS.contains(&(method, Access::Read));
+        self.call_aged(method, params, may_act.then_some(timeout), timeout)
     }
 
     /// As [`call`](Self::call), with the age limit of the request: the service begins it within this
@@ -162,14 +164,14 @@ impl Client {
         params: Value,
         max_age: Duration,
     ) -> Result<Value, ClientError> {
-        self.call_aged(method, params, max_age, self.request_timeout)
+        self.call_aged(method, params, Some(max_age), self.request_timeout)
     }
 
     fn call_aged(
         &self,
         method: &str,
         params: Value,
-        max_age: Duration,
+        max_age: Option<Duration>,
         timeout: Duration,
     ) -> Result<Value, ClientError> {
         let id = {
@@ -179,7 +181,7 @@ impl Client {
             input.inbox.expect_response(id);
             id
         };
-        let max_age_ms = Some(age_ms(max_age, MAX_AGE_MS));
+        let max_age_ms = max_age.map(|age| age_ms(age, MAX_AGE_MS));
         let request = Request { max_age_ms, ..Request::new(id, method, params) };
         let result = self.exchange(id, &request, timeout);
         self.input().inbox.forget_response(id);

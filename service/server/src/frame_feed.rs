@@ -13,10 +13,10 @@ use ecan_service_protocol::{FrameEvent, FrameReport, ImageMessage, RejectReason}
 use crate::bus_view::BusView;
 use crate::session::ClientId;
 
-/// Images that the gateway sends after a published one until its missing results count as lost. Results
-/// arrive one or two images later, later under back pressure: the transmit queue of a channel has up to
-/// 1024 frames. A result in an image that was lost never arrives.
-const MAX_IMAGES: u64 = 4096;
+/// Images that the gateway sends after a published one until its missing results count as lost: 1 s at a
+/// cycle of 1 ms. Results arrive one or two images later, later under back pressure. A result in an image
+/// that was lost never arrives.
+const MAX_IMAGES: u64 = 1000;
 /// Published frames of a gateway that wait for results; an image has up to 255. The oldest ones beyond them
 /// count as lost.
 const MAX_OPEN_FRAMES: usize = 16 << 10;
