@@ -4,7 +4,9 @@
 use std::time::Duration;
 
 use crate::common::{open, raw_config, simulated};
-use ecan_host::{Adapter, AdapterConfig, Error, Identity, Phase, StartupPlan, StartupStep};
+use ecan_host::{
+    Adapter, AdapterConfig, Diagnostics, Error, Identity, Phase, StartupPlan, StartupStep,
+};
 use ecan_protocol::object::{ObjectType, SdoWrite};
 
 #[test]
@@ -81,6 +83,35 @@ fn first_chunks_are_assigned_and_the_domain_is_continuous() {
     assert_eq!((adapter.rx_pdo(0).len(), adapter.tx_pdo(0).len()), (256, 512));
     assert_eq!(adapter.rx_pdo_mut(0).len(), 256);
     assert!(adapter.rx_pdo(1).is_empty() && adapter.tx_pdo(1).is_empty());
+}
+
+/// `ecan scan` uses `require_link` and `require_slaves`, applications open an Adapter.
+#[test]
+fn open_cable_is_named_before_missing_slaves() {
+    let (ecrt, simulation) = simulated(ecan_sim::echo(1));
+    simulation.inject(ecan_sim::Fault::LinkLoss { gateway: 0, for_ms: 60_000 });
+    simulation.pass_ns(1_000_000_000);
+    let diagnostics = Diagnostics::of_bus(&ecrt, 0).unwrap();
+    for result in [diagnostics.require_link(), diagnostics.require_slaves()] {
+        assert!(matches!(result, Err(Error::NoLink)), "{result:?}");
+    }
+    let mut config = AdapterConfig::new(1);
+    config.preop_timeout = Duration::from_millis(300);
+    let error = Adapter::open(&ecrt, config, StartupPlan::default()).unwrap_err();
+    assert!(matches!(error, Error::NoLink), "{error}");
+    assert!(error.is_temporary());
+}
+
+#[test]
+fn empty_bus_is_named_with_the_missing_slave() {
+    let (ecrt, _simulation) = simulated(ecan_sim::echo(0));
+    let diagnostics = Diagnostics::of_bus(&ecrt, 0).unwrap();
+    diagnostics.require_link().unwrap();
+    assert!(matches!(diagnostics.require_slaves(), Err(Error::NoSlaves)));
+    let mut config = AdapterConfig::new(1);
+    config.preop_timeout = Duration::from_millis(300);
+    let error = Adapter::open(&ecrt, config, StartupPlan::default()).unwrap_err();
+    assert!(error.to_string().contains(&Error::NoSlaves.to_string()), "{error}");
 }
 
 #[test]

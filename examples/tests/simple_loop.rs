@@ -1,6 +1,8 @@
 //! `simple_loop` as a user runs it.
 #![allow(missing_docs)]
 
+#[path = "program/master_faults.rs"]
+mod master_faults;
 mod program;
 
 use std::io::{BufRead, BufReader, Read};
@@ -46,6 +48,13 @@ fn three_gateways_with_all_channels_run_at_1_ms() {
     assert_eq!(printed.matches("can").count(), 12, "{printed}");
     let gateway = printed.lines().filter(|line| line.ends_with("0         0"));
     assert_eq!(gateway.count(), 3, "no loss, no error: {printed}");
+}
+
+/// `ecan scan` has the same test, with the same faults and texts.
+#[test]
+fn faults_of_the_master_are_named_as_by_scan() {
+    let sources = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../ecrt-sys"));
+    master_faults::check_reports(sources, || command(&["--cycles", "10"]));
 }
 
 #[test]

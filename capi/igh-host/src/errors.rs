@@ -78,7 +78,9 @@ impl Coded for Error {
     fn coded(&self) -> (ecan_result_t, u32) {
         let code = match self {
             Self::Config(_) | Self::OtherMaster { .. } => ECAN_ERR_CONFIG,
-            Self::NoSuchSlave { .. } | Self::SameSlave { .. } => ECAN_ERR_NOT_FOUND,
+            Self::NoLink | Self::NoSlaves | Self::NoSuchSlave { .. } | Self::SameSlave { .. } => {
+                ECAN_ERR_NOT_FOUND
+            }
             Self::OwnedMaster | Self::NotAttached { .. } | Self::Phase { .. } => ECAN_ERR_ORDER,
             Self::IdentityMismatch { .. }
             | Self::NotAnEcanLite { .. }

@@ -271,7 +271,15 @@ impl Adapter {
                     self.master = Master::request(&self.ecrt, self.config.master_index)?;
                     continue;
                 }
-                Err(error) if clock.now_ns() >= deadline_ns => return Err(error),
+                Err(error) if clock.now_ns() >= deadline_ns => {
+                    return match error {
+                        // Without a link every slave is missing.
+                        Error::NoSuchSlave { .. } => {
+                            self.diagnostics.require_link().and(Err(error))
+                        }
+                        other => Err(other),
+                    };
+                }
                 Err(Error::NoSuchSlave { .. }) => self.release()?,
                 Err(_) => {}
             }

@@ -85,6 +85,23 @@ impl Diagnostics {
         self.access.master_state()
     }
 
+    /// Checks that the network interface of the master has a link.
+    ///
+    /// # Errors
+    /// [`Error::NoLink`], or the library's error.
+    pub fn require_link(&self) -> Result<(), Error> {
+        if self.master_state()?.link_up { Ok(()) } else { Err(Error::NoLink) }
+    }
+
+    /// Checks that the master has a link and any slave responds.
+    ///
+    /// # Errors
+    /// [`Error::NoLink`], [`Error::NoSlaves`], or the library's error.
+    pub fn require_slaves(&self) -> Result<(), Error> {
+        self.require_link()?;
+        if self.master_state()?.slaves_responding > 0 { Ok(()) } else { Err(Error::NoSlaves) }
+    }
+
     /// Link of the main device (`device` = 0) or the backup device (1).
     pub fn link_state(&self, device: u32) -> Result<LinkState, Error> {
         self.access.link_state(device)

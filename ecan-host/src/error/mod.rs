@@ -61,13 +61,27 @@ pub enum Error {
         /// Error number of the system.
         errno: Errno,
     },
+    /// The network interface of the master has no link.
+    #[error(
+        "the network interface of the EtherCAT master has no link; check the cable and the supply of \
+         the first slave"
+    )]
+    NoLink,
+    /// The network interface has a link, but no slave responds.
+    #[error(
+        "no slave responds on the bus; check supply and cabling (port IN of the first slave), and \
+         that the interface of the master is the one of the bus"
+    )]
+    NoSlaves,
     /// No slave at the configured address.
     #[error(
         "slave {slave} (alias {alias}, position {position}) is not on the bus: {}",
-        if *is_scanning {
-            "the master is still scanning it".into()
-        } else {
-            format!("{responding} slave(s) found; check power and cabling, and `ethercat slaves`")
+        match (is_scanning, responding) {
+            (true, _) => "the master is still scanning it".to_owned(),
+            (false, 0) => Self::NoSlaves.to_string(),
+            (false, _) => format!(
+                "{responding} slave(s) found; check supply and cabling, and `ecan scan`"
+            ),
         }
     )]
     NoSuchSlave {
@@ -305,7 +319,9 @@ impl Error {
     pub fn is_temporary(&self) -> bool {
         match self {
             error if error.lacks_coe() => false,
-            Self::NoSuchSlave { .. }
+            Self::NoLink
+            | Self::NoSlaves
+            | Self::NoSuchSlave { .. }
             | Self::NotInPreop { .. }
             | Self::NotOperational(_)
             | Self::Sdo { abort_code: None, .. } => true,

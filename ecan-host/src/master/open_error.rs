@@ -2,6 +2,7 @@
 
 use std::fs;
 use std::io::ErrorKind;
+use std::os::fd::AsRawFd as _;
 use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 
@@ -86,12 +87,13 @@ pub enum OpenFailure {
     },
     /// Library and kernel module do not belong together.
     #[error(
-        "{} opens, but the library (version {}.{}) rejects the kernel module ({}): they are of \
+        "{} opens, but the library (version {}.{}) rejects the kernel module ({}{}): they are of \
          different versions; install both from one version and reload the module",
         device.display(),
         library.0,
         library.1,
-        module.as_ref().map_or_else(|| "of unknown version".into(), |module| format!("version {module}"))
+        module.as_ref().map_or_else(|| "of unknown version".into(), |module| format!("version {module}")),
+        interface.map_or_else(String::new, |interface| format!(", ioctl interface {interface}"))
     )]
     VersionMismatch {
         /// The device node.
@@ -100,6 +102,9 @@ pub enum OpenFailure {
         library: (u8, u8),
         /// The module's version text.
         module: Option<String>,
+        /// Number of the module's ioctl interface, which the library compares with its own (IgH 1.6.2:
+        /// 37). Releases with the same major and minor number can differ in it.
+        interface: Option<u32>,
     },
     /// Any other cause.
     #[error("{errno}; the kernel log may say more (dmesg | grep EtherCAT)")]
@@ -217,15 +222,33 @@ fn failure(index: u32, errno: Errno, library: (u8, u8), system: &System<'_>) -> 
                 // The library compares the module's interface version with its own and sets no
                 // error number; a module that does not know the question answers ENOTTY; EBADF
                 // is what its message leaves when stderr is closed.
-                (Ok(_), 0 | libc::ENOTTY | libc::EBADF) => OpenFailure::VersionMismatch {
+                (Ok(node), 0 | libc::ENOTTY | libc::EBADF) => OpenFailure::VersionMismatch {
                     device,
                     library,
                     module: system.module_version(),
+                    interface: module_interface(&node),
                 },
                 _ => OpenFailure::Other { errno },
             }
         }
     }
+}
+
+/// Asks the kernel module for the number of its ioctl interface (`EC_IOCTL_MODULE`).
+fn module_interface(node: &fs::File) -> Option<u32> {
+    /// `_IOR(0xa4, 0, ec_ioctl_module_t)`.
+    const EC_IOCTL_MODULE: libc::Ioctl = 0x8008_A400_u32 as libc::Ioctl;
+    /// `ec_ioctl_module_t`.
+    #[repr(C)]
+    #[derive(Default)]
+    struct ModuleData {
+        ioctl_version_magic: u32,
+        master_count: u32,
+    }
+    let mut data = ModuleData::default();
+    // SAFETY: the request writes at most the 8 bytes that its number states, and `data` has this size.
+    let status = unsafe { libc::ioctl(node.as_raw_fd(), EC_IOCTL_MODULE, &raw mut data) };
+    (status >= 0 && data.ioctl_version_magic != 0).then_some(data.ioctl_version_magic)
 }
 
 fn missing(index: u32, device: PathBuf, system: &System<'_>) -> OpenFailure {

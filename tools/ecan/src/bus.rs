@@ -69,11 +69,7 @@ impl Bus {
             bus = Self::on(path, master, choice)?;
         }
         tracing::debug!(master, slaves = bus.diagnostics.slave_count(), "bus opened");
-        if !bus.diagnostics.master_state().map_err(Failure::master)?.link_up {
-            return Err(Failure::Master(format!(
-                "master {master} has no link; check the cable and the supply of the first slave"
-            )));
-        }
+        bus.diagnostics.require_link().map_err(Failure::master)?;
         Ok(bus)
     }
 

@@ -4,7 +4,7 @@ use std::fmt::{self, Display};
 use std::str::FromStr;
 
 use clap::Args;
-use ecan_host::SlaveKind;
+use ecan_host::{Error, SlaveKind};
 
 use crate::failure::{Failure, Result};
 use crate::value::parse_unsigned;
@@ -219,7 +219,7 @@ fn of_serial(candidates: &impl Candidates, expected: u64, slaves: usize) -> Resu
 
 fn none_found(choice: Option<SlaveChoice>, slaves: usize) -> Failure {
     let message = match (choice, slaves) {
-        (_, 0) => "no slave responds on the bus".to_owned(),
+        (_, 0) => Error::NoSlaves.to_string(),
         (None, _) => format!(
             "none of the {slaves} slaves is identified as an ECAN-Lite by 0xF000:17 and :18 (assumption \
              H1); select one with --slave"

@@ -2,7 +2,7 @@
 
 use std::io::Write;
 
-use ecan_host::SlaveKind;
+use ecan_host::{Error, SlaveKind};
 use ecan_protocol::device::AlState;
 use serde::Serialize;
 
@@ -66,7 +66,7 @@ pub fn run(context: &Context) -> Result {
 
 fn print(found: &[Found], output: &Output, out: &mut dyn Write) -> std::io::Result<()> {
     if found.is_empty() {
-        return writeln!(out, "no slave responds on the bus");
+        return writeln!(out, "{}", Error::NoSlaves);
     }
     let titles = ["POS", "ALIAS", "STATE", "NAME", "FIRMWARE", "HARDWARE", "SERIAL", "IDENTITY"];
     let or_dash = |text: Option<String>| text.unwrap_or_else(|| "-".to_owned());

@@ -377,7 +377,8 @@ fn empty_bus_is_reported() {
         let message = fails(4, &with(&command, &["--ecrt", &setting(&empty)]));
         assert!(message.contains("no slave responds on the bus"), "{command:?}: {message}");
     }
-    assert_eq!(ends(1, &["--ecrt", &setting(&empty), "scan"]), "no slave responds on the bus\n");
+    let report = ends(1, &["--ecrt", &setting(&empty), "scan"]);
+    assert_eq!(report, format!("{}\n", ecan_host::Error::NoSlaves));
     assert_eq!(ends(1, &["--ecrt", &setting(&empty), "scan", "--json"]), "[]\n");
 }
 

@@ -2,8 +2,14 @@
 
 use std::os::unix::fs::symlink;
 use std::path::Path;
+use std::process::Command;
 
 use crate::support::{ecan, fails, write_program};
+
+#[path = "../../../../examples/tests/program/master_faults.rs"]
+mod master_faults;
+
+const ECRT_SYS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../ecrt-sys");
 
 /// Files of a good host.
 const GOOD: [(&str, &str); 20] = [
@@ -374,4 +380,40 @@ fn invalid_use_has_message_and_status() {
         let message = fails(status, arguments);
         assert!(message.contains(words), "{arguments:?}: {message}");
     }
+}
+
+/// `simple_loop` has the same test, with the same faults and texts.
+#[test]
+fn faults_of_the_master_are_named_as_by_simple_loop() {
+    master_faults::check_reports(Path::new(ECRT_SYS), || {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_ecan"));
+        command.arg("scan");
+        command
+    });
+}
+
+#[test]
+fn rejected_kernel_module_is_reported_with_both_versions() {
+    let Some(fake) = master_faults::FakeMaster::build(Path::new(ECRT_SYS)) else { return };
+    let library = fake.library().display().to_string();
+    let output = Command::new(env!("CARGO_BIN_EXE_ecan"))
+        .args(["--ecrt", &library, "--master", "104", "doctor"])
+        .env("LD_PRELOAD", fake.device())
+        .output()
+        .unwrap();
+    assert_eq!(output.status.code(), Some(1));
+    let report = String::from_utf8(output.stdout).unwrap();
+    let versions = report.lines().find(|line| line.contains("versions  ")).unwrap();
+    for part in [
+        "bad  ",
+        "/dev/EtherCAT104 opens, but the library (version 1.6) rejects the kernel module (",
+        ", ioctl interface 39)",
+        "install both from one version and reload the module",
+    ] {
+        assert!(versions.contains(part), "{report}");
+    }
+    assert!(
+        report.contains("remedy: install both from one version, and reload the module"),
+        "{report}"
+    );
 }

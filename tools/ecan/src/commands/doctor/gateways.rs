@@ -3,9 +3,8 @@
 use std::path::Path;
 
 use ecan_host::{Diagnostics, Error, MAX_PLAIN_MULTIPLIER};
-use ecan_sim::{Backend, Simulation};
+use ecan_sim::Simulation;
 
-use crate::context::GlobalOptions;
 use crate::ethercat_tool::{EthercatTool, ToolError};
 use crate::slave_choice::{Recognised, Unknown};
 
@@ -13,28 +12,30 @@ use super::{Check, sii};
 
 const BUS: &str = "bus";
 
-/// The checks that need the library; `tool` is the path of IgH's tool, if given.
+/// The checks of the bus, `None` without a library; `tool` is the path of IgH's tool, if given.
 pub(super) fn checks(
-    library: Option<Backend>,
+    bus: Option<Result<Diagnostics, Error>>,
+    simulation: Option<&Simulation>,
     tool: Option<&Path>,
-    global: &GlobalOptions,
+    master: u32,
 ) -> Vec<Check> {
-    let Some(Backend { ecrt, simulation }) = library else {
-        return vec![Check::skipped("no library").named(BUS)];
+    let diagnostics = match bus {
+        None => return vec![Check::skipped("no library").named(BUS)],
+        Some(Ok(diagnostics)) => diagnostics,
+        Some(Err(error)) => return vec![unreadable(&error).named(BUS)],
     };
-    let diagnostics = match Diagnostics::of_bus(&ecrt, global.master()) {
-        Ok(diagnostics) => diagnostics,
-        Err(error) => return vec![unreadable(&error).named(BUS)],
-    };
+    if let Err(error) = diagnostics.require_slaves() {
+        return vec![unreadable(&error).named(BUS)];
+    }
     let Recognised { gateways, unknown } =
         Recognised::new(diagnostics.slave_kinds().into_iter().enumerate());
     let slaves = check_slaves(diagnostics.slave_count(), gateways.len(), &unknown).named(BUS);
     let process_data = |slave: &usize| process_data(&diagnostics, *slave).named("process data");
     let layout = |slave: &usize| {
-        if let Some(simulation) = &simulation {
+        if let Some(simulation) = simulation {
             return check_layout(*slave, Ok(simulated_sii(simulation, *slave)));
         }
-        let tool = EthercatTool::find(tool, global.master());
+        let tool = EthercatTool::find(tool, master);
         check_layout(*slave, tool.and_then(|tool| tool.sii(*slave)))
     };
     let layouts = gateways.iter().map(|slave| layout(slave).named("SII layout"));

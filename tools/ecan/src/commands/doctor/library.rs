@@ -1,3 +1,4 @@
+use ecan_host::{Error, OpenError, OpenFailure};
 use ecan_sim::{Backend, BackendError, ClockKind};
 
 use crate::context::{Context, Result};
@@ -30,9 +31,16 @@ pub(super) fn check(library: &Result<Backend, String>) -> Check {
     }
 }
 
-/// Library and kernel module must have the same version.
-pub(super) fn same_version(root: &Root, library: (u8, u8)) -> Check {
+/// Library and kernel module must have the same version. `failure`: the error of opening the master,
+/// because releases with equal numbers may have different interfaces, which the library compares.
+pub(super) fn same_version(root: &Root, library: (u8, u8), failure: Option<&Error>) -> Check {
+    const REMEDY: &str = "install both from one version, and reload the module";
     let (major, minor) = library;
+    if let Some(Error::Open(OpenError { failure, .. })) = failure
+        && matches!(failure, OpenFailure::VersionMismatch { .. })
+    {
+        return Check::bad(failure.to_string(), REMEDY);
+    }
     let Some(module) = root.first_line("sys/module/ec_master/version") else {
         return Check::skipped("module version unknown");
     };
@@ -41,7 +49,7 @@ pub(super) fn same_version(root: &Root, library: (u8, u8)) -> Check {
     if [parts.next(), parts.next()] == [Some(Some(major)), Some(Some(minor))] {
         return Check::good(found);
     }
-    Check::bad(found, "install both from one version, and reload the module")
+    Check::bad(found, REMEDY)
 }
 
 #[cfg(test)]
@@ -52,12 +60,12 @@ mod tests {
     fn library_and_module_versions_are_compared() {
         let directory = tempfile::tempdir().unwrap();
         let root = Root::at(directory.path().to_owned());
-        assert!(!same_version(&root, (1, 6)).has_problem());
+        assert!(!same_version(&root, (1, 6), None).has_problem());
         let module = directory.path().join("sys/module/ec_master");
         std::fs::create_dir_all(&module).unwrap();
         std::fs::write(module.join("version"), "1.6.2 1.6.2-2-gabcdef\n").unwrap();
-        assert!(!same_version(&root, (1, 6)).has_problem());
-        let other = same_version(&root, (1, 5));
+        assert!(!same_version(&root, (1, 6), None).has_problem());
+        let other = same_version(&root, (1, 5), None);
         assert_eq!(other.found, "library 1.5, module 1.6.2 1.6.2-2-gabcdef");
         assert!(other.has_problem() && other.remedy.contains("from one version"));
     }

@@ -15,6 +15,7 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
+use ecan_host::Diagnostics;
 use ecan_sim::Backend;
 
 use crate::context::{Context, Failure, Output, Result, Tone};
@@ -104,22 +105,26 @@ fn real_time_checks(root: &Root) -> Vec<Check> {
 fn all_checks(root: &Root, tool: Option<&Path>, context: &Context) -> Result<Vec<Check>> {
     let library = library::load(context)?;
     let mut checks = vec![library::check(&library).named("library")];
+    let master = context.global.master();
+    let bus = library.as_ref().ok().map(|library| Diagnostics::of_bus(&library.ecrt, master));
     match &library {
         Ok(backend) if backend.simulation.is_some() => {
             let skipped = Check::skipped("not needed with a simulated master");
             checks.extend(MASTER_CHECKS.map(|(name, _)| skipped.clone().named(name)));
         }
         Ok(Backend { ecrt, .. }) => {
-            let running = EthercatTool::find(tool, context.global.master());
+            let running = EthercatTool::find(tool, master);
             let running = running.and_then(|tool| tool.main_device()).ok();
             let root = &root.clone().with_main_device(running);
-            checks.push(library::same_version(root, ecrt.version()).named("versions"));
-            checks.extend(master_checks(root, context.global.master()));
+            let failure = bus.as_ref().and_then(|bus| bus.as_ref().err());
+            checks.push(library::same_version(root, ecrt.version(), failure).named("versions"));
+            checks.extend(master_checks(root, master));
         }
-        Err(_) => checks.extend(master_checks(root, context.global.master())),
+        Err(_) => checks.extend(master_checks(root, master)),
     }
     checks.extend(real_time_checks(root));
-    checks.extend(gateways::checks(library.ok(), tool, context.global));
+    let simulation = library.ok().and_then(|library| library.simulation);
+    checks.extend(gateways::checks(bus, simulation.as_ref(), tool, master));
     Ok(checks)
 }
 
