@@ -20,8 +20,8 @@ const INTERVAL_NS: u64 = 10_000_000;
 const QUERY_NS: u64 = 1_000_000;
 /// Reads in a row without a result after which the last result no longer counts.
 const MAX_FAILED_READS: u32 = 3;
-/// Cycles after which images are given up whose delivery no read proves. A scan of the bus, during
-/// which the master executes no reads, takes up to 7000 cycles per gateway.
+/// Cycles after which images count as unproven for good if no read has found OP. A scan of the bus, during
+/// which the master executes no reads, takes at most 7000 cycles per gateway.
 const UNPROVEN_CYCLES: u64 = 10_000;
 
 /// Result of a step about the images up to this number.

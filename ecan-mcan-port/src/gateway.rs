@@ -215,7 +215,7 @@ impl Gateway {
         match self.al_watch.step(adapter, answers, mark) {
             Some(Proof::Proven(mark)) => self.transmitter.prove(mark, &mut self.statistics),
             Some(Proof::Unproven(mark)) => {
-                self.transmitter.give_up_proof(mark, &mut self.statistics);
+                self.transmitter.expire_proof(mark, &mut self.statistics);
             }
             None => {}
         }

@@ -176,6 +176,16 @@ impl Port {
         }
     }
 
+    /// Ends an open cycle and takes the gateways out of OP: see
+    /// [`Adapter::leave_op`](ecan_host::Adapter::leave_op). Dropping the Port does the same, but only
+    /// then: call it after the last cycle if the program does other work first.
+    pub fn leave_op(&mut self) {
+        if let Some(cycle) = self.open_cycle() {
+            cycle.finish();
+        }
+        self.adapter.leave_op();
+    }
+
     /// The Adapter of this Port.
     pub fn adapter(&self) -> &Adapter {
         &self.adapter

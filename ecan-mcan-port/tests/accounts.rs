@@ -129,7 +129,7 @@ fn frames_without_readable_al_status_become_unknown() {
     let before = channel(&fixture);
     assert_eq!(send_until_lost(&mut fixture, 100), None);
     assert_eq!(channel(&fixture).frames_pending, before.frames_pending + 100);
-    // Twice the limit: an image is given up with those that follow within the limit.
+    // Twice the limit, because an image expires with those that the limit began with.
     fixture.idle(2 * 10_000);
     let after = channel(&fixture);
     assert_eq!(after.frames_pending, 0, "{after:?}");

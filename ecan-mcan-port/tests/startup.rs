@@ -1,13 +1,15 @@
-//! Configuration of a gateway before OP, and faults that are found before the bus is touched.
+//! Configuration of a gateway before OP, faults that are found before the bus is touched, and
+//! leaving OP.
 #![allow(missing_docs)]
 
 use std::time::Duration;
 
 use crate::common::{Fixture, classic};
-use ecan_host::{AdapterConfig, Diagnostics, Error, Expectation, StartupStep};
+use ecan_host::{AdapterConfig, Clock as _, Diagnostics, Error, Expectation, StartupStep};
 use ecan_mcan_port::{ChannelConfig, GatewayConfig, PortConfig, PortConfigFault, PortError};
 use ecan_protocol::config::{FilterAction, StandardFilter, StandardMatch};
 use ecan_protocol::image::OptionFlags;
+use ecan_sim::{MasterBehaviour, Simulation};
 
 /// (index, subindex, value) of the downloads; checks in between are left out.
 fn downloads(steps: &[StartupStep]) -> Vec<(u16, u8, u32)> {
@@ -129,4 +131,54 @@ fn gateways_with_long_frames_become_ready() {
     let config = PortConfig::uniform(5, GatewayConfig::on_channel(0, classic()));
     let fixture = Fixture::ready(ecan_sim::echo(5), adapter, config);
     assert!(fixture.port.is_ready());
+}
+
+/// Gateways like those of `ecrt_like_igh::watchdog_runs_out_when_a_program_ends_in_op`, at the end of the
+/// read of an SDO dictionary.
+fn ending_on_igh() -> Fixture {
+    let mut scenario = ecan_sim::echo(4);
+    scenario.master = MasterBehaviour::IGH;
+    let adapter = AdapterConfig::new(4).with_cycle(Duration::from_millis(1));
+    let config = PortConfig::uniform(4, GatewayConfig::on_channel(0, classic()));
+    let mut fixture = Fixture::ready(scenario, adapter, config);
+    fixture.idle(100);
+    fixture
+}
+
+#[track_caller]
+fn assert_no_watchdog(simulation: &Simulation) {
+    simulation.pass_ns(2_000_000_000);
+    let log = simulation.kernel_log();
+    assert!(!log.iter().any(|line| line.contains("0x001B")), "{log:#?}");
+}
+
+#[test]
+fn watchdog_does_not_run_out_when_the_port_is_dropped() {
+    let fixture = ending_on_igh();
+    let simulation = fixture.simulation.clone();
+    drop(fixture);
+    assert_no_watchdog(&simulation);
+}
+
+#[test]
+fn watchdog_does_not_run_out_while_the_program_ends() {
+    let mut fixture = ending_on_igh();
+    let simulation = fixture.simulation.clone();
+    fixture.port.begin_cycle().keep_open();
+    fixture.port.leave_op();
+    // As a program that prints a long summary.
+    simulation.pass_ns(2_000_000_000);
+    let before = simulation.clock().now_ns();
+    drop(fixture);
+    assert!(simulation.clock().now_ns() - before < 1_000_000, "nothing to leave");
+    assert_no_watchdog(&simulation);
+}
+
+#[test]
+fn watchdog_does_not_run_out_at_a_reconfiguration() {
+    let mut fixture = ending_on_igh();
+    let adapter = AdapterConfig::new(4).with_multiplier(2).with_cycle(Duration::from_millis(1));
+    let config = PortConfig::uniform(4, GatewayConfig::on_channel(0, classic()));
+    fixture.port.reconfigure((adapter, config)).unwrap();
+    assert_no_watchdog(&fixture.simulation);
 }

@@ -280,6 +280,50 @@ fn release_causes_a_scan_only_if_the_scenario_has_it() {
     }
 }
 
+/// Lines of the kernel log after the release of a master whose slaves are in OP.
+fn log_after_the_end(program: Program) -> Vec<String> {
+    let simulation = program.simulation().clone();
+    drop(program);
+    simulation.pass_ns(2_000 * MS);
+    let log = simulation.kernel_log();
+    log.into_iter().filter(|line| line.contains("0x001B")).collect()
+}
+
+/// The master configures one slave after the other; those at the end wait in OP.
+#[test]
+fn watchdog_runs_out_when_a_program_ends_in_op() {
+    let mut program = Program::new(like_igh(4, |_| {}), &[1; 4]);
+    program.activate();
+    let is_in_op = |program: &Program| (0..4).all(|slave| program.state(slave).operational);
+    for _ in 0..60_000 {
+        if is_in_op(&program) {
+            break;
+        }
+        program.cycle();
+    }
+    assert!(is_in_op(&program));
+    let log = log_after_the_end(program);
+    assert!(log.iter().any(|line| line.contains("0-3: ")), "{log:?}");
+    assert!(!log.iter().any(|line| line.contains("0-0: ")), "{log:?}");
+}
+
+#[test]
+fn watchdog_runs_out_while_the_master_reads_a_dictionary() {
+    let backend = like_igh(1, |_| {});
+    let observer = Master::open(&backend.ecrt, 0).unwrap();
+    power_cycle(&backend, &observer);
+    let mut program = Program::new(backend, &[1]);
+    program.activate();
+    cycles_until_op(&mut program, 0);
+    for _ in 0..10_000 {
+        if observer.slave_info(0).unwrap().sdo_count > 0 {
+            break;
+        }
+        program.cycle();
+    }
+    assert_eq!(log_after_the_end(program).len(), 1);
+}
+
 #[test]
 fn assignment_of_a_program_replaces_that_of_the_scan() {
     let mut program = Program::new(like_igh(1, |_| {}), &[3]);

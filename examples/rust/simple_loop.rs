@@ -102,6 +102,7 @@ fn run(arguments: &Arguments) -> Result<bool, Box<dyn Error>> {
 
     let mut record = LoopRecord::new(&port, &source, arguments.dump.as_deref())?;
     let result = exchange_frames(&mut port, &mut source, &mut record, &interrupt);
+    port.leave_op();
     if interrupt.is_set() {
         println!("stopped by the user");
     }

@@ -90,6 +90,11 @@ impl Adapter {
     /// The first [`CycleError`]. Every other slave was served all the same; for those that were
     /// not, [`DomainReport`] reports [`Delivery::Unknown`].
     pub fn receive(&mut self) -> Result<(), CycleError> {
+        self.is_leaving_op = false;
+        self.exchange_inputs()
+    }
+
+    pub(super) fn exchange_inputs(&mut self) -> Result<(), CycleError> {
         if self.phase != Phase::Active {
             return Err(CycleError::NotActive { is: self.phase });
         }
@@ -126,7 +131,8 @@ impl Adapter {
                     report.working_counter = state.working_counter;
                     report.wc_state = state.wc_state;
                     (report.outputs, report.inputs) = (outputs, inputs);
-                    slave.outage.update(index, state.wc_state == WcState::Zero);
+                    let is_silent = state.wc_state == WcState::Zero && !self.is_leaving_op;
+                    slave.outage.update(index, is_silent);
                 }
                 Err(error) => keep(&mut result, Err(error)),
             }

@@ -71,7 +71,8 @@ struct Slave {
 
 /// The master side of one or more ECAN-Lite gateways (manual 15.1, "Adapter").
 ///
-/// Belongs to one thread at a time. Dropping it releases the master, also after an error. Its
+/// Belongs to one thread at a time. Dropping it takes the slaves out of OP
+/// ([`leave_op`](Self::leave_op)), except in a panic, and releases the master, also after an error. Its
 /// methods fail in the wrong [`Phase`], for an index out of range, and with the library's error.
 #[derive(Debug)]
 pub struct Adapter {
@@ -99,6 +100,8 @@ pub struct Adapter {
     clocks: Option<DistributedClocks>,
     clock_correction_ns: i64,
     startup_rounds: StartupRounds,
+    /// The slaves leave, or have left, OP on request since the last cycle of the application.
+    is_leaving_op: bool,
     counts: CycleCounts,
     publisher: Publisher,
 }
@@ -206,6 +209,7 @@ impl Adapter {
             clocks: None,
             clock_correction_ns: 0,
             startup_rounds: StartupRounds::Off,
+            is_leaving_op: false,
             counts: CycleCounts::default(),
             publisher: Publisher::default(),
         };
@@ -451,6 +455,7 @@ impl Adapter {
             return Err(Error::OtherMaster { is, configured });
         }
         let was_active = self.phase == Phase::Active;
+        self.leave_op();
         self.phase = Phase::Down;
         self.slaves.clear();
         self.clocks = None;

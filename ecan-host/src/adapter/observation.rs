@@ -59,6 +59,10 @@ impl Adapter {
 
     /// Call before `start_cycle`, which takes the deadline.
     pub(super) fn begin_observed_cycle(&mut self) {
+        // The cycles after the last one of the application are not for observers.
+        if self.is_leaving_op {
+            return;
+        }
         let has_start = self.cycle_due_ns.is_some();
         let counts = &mut self.counts;
         counts.cycles += 1;
@@ -72,6 +76,9 @@ impl Adapter {
 
     /// Call after `end_cycle`, which notes the time.
     pub(super) fn publish_cycle(&mut self) {
+        if self.is_leaving_op {
+            return;
+        }
         // A send without a cycle: the images of the last one were repeated.
         self.publisher.begin();
         let CycleCounts { cycles, overruns, skipped, has_start } = self.counts;

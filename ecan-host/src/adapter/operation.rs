@@ -1,4 +1,4 @@
-//! Waiting for OP while process data run.
+//! Waiting for OP, and leaving it, while process data run.
 
 use std::fmt;
 use std::time::Duration;
@@ -6,12 +6,15 @@ use std::time::Duration;
 use ecrt_sys::Errno;
 use tracing::{info, warn};
 
-use super::{Adapter, StartupRounds, run_in_parallel};
+use super::{Adapter, Delivery, StartupRounds, run_in_parallel};
 use crate::deadline::deadline_ns;
 use crate::error::{CycleError, Error, NotOperational, SlaveReport, is_preop};
-use crate::master::SlaveConfigState;
+use crate::master::{RequestState, SlaveConfigState};
 use crate::phase::Phase;
 
+/// Longest time in which slaves leave OP: a register request needs at most six cycles, and the device
+/// some milliseconds.
+const LEAVE_CYCLES: u32 = 20;
 /// Interval of slow queries while waiting, in nanoseconds.
 const INSPECT_NS: u64 = 200_000_000;
 /// Cycles of a startup SDO: request, fetching the response, and a reserve.
@@ -27,6 +30,32 @@ pub(super) struct StopCheck(pub(super) Box<dyn Fn() -> bool + Send>);
 impl fmt::Debug for StopCheck {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str("StopCheck")
+    }
+}
+
+/// A slave that leaves OP.
+struct OpExit {
+    slave: usize,
+    is_requested: bool,
+}
+
+impl OpExit {
+    /// Requests the exit, again after a failure. Returns whether the slave has left OP.
+    fn has_ended(&mut self, adapter: &mut Adapter) -> bool {
+        if !self.is_requested {
+            self.is_requested = adapter.request_reconfiguration(self.slave).is_ok();
+            return false;
+        }
+        match adapter.reconfiguration_request_state(self.slave) {
+            Ok(RequestState::Success) => {
+                adapter.domain_report(self.slave).outputs != Delivery::Confirmed
+            }
+            Ok(RequestState::Busy) => false,
+            _ => {
+                self.is_requested = false;
+                false
+            }
+        }
     }
 }
 
@@ -131,6 +160,40 @@ impl Adapter {
                 }
             }
         }
+    }
+
+    /// Takes the slaves out of OP and exchanges their process data until they have left it, for at most
+    /// 20 cycles: the images of the last cycle once more. Call it after the last cycle if the program
+    /// does other work before it drops the Adapter, which also calls it.
+    ///
+    /// The master returns the slaves to PREOP only some time after its release, for instance when it has
+    /// read an SDO dictionary. The process data watchdog would run out before, with AL status code
+    /// 0x001B. Without effect on an attached Adapter, whose owner ends the exchange. Not for the cycle.
+    pub fn leave_op(&mut self) {
+        if self.phase != Phase::Active || self.attached || self.is_leaving_op {
+            return;
+        }
+        self.is_leaving_op = true;
+        let mut exits: Vec<OpExit> = (0..self.slaves.len())
+            .filter(|slave| self.may_be_in_op(*slave))
+            .map(|slave| OpExit { slave, is_requested: false })
+            .collect();
+        for _ in 0..LEAVE_CYCLES {
+            exits.retain_mut(|exit| !exit.has_ended(self));
+            if exits.is_empty() {
+                return;
+            }
+            self.wait_next_cycle();
+            // The exchange ends in any case, also after an error.
+            let _ = self.exchange_inputs();
+            let _ = self.send();
+        }
+    }
+
+    /// Returns whether the slave is in OP by the last exchange or by its state, which lags.
+    fn may_be_in_op(&self, slave: usize) -> bool {
+        self.domain_report(slave).outputs == Delivery::Confirmed
+            || self.slave_state(slave).is_ok_and(|state| state.operational)
     }
 
     /// Begins to wait for OP, for applications that run the cycle themselves: activates where that
@@ -255,5 +318,13 @@ impl Adapter {
     fn is_held(&self, slave: usize) -> bool {
         let info = self.diagnostics.slave_info(slave);
         info.is_ok_and(|info| info.error_flag && is_preop(info.al_state))
+    }
+}
+
+impl Drop for Adapter {
+    fn drop(&mut self) {
+        if !std::thread::panicking() {
+            self.leave_op();
+        }
     }
 }

@@ -36,6 +36,18 @@ impl Adapter {
         self.write_al_control(slave, u16::from(AlState::Op.raw()) | ACKNOWLEDGE)
     }
 
+    /// State of the last [`request_reconfiguration`](Self::request_reconfiguration).
+    pub(super) fn reconfiguration_request_state(
+        &mut self,
+        slave: usize,
+    ) -> Result<RequestState, CycleError> {
+        let failed = CycleError::of_slave("ecrt_reg_request_state", slave);
+        match self.slaves.get(slave).map(|slave| slave.al_control) {
+            Some(request) => self.master.reg_request_result(request).map_err(failed),
+            None => Err(failed(Errno::EINVAL)),
+        }
+    }
+
     fn write_al_control(&mut self, slave: usize, value: u16) -> Result<(), CycleError> {
         let call = "ecrt_reg_request_write";
         let request = self.slaves.get(slave).map(|slave| slave.al_control);

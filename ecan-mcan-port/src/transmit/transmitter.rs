@@ -166,7 +166,7 @@ impl Transmitter {
 
     /// Nothing proves the state of the gateway when it parsed the images up to this number: their frames
     /// are unknown.
-    pub(crate) fn give_up_proof(&mut self, number: u64, statistics: &mut SlaveStatistics) {
+    pub(crate) fn expire_proof(&mut self, number: u64, statistics: &mut SlaveStatistics) {
         let frames = self.unproven.prove(number);
         for (channel, frames) in statistics.channels.iter_mut().zip(frames) {
             channel.frames_unknown += frames;

@@ -1,10 +1,10 @@
 //! Bus polling: responding slaves and their states, and the scan after a change.
 
-use ecan_protocol::device::AlState;
+use ecan_protocol::device::{AlState, AlStatusCode};
 use ecan_protocol::mapping::{Direction, UNITS_PER_CHUNK};
 
 use super::{MasterModel, Phase};
-use crate::ecrt::al_status::al_status;
+use crate::ecrt::al_status::{AL_ERROR, al_status};
 use crate::ecrt::slave_view::{SlaveView, assigned_count};
 use crate::ecrt::startup_state::Startup;
 use crate::ecrt::timing::{
@@ -108,10 +108,15 @@ impl MasterModel {
         if !differs || slave.error_flag {
             return false;
         }
+        let has_error = slave.current & AL_ERROR != 0;
         slave.startup = Some(Startup::BEGIN);
         // a running transfer ends first
         if slave.transfer.is_none() {
             slave.due = now;
+        }
+        if has_error {
+            let code = AlStatusCode(world.al_status_code(slave.slot));
+            self.log(index, &format!("acknowledged AL status code {code}"));
         }
         true
     }

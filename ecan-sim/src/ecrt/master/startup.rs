@@ -7,7 +7,7 @@ use ecan_protocol::device::{AlState, AlStatusCode};
 use ecan_protocol::mapping::{Direction, sync_manager};
 use ecan_protocol::object::describe;
 
-use super::MasterModel;
+use super::{MasterModel, Phase};
 use crate::ecrt::al_status::{AL_ERROR, al_status};
 use crate::ecrt::clocks::Clocks;
 use crate::ecrt::mailbox::MailboxTransfer;
@@ -49,6 +49,9 @@ impl MasterModel {
     /// Continues the configuration of a slave. After it the master polls the following slaves.
     pub(crate) fn run_startup(&mut self, index: usize, world: &mut World) {
         let now = world.now_ns();
+        let step_ns = if self.phase == Phase::Active { 0 } else { self.idle_step_ns() };
+        // The master's thread sleeps between the register accesses of a step.
+        let idle_ns = |delay_ns| delay_ns / REGISTER_NS * step_ns;
         let Some(slave) = self.slaves.get_mut(index) else { return };
         let Some(step) = slave.startup.take() else { return };
         let next = if slave.is_present(world) {
@@ -63,7 +66,7 @@ impl MasterModel {
         match next {
             Next::Step(step, delay) => {
                 slave.startup = Some(step);
-                slave.due = now + delay;
+                slave.due = now + delay.max(idle_ns(delay));
             }
             Next::Done => slave.force_config = false,
             Next::Failed => slave.error_flag = true,
