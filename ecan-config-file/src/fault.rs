@@ -3,6 +3,7 @@
 use std::fmt;
 use std::path::PathBuf;
 
+use ecan_protocol::text::Printable;
 use thiserror::Error;
 
 /// A fault of a configuration file.
@@ -44,7 +45,7 @@ impl std::error::Error for FileFaults {}
 #[derive(Debug, Error)]
 pub enum ConfigFileError {
     /// The file cannot be read.
-    #[error("cannot read {}: {reason}", path.display())]
+    #[error("cannot read {}: {reason}", Printable(path.display()))]
     Read {
         /// The file.
         path: PathBuf,
@@ -52,7 +53,7 @@ pub enum ConfigFileError {
         reason: std::io::Error,
     },
     /// The file has faults.
-    #[error("{}: {faults}", path.display())]
+    #[error("{}: {faults}", Printable(path.display()))]
     Faults {
         /// The file.
         path: PathBuf,

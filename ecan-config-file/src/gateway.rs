@@ -5,6 +5,7 @@ use ecan_mcan_port::{AcceptanceFilter, GatewayConfig, MarginCheck, ScheduleConfi
 use ecan_protocol::config::{DataPathGlobal, NodeMode};
 use ecan_protocol::image::PdoProfile;
 use ecan_protocol::mapping::{Direction, MAX_MULTIPLIER};
+use ecan_protocol::text::Printable;
 
 use crate::DEFAULT_N;
 use crate::channel;
@@ -97,7 +98,7 @@ fn report_node_modes(table: &Table<'_, '_>, profile: &IncludedProfile, gateway: 
             "`node_mode` of `{key}` has another number on this gateway: internal loopback is {}, by \
              {} (assumption H9); {action}",
             profile.profile.internal_loopback.unwrap_or(0),
-            profile.path.display()
+            Printable(profile.path.display())
         );
         table.fault(key, reason);
     }

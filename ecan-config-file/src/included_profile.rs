@@ -7,6 +7,7 @@ use std::time::Duration;
 use ecan_host::AdapterConfig;
 use ecan_mcan_port::{GatewayConfig, MeasuredOn, ScheduleConfig};
 use ecan_protocol::config::NodeMode;
+use ecan_protocol::text::Printable;
 
 use crate::device_profile::DeviceProfile;
 use crate::document::{Includes, Table};
@@ -64,7 +65,8 @@ pub(crate) fn read(table: &mut Table<'_, '_>, gateway: usize) -> Option<Included
         Ok(profile) => Some(IncludedProfile { gateway, path, profile, effects: Vec::new() }),
         Err(ConfigFileError::Faults { path, faults }) => {
             for fault in faults.0 {
-                table.fault(KEY, format!("`device_profile` {}: {fault}", path.display()));
+                table
+                    .fault(KEY, format!("`device_profile` {}: {fault}", Printable(path.display())));
             }
             None
         }

@@ -54,3 +54,4 @@ pub mod image;
 pub mod mapping;
 pub mod object;
 pub mod sequence;
+pub mod text;

@@ -4,6 +4,7 @@ use std::error::Error;
 use std::path::PathBuf;
 
 use ecan_canopen::DeviceFileFaults;
+use ecan_protocol::text::Printable;
 use ecan_recording::RecordingError;
 use ecrt_sys::{EnvironmentError, LoadError};
 
@@ -20,7 +21,8 @@ pub enum BackendError {
     Load(#[from] LoadError),
     /// No built-in scenario has this name.
     #[error(
-        "unknown scenario \"{0}\"; allowed: {known}, or a file name that ends in .toml",
+        "unknown scenario \"{}\"; allowed: {known}, or a file name that ends in .toml",
+        Printable(.0),
         known = BUILTIN_SCENARIOS.join(", ")
     )]
     UnknownScenario(String),
@@ -28,7 +30,7 @@ pub enum BackendError {
     #[error(transparent)]
     Environment(#[from] EnvironmentError),
     /// A file cannot be read.
-    #[error("cannot read {0}: {1}")]
+    #[error("cannot read {}: {}", Printable(.0.display()), .1)]
     Read(PathBuf, std::io::Error),
     /// A bridge of the scenario cannot be made.
     #[error(transparent)]
@@ -43,13 +45,13 @@ pub enum BackendError {
     )]
     IoOnWire(String),
     /// A scenario file is invalid: its first error.
-    #[error("{0}: {1}")]
+    #[error("{}: {}", Printable(.0.display()), .1)]
     Scenario(PathBuf, ScenarioError),
     /// The device file (EDS or DCF) of a drive cannot be used: all its faults.
-    #[error("{0}, {1}")]
+    #[error("{}, {}", Printable(.0.display()), .1)]
     DeviceFile(PathBuf, DeviceFileFaults),
     /// A recording of the scenario is invalid.
-    #[error("{0}, {1}")]
+    #[error("{}, {}", Printable(.0.display()), .1)]
     Recording(PathBuf, RecordingError),
 }
 

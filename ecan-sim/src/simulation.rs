@@ -1,6 +1,7 @@
 use std::fmt;
 use std::sync::Arc;
 
+use ecan_protocol::text::Printable;
 use ecrt_sys::Clock as _;
 
 use crate::backend_error::BackendError;
@@ -82,8 +83,9 @@ impl Simulation {
         let plural = |count: usize| if count == 1 { "" } else { "s" };
         let bridges = self.with_world(|world| world.node_descriptions());
         format!(
-            "SIMULATED: no EtherCAT master, no hardware. Scenario {name}: {gateways} \
+            "SIMULATED: no EtherCAT master, no hardware. Scenario {}: {gateways} \
              gateway{}{others}, {nodes} node{}, libethercat {version}, {clock}, seed {seed}{bridges}",
+            Printable(name),
             plural(gateways),
             plural(nodes),
         )

@@ -18,15 +18,34 @@ static void note_status(int status)
     }
 }
 
+/* Names of files come from outside: no control character of theirs reaches the terminal. */
+static void print_escaped(const char *text)
+{
+    for (; *text != '\0'; text++) {
+        const unsigned char byte = (unsigned char)*text;
+        const unsigned char next = (unsigned char)text[1];
+        if ((byte < 0x20 && byte != '\n') || byte == 0x7F) {
+            fprintf(stderr, "\\x%02x", byte);
+        } else if (byte == 0xC2 && next >= 0x80 && next <= 0x9F) { /* C1 in UTF-8 */
+            fprintf(stderr, "\\x%02x", next);
+            text++;
+        } else {
+            fputc(byte, stderr);
+        }
+    }
+}
+
 void report(const char *format, ...)
 {
+    char text[4096];
     va_list arguments;
     /* Keeps the order of both streams, also in one file. */
     fflush(stdout);
     fputs("error: ", stderr);
     va_start(arguments, format);
-    vfprintf(stderr, format, arguments);
+    vsnprintf(text, sizeof(text), format, arguments);
     va_end(arguments);
+    print_escaped(text);
     fputc('\n', stderr);
 }
 

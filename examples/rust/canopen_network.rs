@@ -13,6 +13,8 @@ use std::time::Duration;
 use clap::Parser;
 use ecan_canopen::{BootPhase, BootState};
 use ecan_cia402::Cia402;
+use ecan_command_line::print_line;
+use ecan_command_line::screen::parse_arguments;
 use ecan_example_support::backend::MasterArguments;
 use ecan_example_support::{EXIT_STATUS, Interrupt, report_exit, wait_ready};
 use ecan_mcan_port::Port;
@@ -35,7 +37,7 @@ struct Arguments {
 }
 
 fn main() -> ExitCode {
-    report_exit("canopen_network", run(&Arguments::parse()))
+    report_exit("canopen_network", run(&parse_arguments()))
 }
 
 /// Runs the network. Returns whether the axes followed their targets until the end.
@@ -59,7 +61,7 @@ fn run(arguments: &Arguments) -> Result<bool, Box<dyn Error>> {
         let handle = network.add_node(node.address, node_config)?;
         network.boot(handle, node.boot_config()?);
     }
-    println!("{} nodes, {} axes", nodes.len(), cia402.axis_count());
+    print_line!("{} nodes, {} axes", nodes.len(), cia402.axis_count());
 
     let moved = boot_nodes(&mut port, &mut cia402, &interrupt)
         .and_then(|()| move_axes(&mut port, &mut cia402, arguments.cycles, &interrupt));
@@ -68,7 +70,7 @@ fn run(arguments: &Arguments) -> Result<bool, Box<dyn Error>> {
     let shutdown = cia402.shutdown_timeout(&mut port, SHUTDOWN, |_| {});
     moved?;
     shutdown?;
-    println!("axes stopped");
+    print_line!("axes stopped");
     Ok(was_running || interrupt.is_set())
 }
 
@@ -90,7 +92,7 @@ fn boot_nodes(
             if phases.get(nth) != Some(&node.phase) {
                 phases.resize(phases.len().max(nth + 1), BootPhase::Waiting);
                 phases[nth] = node.phase;
-                println!("{node}");
+                print_line!("{node}");
             }
         }
         match cia402.network().boot_state() {
@@ -115,7 +117,7 @@ fn move_axes(
         shown.resize(shown.len().max(axis.axis + 1), String::new());
         let text = axis.phase.to_string();
         if shown[axis.axis] != text {
-            println!("{axis}");
+            print_line!("{axis}");
             shown[axis.axis] = text;
         }
     })?;
@@ -131,7 +133,7 @@ fn move_axes(
     for axis in 0..cia402.axis_count() {
         let position =
             cia402.actual(axis).map_or_else(|| "unknown".to_owned(), |it| it.to_string());
-        println!("axis {axis}: actual position {position}");
+        print_line!("axis {axis}: actual position {position}");
     }
     Ok(())
 }

@@ -12,6 +12,8 @@ use std::time::Duration;
 use clap::Parser;
 use ecan_canopen::{Network, NetworkConfig, NodeAddress, NodeConfig, NodeId};
 use ecan_command_line::bit_rate::parse_bit_rate;
+use ecan_command_line::print_line;
+use ecan_command_line::screen::parse_arguments;
 use ecan_example_support::backend::MasterArguments;
 use ecan_example_support::object_value::ValueType;
 use ecan_example_support::{EXIT_STATUS, report_exit};
@@ -74,7 +76,7 @@ fn parse_u8(text: &str) -> Result<u8, String> {
 }
 
 fn main() -> ExitCode {
-    report_exit("canopen_sdo_probe", run(&Arguments::parse()))
+    report_exit("canopen_sdo_probe", run(&parse_arguments()))
 }
 
 fn run(arguments: &Arguments) -> Result<bool, Box<dyn Error>> {
@@ -99,10 +101,10 @@ fn run(arguments: &Arguments) -> Result<bool, Box<dyn Error>> {
     let name = format!("0x{:04X}:{:02X}", arguments.index, arguments.sub);
     if let Some(data) = written {
         network.download_blocking(&mut port, node, object, &data, timeout)?;
-        println!("{name} written");
+        print_line!("{name} written");
     }
     let data = network.upload_blocking(&mut port, node, object, timeout)?;
     let kind = arguments.value_type.unwrap_or(ValueType::Any);
-    println!("{name} = {}", kind.show(&data)?);
+    print_line!("{name} = {}", kind.show(&data)?);
     Ok(true)
 }

@@ -10,6 +10,7 @@ use std::process::ExitCode;
 use clap::Parser;
 use ecan_canopen::{NodeAddress, NodeId};
 use ecan_cia402::AxisConfig;
+use ecan_command_line::screen::parse_arguments;
 use ecan_example_support::motion_arguments::MotionArguments;
 use ecan_example_support::motion_demo::run_motion;
 use ecan_example_support::{EXIT_STATUS, report_exit};
@@ -48,6 +49,6 @@ fn axis_table(slaves: u16) -> Vec<AxisConfig> {
 }
 
 fn main() -> ExitCode {
-    let Arguments { motion, slaves, cycles } = Arguments::parse();
+    let Arguments { motion, slaves, cycles } = parse_arguments();
     report_exit(NAME, run_motion(NAME, &motion, slaves, axis_table(slaves), cycles))
 }

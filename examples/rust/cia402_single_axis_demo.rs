@@ -12,6 +12,7 @@ use std::process::ExitCode;
 use clap::Parser;
 use ecan_canopen::{NodeAddress, NodeId};
 use ecan_cia402::AxisConfig;
+use ecan_command_line::screen::parse_arguments;
 use ecan_example_support::motion_arguments::MotionArguments;
 use ecan_example_support::motion_demo::run_motion;
 use ecan_example_support::{EXIT_STATUS, report_exit};
@@ -38,7 +39,7 @@ struct Arguments {
 }
 
 fn main() -> ExitCode {
-    report_exit(NAME, run(&Arguments::parse()))
+    report_exit(NAME, run(&parse_arguments()))
 }
 
 /// Runs the demo. Returns whether the axis followed its targets until the end.

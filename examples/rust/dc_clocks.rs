@@ -10,6 +10,8 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::{Parser, ValueEnum};
+use ecan_command_line::print_line;
+use ecan_command_line::screen::{Stream, parse_arguments, print};
 use ecan_example_support::backend::MasterArguments;
 use ecan_example_support::clock_plot::ClockPlot;
 use ecan_example_support::sync0::{print_sync0, sync0};
@@ -72,7 +74,7 @@ enum Source {
 }
 
 fn main() -> ExitCode {
-    report_exit("dc_clocks", run(&Arguments::parse()))
+    report_exit("dc_clocks", run(&parse_arguments()))
 }
 
 /// Gateways with Sync0 at the cycle, and whether they are simulated.
@@ -92,7 +94,7 @@ fn open_port(arguments: &Arguments) -> Result<(Port, bool), Box<dyn Error>> {
     let config = PortConfig::uniform(slaves.into(), gateway);
     print_sync0(&adapter, &config);
     let backend = arguments.master.open("echo", &adapter)?;
-    arguments.thread.apply(|line| println!("{line}"))?;
+    arguments.thread.apply(|line| print_line!("{line}"))?;
     Ok((Port::open(&backend.ecrt, (adapter, config))?, backend.simulation.is_some()))
 }
 
@@ -108,10 +110,10 @@ fn run(arguments: &Arguments) -> Result<bool, Box<dyn Error>> {
     let start = port.adapter().cycle_time_ns();
     let mut results = Results::default();
     let mut plot = ClockPlot::new(arguments.cycles);
-    println!("   time   phase error      rate   synchrony  missed");
+    print_line!("   time   phase error      rate   synchrony  missed");
     for cycle in 0..arguments.cycles {
         if interrupt.is_set() {
-            println!("stopped by the user");
+            print_line!("stopped by the user");
             break;
         }
         // A lost frame shows in the figures.
@@ -121,10 +123,10 @@ fn run(arguments: &Arguments) -> Result<bool, Box<dyn Error>> {
         results.take(cycle, status, arguments.settled_us);
         plot.sample(cycle, time as f64 / 1e9, status);
         if results.line_due(time) {
-            println!("{:6.1} s {}", time as f64 / 1e9, line(status));
+            print_line!("{:6.1} s {}", time as f64 / 1e9, line(status));
         }
     }
-    print!("{}", results.summary(arguments.cycle_us, arguments.settled_us));
+    print(Stream::Output, results.summary(arguments.cycle_us, arguments.settled_us));
     if let Some(statistics) = port.adapter().cycle_statistics() {
         real_time::print_statistics(port.adapter(), statistics);
     }

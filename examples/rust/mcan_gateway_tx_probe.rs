@@ -12,6 +12,8 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::Parser;
+use ecan_command_line::print_line;
+use ecan_command_line::screen::parse_arguments;
 use ecan_example_support::gateway_arguments::GatewayArguments;
 use ecan_example_support::probe_output::{ProbeFiles, parse_picture};
 use ecan_example_support::probe_sweep::print_sweep;
@@ -80,7 +82,7 @@ struct Arguments {
 }
 
 fn main() -> ExitCode {
-    report_exit("mcan_gateway_tx_probe", run(&Arguments::parse()))
+    report_exit("mcan_gateway_tx_probe", run(&parse_arguments()))
 }
 
 impl Arguments {
@@ -151,7 +153,7 @@ fn run(arguments: &Arguments) -> Result<bool, Box<dyn Error>> {
     let backend = arguments.gateways.master.open("jitter", &adapter)?;
     let files = arguments.files();
     files.check(backend.simulation.is_some())?;
-    arguments.thread.apply(|line| println!("{line}"))?;
+    arguments.thread.apply(|line| print_line!("{line}"))?;
     if !arguments.sweep {
         print_sync0(&adapter, &config);
     }
@@ -159,7 +161,7 @@ fn run(arguments: &Arguments) -> Result<bool, Box<dyn Error>> {
     if !wait_ready(&mut port, &interrupt)? {
         return Ok(true);
     }
-    println!("{} gateway(s) ready", port.slave_count());
+    print_line!("{} gateway(s) ready", port.slave_count());
     arguments.thread.set_timing(port.adapter_mut());
     let target = arguments.target();
     let run_info = RunInfo::of_this_run("mcan_gateway_tx_probe", env!("CARGO_PKG_VERSION"));
@@ -196,13 +198,13 @@ fn measure(
             let margin = port
                 .schedule_margin(port.gateway(target.slave)?, offset_ns)
                 .map_err(|reason| format!("--offset-ns {offset_ns}: {reason}"))?;
-            println!("{mode}: {margin}");
+            print_line!("{mode}: {margin}");
         }
         let result = target.measure(port, mode, first..first + arguments.frames, interrupt)?;
         first = result.numbers.end;
         results.push(result);
         if interrupt.is_set() {
-            println!("stopped by the user");
+            print_line!("stopped by the user");
             break;
         }
     }

@@ -13,6 +13,8 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::Parser;
+use ecan_command_line::print_line;
+use ecan_command_line::screen::parse_arguments;
 use ecan_example_support::frame_source::{Channels, Source};
 use ecan_example_support::gateway_arguments::GatewayArguments;
 use ecan_example_support::loop_record::LoopRecord;
@@ -24,6 +26,7 @@ use ecan_example_support::{
 use ecan_mcan_port::Port;
 use ecan_protocol::can::CanId;
 use ecan_protocol::mapping::CHANNELS;
+use ecan_protocol::text::Printable;
 
 /// CAN ID of the frames that the plain loop sends.
 const LOOP_ID: u16 = 0x123;
@@ -73,7 +76,7 @@ fn parse_channels(text: &str) -> Result<Channels, String> {
 }
 
 fn main() -> ExitCode {
-    report_exit("simple_loop", run(&Arguments::parse()))
+    report_exit("simple_loop", run(&parse_arguments()))
 }
 
 /// Runs the loop. Returns false if a replayed frame did not return unchanged.
@@ -88,7 +91,7 @@ fn run(arguments: &Arguments) -> Result<bool, Box<dyn Error>> {
     // The EtherCAT master library, or the simulated one; then the real-time thread.
     let interrupt = Interrupt::install()?;
     let backend = arguments.gateways.master.open("echo", &setup.adapter)?;
-    arguments.thread.apply(|line| println!("{line}"))?;
+    arguments.thread.apply(|line| print_line!("{line}"))?;
 
     print_sync0(&setup.adapter, &setup.port);
     // Checks the configuration and registers the startup SDOs, which the master then executes; the
@@ -97,14 +100,14 @@ fn run(arguments: &Arguments) -> Result<bool, Box<dyn Error>> {
     if !wait_ready(&mut port, &interrupt)? {
         return Ok(true);
     }
-    println!("{} gateway(s) ready", port.slave_count());
+    print_line!("{} gateway(s) ready", port.slave_count());
     run_options(&mut port, &arguments.thread, arguments.gateways.master.real_time);
 
     let mut record = LoopRecord::new(&port, &source, arguments.dump.as_deref())?;
     let result = exchange_frames(&mut port, &mut source, &mut record, &interrupt);
     port.leave_op();
     if interrupt.is_set() {
-        println!("stopped by the user");
+        print_line!("stopped by the user");
     }
     record.print_summary(&port)?;
     result?;
@@ -154,7 +157,9 @@ fn source(arguments: &Arguments, setup: &LoopSetup) -> Result<Source, Box<dyn Er
     };
     let is_same = |dump: &PathBuf| path.canonicalize().ok() == dump.canonicalize().ok();
     if arguments.dump.as_ref().is_some_and(is_same) {
-        return Err(format!("--dump would overwrite the recording {}", path.display()).into());
+        return Err(
+            format!("--dump would overwrite the recording {}", Printable(path.display())).into()
+        );
     }
     setup.recording(path)
 }

@@ -4,6 +4,8 @@ use std::time::Duration;
 
 use clap::Args;
 use ecan_command_line::logging::LogArguments;
+use ecan_command_line::print_error_line;
+use ecan_command_line::print_line;
 use ecan_host::AdapterConfig;
 use ecan_sim::{Backend, BackendError, ClockKind, EcrtSetting, SimOptions};
 
@@ -56,8 +58,8 @@ impl MasterArguments {
         };
         let backend = ecan_sim::open(&setting, &options)?;
         if let Some(simulation) = &backend.simulation {
-            println!("{}", simulation.banner());
-            simulation.observe_faults(|record| eprintln!("{record}"));
+            print_line!("{}", simulation.banner());
+            simulation.observe_faults(|record| print_error_line!("{record}"));
         }
         Ok(backend)
     }

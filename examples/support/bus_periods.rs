@@ -4,6 +4,7 @@ use std::error::Error;
 use std::path::Path;
 
 use ecan_protocol::can::{CanFrame, CanId};
+use ecan_protocol::text::Printable;
 use ecan_sim::BusFrame;
 
 use crate::log_file;
@@ -52,7 +53,7 @@ impl BusRecord {
             })
             .collect();
         if frames.is_empty() {
-            let (name, id) = (path.display(), id.raw());
+            let (name, id) = (Printable(path.display()), id.raw());
             return Err(format!("{name} contains no numbered frame with CAN ID {id:03X}").into());
         }
         Ok(Self { frames, resolution_ns: if is_coarse { 1_000 } else { 1 } })

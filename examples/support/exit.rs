@@ -4,6 +4,7 @@ use std::error::Error;
 use std::process::ExitCode;
 
 use ecan_command_line::log_file::LogFileError;
+use ecan_command_line::print_error_line;
 use ecan_config_file::ConfigFileError;
 use ecan_plot::PlotError;
 use ecan_sim::BackendError;
@@ -23,7 +24,7 @@ pub fn report_exit(program: &str, result: Result<bool, Box<dyn Error>>) -> ExitC
         Ok(true) => ExitCode::SUCCESS,
         Ok(false) => ExitCode::FAILURE,
         Err(error) => {
-            eprintln!("{program}: {error}");
+            print_error_line!("{program}: {error}");
             ExitCode::from(status(&*error))
         }
     }

@@ -4,6 +4,9 @@ use std::error::Error;
 use std::path::Path;
 use std::sync::Arc;
 
+use ecan_command_line::print_error_line;
+use ecan_command_line::print_line;
+use ecan_command_line::screen::{Stream, print};
 use ecan_host::Clock;
 use ecan_mcan_port::{Port, ReceivedView};
 use ecan_protocol::can::CanFrame;
@@ -99,7 +102,7 @@ impl LoopRecord {
     pub fn end_cycle(&mut self, port: &Port, source: &Source, is_sending: bool) -> bool {
         let now_ns = self.elapsed_ns();
         for line in self.sessions.changes(port) {
-            self.progress.suspend(|| println!("{:>9.3} s  {line}", now_ns as f64 / 1e9));
+            self.progress.suspend(|| print_line!("{:>9.3} s  {line}", now_ns as f64 / 1e9));
         }
         self.progress.set_position(source.done());
         let idle_ns = now_ns - self.last_frame_ns;
@@ -120,7 +123,7 @@ impl LoopRecord {
         if let Some(dump) = self.dump.take() {
             dump.finish()?;
         }
-        print!("{}", summary::table(port, self.elapsed_ns(), &self.loads));
+        print(Stream::Output, summary::table(port, self.elapsed_ns(), &self.loads));
         if let Some(statistics) = port.adapter().cycle_statistics() {
             real_time::print_statistics(port.adapter(), statistics);
         }
@@ -150,12 +153,12 @@ impl LoopRecord {
                 faults.push(format!("{gateway}: {}", port.session(gateway)));
             }
         }
-        println!("\nreplay: {sent} frames sent, {returned} returned");
+        print_line!("\nreplay: {sent} frames sent, {returned} returned");
         if faults.is_empty() {
-            println!("replay: all frames unchanged and in order");
+            print_line!("replay: all frames unchanged and in order");
         }
         for fault in &faults {
-            eprintln!("simple_loop: {fault}");
+            print_error_line!("simple_loop: {fault}");
         }
         faults.is_empty()
     }

@@ -3,9 +3,11 @@
 use std::error::Error;
 use std::path::Path;
 
+use ecan_command_line::print_line;
 use ecan_host::AdapterConfig;
 use ecan_mcan_port::{GatewayConfig, PortConfig};
 use ecan_protocol::can::CanId;
+use ecan_protocol::text::Printable;
 use ecan_recording::LoggedFrame;
 
 use crate::frame_source::{Channels, RecordedFrame, Source, Target};
@@ -37,9 +39,9 @@ impl LoopSetup {
         if let Channels::One(channel) = channels
             && channels.targets(&file.port).is_empty()
         {
-            return Err(format!("{} has no channel {channel}", path.display()).into());
+            return Err(format!("{} has no channel {channel}", Printable(path.display())).into());
         }
-        let fd_remedy = format!("set data_bitrate in {}", path.display());
+        let fd_remedy = format!("set data_bitrate in {}", Printable(path.display()));
         Ok(Self { adapter: file.adapter, port: file.port, channels, fd_remedy })
     }
 
@@ -65,7 +67,7 @@ impl LoopSetup {
     /// # Errors
     /// The file cannot be read, or a frame does not fit the configured channels.
     pub fn recording(&self, path: &Path) -> Result<Source, Box<dyn Error>> {
-        let name = path.display();
+        let name = Printable(path.display());
         let targets = self.channels.targets(&self.port);
         let assign = |logged| self.assign(logged, &targets);
         let frames: Vec<_> = log_file::read(path)?
@@ -78,7 +80,11 @@ impl LoopSetup {
             let (one, next) = (&pair[0].logged, &pair[1].logged);
             let gap = next.time_ns.saturating_sub(one.time_ns);
             if gap > LONG_GAP_NS {
-                println!("{name}, line {}: {} s without a frame", next.line, gap / 1_000_000_000);
+                print_line!(
+                    "{name}, line {}: {} s without a frame",
+                    next.line,
+                    gap / 1_000_000_000
+                );
             }
         }
         Ok(Source::Recording { frames, done: 0 })

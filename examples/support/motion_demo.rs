@@ -4,6 +4,8 @@ use std::error::Error;
 use std::time::Duration;
 
 use ecan_cia402::{AxisConfig, Cia402, axis_traffic};
+use ecan_command_line::print_line;
+use ecan_command_line::screen::{Stream, print};
 use ecan_host::Faults;
 use ecan_mcan_port::{Port, PortPlan};
 use ecan_plot::Heading;
@@ -40,12 +42,12 @@ pub fn run_motion(
     motion.check_sync0(&adapter, &gateways)?;
     let interrupt = Interrupt::install()?;
     let backend = motion.master.open("drives", &adapter)?;
-    motion.thread.apply(|line| println!("{line}"))?;
+    motion.thread.apply(|line| print_line!("{line}"))?;
     let mut port = motion.open_port(&backend.ecrt, adapter, gateways)?;
     if !wait_ready(&mut port, &interrupt)? {
         return Ok(true);
     }
-    println!("{} gateway(s) ready", port.slave_count());
+    print_line!("{} gateway(s) ready", port.slave_count());
     run_options(&mut port, &motion.thread, motion.master.real_time);
 
     let mut cia402 = Cia402::new(&port, axes, motion.cia402())?;
@@ -54,12 +56,12 @@ pub fn run_motion(
     let was_running = moved.is_ok() && cia402.all_running();
     let table = record.table(&cia402);
     if interrupt.is_set() {
-        println!("stopped by the user");
+        print_line!("stopped by the user");
     }
     // Stops and disables the drives, also after an error.
-    println!("stopping the axes");
+    print_line!("stopping the axes");
     let shutdown = cia402.shutdown_timeout(&mut port, SHUTDOWN, |axis| record.print_progress(axis));
-    print!("{table}");
+    print(Stream::Output, table);
     let heading = Heading::new("Positions and following errors")
         .with_subtitle(motion.setting(slaves))
         .simulated(backend.simulation.is_some())

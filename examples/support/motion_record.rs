@@ -6,6 +6,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use ecan_cia402::{AxisPhase, AxisProgress, Cia402, LoadWarning};
+use ecan_command_line::print_line;
 use ecan_host::Clock;
 use ecan_mcan_port::Port;
 use ecan_plot::{AxisRecorder, Heading};
@@ -44,13 +45,13 @@ impl MotionRecord {
     /// Reports that all axes are active, which drives would not stop if the host were lost, and
     /// starts the time of the plot.
     pub fn start_motion(&mut self, cia402: &Cia402, cycles: u64) {
-        cia402.host_loss_risks().for_each(|risk| println!("warning: {risk}"));
+        cia402.host_loss_risks().for_each(|risk| print_line!("warning: {risk}"));
         if cia402.host_loss_risks().next().is_none() {
-            println!("all drives stop if the host is lost");
+            print_line!("all drives stop if the host is lost");
         }
         let now_ns = self.clock.now_ns();
         let seconds = (now_ns - self.start_ns) as f64 / 1e9;
-        println!("all axes enabled after {seconds:.2} s, {cycles} cycles of motion");
+        print_line!("all axes enabled after {seconds:.2} s, {cycles} cycles of motion");
         self.start_ns = now_ns;
     }
 
@@ -110,14 +111,14 @@ impl ProgressPrinter {
         }
         printed.clone_from(&phase);
         if self.axis_count == 1 || concerns_one(progress) {
-            println!("  {progress}");
+            print_line!("  {progress}");
             return;
         }
         let axes = self.entered.entry(phase).or_default();
         axes.insert(progress.axis);
         if axes.len() == self.axis_count {
             axes.clear();
-            println!("  all {} axes: {}", self.axis_count, progress.phase);
+            print_line!("  all {} axes: {}", self.axis_count, progress.phase);
         }
     }
 }
@@ -139,7 +140,7 @@ fn concerns_one(progress: &AxisProgress) -> bool {
 fn print_loads(cia402: &Cia402, port: &Port) {
     for load in cia402.bus_load(port) {
         let percent = |share: f64| share * 100.0;
-        println!(
+        print_line!(
             "slave {} can{}: {} axes, {} + {} frames per cycle, bus load {:.0} to {:.0} %{}",
             load.slave,
             load.channel,

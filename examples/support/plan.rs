@@ -2,6 +2,7 @@
 
 use std::error::Error;
 
+use ecan_command_line::screen::{Stream, print};
 use ecan_host::{AdapterConfig, Faults};
 use ecan_mcan_port::{FrameStream, PortConfig, PortPlan};
 use ecan_plan_table::plan_table;
@@ -16,6 +17,6 @@ pub fn print_plan(
     traffic: &[FrameStream],
 ) -> Result<(), Box<dyn Error>> {
     let plan = PortPlan::of(adapter, config, traffic);
-    print!("{}", plan_table(&plan, adapter, traffic));
+    print(Stream::Output, plan_table(&plan, adapter, traffic));
     Ok(Faults::check(plan.faults(adapter, config))?)
 }

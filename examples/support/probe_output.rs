@@ -4,7 +4,10 @@ use std::error::Error;
 use std::path::{Path, PathBuf};
 
 use ecan_command_line::new_file::{Existing, WholeFile};
+use ecan_command_line::print_line;
+use ecan_command_line::screen::{Stream, print};
 use ecan_mcan_port::Port;
+use ecan_protocol::text::Printable;
 use ecan_sim::{BusFrame, Simulation};
 
 use crate::RunInfo;
@@ -35,7 +38,7 @@ impl ProbeFiles<'_> {
     pub fn check(&self, is_simulated: bool) -> Result<(), Box<dyn Error>> {
         for path in [self.csv, self.picture, self.bus_dump].into_iter().flatten() {
             let prepared = WholeFile::create(path, Existing::Replace);
-            prepared.map_err(|error| format!("cannot write {}: {error}", path.display()))?;
+            prepared.map_err(|error| format!("cannot write {}: {error}", Printable(path.display())))?;
         }
         if self.bus_dump.is_some() && !is_simulated {
             return Err("--bus-dump needs a simulated bus".into());
@@ -62,7 +65,7 @@ impl ProbeFiles<'_> {
             Err(error) => (None, "no times on the bus: the log cannot be used".into(), Err(error)),
         };
         for result in &results {
-            println!("\n{}:", result.mode);
+            print_line!("\n{}:", result.mode);
             real_time::print_statistics(port.adapter(), &result.statistics);
         }
         let row = |result: ModeResult| Row {
@@ -77,10 +80,10 @@ impl ProbeFiles<'_> {
             bus_source,
             rows: results.into_iter().map(row).collect(),
         };
-        println!("\n{}\n{}", report.run, report.setting);
-        print!("{}", report.table());
+        print_line!("\n{}\n{}", report.run, report.setting);
+        print(Stream::Output, report.table());
         for note in report.notes().iter().skip(1) {
-            println!("{note}");
+            print_line!("{note}");
         }
         if let (Some(path), Some(frames)) = (self.bus_dump, &recorded) {
             let mut dump = log_file::Writer::create(path)?;
@@ -109,7 +112,7 @@ impl ProbeFiles<'_> {
                 1 => "",
                 _ => ", with timestamps in whole microseconds",
             };
-            let source = format!("times on the bus from {}{resolution}", path.display());
+            let source = format!("times on the bus from {}{resolution}", Printable(path.display()));
             return Ok((Some(record), source));
         }
         Ok(match recorded {

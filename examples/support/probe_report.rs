@@ -7,6 +7,7 @@ use std::path::Path;
 use ecan_command_line::new_file;
 use ecan_host::Distribution;
 use ecan_plot::{Heading, HistogramFigure, HistogramRow, PlotError};
+use ecan_protocol::text::Printable;
 
 use crate::RunInfo;
 use crate::bus_periods::BusPeriods;
@@ -246,5 +247,5 @@ fn dash() -> String {
 }
 
 fn write(path: &Path, text: &str) -> Result<(), Box<dyn Error>> {
-    new_file::write(path, text).map_err(|e| format!("cannot write {}: {e}", path.display()).into())
+    new_file::write(path, text).map_err(|e| format!("cannot write {}: {e}", Printable(path.display())).into())
 }

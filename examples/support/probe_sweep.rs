@@ -3,6 +3,7 @@
 use std::error::Error;
 use std::path::Path;
 
+use ecan_command_line::print_line;
 use ecan_host::Plan;
 use ecan_mcan_port::Port;
 use ecan_plot::{Heading, ShiftFigure};
@@ -51,8 +52,8 @@ pub fn print_sweep(
     );
     progress.finish_and_clear();
     let table = table?;
-    println!("{setting} with {} cycles for each point", sweep.cycles);
-    println!("{table}");
+    print_line!("{setting} with {} cycles for each point", sweep.cycles);
+    print_line!("{table}");
     let arrivals = Plan::of(&config).output_arrivals();
     let windows = ShiftWindows::new(
         &table,
@@ -60,12 +61,12 @@ pub fn print_sweep(
             * CHUNK_BYTES,
         arrivals.and_then(|arrivals| arrivals.usable_shifts_ns()),
     );
-    println!("\n{HEADING}\n{windows}");
+    print_line!("\n{HEADING}\n{windows}");
     if let Some((path, heading)) = plot {
         ShiftFigure { heading, rows: vec![windows.row()] }.write(path)?;
     }
     if let Some(best) = table.recommended() {
-        println!(
+        print_line!(
             "confirm this point in a run of minutes: --dc-shift-us {:.0} --offset-ns {} --frames {}",
             f64::from(best.shift_ns) / 1e3,
             best.offset_ns,

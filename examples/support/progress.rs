@@ -1,7 +1,6 @@
 //! The progress bar of long runs.
 
-use std::io::IsTerminal;
-
+use ecan_command_line::screen::Stream;
 use indicatif::{ProgressBar, ProgressStyle};
 
 /// Steps below which a bar would only flicker.
@@ -9,7 +8,7 @@ const LONG: u64 = 500;
 
 /// A bar on standard error, hidden for short runs and if standard error is not a terminal.
 pub fn bar(total: u64) -> ProgressBar {
-    if total < LONG || !std::io::stderr().is_terminal() {
+    if total < LONG || !Stream::Error.is_terminal() {
         return ProgressBar::hidden();
     }
     let bar = ProgressBar::new(total);

@@ -1,5 +1,6 @@
 //! Waits until the gateways are ready, or until the user stops the program.
 
+use ecan_command_line::print_line;
 use ecan_host::Error;
 use ecan_mcan_port::{Port, PortError};
 
@@ -16,7 +17,7 @@ pub fn wait_ready(port: &mut Port, interrupt: &Interrupt) -> Result<bool, PortEr
     let ready = port.wait_ready();
     port.adapter_mut().stop_waiting_when(None);
     if matches!(ready, Err(PortError::Adapter(Error::Stopped))) {
-        println!("stopped by the user");
+        print_line!("stopped by the user");
         return Ok(false);
     }
     ready.map(|()| true)

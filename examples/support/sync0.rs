@@ -2,6 +2,8 @@
 
 use std::time::Duration;
 
+use ecan_command_line::print_error_line;
+use ecan_command_line::print_line;
 use ecan_host::{AdapterConfig, DcSync, Plan};
 use ecan_mcan_port::PortConfig;
 
@@ -21,9 +23,9 @@ pub fn print_sync0(adapter: &AdapterConfig, config: &PortConfig) {
     if let Some(arrivals) = plan.output_arrivals() {
         let shift_ns = dc.shift_ns();
         let (shift, margin) = (f64::from(shift_ns), arrivals.margin_ns(shift_ns) as f64);
-        println!("Sync0 shift {:.1} us, margin by the plan {:.1} us", shift / 1e3, margin / 1e3);
+        print_line!("Sync0 shift {:.1} us, margin by the plan {:.1} us", shift / 1e3, margin / 1e3);
     }
     if let Some(warning) = config.sync0_warning(adapter) {
-        eprintln!("warning: {warning}");
+        print_error_line!("warning: {warning}");
     }
 }

@@ -3,6 +3,8 @@
 use std::ffi::c_int;
 use std::fmt::{self, Write};
 
+use ecan_protocol::text::PrintableLines;
+
 use crate::result::ecan_result_t;
 
 // SAFETY: exported with these signatures by libecan_mcan_host for libecan_igh_host of the same
@@ -42,5 +44,6 @@ pub fn note_with_abort_code(
 ) {
     ecan_private_start_error(code.code(), abort_code);
     // A text that was cut is an error here.
-    let _ = write!(Text, "{function}: ").and_then(|()| Text.write_fmt(text));
+    // Programs print the text, which may contain names of devices and files.
+    let _ = write!(Text, "{function}: {}", PrintableLines(text));
 }

@@ -2,10 +2,12 @@
 
 use std::io::{self, Write as _};
 
+use ecan_protocol::text::PrintableLines;
+
 /// Writes a line. A closed or full standard error has no effect: no error, no panic, no SIGPIPE.
 pub(crate) fn write_line(line: &str) {
     let blocked = BlockedSigpipe::new();
-    let written = io::stderr().write_all(format!("{line}\n").as_bytes());
+    let written = io::stderr().write_all(format!("{}\n", PrintableLines(line)).as_bytes());
     if written.is_err_and(|error| error.kind() == io::ErrorKind::BrokenPipe) {
         blocked.take();
     }

@@ -1,5 +1,6 @@
 //! A table of a document, and the keys of it that are read.
 
+use ecan_protocol::text::Printable;
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
@@ -182,7 +183,7 @@ impl Drop for Table<'_, '_> {
                 Some(near) => format!("; did you mean `{near}`?"),
                 None => format!("; known keys: {}", self.known.join(", ")),
             };
-            let reason = format!("unknown key `{name}`{hint}");
+            let reason = format!("unknown key `{}`{hint}", Printable(name));
             self.document.fault(&self.path(name), key.span().start, reason);
         }
     }

@@ -18,6 +18,7 @@ use ecan_canopen::{
 };
 use ecan_cia402::{AxisConfig, DriveConfig, NodeReset};
 use ecan_protocol::mapping::CHANNELS;
+use ecan_protocol::text::Printable;
 
 use crate::axis::{self, FileAxis};
 use crate::document::{Includes, Table};
@@ -120,10 +121,10 @@ fn configure_drive(drive: &mut DriveConfig, boot: &BootConfig) {
 fn included(includes: &Includes, path: &Path) -> Result<Vec<u8>, String> {
     match includes {
         Includes::Directory(base) => crate::read_bytes(base.join(path))
-            .map_err(|error| format!("cannot read {}: {error}", path.display())),
+            .map_err(|error| format!("cannot read {}: {error}", Printable(path.display()))),
         Includes::None | Includes::Texts(_) => Err(format!(
             "{} is relative to the configuration file: load the configuration from a file",
-            path.display()
+            Printable(path.display())
         )),
     }
 }
@@ -270,7 +271,7 @@ pub fn parse_bus_yml(
     mut read: impl FnMut(&Path) -> io::Result<Vec<u8>>,
 ) -> Result<Vec<NodeDescription>, FileFaults> {
     let mut files = DeviceFiles::new(Box::new(move |path: &Path| {
-        read(path).map_err(|error| format!("cannot read {}: {error}", path.display()))
+        read(path).map_err(|error| format!("cannot read {}: {error}", Printable(path.display())))
     }));
     let mut network = NetworkTable::default();
     let (nodes, faults) =

@@ -12,6 +12,7 @@ use std::ops::Range;
 use std::path::Path;
 
 use ecan_protocol::device::AlStatusCode;
+use ecan_protocol::text::Printable;
 use serde::Deserialize;
 use toml::Spanned;
 
@@ -25,7 +26,7 @@ use crate::wake_up::WakeUpDelay;
 
 /// Error in a scenario file.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("{}{reason}", line.map_or_else(String::new, |line| format!("line {line}: ")))]
+#[error("{}{}", line.map_or_else(String::new, |line| format!("line {line}: ")), Printable(reason))]
 pub struct ScenarioError {
     /// Line, from 1; `None` if the error concerns the whole file.
     pub line: Option<usize>,

@@ -4,6 +4,7 @@ use std::io;
 use std::path::PathBuf;
 use std::sync::Arc;
 
+use ecan_protocol::text::Printable;
 use ecan_service_protocol::{HeaderError, RecordError, RpcError};
 use thiserror::Error;
 
@@ -12,7 +13,7 @@ use thiserror::Error;
 #[non_exhaustive]
 pub enum ClientError {
     /// The socket cannot be connected: not found, not listening, or not permitted.
-    #[error("cannot connect to {}: {source}", path.display())]
+    #[error("cannot connect to {}: {source}", Printable(path.display()))]
     Connect {
         /// Path of the socket.
         path: PathBuf,

@@ -304,7 +304,7 @@ impl Response {
 
 /// Error of a request.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, thiserror::Error)]
-#[error("{message}")]
+#[error("{}", with_indented_lines(message))]
 pub struct RpcError {
     /// Code: those of JSON-RPC 2.0, and -32001 to -32008.
     pub code: i32,
@@ -313,6 +313,18 @@ pub struct RpcError {
     /// Details: a [`BusError`] with the code [`BUS_ERROR`].
     #[serde(default, skip_serializing_if = "Value::is_null")]
     pub data: Value,
+}
+
+/// Indents the lines after the first, so that a message of the other program has no line that looks
+/// like one of this program.
+fn with_indented_lines(message: &str) -> String {
+    let mut lines = message.lines();
+    let mut text = lines.next().unwrap_or_default().to_owned();
+    for line in lines {
+        text.push_str("\n  ");
+        text.push_str(line.strip_prefix("  ").unwrap_or(line));
+    }
+    text
 }
 
 impl RpcError {

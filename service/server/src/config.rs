@@ -7,6 +7,7 @@ use std::os::unix::net::UnixListener;
 use std::path::PathBuf;
 use std::sync::Arc;
 
+use ecan_protocol::text::Printable;
 use thiserror::Error;
 
 use crate::extension::Extension;
@@ -121,7 +122,7 @@ pub enum ServiceError {
     /// Another service listens at the path.
     #[error(
         "socket {} is in use by {}; stop that service or set another path",
-        path.display(), Process(*pid)
+        Printable(path.display()), Process(*pid)
     )]
     InUse {
         /// Path of the socket.
@@ -130,7 +131,7 @@ pub enum ServiceError {
         pid: Option<u32>,
     },
     /// A file at the path is not a socket.
-    #[error("{} is not a socket; remove it or set another path", path.display())]
+    #[error("{} is not a socket; remove it or set another path", Printable(path.display()))]
     NotSocket {
         /// The path.
         path: PathBuf,
@@ -138,14 +139,14 @@ pub enum ServiceError {
     /// Linux does not allow longer paths of sockets.
     #[error(
         "socket path of {} bytes is too long: {}; allowed: at most {MAX_SOCKET_PATH}; set another path",
-        path.as_os_str().len(), path.display()
+        path.as_os_str().len(), Printable(path.display())
     )]
     PathTooLong {
         /// The path.
         path: PathBuf,
     },
     /// The socket cannot be created.
-    #[error("cannot create socket {}: {what}: {source}", path.display())]
+    #[error("cannot create socket {}: {what}: {source}", Printable(path.display()))]
     Socket {
         /// Path of the socket.
         path: PathBuf,

@@ -25,13 +25,14 @@ mod variant_matrix;
 
 use std::process::ExitCode;
 
-use clap::Parser;
 use ecan_command_line::interrupt::Interrupt;
+use ecan_command_line::print_error_line;
+use ecan_command_line::screen::parse_arguments;
 
 use arguments::Arguments;
 
 fn main() -> ExitCode {
-    let arguments = Arguments::parse();
+    let arguments: Arguments = parse_arguments();
     if arguments.list {
         runner::list(&arguments);
         return ExitCode::SUCCESS;
@@ -46,7 +47,7 @@ fn main() -> ExitCode {
         Ok(true) => ExitCode::SUCCESS,
         Ok(false) => ExitCode::FAILURE,
         Err(error) => {
-            eprintln!("ecan-acceptance: {error}");
+            print_error_line!("ecan-acceptance: {error}");
             ExitCode::from(2)
         }
     }

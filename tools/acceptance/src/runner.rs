@@ -3,6 +3,8 @@
 use std::time::{Instant, SystemTime, UNIX_EPOCH};
 
 use ecan_command_line::interrupt::Interrupt;
+use ecan_command_line::print_line;
+use ecan_command_line::screen::{Stream, print};
 
 use crate::arguments::Arguments;
 use crate::bench::Bench;
@@ -26,7 +28,7 @@ pub fn selected(arguments: &Arguments) -> impl Iterator<Item = (&'static Group, 
 /// Prints the list.
 pub fn list(arguments: &Arguments) {
     for (group, step) in selected(arguments) {
-        println!("{}/{}: {}", group.name, step.name, step.proves);
+        print_line!("{}/{}: {}", group.name, step.name, step.proves);
     }
 }
 
@@ -49,10 +51,10 @@ pub fn run(arguments: &Arguments, interrupt: Interrupt) -> Result<bool, String> 
         steps: Vec::new(),
         is_complete: false,
     };
-    print!("{}", report.head());
+    print(Stream::Output, report.head());
     for (group, step) in steps {
         let result = execute(&mut bench, group, step);
-        print!("{}", result.text());
+        print(Stream::Output, result.text());
         let is_end = result.status == Status::Interrupted;
         report.steps.push(result);
         // An unexpected end of this program leaves the results so far.
@@ -63,11 +65,11 @@ pub fn run(arguments: &Arguments, interrupt: Interrupt) -> Result<bool, String> 
     }
     report.is_complete = !bench.interrupt.is_set();
     if let Err(stop) = bench.stop_slave() {
-        println!("simulated gateways: {stop}");
+        print_line!("simulated gateways: {stop}");
     }
     report.write(&directory)?;
-    print!("{}", report.summary());
-    println!("report: {}", directory.display());
+    print(Stream::Output, report.summary());
+    print_line!("report: {}", directory.display());
     Ok(report.is_success())
 }
 

@@ -5,6 +5,7 @@ use std::fmt::Write as _;
 
 use ecan_command_line::interrupt::Interrupt;
 use ecan_command_line::new_file;
+use ecan_command_line::print_line;
 use serde::Deserialize;
 
 use crate::arguments::Arguments;
@@ -124,7 +125,7 @@ pub fn run(arguments: &Arguments, interrupt: Interrupt) -> Result<bool, String> 
                         named.push(step);
                     }
                     Outcome::Failed(reason) => {
-                        println!("FAILED   {name}: {step}\n  {}", reason.replace('\n', "\n  "));
+                        print_line!("FAILED   {name}: {step}\n  {}", reason.replace('\n', "\n  "));
                         faulty.push(step);
                     }
                 }
@@ -137,7 +138,7 @@ pub fn run(arguments: &Arguments, interrupt: Interrupt) -> Result<bool, String> 
                 }
                 (_, steps) => format!("**failed** in {}", steps.join(", ")),
             };
-            println!("{name}: {outcome}");
+            print_line!("{name}: {outcome}");
             let _ = writeln!(
                 table,
                 "| {}: `{}` | `{}`: {} | {} | {outcome} |",
@@ -151,6 +152,6 @@ pub fn run(arguments: &Arguments, interrupt: Interrupt) -> Result<bool, String> 
     }
     let path = directory.join("variants.md");
     new_file::write(&path, table).map_err(|error| format!("{}: {error}", path.display()))?;
-    println!("{failed} steps failed\ntable: {}", path.display());
+    print_line!("{failed} steps failed\ntable: {}", path.display());
     Ok(failed == 0)
 }

@@ -1,4 +1,5 @@
 //! Valid and invalid lines of candump logs.
+#![allow(clippy::disallowed_macros)]
 
 use std::path::Path;
 

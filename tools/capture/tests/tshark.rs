@@ -1,5 +1,5 @@
 //! Dissection of captures by tshark. Skipped without tshark.
-#![allow(missing_docs)]
+#![allow(missing_docs, clippy::disallowed_macros, clippy::disallowed_methods)]
 
 mod tshark_support;
 

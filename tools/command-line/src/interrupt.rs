@@ -1,6 +1,6 @@
 //! SIGINT and SIGTERM as a flag for the cycle.
 
-use std::io::{self, Write};
+use std::io;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
@@ -98,7 +98,7 @@ impl Interrupt {
     /// # Errors
     /// As [`install`](Self::install).
     pub fn install_with_message(message: &'static str) -> Result<Self, InterruptError> {
-        Self::install_patient_with(move || drop(writeln!(std::io::stderr(), "{message}")))
+        Self::install_patient_with(move || crate::print_error_line!("{message}"))
     }
 
     fn install_patient_with(on_signal: impl Fn() + Send + 'static) -> Result<Self, InterruptError> {

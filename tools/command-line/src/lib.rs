@@ -8,3 +8,4 @@ pub mod logging;
 pub mod new_file;
 pub mod real_time;
 pub mod run_info;
+pub mod screen;

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 
 use ecan_candump::Record;
 use ecan_protocol::can::CanFrame;
+use ecan_protocol::text::Printable;
 use ecan_recording::{ReadOptions, Recording, RecordingError};
 use thiserror::Error;
 
@@ -15,16 +16,16 @@ use crate::new_file::{Existing, create, is_standard_stream};
 #[derive(Debug, Error)]
 pub enum LogFileError {
     /// The file cannot be read.
-    #[error("cannot read {}: {}", .0.display(), .1)]
+    #[error("cannot read {}: {}", Printable(.0.display()), .1)]
     Read(PathBuf, io::Error),
     /// Invalid line.
-    #[error("{}, {}", .0.display(), .1)]
+    #[error("{}, {}", Printable(.0.display()), .1)]
     Line(PathBuf, RecordingError),
     /// The file contains no frame.
-    #[error("{} holds no frame", .0.display())]
+    #[error("{} holds no frame", Printable(.0.display()))]
     Empty(PathBuf),
     /// The file cannot be written.
-    #[error("cannot write {}: {}", .0.display(), .1)]
+    #[error("cannot write {}: {}", Printable(.0.display()), .1)]
     Write(PathBuf, io::Error),
 }
 

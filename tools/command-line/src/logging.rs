@@ -1,9 +1,9 @@
 //! The option `--log` and the variable `RUST_LOG`: `tracing` events on standard error.
 
-use std::io::IsTerminal;
-
 use clap::Args;
 use tracing_subscriber::EnvFilter;
+
+use crate::screen::{CleanWriter, Content, Stream};
 
 /// Option for the log on standard error.
 #[derive(Debug, Clone, Default, Args)]
@@ -28,8 +28,8 @@ impl LogArguments {
         };
         let subscriber = tracing_subscriber::fmt()
             .with_env_filter(filter)
-            .with_writer(std::io::stderr)
-            .with_ansi(std::io::stderr().is_terminal() && std::env::var_os("NO_COLOR").is_none());
+            .with_writer(|| CleanWriter::with_content(Stream::Error, Content::Log))
+            .with_ansi(Stream::Error.is_terminal() && std::env::var_os("NO_COLOR").is_none());
         let _ = subscriber.try_init();
     }
 }

@@ -12,6 +12,8 @@ use std::path::{Path, PathBuf};
 use rustix::fs::OFlags;
 use tempfile::NamedTempFile;
 
+use crate::screen::{CleanWriter, Stream};
+
 /// Policy for an existing file that is not empty.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Existing {
@@ -91,7 +93,11 @@ fn open_file(path: &Path, options: &mut OpenOptions) -> io::Result<File> {
 /// The file cannot be written, it exists and is to be kept, or the path is a link to a file.
 pub fn create(path: &Path, existing: Existing) -> io::Result<Box<dyn Write + Send>> {
     if is_standard_stream(path) {
-        return Ok(Box::new(io::stdout()));
+        // Data for another program stay as they are.
+        return Ok(match Stream::Output.is_terminal() {
+            true => Box::new(CleanWriter::new(Stream::Output)),
+            false => Stream::Output.unfiltered(),
+        });
     }
     let mut options = OpenOptions::new();
     let file = match find(path, existing)? {

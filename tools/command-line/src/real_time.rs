@@ -1,5 +1,6 @@
 //! Real-time options of a program (manual 13.9).
 
+use crate::print_line;
 use clap::Args;
 use ecan_host::{
     Adapter, CycleStatistics, CycleTiming, MAX_SPIN_NS, Need, OverrunPolicy, RealTimeConfig,
@@ -104,8 +105,8 @@ impl RealTimeArguments {
 
 /// Prints the cycle statistics.
 pub fn print_statistics(adapter: &Adapter, statistics: &CycleStatistics) {
-    println!("\n{statistics}");
+    print_line!("\n{statistics}");
     if !adapter.clock().is_free_running() {
-        println!("simulated times; use --real-time to measure this machine");
+        print_line!("simulated times; use --real-time to measure this machine");
     }
 }

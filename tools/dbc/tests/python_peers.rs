@@ -1,5 +1,5 @@
 //! cantools decodes and encodes the same frames to the same values and bytes.
-#![allow(missing_docs)]
+#![allow(missing_docs, clippy::disallowed_macros, clippy::disallowed_methods)]
 
 use std::io::Write as _;
 use std::path::{Path, PathBuf};

@@ -3,6 +3,7 @@ use std::path::{Path, PathBuf};
 use ecan_command_line::interrupt::InterruptError;
 use ecan_command_line::log_file::LogFileError;
 use ecan_host::RealTimeError;
+use ecan_protocol::text::Printable;
 use ecan_sim::BackendError;
 use thiserror::Error;
 
@@ -21,7 +22,7 @@ Exit status:
 pub enum Failure {
     #[error(transparent)]
     Scenario(#[from] BackendError),
-    #[error("{} has no gateway", .0.display())]
+    #[error("{} has no gateway", Printable(.0.display()))]
     NoGateway(PathBuf),
     #[error(transparent)]
     Interface(#[from] InterfaceError),
@@ -29,7 +30,7 @@ pub enum Failure {
     Socket(#[from] SocketError),
     #[error(transparent)]
     Log(#[from] LogFileError),
-    #[error("cannot {what} {}: {reason}", path.display())]
+    #[error("cannot {what} {}: {reason}", Printable(path.display()))]
     File { what: &'static str, path: PathBuf, reason: std::io::Error },
     #[error("cannot write the output: {0}")]
     Output(std::io::Error),

@@ -5,6 +5,7 @@ use std::str::FromStr;
 
 use clap::Args;
 use ecan_command_line::new_file;
+use ecan_protocol::text::Printable;
 use ecan_sim::FirmwarePackage;
 
 use crate::failure::Failure;
@@ -75,7 +76,7 @@ pub fn run(arguments: &FirmwareArguments) -> Result<(), Failure> {
     let Version { major, minor, build } = version;
     Screen::Output.line(format_args!(
         "{}: version {major}.{minor}.{build}, {} bytes, for simulated gateways only",
-        out.display(),
+        Printable(out.display()),
         file.len()
     ));
     Ok(())

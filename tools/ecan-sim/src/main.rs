@@ -20,6 +20,7 @@ use std::process::ExitCode;
 use clap::{CommandFactory, Parser, Subcommand};
 use clap_complete::Shell;
 use ecan_command_line::logging::LogArguments;
+use ecan_command_line::screen::parse_arguments;
 
 /// Simulated ECAN-Lite gateways for any EtherCAT master.
 #[derive(Debug, Parser)]
@@ -50,7 +51,7 @@ enum Command {
 }
 
 fn main() -> ExitCode {
-    let arguments = Arguments::parse();
+    let arguments: Arguments = parse_arguments();
     arguments.log.start();
     let outcome = match &arguments.command {
         Command::Wire(arguments) => wire::run(arguments),

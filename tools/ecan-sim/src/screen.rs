@@ -1,6 +1,9 @@
 use std::fmt::Display;
 use std::io::{self, Write};
 
+use ecan_command_line::screen::{CleanWriter, Stream};
+use ecan_command_line::{print_error_line, print_line};
+
 use crate::failure::Failure;
 
 /// Stream of the messages: standard output, or standard error if standard output carries data.
@@ -13,20 +16,20 @@ pub enum Screen {
 
 impl Screen {
     pub fn line(self, line: impl Display) {
-        let _ = match self {
-            Self::Output => writeln!(std::io::stdout(), "{line}"),
-            Self::OutputIsData => writeln!(std::io::stderr(), "{line}"),
-        };
+        match self {
+            Self::Output => print_line!("{line}"),
+            Self::OutputIsData => print_error_line!("{line}"),
+        }
     }
 
     pub fn error(error: &dyn Display) {
-        let _ = writeln!(std::io::stderr(), "ecan-sim: {error}");
+        print_error_line!("ecan-sim: {error}");
     }
 }
 
 /// Prints data on standard output. A closed pipe is not an error.
 pub fn print(data: &[u8]) -> Result<(), Failure> {
-    let mut output = io::stdout().lock();
+    let mut output = CleanWriter::new(Stream::Output);
     match output.write_all(data).and_then(|()| output.flush()) {
         Err(error) if error.kind() != io::ErrorKind::BrokenPipe => Err(Failure::Output(error)),
         _ => Ok(()),

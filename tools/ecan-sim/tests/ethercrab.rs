@@ -1,5 +1,5 @@
 //! The EtherCAT master ethercrab uses gateways of the program over a veth pair.
-#![allow(missing_docs)]
+#![allow(missing_docs, clippy::disallowed_macros, clippy::disallowed_methods)]
 
 mod support;
 

@@ -1,5 +1,5 @@
 //! Wrong use gives one helpful message and a status other than 0.
-#![allow(missing_docs)]
+#![allow(missing_docs, clippy::disallowed_macros, clippy::disallowed_methods)]
 
 mod support;
 

@@ -1,5 +1,5 @@
 //! The program on one end of a veth pair, a hand-written master on the other.
-#![allow(missing_docs)]
+#![allow(missing_docs, clippy::disallowed_macros, clippy::disallowed_methods)]
 
 mod support;
 

@@ -1,5 +1,5 @@
 //! `ecan-sim variants` lists every switch.
-#![allow(missing_docs)]
+#![allow(missing_docs, clippy::disallowed_macros, clippy::disallowed_methods)]
 
 mod support;
 

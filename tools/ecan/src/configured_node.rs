@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use ecan_canopen::{NetworkDescription, NodeDescription, NodeId};
 use ecan_mcan_port::Config;
+use ecan_protocol::text::Printable;
 
 use crate::config_file;
 use crate::failure::{Failure, Result};
@@ -45,7 +46,7 @@ impl ConfiguredNodes {
     pub fn named(&self, name: &str) -> Result<&NodeDescription> {
         let nodes = &self.network.nodes;
         let found: Vec<_> = nodes.iter().filter(|it| it.name.eq_ignore_ascii_case(name)).collect();
-        let path = self.path.display();
+        let path = Printable(self.path.display());
         match found[..] {
             [node] => Ok(node),
             [] => {
@@ -87,7 +88,7 @@ impl ConfiguredNodes {
             (alias, position) => Err(Failure::Usage(format!(
                 "gateway {gateway} of {} is {position} after alias {alias}; select it with --slave, \
                  and the node by its node-ID without --config",
-                self.path.display()
+                Printable(self.path.display())
             ))),
         }
     }

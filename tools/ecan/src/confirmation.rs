@@ -1,5 +1,7 @@
 use std::io::{BufRead, IsTerminal, Write};
 
+use ecan_command_line::screen::{CleanWriter, Stream};
+
 use crate::context::{Failure, Result};
 
 /// Asks on the terminal, unless `--yes` was given. `what` is the action to confirm; `rejected`
@@ -17,9 +19,9 @@ pub fn confirm(
     if !stdin.is_terminal() {
         return Err(Failure::Usage(format!("cannot ask for confirmation of {what}; use --yes")));
     }
-    let mut stderr = std::io::stderr();
+    let mut screen = CleanWriter::new(Stream::Error);
     // If the question cannot be written, nothing is confirmed.
-    let _ = write!(stderr, "{question} [y/N] ").and_then(|()| stderr.flush());
+    let _ = write!(screen, "{question} [y/N] ").and_then(|()| screen.flush());
     let mut answer = String::new();
     stdin.lock().read_line(&mut answer).map_err(Failure::Input)?;
     match answer.trim() {

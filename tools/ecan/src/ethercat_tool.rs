@@ -13,6 +13,7 @@ use std::time::Duration;
 use ecan_host::denies_object;
 use ecan_protocol::device::AlState;
 use ecan_protocol::object::{AbortCode, ObjectType, lookup};
+use ecan_protocol::text::Printable;
 use thiserror::Error;
 
 use crate::program::{self, RunError};
@@ -44,7 +45,7 @@ pub enum ToolError {
         DEFAULT_PATHS.join(", ")
     )]
     NotFound,
-    #[error("cannot start {}: {reason}", program.display())]
+    #[error("cannot start {}: {reason}", Printable(program.display()))]
     NotStarted { program: PathBuf, reason: String },
     #[error("ethercat {command}: {message}")]
     Failed { command: &'static str, message: String },

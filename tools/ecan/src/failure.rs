@@ -3,6 +3,7 @@ use std::path::{Path, PathBuf};
 use ecan_command_line::interrupt::InterruptError;
 use ecan_command_line::log_file::LogFileError;
 use ecan_host::{MaintenanceError, RealTimeError};
+use ecan_protocol::text::Printable;
 use ecan_sim::BackendError;
 use thiserror::Error;
 
@@ -50,7 +51,7 @@ pub enum Failure {
     #[cfg(feature = "zenoh")]
     #[error("{0}")]
     Publication(String),
-    #[error("cannot {what} {}: {reason}", path.display())]
+    #[error("cannot {what} {}: {reason}", Printable(path.display()))]
     File { what: &'static str, path: PathBuf, reason: String },
     #[error("cannot read the answer from standard input: {0}")]
     Input(std::io::Error),

@@ -38,6 +38,8 @@ use std::process::ExitCode;
 use clap::{CommandFactory, FromArgMatches, Parser};
 
 use commands::Command;
+use ecan_command_line::screen::{exit_after, with_printable_arguments};
+
 use context::{Context, Failure, GlobalOptions, Output, note};
 use global::Color;
 
@@ -106,7 +108,8 @@ fn parse() -> Result<Arguments, clap::Error> {
     if short_help::is_requested() {
         command = short_help::fold(command);
     }
-    let matches = command.try_get_matches_from_mut(std::env::args_os())?;
+    let matches =
+        command.try_get_matches_from_mut(std::env::args_os()).map_err(with_printable_arguments)?;
     Arguments::from_arg_matches(&matches).map_err(|error| error.format(&mut command))
 }
 
@@ -119,5 +122,5 @@ fn reject(error: &clap::Error) -> ! {
     let message = text.split("\n\n").next().unwrap_or_default().trim_start_matches("error: ");
     let failure = Failure::Usage(message.to_owned());
     Output::new(is_json, Color::Never).failure(&failure, failure.status());
-    error.exit()
+    exit_after(error)
 }

@@ -1,9 +1,10 @@
 //! Output of the program: text for people, JSON for programs.
 
 use std::error::Error;
-use std::io::{self, IsTerminal, Write};
+use std::io::{self, Write};
 use std::sync::atomic::{AtomicBool, Ordering};
 
+use ecan_command_line::screen::{self, CleanWriter, Content, Sequence, Stream};
 use serde::Serialize;
 
 use crate::failure::{Failure, Result};
@@ -41,7 +42,7 @@ impl Output {
         let is_wanted = match color {
             Color::Always => true,
             Color::Never => false,
-            Color::Auto => io::stdout().is_terminal() && std::env::var_os("NO_COLOR").is_none(),
+            Color::Auto => Stream::Output.is_terminal() && std::env::var_os("NO_COLOR").is_none(),
         };
         Self { json, color: is_wanted && !json, is_on_stderr: false }
     }
@@ -58,22 +59,21 @@ impl Output {
         self.color
     }
 
-    pub fn stream(&self) -> Box<dyn Write> {
+    pub fn stream(&self) -> CleanWriter {
         progress::clear();
-        match self.is_on_stderr {
-            false => Box::new(io::stdout().lock()),
-            true => Box::new(io::stderr().lock()),
-        }
+        let stream = if self.is_on_stderr { Stream::Error } else { Stream::Output };
+        let content = if self.json { Content::Json } else { Content::Text };
+        CleanWriter::with_content(stream, content)
     }
 
     pub fn toned(&self, tone: Tone, text: impl std::fmt::Display) -> String {
-        let code = match tone {
-            Tone::Good => 32,
-            Tone::Warning => 33,
-            Tone::Bad => 31,
-            Tone::Faint => 2,
+        let start = match tone {
+            Tone::Good => Sequence::Green,
+            Tone::Warning => Sequence::Yellow,
+            Tone::Bad => Sequence::Red,
+            Tone::Faint => Sequence::Faint,
         };
-        if self.color { format!("\x1b[{code}m{text}\x1b[0m") } else { text.to_string() }
+        if self.color { format!("{start}{text}{}", Sequence::Reset) } else { text.to_string() }
     }
 
     /// Prints data as JSON with `--json`, else by `text`. A closed standard output is not an error: the
@@ -129,7 +129,8 @@ impl Output {
         // Most messages contain that of their cause.
         causes.retain(|cause| !text.contains(cause));
         if let Ok(line) = serde_json::to_string(&FailureReport { error: text, status, causes }) {
-            let _ = writeln!(self.stream(), "{line}");
+            let mut stream = self.stream();
+            let _ = writeln!(stream, "{line}").and_then(|()| stream.flush());
         }
     }
 
@@ -171,7 +172,7 @@ pub fn note(text: impl std::fmt::Display) {
         return;
     }
     progress::clear();
-    let _ = writeln!(io::stderr(), "{text}");
+    screen::print(Stream::Error, format_args!("{text}\n"));
 }
 
 fn unless_reader_gone(printed: io::Result<()>) -> Result {

@@ -1,8 +1,9 @@
 //! Line on the terminal during long reading or writing of gateways.
 
-use std::io::{IsTerminal, Write, stderr};
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
+
+use ecan_command_line::screen::{self, Sequence, Stream};
 
 /// Time after which the line appears.
 const PATIENCE: Duration = Duration::from_secs(2);
@@ -25,7 +26,7 @@ pub struct Progress(());
 impl Progress {
     /// `subject`: what is done, for example "reading slave 0".
     pub fn show(subject: impl Into<String>) -> Self {
-        if stderr().is_terminal() {
+        if Stream::Error.is_terminal() {
             let line = Line {
                 subject: subject.into(),
                 started: Instant::now(),
@@ -56,7 +57,10 @@ pub fn step() {
     line.drawn = Some(Instant::now());
     let Line { subject, transfers, started, .. } = line;
     let seconds = started.elapsed().as_secs();
-    let _ = write!(stderr(), "\r\x1b[K{subject}: {transfers} transfers, {seconds} s");
+    screen::print(
+        Stream::Error,
+        format_args!("{}{subject}: {transfers} transfers, {seconds} s", Sequence::ClearLine),
+    );
 }
 
 /// Removes the line before other output; the next transfer shows it again.
@@ -64,7 +68,7 @@ pub fn clear() {
     if let Some(line) = &mut *lock()
         && line.drawn.take().is_some()
     {
-        let _ = write!(stderr(), "\r\x1b[K");
+        screen::print(Stream::Error, Sequence::ClearLine);
     }
 }
 

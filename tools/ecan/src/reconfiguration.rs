@@ -78,7 +78,7 @@ pub fn request(connection: &ServiceConnection, config: &ConfigText) -> Result<Op
         Err(error) => match error.rpc() {
             Some(rpc) if rpc.code == METHOD_NOT_FOUND => Ok(None),
             Some(rpc) if rpc.code != ecan_service_client::NOT_PERMITTED => {
-                Err(Failure::Rejected(format!("{}: {}", connection.program(), rpc.message)))
+                Err(Failure::Rejected(format!("{}: {rpc}", connection.program())))
             }
             _ => Err(Failure::Device(connection.error(METHOD, &error))),
         },

@@ -9,6 +9,7 @@ use ecan_host::{
     PortInfo, PortKind, SdoDirection, SlaveAccess, SlaveInfo,
 };
 use ecan_protocol::object::AbortCode;
+use ecan_protocol::text::Printable;
 use ecan_service_client::{Client, ClientError};
 use ecan_service_protocol::{
     Access, BusError, DownloadParams, Hello, NOT_PERMITTED, PortKind as KindOfPort,
@@ -42,7 +43,7 @@ impl ServiceConnection {
     /// Name, version and process.
     pub fn program(&self) -> String {
         let Hello { server, server_version, pid, .. } = self.hello();
-        format!("{server} {server_version} (pid {pid})")
+        format!("{} {} (pid {pid})", Printable(server), Printable(server_version))
     }
 
     /// Reason why this client may only read.
@@ -56,7 +57,7 @@ impl ServiceConnection {
 
     pub fn error(&self, call: &'static str, error: &ClientError) -> Error {
         let Some(rpc) = error.rpc() else {
-            let reason = format!("{}: {error}", self.path.display());
+            let reason = format!("{}: {error}", Printable(self.path.display()));
             return Error::Disconnected { reason };
         };
         let index = |slave| usize::try_from(slave).unwrap_or(usize::MAX);
@@ -91,7 +92,7 @@ impl ServiceConnection {
                 Error::Library { call, slave: slave.map(index), errno: Errno::new(errno) }
             }
             Some(BusError::Other) | None => {
-                let reason = format!("{}: {}", self.program(), rpc.message);
+                let reason = format!("{}: {rpc}", self.program());
                 match rpc.code {
                     NOT_PERMITTED => Error::NotPermitted { reason },
                     _ => Error::Disconnected { reason },
@@ -112,7 +113,7 @@ impl fmt::Display for ServiceConnection {
             Access::Read => "read-only",
             Access::Control => "control",
         };
-        let (path, program) = (self.path.display(), self.program());
+        let (path, program) = (Printable(self.path.display()), self.program());
         write!(f, "via {path}: {program}, master {master}, {access}")
     }
 }

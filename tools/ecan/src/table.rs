@@ -1,19 +1,23 @@
 use std::io::{self, Write};
 
+use ecan_command_line::screen;
+
 /// Prints a row per item with columns as wide as their widest cell; the last column is not padded.
 pub fn print<T, const N: usize>(
     out: &mut dyn Write,
     items: impl IntoIterator<Item = T>,
-    row: impl FnMut(T) -> [String; N],
+    mut row: impl FnMut(T) -> [String; N],
 ) -> io::Result<()> {
-    let rows: Vec<_> = items.into_iter().map(row).collect();
-    let width = |column: usize| rows.iter().map(|row| row[column].chars().count()).max();
+    // A line break of a name does not begin a row.
+    let cell = |text: String| text.replace('\n', "\\n").replace('\t', "\\t");
+    let rows: Vec<_> = items.into_iter().map(|item| row(item).map(cell)).collect();
+    let width = |column: usize| rows.iter().map(|row| screen::width(&row[column])).max();
     let widths: [usize; N] = std::array::from_fn(|column| width(column).unwrap_or(0));
     for row in &rows {
         let mut line = String::new();
         for (cell, width) in row.iter().zip(widths) {
             line.push_str(cell);
-            let gap = (width + 2).saturating_sub(cell.chars().count());
+            let gap = (width + 2).saturating_sub(screen::width(cell));
             line.extend(std::iter::repeat_n(' ', gap));
         }
         writeln!(out, "{}", line.trim_end())?;

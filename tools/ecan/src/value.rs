@@ -1,6 +1,7 @@
 //! Conversion of object values between text and bytes, with units and meanings.
 
 use ecan_protocol::object::{Entry, ObjectType};
+use ecan_protocol::text::Printable;
 use serde::{Serialize, Serializer};
 
 /// Parses an unsigned number, decimal or hexadecimal with 0x.
@@ -73,7 +74,7 @@ impl Value {
             Self::Unsigned(value) if *value > 9 => format!("{value}{unit} (0x{value:X})"),
             Self::Unsigned(value) => format!("{value}{unit}"),
             Self::Signed(value) => format!("{value}{unit}"),
-            Self::Text(text) => format!("\"{text}\""),
+            Self::Text(text) => format!("\"{}\"", Printable(text)),
             Self::Bytes(bytes) => {
                 let bytes: Vec<_> = bytes.iter().map(|byte| format!("{byte:02x}")).collect();
                 bytes.join(" ")

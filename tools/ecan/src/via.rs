@@ -3,6 +3,7 @@
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
+use ecan_protocol::text::Printable;
 use ecan_service_client::{Client, ClientError};
 
 use crate::failure::{Failure, Result};
@@ -36,7 +37,7 @@ pub fn open(global: &GlobalOptions, master: u32) -> Result<Option<ServiceConnect
     let Some(connection) = connection else { return Ok(None) };
     let found = connection.hello().master;
     if found != master && (global.master.is_some() || global.via == Via::Auto) {
-        let path = connection.path().display();
+        let path = Printable(connection.path().display());
         return Err(Failure::Usage(format!(
             "{path} serves master {found}, not master {master}; set --master or --via"
         )));
@@ -76,7 +77,7 @@ fn kind(error: &ClientError) -> Option<ErrorKind> {
 }
 
 fn failure(path: &Path, error: &ClientError) -> Failure {
-    let path = path.display();
+    let path = Printable(path.display());
     let action = match kind(error) {
         Some(ErrorKind::NotFound) => "start the service (ecan serve), or use --via direct",
         Some(ErrorKind::ConnectionRefused) => {

@@ -36,6 +36,8 @@ use std::process::ExitCode;
 
 use clap::Parser;
 use ecan_command_line::interrupt::Interrupt;
+use ecan_command_line::print_error_line;
+use ecan_command_line::screen::parse_arguments;
 
 /// Random simulated machines, checked after every cycle.
 ///
@@ -75,7 +77,7 @@ struct Arguments {
 }
 
 fn main() -> ExitCode {
-    let arguments = Arguments::parse();
+    let arguments: Arguments = parse_arguments();
     let outcome = Interrupt::install_with_message("stopping after the running seeds")
         .map_err(|error| error.to_string())
         .and_then(|interrupt| runner::run(&arguments, &interrupt));
@@ -83,7 +85,7 @@ fn main() -> ExitCode {
         Ok(true) => ExitCode::SUCCESS,
         Ok(false) => ExitCode::FAILURE,
         Err(error) => {
-            eprintln!("ecan-soak: {error}");
+            print_error_line!("ecan-soak: {error}");
             ExitCode::from(2)
         }
     }

@@ -9,6 +9,8 @@ use std::time::{Duration, Instant};
 
 use ecan_command_line::interrupt::Interrupt;
 use ecan_command_line::new_file;
+use ecan_command_line::print_line;
+use ecan_command_line::screen::{Stream, print};
 
 use crate::Arguments;
 use crate::finding::{Finding, Outcome, Rule};
@@ -71,7 +73,7 @@ pub fn run(arguments: &Arguments, interrupt: &Interrupt) -> Result<bool, String>
         return replay(file);
     }
     if arguments.plan {
-        print!("{}", text(&Plan::draw(arguments.seed, arguments.cycles))?);
+        print(Stream::Output, text(&Plan::draw(arguments.seed, arguments.cycles))?);
         return Ok(true);
     }
     let processors = std::thread::available_parallelism().map_or(1, usize::from);
@@ -106,7 +108,7 @@ pub fn run(arguments: &Arguments, interrupt: &Interrupt) -> Result<bool, String>
                     let mut reported = reported.lock().expect("no panic");
                     if reported.elapsed() > PROGRESS {
                         *reported = Instant::now();
-                        println!("{}", sums.line(begin.elapsed().as_secs_f64()));
+                        print_line!("{}", sums.line(begin.elapsed().as_secs_f64()));
                     }
                 }
             });
@@ -116,9 +118,9 @@ pub fn run(arguments: &Arguments, interrupt: &Interrupt) -> Result<bool, String>
         return Err(text);
     }
     let sums = sums.into_inner().expect("no panic");
-    println!("{}", sums.line(begin.elapsed().as_secs_f64()));
+    print_line!("{}", sums.line(begin.elapsed().as_secs_f64()));
     let total = &sums.total;
-    println!(
+    print_line!(
         "{} frames accepted, {} on the buses, {} received; {} faults; longest recovery {:.1} s (seed {})",
         total.accepted,
         total.on_bus,
@@ -136,8 +138,8 @@ fn replay(file: &Path) -> Result<bool, String> {
     let plan: Plan = toml::from_str(&text).map_err(|error| format!("{name}: {error}"))?;
     let outcome = trial(&plan);
     match &outcome.finding {
-        Some(finding) => println!("seed {}: {finding}", plan.seed),
-        None => println!("no finding in {} cycles", outcome.cycles),
+        Some(finding) => print_line!("seed {}: {finding}", plan.seed),
+        None => print_line!("no finding in {} cycles", outcome.cycles),
     }
     Ok(outcome.finding.is_none())
 }
@@ -160,7 +162,7 @@ fn resident_mib() -> Option<u64> {
 /// Prints a finding, and writes the smallest plan that repeats it, with its scenario.
 fn report(plan: &Plan, outcome: &Outcome, directory: &Path) -> Result<(), String> {
     let Some(finding) = &outcome.finding else { return Ok(()) };
-    println!("seed {}: {finding}", plan.seed);
+    print_line!("seed {}: {finding}", plan.seed);
     let (small, outcome) = shrink(plan, outcome, &trial);
     let name = |kind: &str| directory.join(format!("soak-{}{kind}.toml", plan.seed));
     let write = |path: &Path, text: &str| {
@@ -172,7 +174,7 @@ fn report(plan: &Plan, outcome: &Outcome, directory: &Path) -> Result<(), String
     let comment = smallest.to_string().replace('\n', "\n# ");
     write(&file, &format!("# {comment}\n{}", text(&small)?))?;
     write(&name("-scenario"), &small.scenario_text().map_err(unwritable)?)?;
-    println!(
+    print_line!(
         "  {} gateways, {} events: {smallest}\n  repeat: ecan-soak --replay {}",
         small.machine.gateway.len(),
         small.event.len(),

@@ -11,7 +11,7 @@
 //!
 //! The program makes a network namespace with a veth pair for `ecan-sim`, which needs root. Start the
 //! other simulator before, with the same scheduling, and pass the sender's end of its veth pair.
-#![allow(missing_docs)]
+#![allow(missing_docs, clippy::disallowed_macros, clippy::disallowed_methods)]
 
 #[path = "../../src/wire/interface.rs"]
 #[allow(dead_code)]

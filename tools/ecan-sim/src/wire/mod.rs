@@ -11,6 +11,7 @@ mod turnaround;
 mod watch;
 
 use ecan_host::{Clock, MonotonicClock};
+use ecan_protocol::text::Printable;
 use ecan_sim::{ClockKind, Scenario, ScenarioChoice, SimOptions, Wire, load_scenario};
 
 use crate::failure::Failure;
@@ -74,7 +75,7 @@ fn scenario(arguments: &WireArguments, screen: Screen) -> Result<Scenario, Failu
         gateway.config.publishes_after_read |= is_built_in;
     }
     if let ScenarioChoice::File(path) = &choice {
-        let file = path.display();
+        let file = Printable(path.display());
         let count = scenario.gateways.len();
         if count == 0 {
             return Err(Failure::NoGateway(path.clone()));

@@ -6,6 +6,7 @@ use clap_mangen::Man;
 use ecan_command_line::new_file::{Existing, create};
 
 use crate::context::{Failure, Result, note};
+use ecan_protocol::text::Printable;
 
 pub fn run(command: &clap::Command, directory: &Path) -> Result {
     let mut command = command.clone().disable_help_subcommand(true);
@@ -13,7 +14,7 @@ pub fn run(command: &clap::Command, directory: &Path) -> Result {
     std::fs::create_dir_all(directory)
         .and_then(|()| write_page(&command, directory))
         .map_err(|error| Failure::file("write the manual pages to", directory, error))?;
-    note(format_args!("manual pages written to {}", directory.display()));
+    note(format_args!("manual pages written to {}", Printable(directory.display())));
     Ok(())
 }
 

@@ -6,6 +6,7 @@ use std::str::FromStr;
 use clap::Args;
 use ecan_command_line::new_file::is_standard_stream;
 use ecan_protocol::mapping::Direction;
+use ecan_protocol::text::Printable;
 use ecan_recording::{Format, ReadOptions, ScreenTimes};
 
 use crate::context::{Context, Failure, Result, note};
@@ -96,7 +97,7 @@ impl Recording {
         let RecordedLog { frames, error_frames, screen_times } =
             recording::read(file, &options, *channel, 1)?;
         let screen_times = screen_times.filter(|_| time_stamps.is_none());
-        let name = arguments.file.display();
+        let name = Printable(arguments.file.display());
         let same = |out: &Path| {
             let file = arguments.file.canonicalize().ok();
             file.is_some() && file == out.canonicalize().ok()
@@ -128,7 +129,7 @@ impl Recording {
     fn check_fd(&self, file: &Path, prepared: &Prepared<'_>) -> Result {
         let is_fd = |it: &&Recorded| it.logged.frame.as_ref().is_fd();
         self.frames.iter().filter(is_fd).try_for_each(|it| {
-            let (name, line) = (file.display(), it.logged.line);
+            let (name, line) = (Printable(file.display()), it.logged.line);
             prepared.needs_fd(format_args!("{name}, line {line} is a CAN FD frame"), it.channel)
         })
     }

@@ -9,6 +9,7 @@ use std::time::{Duration, Instant};
 use ecan_command_line::interrupt::Interrupt;
 use ecan_command_line::log_file::{LogFileError, Writer};
 use ecan_command_line::new_file::{Existing, is_standard_stream};
+use ecan_command_line::screen::{CleanWriter, Content, Stream};
 
 use crate::context::{Failure, Result, note};
 use crate::frames::format::{LogLines, Screen, ScreenLines, TimedFrame};
@@ -47,8 +48,9 @@ impl Printer {
         let Destination { is_shown, log, existing } = destination;
         let writer = log.map(|path| Writer::create_with(path, existing)).transpose()?;
         let log_lines = writer.map(|writer| (writer, LogLines::new(&screen)));
+        let content = if screen.is_json { Content::Json } else { Content::Text };
         let lines = is_shown.then(|| ScreenLines::new(screen));
-        let print = move |timed: &Receiver<TimedFrame>| print_all(timed, lines, log_lines);
+        let print = move |timed: &Receiver<TimedFrame>| print_all(timed, lines, content, log_lines);
         let printer = Self::start_with(QUEUE, interrupt, print)?;
         Ok(Self { log: log.map(Path::to_owned), ..printer })
     }
@@ -128,9 +130,10 @@ fn stalled(log: Option<PathBuf>) -> Failure {
 fn print_all(
     timed: &Receiver<TimedFrame>,
     mut screen: Option<ScreenLines>,
+    content: Content,
     mut log: Option<(Writer, LogLines)>,
 ) -> Result {
-    let mut stream = BufWriter::new(std::io::stdout());
+    let mut stream = BufWriter::new(CleanWriter::with_content(Stream::Output, content));
     while let Ok(first) = timed.recv() {
         for timed in std::iter::once(first).chain(timed.try_iter()) {
             if let Some(screen) = &mut screen {

@@ -1,6 +1,7 @@
 use std::path::Path;
 
 use ecan_command_line::log_file;
+use ecan_protocol::text::Printable;
 use ecan_recording::{LoggedFrame, ReadOptions, Recording, ScreenTimes};
 
 use crate::context::{Failure, Result};
@@ -38,7 +39,8 @@ pub fn read(
     match frames.is_empty() {
         false => Ok(RecordedLog { frames, error_frames, screen_times }),
         true => {
-            let message = format!("{} has no frames for the selected channels", path.display());
+            let message =
+                format!("{} has no frames for the selected channels", Printable(path.display()));
             Err(Failure::Usage(message))
         }
     }

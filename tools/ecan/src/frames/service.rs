@@ -9,6 +9,7 @@ use ecan_protocol::can::CanFrame;
 use ecan_protocol::config::McanChannelConfig;
 use ecan_protocol::image::ChannelStatus;
 use ecan_protocol::mapping::{CHANNELS, Direction};
+use ecan_protocol::text::Printable;
 
 use crate::context::{Failure, Result, note};
 use crate::frames::bit_rates::BitRates;
@@ -312,7 +313,10 @@ pub fn without_fd(what: impl Display, channel: u8, file: Option<&Path>) -> Failu
     Failure::Usage(match file {
         None => format!("{what}: channel {channel} has no data bit rate; set --data-bitrate"),
         Some(path) => {
-            format!("{what}: channel {channel} has no data_bitrate in {}", path.display())
+            format!(
+                "{what}: channel {channel} has no data_bitrate in {}",
+                Printable(path.display())
+            )
         }
     })
 }

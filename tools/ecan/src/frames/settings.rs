@@ -9,6 +9,7 @@ use ecan_mcan_port::{GatewayConfig, MAX_GATEWAYS, PortConfig, PortError};
 use ecan_protocol::config::{List, NodeMode};
 use ecan_protocol::image::{EncapsulationProfile, OptionFlags};
 use ecan_protocol::mapping::Direction;
+use ecan_protocol::text::Printable;
 use ecan_sim::ClockKind;
 
 use crate::config_file;
@@ -160,7 +161,7 @@ impl<'a> Settings<'a> {
                 let slaves: Vec<_> = resolved.iter().map(|it| it.slave.to_string()).collect();
                 Err(Failure::Slave(format!(
                     "{} describes several gateways; select one with --slave: {}",
-                    path.display(),
+                    Printable(path.display()),
                     slaves.join(", ")
                 )))
             }
@@ -260,7 +261,7 @@ fn of_file(
         if let Some(missing) = requirements.required.iter().find(|it| !enabled.contains(*it)) {
             return Err(Failure::Usage(format!(
                 "channel {missing} is not in {}; gateway {} has {enabled}",
-                path.display(),
+                Printable(path.display()),
                 found.gateway
             )));
         }
@@ -275,7 +276,7 @@ fn of_file(
                     "channel {missing} of gateway {} {only} in {}: it is not among the `channels` \
                      of the {direction}",
                     found.gateway,
-                    path.display()
+                    Printable(path.display())
                 )));
             }
         }
@@ -283,7 +284,8 @@ fn of_file(
         if let Some(gateway) = config.gateways.last_mut() {
             requirements.apply(gateway);
         }
-        let full = |_| Failure::Usage(format!("{} has too many gateways", path.display()));
+        let full =
+            |_| Failure::Usage(format!("{} has too many gateways", Printable(path.display())));
         for step in file.adapter.startup_of(found.gateway) {
             adapter.add_startup(adapter.slaves.len(), step).map_err(full)?;
         }

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use clap::Args;
 use ecan_dbc::{Database, Decoded, DecodedSignal, Message, Number, UnknownName};
 use ecan_protocol::can::CanFrame;
+use ecan_protocol::text::Printable;
 use serde::Serialize;
 
 use crate::context::{Failure, Result};
@@ -86,12 +87,13 @@ impl Signals {
 
 /// Lines of the message and its signals, below the line of the frame.
 pub fn lines(decoded: &Decoded<'_>) -> impl Iterator<Item = String> {
-    let name = |it: &DecodedSignal<'_>| it.signal.name.chars().count();
-    let width = decoded.signals.iter().map(name).max().unwrap_or(0);
-    let signal = move |it: &DecodedSignal<'_>| {
-        format!("            {:width$}  {}", it.signal.name, it.value_text())
+    let name = |signal: &DecodedSignal<'_>| Printable(&signal.signal.name).to_string();
+    let length = |signal: &DecodedSignal<'_>| name(signal).chars().count();
+    let width = decoded.signals.iter().map(length).max().unwrap_or(0);
+    let signal = move |signal: &DecodedSignal<'_>| {
+        format!("            {:width$}  {}", name(signal), Printable(signal.value_text()))
     };
-    let head = format!("          {}{}", decoded.message.name, missing(decoded));
+    let head = format!("          {}{}", Printable(&decoded.message.name), missing(decoded));
     std::iter::once(head).chain(decoded.signals.iter().map(signal).collect::<Vec<_>>())
 }
 

@@ -1,5 +1,5 @@
 //! The program `ecan` run as a user runs it, on simulated buses.
-#![allow(missing_docs)]
+#![allow(missing_docs, clippy::disallowed_macros, clippy::disallowed_methods)]
 
 mod support;
 
@@ -21,6 +21,7 @@ mod frames_config;
 mod frames_end;
 mod frames_files;
 mod host;
+mod hostile_names;
 mod maintenance;
 mod metrics;
 mod monitor;

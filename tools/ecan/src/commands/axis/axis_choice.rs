@@ -6,6 +6,7 @@ use clap::Args;
 use ecan_canopen::NodeAddress;
 use ecan_cia402::{AxisConfig, Scale, ScaleSource};
 use ecan_config_file::NetworkSettings;
+use ecan_protocol::text::Printable;
 
 use crate::commands::node::node_target::{NodeIdArgument, NodeTarget};
 use crate::config_file;
@@ -147,12 +148,12 @@ impl AxisOptions {
         let index = find(axis, &names).map_err(|error| {
             Failure::Usage(format!(
                 "--axis {axis}: {error}; axes of {}: {}",
-                path.display(),
+                Printable(path.display()),
                 list(&names)
             ))
         })?;
         let mut config = axes.into_iter().nth(index).ok_or_else(|| {
-            Failure::Usage(format!("--axis {axis}: {} has no axes", path.display()))
+            Failure::Usage(format!("--axis {axis}: {} has no axes", Printable(path.display())))
         })?;
         context.global.without_slave("the axis determines its gateway")?;
         let mut global = context.global.clone();

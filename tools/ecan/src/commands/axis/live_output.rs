@@ -1,10 +1,11 @@
 //! Messages and positions of a running axis, printed by another thread: a terminal that blocks does not
 //! delay the cycle.
 
-use std::io::{IsTerminal, Write, stderr};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
+
+use ecan_command_line::screen::{self, Sequence, Stream};
 
 use crate::context::{Failure, Result};
 
@@ -50,7 +51,7 @@ impl LiveOutput {
         Ok(Self {
             sender: (!is_silent).then_some(sender),
             thread: Some(thread),
-            shows_positions: stderr().is_terminal(),
+            shows_positions: Stream::Error.is_terminal(),
             drawn_ns: None,
         })
     }
@@ -91,10 +92,10 @@ impl Drop for LiveOutput {
 fn print_all(receiver: &Receiver<Message>, units: AxisUnits) {
     let mut has_line = false;
     // A terminal that is closed gets nothing.
-    let write = |text: std::fmt::Arguments<'_>| drop(stderr().write_fmt(text));
+    let write = |text: std::fmt::Arguments<'_>| screen::print(Stream::Error, text);
     for message in receiver {
         if std::mem::take(&mut has_line) {
-            write(format_args!("\r\x1b[K"));
+            write(format_args!("{}", Sequence::ClearLine));
         }
         match message {
             Message::Text(text) => write(format_args!("{text}\n")),
@@ -105,7 +106,7 @@ fn print_all(receiver: &Receiver<Message>, units: AxisUnits) {
         }
     }
     if has_line {
-        write(format_args!("\r\x1b[K"));
+        write(format_args!("{}", Sequence::ClearLine));
     }
 }
 

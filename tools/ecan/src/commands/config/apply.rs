@@ -8,6 +8,7 @@ use ecan_host::{Diagnostics, StartupStep};
 use ecan_mcan_port::Config;
 use ecan_protocol::device::OptionalObject;
 use ecan_protocol::object::describe;
+use ecan_protocol::text::Printable;
 use ecan_sim::ClockKind;
 use serde::Serialize;
 
@@ -95,8 +96,10 @@ fn print_report(
     out: &mut dyn Write,
 ) -> std::io::Result<()> {
     for ReadyGateway { position, gateway } in &report.gateways {
-        let text =
-            format!("slave {position}: configured as gateway {gateway} of {}", path.display());
+        let text = format!(
+            "slave {position}: configured as gateway {gateway} of {}",
+            Printable(path.display())
+        );
         writeln!(out, "{}", output.toned(Tone::Good, text))?;
     }
     report.changes.iter().try_for_each(|change| writeln!(out, "  {change}"))?;
@@ -172,7 +175,7 @@ impl Applied {
         out: &mut dyn Write,
     ) -> std::io::Result<()> {
         let Self { position: slave, gateway, steps, .. } = self;
-        let path = path.display();
+        let path = Printable(path.display());
         let (tone, has) = match (self.is_complete, &self.error) {
             (true, _) => (Tone::Good, "configured as"),
             (false, Some(_)) if !steps.is_empty() => (Tone::Bad, "partially configured as"),

@@ -15,6 +15,7 @@ use ecan_protocol::can::{
 use ecan_protocol::config::{BitTimingMode, MESSAGE_RAM_BYTES, McanChannelConfig};
 use ecan_protocol::image::PdoProfile;
 use ecan_protocol::mapping::{CHUNK_BYTES, Direction};
+use ecan_protocol::text::Printable;
 use serde::Serialize;
 
 use crate::context::{Failure, Output, Result, Tone};
@@ -184,7 +185,7 @@ pub fn run(path: &Path, output: &Output) -> Result {
             let checked = Checked { faults, ..Checked::default() };
             output.data(&checked, |out| {
                 for Faulty { line, column, reason } in &checked.faults {
-                    let location = format!("{}:{line}:{column}:", path.display());
+                    let location = format!("{}:{line}:{column}:", Printable(path.display()));
                     writeln!(out, "{} {reason}", output.toned(Tone::Bad, location))?;
                 }
                 Ok(())

@@ -9,6 +9,7 @@ mod text;
 use std::path::PathBuf;
 
 use clap::Args;
+use ecan_protocol::text::Printable;
 
 use crate::context::{Bus, Context, Failure, Output, Result, note};
 use crate::progress::Progress;
@@ -64,7 +65,7 @@ pub fn run(arguments: &DiagArguments, context: &Context) -> Result {
     let explained = explain(&bundles, arguments, &context.output);
     if let (Some(path), [bundle]) = (&arguments.record, &bundles[..]) {
         bundle.save(path)?;
-        note(format_args!("written to {}", path.display()));
+        note(format_args!("written to {}", Printable(path.display())));
     }
     if arguments.clear {
         clear_all(&bus, &slaves, arguments.all.all)?;

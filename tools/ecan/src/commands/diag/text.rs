@@ -3,6 +3,7 @@ use std::fmt::Display;
 use std::io::Write;
 
 use ecan_diagnosis::{Finding, ObjectKey, Severity};
+use ecan_protocol::text::Printable;
 
 use crate::context::{Output, Tone};
 use crate::table;
@@ -55,8 +56,8 @@ fn heading(report: &Report, out: &mut dyn Write) -> Written {
         write!(out, " with error flag")?;
     }
     let firmware = gateway.firmware.as_deref().filter(|text| !text.is_empty());
-    let (firmware, serial) = (or_not_read(firmware), or_not_read(gateway.serial));
-    writeln!(out, ", {}, firmware {firmware}, serial {serial}", gateway.name)?;
+    let (firmware, serial) = (or_not_read(firmware.map(Printable)), or_not_read(gateway.serial));
+    writeln!(out, ", {}, firmware {firmware}, serial {serial}", Printable(&gateway.name))?;
     writeln!(out, "AL status code: {}", or_not_read(report.al_status.as_deref()))?;
     writeln!(out, "diagnostic flags: {}", listed(report.flags.as_deref()))
 }

@@ -30,6 +30,7 @@ impl HangUp {
 }
 
 /// Returns when one of the terminals is closed or cannot be polled.
+#[allow(clippy::disallowed_methods)] // Nothing is printed.
 fn wait() {
     let (input, output) = (std::io::stdin(), std::io::stdout());
     // A hang-up is always reported; no other events are requested.

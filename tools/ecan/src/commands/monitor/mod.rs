@@ -18,11 +18,11 @@ mod source;
 mod terminal;
 mod text;
 
-use std::io::IsTerminal;
 use std::sync::Arc;
 
 use clap::Args;
 use ecan_command_line::interrupt::Interrupt;
+use ecan_command_line::screen::Stream;
 use ecan_sim::ClockKind;
 
 use crate::context::{Context, Failure, Result, note};
@@ -103,7 +103,7 @@ pub fn run(arguments: &MonitorArguments, context: &Context) -> Result {
     // The terminal must be restored, which takes up to a second.
     let interrupt = Interrupt::install_patient()?;
     let is_asked_once = arguments.once || arguments.seconds.is_some() || context.global.json;
-    let is_once = is_asked_once || !std::io::stdout().is_terminal();
+    let is_once = is_asked_once || !Stream::Output.is_terminal();
     let settings = Settings::of(&arguments.options)?;
     let clock = if is_once { ClockKind::Stepped } else { ClockKind::Real };
     let bus = settings.open_bus(context, clock)?;

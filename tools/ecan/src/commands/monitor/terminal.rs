@@ -8,7 +8,9 @@ use std::time::{Duration, Instant};
 
 use crossterm::event::{self, Event};
 use ecan_command_line::interrupt::Interrupt;
+use ecan_protocol::text::is_control;
 use ratatui::Frame;
+use ratatui::buffer::Buffer;
 
 use crate::context::{Failure, FullScreen, Output, Result};
 use crate::frames::Signals;
@@ -187,6 +189,15 @@ fn restore_in_time() {
     }
 }
 
+/// Replaces characters of names from outside that the terminal would not show in their place.
+fn replace_controls(buffer: &mut Buffer) {
+    for cell in &mut buffer.content {
+        if cell.symbol().contains(is_control) {
+            cell.set_char(char::REPLACEMENT_CHARACTER);
+        }
+    }
+}
+
 impl Drawing {
     fn run(mut self) -> Result {
         let _over = Over(self.is_over.clone());
@@ -240,7 +251,10 @@ impl Drawing {
             if !choice.is_paused {
                 shown = self.snapshot();
             }
-            terminal.draw(|frame| (self.draw)(frame, &shown, choice, self.has_color))?;
+            terminal.draw(|frame| {
+                (self.draw)(frame, &shown, choice, self.has_color);
+                replace_controls(frame.buffer_mut());
+            })?;
             let mut is_waiting = event::poll(FRAME)?;
             while is_waiting {
                 if let Event::Key(key) = event::read()? {

@@ -5,6 +5,7 @@ use std::sync::Arc;
 
 use clap::Args;
 use ecan_canopen::{AccessType, DeviceFile, DeviceObject, FindError, ObjectEntry, ObjectType};
+use ecan_protocol::text::Printable;
 
 use crate::context::{Failure, Result, note};
 use crate::input_file;
@@ -49,7 +50,7 @@ pub fn read_device_file(path: &std::path::Path) -> Result<DeviceFile> {
     let bytes = input_file::read(path)?;
     let file = DeviceFile::parse(&bytes).map_err(|it| Failure::file("use", path, it))?;
     if let Some(first) = file.warnings().first() {
-        let (count, path) = (file.warnings().len(), path.display());
+        let (count, path) = (file.warnings().len(), Printable(path.display()));
         note(format_args!("# {path}: {count} deviations from CiA 306; the first: {first}"));
     }
     Ok(file)

@@ -1,6 +1,7 @@
 //! `ecan node pdo`: communication, mapping and live values of the PDOs.
 
 use std::collections::HashMap;
+use std::io::Write;
 use std::time::Duration;
 
 use clap::Args;

@@ -18,12 +18,12 @@ mod tests;
 pub(super) mod wiring;
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::io::IsTerminal;
 use std::path::PathBuf;
 
 use clap::Args;
 use ecan_command_line::interrupt::Interrupt;
 use ecan_command_line::real_time::RealTimeArguments;
+use ecan_command_line::screen::Stream;
 use ecan_config_file::DEFAULT_N;
 use ecan_sim::ClockKind;
 use serde::Serialize;
@@ -263,7 +263,7 @@ fn test(
             is_repeated: false,
         })
         .collect();
-    let is_watched = std::io::stderr().is_terminal();
+    let is_watched = Stream::Error.is_terminal();
     let progress = |slaves: &[usize], step: &str, number: usize, count: usize| {
         tracing::info!(?slaves, step, number, count, "testing");
         if is_watched {

@@ -4,6 +4,7 @@ use std::path::PathBuf;
 use std::sync::mpsc::SyncSender;
 
 use ecan_mcan_port::{Config, PortConfig};
+use ecan_protocol::text::Printable;
 use ecan_service_client::{BUS_ERROR, RpcError};
 use serde_json::json;
 
@@ -47,7 +48,7 @@ impl Request {
                 ),
             };
             let data = json!({ "kind": "reconfiguration", "is_restored": restored.is_ok() });
-            let message = format!("{}: {cause}; {end}", self.path.display());
+            let message = format!("{}: {cause}; {end}", Printable(self.path.display()));
             RpcError { data, ..RpcError::new(BUS_ERROR, message) }
         });
         // The client may have gone.

@@ -6,6 +6,7 @@ use std::time::{Duration, Instant};
 
 use ecan_command_line::interrupt::Interrupt;
 use ecan_mcan_port::Config;
+use ecan_protocol::text::Printable;
 use ecan_service::Service;
 use ecan_sim::Backend;
 
@@ -137,7 +138,7 @@ impl Daemon<'_> {
         cycle: &GatewayCycle,
         result: Result<(), Box<NotConfigured>>,
     ) -> Result {
-        let name = request.path.display();
+        let name = Printable(request.path.display());
         match result {
             Ok(()) => {
                 note(format_args!("configuration {name}: active, by request of a client"));

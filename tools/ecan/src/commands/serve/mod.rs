@@ -17,6 +17,7 @@ use std::thread::sleep;
 
 use ecan_command_line::interrupt::Interrupt;
 use ecan_config_file::ServiceSettings;
+use ecan_protocol::text::Printable;
 use ecan_service::{MetricsAddress, Service, ServiceConfig, ServiceError};
 use ecan_service_client::Hello;
 use ecan_sim::{Backend, ClockKind};
@@ -81,7 +82,10 @@ pub fn run(arguments: &ServeArguments, context: &Context) -> Result {
         Some(address) => note(format_args!("metrics at {address}")),
         None => {}
     }
-    note(format_args!("serving master {master} at {}, {access}", service.path().display()));
+    note(format_args!(
+        "serving master {master} at {}, {access}",
+        Printable(service.path().display())
+    ));
     let active = ActiveConfig::default();
     let reloader = Reloader {
         path,
@@ -124,7 +128,7 @@ fn service_config(
         (Some(_), Some(path)) => {
             return Err(Failure::Usage(format!(
                 "--socket {} and a socket of the service manager exclude each other; remove --socket",
-                path.display()
+                Printable(path.display())
             )));
         }
         (Some(socket), None) => path_of(socket),

@@ -6,6 +6,7 @@ use std::sync::{Arc, Mutex, PoisonError, Weak};
 
 use ecan_config_file::ServiceSettings;
 use ecan_mcan_port::Config;
+use ecan_protocol::text::Printable;
 use ecan_service::{Control, Service};
 
 use crate::config_changes::{Change, changes};
@@ -46,7 +47,7 @@ impl Reloader {
         let planned =
             of_file_offline(&path, &file, GatewayRequirements::of_service(), &self.global)?;
         self.set_access(&service, &settings)?;
-        let name = path.display();
+        let name = Printable(path.display());
         let Some((limits, others)) = self.apply(&(planned.adapter, planned.config).into()) else {
             note(format_args!("reload {name}: read; no gateway has started yet"));
             return Ok(());

@@ -165,7 +165,7 @@ fn call<T: DeserializeOwned>(
 ) -> Result<T> {
     let program = connection.program();
     let result = connection.client().call(method, params).map_err(|error| match error.rpc() {
-        Some(rpc) if rpc.code == INVALID_PARAMS => Failure::Usage(rpc.message.clone()),
+        Some(rpc) if rpc.code == INVALID_PARAMS => Failure::Usage(rpc.to_string()),
         Some(rpc) if rpc.code == METHOD_NOT_FOUND => Failure::Master(format!(
             "{program} does not offer its simulation; use a machine of `ecan --ecrt sim serve`"
         )),
