@@ -3,7 +3,7 @@ use ecan_command_line::logging::LogArguments;
 
 use crate::failure::{Failure, Result};
 use crate::slave_choice::SlaveChoice;
-use crate::via_option::Via;
+use crate::via_option::{GivenOptions, Via};
 
 pub const EXIT_STATUS: &str = "\
 Exit status:
@@ -53,6 +53,9 @@ pub struct GlobalOptions {
     pub color: Color,
     #[command(flatten)]
     pub log: LogArguments,
+    /// Options of the command, to reject those without effect.
+    #[arg(skip)]
+    pub given: GivenOptions,
 }
 
 impl GlobalOptions {

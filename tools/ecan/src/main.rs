@@ -42,6 +42,7 @@ use ecan_command_line::screen::{exit_after, with_printable_arguments};
 
 use context::{Context, Failure, GlobalOptions, Output, note};
 use global::Color;
+use via_option::GivenOptions;
 
 /// Bring-up, diagnosis and maintenance of ECAN-Lite gateways.
 #[derive(Debug, Parser)]
@@ -104,13 +105,21 @@ fn main() -> ExitCode {
 }
 
 fn parse() -> Result<Arguments, clap::Error> {
-    let mut command = Arguments::command();
+    let mut command = command();
     if short_help::is_requested() {
         command = short_help::fold(command);
     }
     let matches =
         command.try_get_matches_from_mut(std::env::args_os()).map_err(with_printable_arguments)?;
-    Arguments::from_arg_matches(&matches).map_err(|error| error.format(&mut command))
+    let mut arguments =
+        Arguments::from_arg_matches(&matches).map_err(|error| error.format(&mut command))?;
+    arguments.global.given = GivenOptions::of(&command, &matches);
+    Ok(arguments)
+}
+
+/// The program with all its commands and options.
+fn command() -> clap::Command {
+    Arguments::command()
 }
 
 /// Ends the program after arguments that clap rejects, or after a help.

@@ -42,6 +42,7 @@ pub fn open(global: &GlobalOptions, master: u32) -> Result<Option<ServiceConnect
             "{path} serves master {found}, not master {master}; set --master or --via"
         )));
     }
+    global.given.check_with_service(&connection.program())?;
     Ok(Some(connection))
 }
 

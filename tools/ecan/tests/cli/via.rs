@@ -46,6 +46,50 @@ fn offline_command_rejects_a_service() {
     assert!(message.contains("does not use a service"), "{message}");
 }
 
+#[test]
+fn serve_rejects_a_service() {
+    let message = fails(2, &["--via", "/run/none.sock", "serve"]);
+    assert!(message.contains("does not use a service"), "{message}");
+}
+
+#[test]
+fn option_without_effect_is_rejected_with_a_service() {
+    let application = Application::start(Control::Owner);
+    let options: [&[&str]; 11] = [
+        &["--rt-priority", "1"],
+        &["--cpu", "0"],
+        &["--lock-memory"],
+        &["--rt-required"],
+        &["--cpu-latency-us", "10"],
+        &["--spin-us", "10"],
+        &["--sample-point", "80"],
+        &["--data-sample-point", "80"],
+        &["--pdo-n", "3"],
+        &["--large-pdos"],
+        &["--cycle-us", "1000"],
+    ];
+    let commands: [&[&str]; 4] = [
+        &["dump", "-n", "1", "--timeout", "100"],
+        &["send", "123#01"],
+        &["monitor", "--once"],
+        &["node", "scan"],
+    ];
+    for (nth, option) in options.into_iter().enumerate() {
+        let command = commands[nth % commands.len()];
+        // clap requires the data bit rate for the sample point of its phase.
+        let with_rate: &[&str] =
+            if option[0] == "--data-sample-point" { &["--data-bitrate", "2M"] } else { &[] };
+        let message = application.fails(2, &[command, option, with_rate].concat());
+        let expected = format!("{} has no effect with a service, here cell 1.0", option[0]);
+        assert!(message.contains(&expected) && message.contains("--via direct"), "{message}");
+    }
+    // A service that was found by itself has the same effect.
+    let mut child = application.start_auto(&["dump", "-n", "1", "--rt-required"]);
+    assert_eq!(child.wait().unwrap().code(), Some(2));
+    // The bit rate is compared.
+    application.good(&["send", "123#01", "--bitrate", "500k"]);
+}
+
 /// Socket in the directory of the user (`XDG_RUNTIME_DIR`).
 const SOCKET: &str = "ecan/master0.sock";
 

@@ -52,6 +52,7 @@ const NAME: &str = "ecan serve";
 
 pub fn run(arguments: &ServeArguments, context: &Context) -> Result {
     context.global.without_slave("it serves all gateways of the bus or of the file")?;
+    context.global.without_service("it needs the master itself")?;
     let settings = Settings::of(&arguments.options)?;
     let (notifier, events) = Notifier::new();
     let on_hang_up = notifier.clone();
