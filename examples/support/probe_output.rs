@@ -38,7 +38,8 @@ impl ProbeFiles<'_> {
     pub fn check(&self, is_simulated: bool) -> Result<(), Box<dyn Error>> {
         for path in [self.csv, self.picture, self.bus_dump].into_iter().flatten() {
             let prepared = WholeFile::create(path, Existing::Replace);
-            prepared.map_err(|error| format!("cannot write {}: {error}", Printable(path.display())))?;
+            prepared
+                .map_err(|error| format!("cannot write {}: {error}", Printable(path.display())))?;
         }
         if self.bus_dump.is_some() && !is_simulated {
             return Err("--bus-dump needs a simulated bus".into());

@@ -247,5 +247,6 @@ fn dash() -> String {
 }
 
 fn write(path: &Path, text: &str) -> Result<(), Box<dyn Error>> {
-    new_file::write(path, text).map_err(|e| format!("cannot write {}: {e}", Printable(path.display())).into())
+    new_file::write(path, text)
+        .map_err(|e| format!("cannot write {}: {e}", Printable(path.display())).into())
 }

@@ -3,10 +3,7 @@
 
 mod program;
 
-use std::io::{BufRead, BufReader, Read};
-use std::process::Stdio;
-
-use program::{command, fails, run, succeeds, text};
+use program::{command, fails, interrupt_after, run, succeeds, text};
 
 const SINGLE: &str = "cia402_single_axis_demo";
 const TEN: &str = "cia402_10axis_demo";
@@ -170,21 +167,8 @@ fn wrong_use_of_the_demos_returns_a_helpful_message() {
 #[test]
 fn ctrl_c_stops_the_axes() {
     let arguments = ["--ecrt", "sim", "--cycles", "1000000", "--cycle-us", "2000"];
-    let mut child = command(SINGLE, &[&arguments[..], &["--step", "100"]].concat())
-        .stdout(Stdio::piped())
-        .spawn()
-        .unwrap();
-    let mut output = BufReader::new(child.stdout.take().unwrap());
-    let mut line = String::new();
-    while !line.contains("all axes enabled") {
-        line.clear();
-        assert!(output.read_line(&mut line).unwrap() > 0, "it ended without a signal");
-    }
-    let id = child.id().to_string();
-    assert!(std::process::Command::new("kill").args(["-INT", &id]).status().unwrap().success());
-    let mut rest = String::new();
-    output.read_to_string(&mut rest).unwrap();
-    assert!(child.wait().unwrap().success(), "{rest}");
+    let command = command(SINGLE, &[&arguments[..], &["--step", "100"]].concat());
+    let rest = interrupt_after(command, "all axes enabled");
     assert!(
         rest.contains("stopped by the user") && rest.contains("being stopped: shutdown"),
         "{rest}"

@@ -5,9 +5,8 @@
 mod master_faults;
 mod program;
 
-use std::io::{BufRead, BufReader, Read};
 use std::path::Path;
-use std::process::{Command, Output, Stdio};
+use std::process::{Command, Output};
 
 use ecan_candump::Record;
 use ecan_example_support::bus_load::BusLoad;
@@ -485,17 +484,6 @@ fn cycle_period_and_denied_settings_are_printed() {
 #[test]
 fn ctrl_c_stops_the_loop_with_a_summary() {
     let arguments = ["--ecrt", "sim", "--real-time", "--cycles", "1000000", "--cycle-us", "1000"];
-    let mut child = command(&arguments).stdout(Stdio::piped()).spawn().unwrap();
-    let mut output = BufReader::new(child.stdout.take().unwrap());
-    let mut line = String::new();
-    while !line.contains("ready") {
-        line.clear();
-        assert!(output.read_line(&mut line).unwrap() > 0, "it ended without a signal");
-    }
-    let kill = Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();
-    assert!(kill.success());
-    let mut rest = String::new();
-    output.read_to_string(&mut rest).unwrap();
-    assert!(child.wait().unwrap().success());
+    let rest = program::interrupt_after(command(&arguments), "ready");
     assert!(rest.contains("stopped by the user") && rest.contains("slave 0 can0"), "{rest}");
 }

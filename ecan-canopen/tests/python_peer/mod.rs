@@ -12,7 +12,7 @@ use std::time::{Duration, Instant};
 /// Names the interpreter, usually that of a virtual environment.
 const PYTHON_VARIABLE: &str = "ECAN_PYTHON";
 /// Nothing takes anywhere near as long, unless it fails.
-pub const PATIENCE: Duration = Duration::from_secs(120);
+pub const PATIENCE: Duration = Duration::from_secs(300);
 
 /// An interpreter that has the packages; says why, where there is none.
 ///

@@ -18,7 +18,7 @@ fn python_client_prints_frames_and_sends_one() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
     // Ends a client that waits for a frame that never arrives.
     let mut python = Command::new("timeout")
-        .args(["30", "python3"])
+        .args(["300", "python3"])
         .arg(root.join("examples/python/service_client.py"))
         .arg(fixture.path())
         .arg("123#1122")

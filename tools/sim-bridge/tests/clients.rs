@@ -13,7 +13,7 @@ use ecan_sim::{
 use ecan_sim_bridge::{BridgeError, attach, bridges};
 
 /// Timeout of a failing test.
-const TIMEOUT: Duration = Duration::from_secs(60);
+const TIMEOUT: Duration = Duration::from_secs(300);
 
 fn node(name: &str, bus: &str, kind: NodeKind, bitrate: Option<u32>) -> NodeSpec {
     NodeSpec {

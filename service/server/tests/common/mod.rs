@@ -21,7 +21,7 @@ use ecan_sim::{ClockKind, SimOptions, Simulation};
 use serde_json::{Value, json};
 
 /// Limit of all waits.
-pub const PATIENCE: Duration = Duration::from_secs(30);
+pub const PATIENCE: Duration = Duration::from_secs(300);
 
 /// Command to the thread of the cycle.
 pub type Command = Box<dyn FnOnce(&mut Port, &Service) + Send>;

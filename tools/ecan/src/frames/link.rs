@@ -146,6 +146,11 @@ pub trait FrameLink: fmt::Debug {
 
     fn is_real_time(&self) -> bool;
 
+    /// Cycles since the start whose frames this program has read, for a cycle of another program.
+    fn cycles(&self) -> Option<u64> {
+        None
+    }
+
     /// Waits for a cycle and appends what arrived. Returns the start of the cycle.
     fn begin(&mut self, arrivals: &mut Vec<Arrival>) -> u64;
 

@@ -278,6 +278,13 @@ impl Service {
         self.cycle_time.total_ns
     }
 
+    /// Time in which nodes could respond, in nanoseconds: as [`observed_ns`](Self::observed_ns), and
+    /// through a service no more than the cycles of the service.
+    pub fn response_ns(&self) -> u64 {
+        let cycles_ns = self.link.cycles().map(|cycles| cycles.saturating_mul(self.cycle_ns()));
+        self.observed_ns().min(cycles_ns.unwrap_or(u64::MAX))
+    }
+
     /// Time in which a gateway has reported its status, in nanoseconds, for limits on what the status
     /// shows: neither a pause nor a loss of images counts.
     pub fn status_ns(&self, gateway: usize) -> u64 {

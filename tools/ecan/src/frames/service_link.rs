@@ -41,6 +41,70 @@ struct LinkedGateway {
     statistics: SlaveStatistics,
 }
 
+/// Cycles of the service that this program has observed, for limits of responses.
+///
+/// The service may read a state before it passes on the frames of the same cycle. A cycle is settled
+/// when a later state was received and the events after it were read: then its frames are known. Cycles
+/// are not counted while the results of own frames are missing, because the service reads frames and
+/// passes on results at its own pace.
+#[derive(Clone, Copy, Debug, Default)]
+struct ObservedCycles {
+    /// Number of the last cycle; 0 before the first one.
+    number: u64,
+    /// Cycles up to the last state, and up to the one before.
+    last: u64,
+    before: u64,
+    /// Cycles that were counted or left out.
+    done: u64,
+    settled: u64,
+    /// Cycles up to here are left out.
+    barrier: u64,
+    /// Own frames without result, and the cycles at the first of them.
+    waiting: usize,
+    waiting_since: u64,
+}
+
+/// Cycles without a result after which time passes again: no node acknowledges the frames.
+const LONGEST_WAIT: u64 = 1000;
+
+impl ObservedCycles {
+    /// Takes the number of a cycle from a state. Numbers begin again with the cycle.
+    fn observe(&mut self, number: u64) {
+        let is_first = self.number == 0;
+        let passed = if is_first { 0 } else { number.saturating_sub(self.number) };
+        self.number = number;
+        self.pass(passed);
+    }
+
+    /// Adds cycles; also those that a service without a cycle would have run.
+    fn pass(&mut self, cycles: u64) {
+        self.before = self.last;
+        self.last += cycles;
+    }
+
+    fn on_sent(&mut self) {
+        if self.waiting == 0 {
+            self.waiting_since = self.before;
+        }
+        self.waiting += 1;
+    }
+
+    fn on_result(&mut self) {
+        self.waiting = self.waiting.saturating_sub(1);
+        self.barrier = self.last;
+    }
+
+    /// Counts what passed, after all events that had arrived were read.
+    fn settle(&mut self) {
+        let begin = self.done.max(self.barrier);
+        let is_waiting = self.waiting > 0 && self.before - self.waiting_since <= LONGEST_WAIT;
+        if !is_waiting {
+            self.settled += self.before.saturating_sub(begin);
+        }
+        self.done = self.before;
+    }
+}
+
 #[derive(Debug)]
 pub struct ServiceLink {
     connection: ServiceConnection,
@@ -49,6 +113,7 @@ pub struct ServiceLink {
     gateways: Vec<LinkedGateway>,
     since_1970_ns: u64,
     state_at_ns: u64,
+    cycles: ObservedCycles,
     sent_at_ns: Option<u64>,
     images: Vec<ReceivedImage>,
     lost: u64,
@@ -77,6 +142,7 @@ impl ServiceLink {
             gateways: gateways.iter().copied().map(LinkedGateway::new).collect(),
             since_1970_ns: since_1970_ns.wrapping_sub(now_ns),
             state_at_ns: now_ns,
+            cycles: ObservedCycles::default(),
             sent_at_ns: None,
             images: Vec::new(),
             lost: 0,
@@ -110,6 +176,8 @@ impl ServiceLink {
 
     /// Continues if the gateways of the command have the channels that they had.
     fn take_gateways(&mut self, new: &[Gateway]) {
+        // Frames of the former cycle have no result.
+        self.cycles.waiting = 0;
         let program = self.connection.program();
         let known = &self.connection.hello().gateways;
         let is_same = |it: &LinkedGateway| {
@@ -135,13 +203,17 @@ impl ServiceLink {
         let state = match self.connection.client().state() {
             // Without a cycle the gateways are not ready.
             Err(error) if error.rpc().is_some_and(|rpc| rpc.code == NOT_AVAILABLE) => {
-                self.state_at_ns = MonotonicClock.now_ns();
+                let (before_ns, now_ns) = (self.state_at_ns, MonotonicClock.now_ns());
+                self.state_at_ns = now_ns;
                 self.gateways.iter_mut().for_each(|it| it.session = SessionState::default());
+                self.cycles
+                    .pass(now_ns.saturating_sub(before_ns) / u64::from(self.adapter.cycle_ns()));
                 return Ok(());
             }
             state => state?,
         };
         self.state_at_ns = MonotonicClock.now_ns();
+        self.cycles.observe(state.cycle.cycle);
         for gateway in &mut self.gateways {
             if let Some(state) = state.gateways.get(usize::from(gateway.index)) {
                 gateway.update(state);
@@ -158,13 +230,19 @@ impl ServiceLink {
             let Some(event) = connection.client().poll(timeout)? else { break };
             timeout = Duration::ZERO;
             match event {
-                ServiceEvent::Frame(report) => arrivals.extend(self.arrival(&report)),
+                ServiceEvent::Frame(report) => {
+                    if report.tag != 0 {
+                        self.cycles.on_result();
+                    }
+                    arrivals.extend(self.arrival(&report));
+                }
                 ServiceEvent::Image(image) => self.images.push(image),
                 ServiceEvent::Lost(lost) => self.lost += lost.frames + lost.frames_in_client,
                 ServiceEvent::Gateways(changed) => self.take_gateways(&changed.gateways),
                 _ => {}
             }
         }
+        self.cycles.settle();
         let is_sending = |sent_at: u64| self.state_at_ns.saturating_sub(sent_at) < SENDING_NS;
         let is_old = self.now_ns().saturating_sub(self.state_at_ns) >= STATE_NS;
         if is_old || self.sent_at_ns.is_some_and(is_sending) {
@@ -290,6 +368,10 @@ impl FrameLink for ServiceLink {
         true
     }
 
+    fn cycles(&self) -> Option<u64> {
+        Some(self.cycles.settled)
+    }
+
     fn begin(&mut self, arrivals: &mut Vec<Arrival>) -> u64 {
         self.images.clear();
         self.gateways.iter_mut().for_each(LinkedGateway::begin);
@@ -303,6 +385,7 @@ impl FrameLink for ServiceLink {
         let Some(gateway) = self.gateways.get(gateway) else { return Ok(None) };
         match self.connection.client().send(gateway.index, channel, frame) {
             Ok(tag) => {
+                self.cycles.on_sent();
                 self.sent_at_ns = Some(self.now_ns());
                 Ok(Some(Ticket::of_service(tag)))
             }
@@ -361,6 +444,37 @@ mod tests {
     use serde_json::json;
 
     use super::*;
+
+    /// Reads a state after the events; returns the settled cycles.
+    fn next(cycles: &mut ObservedCycles, number: u64) -> u64 {
+        cycles.settle();
+        cycles.observe(number);
+        cycles.settled
+    }
+
+    #[test]
+    fn cycles_are_settled_after_the_events_of_a_later_state() {
+        let cycles = &mut ObservedCycles::default();
+        let numbers = [500, 510, 510, 900, 901, 902];
+        assert_eq!(numbers.map(|number| next(cycles, number)), [0, 0, 0, 10, 10, 400]);
+        // The service has begun a new cycle.
+        assert_eq!([3, 5, 7, 7].map(|number| next(cycles, number)), [401, 402, 402, 404]);
+    }
+
+    #[test]
+    fn cycles_before_the_result_of_a_frame_are_not_counted() {
+        let cycles = &mut ObservedCycles::default();
+        assert_eq!([500, 501, 502].map(|number| next(cycles, number)), [0, 0, 0]);
+        cycles.on_sent();
+        // The service did not read the frame for a long time.
+        assert_eq!([503, 900, 901].map(|number| next(cycles, number)), [0, 0, 0]);
+        cycles.on_result();
+        assert_eq!([902, 903, 904].map(|number| next(cycles, number)), [0, 0, 1]);
+        // No node acknowledges: time passes after the longest wait.
+        cycles.on_sent();
+        assert_eq!([1_500, 1_900, 2_500, 2_600].map(|number| next(cycles, number)), [1, 1, 1, 1]);
+        assert!(next(cycles, 2_700) > 500);
+    }
 
     #[test]
     fn bus_off_between_two_states_shows_for_one_cycle() {

@@ -8,6 +8,7 @@ use serde_json::Value;
 use crate::axis::LIMITS;
 use crate::axis_terminal::OBSERVED;
 use crate::support::observed_bus::ObservedBus;
+use crate::support::timed_reader::LIMIT;
 use crate::support::{Running, Scenario, ecan, fails, good, scenario, setting};
 
 const AXIS: &str = "[[axis]]\ngateway = 0\nchannel = 0\nnode = 1\nsteps_per_turn = 65536\n";
@@ -41,7 +42,7 @@ fn network_of_the_file_is_on_the_bus() {
     let begin = Instant::now();
     while bus.frames("764").len() < 5 || bus.frames("100").len() < 2 || bus.frames("080").len() < 22
     {
-        assert!(begin.elapsed() < Duration::from_secs(20), "{}", enable.errors());
+        assert!(begin.elapsed() < LIMIT, "{}", enable.errors());
         std::thread::sleep(Duration::from_millis(5));
     }
     assert!(bus.frames("764").iter().all(|state| state.starts_with("05")), "operational");

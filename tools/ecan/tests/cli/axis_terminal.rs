@@ -9,7 +9,7 @@ use rustix::process::Signal;
 use crate::axis::{LIMITS, SCALE};
 use crate::support::observed_bus::ObservedBus;
 use crate::support::terminal::{Pty, is_raw, with_answer};
-use crate::support::timed_reader::TimedReader;
+use crate::support::timed_reader::{LIMIT, TimedReader};
 use crate::support::{Running, scenario};
 
 const RIGHT: &[u8] = b"\x1b[C";
@@ -260,7 +260,7 @@ fn blocked_terminal_does_not_delay_a_stop() {
     drop(keys);
     let begin = Instant::now();
     while after_enabling(&bus).first().is_none_or(|it| it != "0200") {
-        assert!(begin.elapsed() < Duration::from_secs(10), "{:?}", controlwords(&bus));
+        assert!(begin.elapsed() < LIMIT, "{:?}", controlwords(&bus));
         std::thread::sleep(Duration::from_millis(5));
     }
     // Its messages are printed when the terminal continues.

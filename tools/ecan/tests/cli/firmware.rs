@@ -6,6 +6,7 @@ use std::path::Path;
 use std::process::{Command, Stdio};
 
 use crate::fake_ethercat::{Behaviour, FakeEthercat};
+use crate::support::guard::Killed;
 use crate::support::terminal::with_answer;
 use crate::support::{ecan, fails, good};
 use ecan_sim::{Fault, FirmwarePackage, GatewayFault};
@@ -352,7 +353,8 @@ fn interrupt_stops_after_current_gateway() {
     let (tool, package) = (FakeEthercat::new(3, Behaviour::Good), package(NEW));
     // Held, so that the program does not begin before the tool knows it.
     let mut master = tool.master();
-    let child = Command::new(env!("CARGO_BIN_EXE_ecan"))
+    let mut command = Command::new(env!("CARGO_BIN_EXE_ecan"));
+    command
         .args(["firmware", "update", "--all", "--yes"])
         .arg(package.path())
         .arg("--ethercat")
@@ -361,12 +363,11 @@ fn interrupt_stops_after_current_gateway() {
         .process_group(0)
         .stdin(Stdio::null())
         .stdout(Stdio::piped())
-        .stderr(Stdio::piped())
-        .spawn()
-        .unwrap();
+        .stderr(Stdio::piped());
+    let child = Killed::spawn(&mut command);
     master.interrupts = Some(child.id());
     drop(master);
-    let ended = child.wait_with_output().unwrap();
+    let ended = child.output();
     let text = |bytes| String::from_utf8(bytes).unwrap();
     let (out, errors) = (text(ended.stdout), text(ended.stderr));
     assert_eq!(ended.status.code(), Some(1), "{out}{errors}");

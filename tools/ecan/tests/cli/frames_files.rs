@@ -2,6 +2,7 @@
 
 use std::process::{Command, Stdio};
 
+use crate::support::guard::Killed;
 use crate::support::{Scenario, fails};
 
 const ECHO: &str = "[[node]]\nkind = \"echo\"\nbus = \"0.0\"\n";
@@ -50,15 +51,11 @@ fn capture_of_failed_start_is_removed() {
 /// Runs it with standard input.
 fn fed(arguments: &[&str], input: &str) -> (Option<i32>, String, String) {
     use std::io::Write as _;
-    let mut child = Command::new(env!("CARGO_BIN_EXE_ecan"))
-        .args(arguments)
-        .stdin(Stdio::piped())
-        .stdout(Stdio::piped())
-        .stderr(Stdio::piped())
-        .spawn()
-        .unwrap();
+    let mut command = Command::new(env!("CARGO_BIN_EXE_ecan"));
+    command.args(arguments).stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
+    let mut child = Killed::spawn(&mut command);
     child.stdin.take().unwrap().write_all(input.as_bytes()).unwrap();
-    let output = child.wait_with_output().unwrap();
+    let output = child.output();
     let text = |bytes| String::from_utf8(bytes).unwrap();
     (output.status.code(), text(output.stdout), text(output.stderr))
 }

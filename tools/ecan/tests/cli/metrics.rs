@@ -11,9 +11,10 @@ use serde_json::Value;
 
 use crate::serve::{Served, serve};
 use crate::support::fails;
+use crate::support::guard::Killed;
 use crate::support::python::{python_with, skip};
 
-const PATIENCE: Duration = Duration::from_secs(30);
+const PATIENCE: Duration = Duration::from_secs(300);
 const DASHBOARD: &str =
     concat!(env!("CARGO_MANIFEST_DIR"), "/../../examples/grafana/ecan-lite.json");
 
@@ -62,16 +63,12 @@ fn promtool_accepts_metrics_and_queries() {
         return;
     }
     let (served, address) = served();
-    let mut check = Command::new("promtool")
-        .args(["check", "metrics"])
-        .stdin(Stdio::piped())
-        .stdout(Stdio::piped())
-        .stderr(Stdio::piped())
-        .spawn()
-        .unwrap();
+    let mut command = Command::new("promtool");
+    command.args(["check", "metrics"]).stdin(Stdio::piped());
+    let mut check = Killed::spawn(command.stdout(Stdio::piped()).stderr(Stdio::piped()));
     let text = get(&address, "/metrics").unwrap();
     check.stdin.take().unwrap().write_all(text.as_bytes()).unwrap();
-    let output = check.wait_with_output().unwrap();
+    let output = check.output();
     let messages = String::from_utf8_lossy(&output.stderr);
     assert!(output.status.success() && messages.is_empty(), "{messages}");
     // As rules, the queries are parsed.

@@ -106,7 +106,9 @@ fn selected_slave_stays_in_the_configuration_state() {
     let message = served.node_fails(5, &["lss", "select", "--only"]);
     assert!(message.contains("LSS on can0: several slaves respond; select one"), "{message}");
     let message = served.node_fails(5, &["lss", "select", "--address", "1:2:3:4"]);
-    assert!(message.contains("no slave with this address responded after 50"), "{message}");
+    let (_, waited) = message.split_once("no slave with this address responded after ").unwrap();
+    let (waited_ms, _) = waited.split_once(" ms;").unwrap();
+    assert!(waited_ms.parse::<u64>().unwrap() >= 500, "{message}");
     served.end();
 }
 

@@ -1,7 +1,6 @@
 //! `ecan config apply` through a running `ecan serve`.
 
 use std::path::Path;
-use std::time::Duration;
 
 use ecan_protocol::can::{CanFrame, CanId};
 use ecan_service_client::{
@@ -11,6 +10,7 @@ use ecan_service_client::{
 use serde_json::{Value, json};
 
 use super::serve::{Served, serve};
+use super::support::timed_reader::LIMIT;
 use super::support::{Running, fails, good, setting, two_gateways};
 
 // A watchdog that a busy machine does not miss.
@@ -64,7 +64,7 @@ fn request(client: &Client, text: &str) -> Result<Value, Box<RpcError>> {
 
 fn next_gateways(client: &Client) -> GatewaysChanged {
     loop {
-        let event = client.poll(Duration::from_secs(30)).unwrap().expect("a notification in time");
+        let event = client.poll(LIMIT).unwrap().expect("a notification in time");
         if let Event::Gateways(changed) = event {
             return changed;
         }
@@ -82,7 +82,7 @@ fn exchange(client: &Client, channel: u8) {
     let own = client.send(0, channel, &frame).unwrap();
     let (mut is_sent, mut is_echoed) = (false, false);
     while !is_sent || !is_echoed {
-        let event = client.poll(Duration::from_secs(30)).unwrap().expect("a frame in time");
+        let event = client.poll(LIMIT).unwrap().expect("a frame in time");
         let Event::Frame(report) = event else { continue };
         assert_eq!(report.channel, channel);
         match report.event {

@@ -3,6 +3,7 @@
 use std::io::{BufRead as _, BufReader, Read as _};
 use std::process::{Command, Stdio};
 
+use crate::support::guard::Killed;
 use crate::support::{Scenario, ecan, ends, fails, good, scenario, setting, simulated};
 use rustix::process::{Pid, Signal, kill_process};
 
@@ -231,13 +232,9 @@ fn stopped_test_has_report_and_restores() {
     let reports = bus.path("reports");
     let log = "ecan::commands::selftest=info";
     let arguments = ["--ecrt", &setting, "--log", log, "selftest", "--report", &reports];
-    let mut child = Command::new(env!("CARGO_BIN_EXE_ecan"))
-        .args(arguments)
-        .env_remove("ECAN_ECRT")
-        .stdout(Stdio::piped())
-        .stderr(Stdio::piped())
-        .spawn()
-        .unwrap();
+    let mut command = Command::new(env!("CARGO_BIN_EXE_ecan"));
+    command.args(arguments).env_remove("ECAN_ECRT").stdout(Stdio::piped()).stderr(Stdio::piped());
+    let mut child = Killed::spawn(&mut command);
     let mut errors = BufReader::new(child.stderr.take().unwrap());
     let mut progress = String::new();
     while !progress.contains("number=1 count=6") {
@@ -247,7 +244,7 @@ fn stopped_test_has_report_and_restores() {
     kill_process(Pid::from_child(&child), Signal::INT).unwrap();
     let mut message = String::new();
     errors.read_to_string(&mut message).unwrap();
-    let output = child.wait_with_output().unwrap();
+    let output = child.output();
     let printed = String::from_utf8(output.stdout).unwrap();
     assert_eq!(output.status.code(), Some(1), "{message}");
     assert!(message.contains("stopping after restoring the configuration\n"), "{message}");

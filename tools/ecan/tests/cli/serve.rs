@@ -1,12 +1,12 @@
 //! Tests of `ecan serve`.
 
 use std::path::Path;
-use std::time::Duration;
 
 use ecan_protocol::can::{CanFrame, CanId};
 use ecan_service_client::{Client, Event, FrameEvent, Subscription};
 use serde_json::json;
 
+use crate::support::timed_reader::LIMIT;
 use crate::support::{Running, fails};
 
 /// Running service with its socket.
@@ -64,7 +64,7 @@ impl Served {
 fn until_echo(client: &Client) -> Vec<bool> {
     let mut frames = Vec::new();
     while frames.last() != Some(&false) {
-        let event = client.poll(Duration::from_secs(20)).unwrap().expect("a frame in time");
+        let event = client.poll(LIMIT).unwrap().expect("a frame in time");
         if let Event::Frame(report) = event {
             frames.push(!matches!(report.event, FrameEvent::Received));
         }

@@ -12,6 +12,7 @@ use rustix::process::Signal;
 use serde_json::json;
 
 use crate::serve::serve_ready;
+use crate::support::guard::Killed;
 use crate::support::timed_reader::LIMIT;
 use crate::support::{Running, fails};
 
@@ -164,12 +165,12 @@ fn full_disk_ends_the_record_and_the_capture_only() {
     let socket = daemon.path.clone();
     let on_small_disk = |option: &str, name: &str| {
         let (file, saved) = (format!("{disk}/{name}"), daemon.path_of(name));
-        Command::new("unshare")
+        let mut command = Command::new("unshare");
+        command
             .args(["--map-root-user", "--mount", "sh", "-c", ON_SMALL_DISK, "sh", &disk, name])
             .args([&saved, env!("CARGO_BIN_EXE_ecan"), "--via", &socket, "dump", option, &file])
-            .stderr(std::process::Stdio::piped())
-            .spawn()
-            .unwrap()
+            .stderr(std::process::Stdio::piped());
+        Killed::spawn(&mut command)
     };
     let full = [on_small_disk("-l", "full.log"), on_small_disk("--capture", "full.pcapng")];
     let mut dump = daemon.run(&["dump", "-l", &other]);
@@ -189,7 +190,7 @@ fn full_disk_ends_the_record_and_the_capture_only() {
         stats().len() == 2
     });
     for child in full {
-        let output = child.wait_with_output().unwrap();
+        let output = child.output();
         let errors = String::from_utf8_lossy(&output.stderr);
         assert_eq!(output.status.code(), Some(6), "{errors}");
         let message = format!("ecan: cannot write {disk}/full.");

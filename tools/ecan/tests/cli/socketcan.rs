@@ -2,8 +2,8 @@
 
 use std::io::Write as _;
 use std::process::Command;
-use std::time::Duration;
 
+use crate::support::timed_reader::LIMIT;
 use crate::support::{Running, fails};
 use socketcan::id::FdFlags;
 use socketcan::{
@@ -95,7 +95,7 @@ fn in_a_network_namespace() {
     let mut bridge = Running::start(&[&bridge[..], &options].concat());
     assert_eq!(bridge.line(), format!("socketcan bridge at {INTERFACE} on can1"));
     let peer = CanFdSocket::open(INTERFACE).unwrap();
-    peer.set_read_timeout(Duration::from_secs(60)).unwrap();
+    peer.set_read_timeout(LIMIT).unwrap();
     let standard = StandardId::new(0x123).unwrap();
     let extended = ExtendedId::new(0x1234_5678).unwrap();
     let frames: [CanAnyFrame; 5] = [

@@ -11,6 +11,7 @@ use ecan_protocol::can::{CanFrame, CanId};
 use ecan_service_client::{Client, Event, Subscription};
 
 use crate::support::python::{python_with, skip};
+use crate::support::timed_reader::LIMIT;
 use crate::support::{Running, fails, good};
 
 /// CAN ID of the frames that are counted.
@@ -181,7 +182,7 @@ fn send_numbered(socket: &str, channel: u8, sent: &AtomicU64, stop: &AtomicBool)
         let number = sent.fetch_add(1, Ordering::AcqRel);
         client.send(0, channel, &CanFrame::classic(id, &number.to_be_bytes()).unwrap()).unwrap();
         // The answer of the echo node is the last event of a frame.
-        while !take(Duration::from_secs(30)) {}
+        while !take(LIMIT) {}
     }
     delivered
 }

@@ -111,7 +111,7 @@ impl Search<'_> {
     /// Takes the channels on which frames arrive.
     fn listen(&mut self, rate: u32, channels: Channels, time: Duration) -> Result {
         let mut link = self.enter(rate, channels, None)?;
-        let end_ns = link.service.observed_ns() + time.as_nanos() as u64;
+        let end_ns = link.service.response_ns() + time.as_nanos() as u64;
         let mut active = BTreeSet::new();
         let listened = loop {
             let cycle = link.cycle(&mut [], |it| {
@@ -155,7 +155,7 @@ impl Search<'_> {
             request
         };
         let mut requests: Vec<_> = channels.iter().map(request).collect();
-        let end_ns = link.service.observed_ns() + ACKNOWLEDGEMENT.as_nanos() as u64;
+        let end_ns = link.service.response_ns() + ACKNOWLEDGEMENT.as_nanos() as u64;
         let asked = loop {
             match link.cycle(&mut requests, |_| ()) {
                 Ok(now_ns) if now_ns < end_ns => {}

@@ -25,7 +25,7 @@ impl LiveViewArguments {
 
     /// Starts the view now.
     pub fn start(&self, service: &Service) -> LiveView {
-        self.start_at(service.now_ns(), service.observed_ns())
+        self.start_at(service.now_ns(), service.response_ns())
     }
 
     fn start_at(&self, start_ns: u64, last_ns: u64) -> LiveView {

@@ -228,7 +228,7 @@ fn command_one(command: Command, client: &mut NodeClient, timeout: Duration) -> 
     // What was received until here may be older than the command.
     watch.begin();
     let mut confirmed = None;
-    let start_ns = client.link.service.observed_ns();
+    let start_ns = client.link.service.response_ns();
     let (mut asked_ns, timeout_ns) = (start_ns, timeout.as_nanos() as u64);
     loop {
         let now_ns = client.cycle(|it| watch.observe(it, target.channel))?;
@@ -337,7 +337,7 @@ fn command_all(
 ) -> Result<Outcome> {
     let mut states: BTreeMap<u8, (NmtState, Proof)> = BTreeMap::new();
     link.send_nmt(channel, NmtRequest { command: command.command(), node: None }, |_| ())?;
-    let end_ns = link.service.observed_ns().saturating_add(timeout.as_nanos() as u64);
+    let end_ns = link.service.response_ns().saturating_add(timeout.as_nanos() as u64);
     loop {
         let now_ns = link.cycle(&mut [], |it| {
             if let (Some((node, state)), true) = (it.state(), it.is_from(0, channel)) {

@@ -110,7 +110,7 @@ impl NodeClient {
         time: Duration,
         mut is_over: impl FnMut(&Self) -> bool,
     ) -> Result<bool> {
-        let start_ns = self.link.service.observed_ns();
+        let start_ns = self.link.service.response_ns();
         let time_ns = u64::try_from(time.as_nanos()).unwrap_or(u64::MAX);
         loop {
             if is_over(self) {

@@ -116,12 +116,12 @@ impl NodeLink {
 
     /// Returns whether a channel has accepted no frame for a second.
     pub fn is_stalled(&self, place: Place) -> bool {
-        let now_ns = self.service.observed_ns();
+        let now_ns = self.service.response_ns();
         self.stalled.get(&place).is_some_and(|at| now_ns.saturating_sub(*at) > STALL_NS)
     }
 
     /// Runs a cycle: passes the received frames to the transfers and to `observe`, and sends the
-    /// frames of the transfers. Returns its [observed time](Service::observed_ns), in which all limits
+    /// frames of the transfers. Returns its [observed time](Service::response_ns), in which all limits
     /// of a command are measured.
     ///
     /// # Errors
@@ -143,7 +143,7 @@ impl NodeLink {
         mut observe: impl FnMut(&Observed),
     ) -> Result<(u64, bool)> {
         let cycle = self.service.begin();
-        let now_ns = self.service.observed_ns();
+        let now_ns = self.service.response_ns();
         for arrival in &cycle.arrivals {
             match arrival.event {
                 Event::Result { ticket: Some(ticket), outcome } => {
@@ -186,7 +186,7 @@ impl NodeLink {
     }
 
     fn check(&mut self) -> Result {
-        let now_ns = self.service.observed_ns();
+        let now_ns = self.service.response_ns();
         if self.service.is_interrupted() {
             return Err(Failure::Incomplete("stopped by the user".to_owned()));
         }
@@ -205,7 +205,7 @@ impl NodeLink {
     fn send(&mut self, gateway: usize, channel: u8, frame: &CanFrame) -> Result<bool> {
         let place = (gateway, channel);
         let Some(ticket) = self.service.send(gateway, channel, frame)? else {
-            let now_ns = self.service.observed_ns();
+            let now_ns = self.service.response_ns();
             self.stalled.entry(place).or_insert(now_ns);
             return Ok(false);
         };
@@ -248,7 +248,7 @@ impl NodeLink {
         frame: &CanFrame,
         mut observe: impl FnMut(&Observed),
     ) -> Result {
-        let end_ns = self.service.observed_ns() + STALL_NS;
+        let end_ns = self.service.response_ns() + STALL_NS;
         loop {
             let cycle = self.service.begin();
             let sent = self.send(0, channel, frame);
@@ -262,7 +262,7 @@ impl NodeLink {
                 return Ok(());
             }
             self.check()?;
-            if self.service.observed_ns() > end_ns {
+            if self.service.response_ns() > end_ns {
                 let message =
                     format!("the gateway accepts no frame for can{channel}; see `ecan diag`");
                 return Err(Failure::Rejected(message));

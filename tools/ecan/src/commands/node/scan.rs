@@ -202,7 +202,7 @@ impl Scan {
     }
 
     fn run(&mut self) -> Result {
-        let end_ns = self.link.service.observed_ns().saturating_add(self.listen_ns);
+        let end_ns = self.link.service.response_ns().saturating_add(self.listen_ns);
         loop {
             self.ask();
             let (found, link) = (&mut self.found, &mut self.link);
@@ -236,7 +236,7 @@ impl Scan {
 
     /// Starts requests, one at first on a channel that has acknowledged nothing.
     fn ask(&mut self) {
-        let now_ns = self.link.service.observed_ns();
+        let now_ns = self.link.service.response_ns();
         for it in &mut self.channels {
             let (gateway, channel) = (it.gateway, it.channel);
             let window = if self.link.is_alive((gateway, channel)) { WINDOW } else { 1 };

@@ -14,9 +14,9 @@ mod application;
 mod bridge_client;
 mod sequence;
 
-use std::io::{BufRead as _, BufReader, Lines, Write as _};
+use std::io::{BufRead as _, BufReader, Write as _};
 use std::path::{Path, PathBuf};
-use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
+use std::process::{ChildStdin, ChildStdout, Command, Stdio};
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::{scope, sleep};
@@ -29,7 +29,8 @@ use serde_json::{Value, json};
 
 use self::bridge_client::{BridgeClient, Progress, Protocol};
 use self::sequence::{APPLICATION, CLIENT, Sequence};
-use crate::support::timed_reader::LIMIT;
+use crate::support::guard::{Killed, OnDrop};
+use crate::support::timed_reader::{LIMIT, TimedReader};
 use crate::support::{Running, ecan};
 
 const SOCKET: &str = "ECAN_TEST_CROWD_SOCKET";
@@ -52,40 +53,48 @@ fn application_process() {
 struct Application {
     _directory: tempfile::TempDir,
     path: PathBuf,
-    child: Child,
-    commands: Option<ChildStdin>,
-    answers: Lines<BufReader<ChildStdout>>,
+    /// Dropped first: the end of its input ends the process.
+    commands: ChildStdin,
+    answers: TimedReader,
+    _child: Killed,
 }
 
 impl Application {
     fn start() -> Self {
         let directory = tempfile::tempdir().unwrap();
         let path = directory.path().join("cell.sock");
-        let mut child = Command::new(std::env::current_exe().unwrap())
+        let mut command = Command::new(std::env::current_exe().unwrap());
+        command
             .args(["--exact", "crowd::application_process", "--ignored", "--nocapture"])
             .env(SOCKET, &path)
             .stdin(Stdio::piped())
-            .stdout(Stdio::piped())
-            .spawn()
-            .unwrap();
-        let commands = child.stdin.take();
-        let answers = BufReader::new(child.stdout.take().unwrap()).lines();
-        let mut application = Self { _directory: directory, path, child, commands, answers };
+            .stdout(Stdio::piped());
+        let mut child = Killed::spawn(&mut command);
+        let commands = child.stdin.take().unwrap();
+        let answers = TimedReader::new(child.stdout.take().unwrap());
+        let mut application =
+            Self { _directory: directory, path, commands, answers, _child: child };
         assert_eq!(application.answer(), "ready");
         application
     }
 
     /// The next line of the application; others are of the test harness.
     fn answer(&mut self) -> Value {
-        let json = |line: String| {
+        let json = |line: &str| {
             let start = line.find(['{', '"'])?;
-            serde_json::from_str(&line[start..]).ok()
+            serde_json::from_str(line[start..].trim_end()).ok()
         };
-        self.answers.by_ref().map(Result::unwrap).find_map(json).expect("an answer")
+        loop {
+            let line = String::from_utf8(self.answers.through(b'\n')).unwrap();
+            assert!(!line.is_empty(), "the application has ended");
+            if let Some(answer) = json(&line) {
+                return answer;
+            }
+        }
     }
 
     fn say(&mut self, command: &str) {
-        writeln!(self.commands.as_mut().unwrap(), "{command}").unwrap();
+        writeln!(self.commands, "{command}").unwrap();
     }
 
     fn report(&mut self) -> Value {
@@ -107,17 +116,10 @@ impl Application {
     }
 
     /// A program whose output another thread reads.
-    fn child_program(&self, arguments: &[&str]) -> Child {
+    fn child_program(&self, arguments: &[&str]) -> Killed {
         let mut command = Command::new(env!("CARGO_BIN_EXE_ecan"));
         let command = command.arg("--via").arg(&self.path).args(arguments);
-        command.stdout(Stdio::piped()).spawn().unwrap()
-    }
-}
-
-impl Drop for Application {
-    fn drop(&mut self) {
-        let _ = self.child.kill();
-        let _ = self.child.wait();
+        Killed::spawn(command.stdout(Stdio::piped()))
     }
 }
 
@@ -207,11 +209,16 @@ fn crowd_of_clients_loses_and_doubles_no_frame() {
         frames: Mutex::new([[Sequence::before(before), Sequence::default()]; 4]),
         has_begun: AtomicBool::new(false),
     };
-    let mut dump = application.child_program(&["dump", "-L"]);
-    let printed = dump.stdout.take().unwrap();
     let progress: &[Progress; 4] = &Default::default();
     let is_over = &AtomicBool::new(false);
     scope(|threads| {
+        // If the test fails, the threads end: the scope joins them.
+        let _end = OnDrop(|| {
+            is_over.store(true, Ordering::Release);
+            progress.iter().for_each(|it| it.is_stopped.store(true, Ordering::Release));
+        });
+        let mut dump = application.child_program(&["dump", "-L"]);
+        let printed = dump.stdout.take().unwrap();
         let mut observers = vec![threads.spawn(|| dumped.read(printed))];
         let markers = mark_begin(&mut application, &observer, dumped);
         let silent = application.client("never reads");

@@ -2,6 +2,7 @@
 
 pub mod application;
 pub mod client;
+pub mod guard;
 pub mod observed_bus;
 pub mod on_screen;
 pub mod python;
@@ -18,11 +19,7 @@ use self::timed_reader::TimedReader;
 pub const SIM: &str = "sim";
 
 pub fn ecan(arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_ecan"))
-        .args(arguments)
-        .env_remove("ECAN_ECRT")
-        .output()
-        .unwrap()
+    guard::output(Command::new(env!("CARGO_BIN_EXE_ecan")).args(arguments).env_remove("ECAN_ECRT"))
 }
 
 /// Standard output of a successful run.

@@ -9,8 +9,8 @@ use std::time::{Duration, Instant};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::io::Errno;
 
-/// Default time limit, far above the duration of a successful test.
-pub const LIMIT: Duration = Duration::from_secs(60);
+/// Default time limit, far above the duration of a successful test on a busy machine.
+pub const LIMIT: Duration = Duration::from_secs(300);
 
 /// Poll interval for the exit of a program.
 const LOOK: Duration = Duration::from_millis(10);

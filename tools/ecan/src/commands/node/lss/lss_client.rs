@@ -159,7 +159,7 @@ impl LssClient {
     /// # Errors
     /// The gateway is lost, or the user stops.
     pub fn late_strays(&mut self) -> Result<u64> {
-        let end_ns = self.link().service.observed_ns() + LATE_NS;
+        let end_ns = self.link().service.response_ns() + LATE_NS;
         while self.node.link.cycle_lss(self.channel, &mut self.master)? < end_ns {}
         Ok(self.master.strays())
     }
