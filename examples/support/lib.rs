@@ -1,5 +1,5 @@
 //! Command line options, reports and plots of the example programs. Applications do not need it.
-#![deny(missing_docs)]
+#![deny(missing_docs, clippy::print_stdout, clippy::print_stderr)]
 
 mod bus_periods;
 mod echo_check;
