@@ -564,11 +564,12 @@ int ecan_igh_retry_startup(ecan_igh_context_t *context);
 
 /**
  * Leaves cyclic operation and releases the master, or detaches from the owner's. A Port and axes
- * on it end, too.
+ * on it end, too: axes that may move are stopped before, as by igh_cia402_context_deinit().
  *
  * @usage   not rt, the cycle's thread, any time
  * @return  ECAN_OK, also for a context that is deinitialised already or never was initialised.
- *          Also for a copy of it, which ends nothing.
+ *          Also for a copy of it, which ends nothing. ECAN_ERR_AXES names the axes that may still
+ *          move; everything is closed nevertheless.
  */
 int ecan_igh_deinit(ecan_igh_context_t *context);
 

@@ -36,6 +36,7 @@
  *          igh_cia402_stop_cause_t, the phases UNCONTROLLED and INSPECTING, `takeover` of the settings,
  *          the fields stop_cause, is_stopped, is_recovering and uncontrolled; the fields shutdown,
  *          disable_operation, halt, fault_reaction and the limits in rad/s of igh_cia402_axis_t.
+ *          Added: igh_cia402_set_stop_time_ms(); igh_cia402_context_deinit() stops axes that may move.
  *          Removed: IGH_CIA402_HOLD_MOVING.
  *          igh_cia402_set_motion_div() is rejected while an axis is configured.
  *          igh_cia402_all_running() and is_running are 0 for halted axes.
@@ -608,8 +609,8 @@ typedef enum {
     /** It is quick-stopped, and disabled at rest. */
     IGH_CIA402_TAKEOVER_STOP = 0,
     /**
-     * It remains enabled if it is at rest and has mode and process data of the configuration;
-     * otherwise it is stopped.
+     * It remains enabled if it is at rest, has mode and process data of the configuration, and takes a
+     * target that keeps it at standstill; otherwise it is stopped.
      */
     IGH_CIA402_TAKEOVER_ADOPT = 1
 } igh_cia402_takeover_t;
@@ -768,14 +769,28 @@ int igh_cia402_context_init_file(igh_cia402_context_t *context,
                                  const igh_cia402_settings_t *settings);
 
 /**
- * Closes the axes; the Port continues. Nothing is sent to the drives, which detect the end of the
- * host's heartbeat: call igh_cia402_shutdown_timeout() before.
+ * Closes the axes; the Port continues. Axes that may move are stopped before, as by
+ * igh_cia402_stop_all_timeout() with the time of igh_cia402_set_stop_time_ms(). Drives that are off are not
+ * released from their watch over the host: that is part of igh_cia402_shutdown_timeout().
  *
  * @usage   not rt, the cycle's thread, any time
  * @return  ECAN_OK, also for axes that are closed already or were never opened.
- *          Also for a copy of it, which ends nothing.
+ *          Also for a copy of it, which ends nothing. ECAN_ERR_AXES names the axes that may still
+ *          move, as a line on standard error does; they are closed nevertheless.
  */
 int igh_cia402_context_deinit(igh_cia402_context_t *context);
+
+/**
+ * Sets the time for which igh_cia402_context_deinit(), igh_mcan_port_deinit() and ecan_igh_deinit() wait
+ * until axes that may move have stopped.
+ *
+ * @param stop_time_ms  Milliseconds; the default is 10000. 0 leaves the axes as they are, for a program
+ *                      whose successor adopts them.
+ *
+ * @usage   not rt, the cycle's thread, after init
+ */
+int igh_cia402_set_stop_time_ms(igh_cia402_context_t *context,
+                                uint32_t stop_time_ms);
 
 /**
  * Returns the number of axes.
@@ -890,26 +905,33 @@ int igh_cia402_recover_all_timeout(igh_cia402_context_t *context,
                                    uint32_t timeout_ms);
 
 /**
- * Stops all axes, as igh_cia402_stop_all(), and waits until every one has stopped.
+ * Stops all axes, as igh_cia402_stop_all(), and waits until every one has reported that it has stopped, also
+ * while the gateway or the path is away.
  *
  * @param timeout_ms  Milliseconds.
  *
  * @usage   not rt, the cycle's thread, active bus
  * @return  As igh_cia402_configure_csp_all_timeout(); ECAN_ERR_AXES names the axes that did not
- *          report that they have stopped. Their stop continues in later cycles.
+ *          report that they have stopped, and may still move. Their stop continues in later cycles.
  */
-ECAN_MUST_CHECK int igh_cia402_stop_all_timeout(igh_cia402_context_t *context, uint32_t timeout_ms);
+ECAN_MUST_CHECK
+int igh_cia402_stop_all_timeout(igh_cia402_context_t *context,
+                                uint32_t timeout_ms);
 
 /**
- * Shuts down in order, as igh_cia402_begin_shutdown(), and waits.
+ * Shuts down in order, as igh_cia402_begin_shutdown(), and waits until every axis has reported that it is off.
+ * While the gateway or the path is away, the whole time is used: at most half of it, and five seconds, for
+ * the ramps.
  *
  * @param timeout_ms  Milliseconds.
  *
  * @usage   not rt, the cycle's thread, active bus
  * @return  As igh_cia402_configure_csp_all_timeout(); ECAN_ERR_AXES names the axes that could not
- *          be disabled. The shutdown of the other axes is complete.
+ *          be disabled, and may still move. The shutdown of the other axes is complete.
  */
-ECAN_MUST_CHECK int igh_cia402_shutdown_timeout(igh_cia402_context_t *context, uint32_t timeout_ms);
+ECAN_MUST_CHECK
+int igh_cia402_shutdown_timeout(igh_cia402_context_t *context,
+                                uint32_t timeout_ms);
 
 /* ---------------------------------------------------------------------------
  * The cycle

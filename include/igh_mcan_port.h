@@ -573,11 +573,13 @@ int igh_mcan_port_reconfigure(igh_mcan_port_t *port,
 int igh_mcan_port_is_ready(igh_mcan_port_t *port);
 
 /**
- * Closes the Port; the master stays active. Axes on the Port end.
+ * Closes the Port; the master stays active. Axes on the Port end: those that may move are stopped before,
+ * as by igh_cia402_context_deinit().
  *
  * @usage   not rt, the cycle's thread, any time
  * @return  ECAN_OK, also for a Port that is closed already or was never opened.
- *          Also for a copy of it, which ends nothing.
+ *          Also for a copy of it, which ends nothing. ECAN_ERR_AXES names the axes that may still
+ *          move; the Port is closed nevertheless.
  */
 int igh_mcan_port_deinit(igh_mcan_port_t *port);
 

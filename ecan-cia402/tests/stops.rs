@@ -3,17 +3,21 @@
 
 use std::time::Duration;
 
-use crate::axes::{Fixture, START};
+use crate::axes::{Fixture, START, node};
 use crate::support::stops::{
     HostHeartbeat, PROFILE, QUICK, RATE_AND_PROFILE_MODES, REACTION_MS, REST, RETURN_MS, SPEED,
     Trace, assert_runs_again, assert_stays_stopped, at_speed, at_speed_with, config, drives,
     now_ms, open, replace_owner, silence, state, table, until_reached, velocity,
 };
 use ecan_canopen::{DriveState, OperatingMode, QuickStopOption, SyncConfig};
-use ecan_cia402::{AxisConfig, AxisPhase, Cia402, Cia402Config, HomingConfig, StopCause};
+use ecan_cia402::{
+    AxisConfig, AxisOwner, AxisPhase, Cia402, Cia402Config, HomingConfig, StopCause,
+};
 use ecan_host::{AdapterConfig, DcSync};
 use ecan_mcan_port::{ChannelConfig, GatewayConfig};
-use ecan_sim::{DriveFault, Fault, LibraryCall, LossDirection, TraceEvent, TraceRecord};
+use ecan_sim::{
+    DriveFault, Fault, LibraryCall, LossDirection, Simulation, TraceEvent, TraceRecord,
+};
 
 // A stop acts in every state of the axis
 
@@ -314,6 +318,129 @@ fn shutdown_reports_a_moving_axis_that_it_cannot_reach() {
     let result = fixture.cia402.shutdown_timeout(&mut fixture.port, limit, |_| {});
     println!("{result:?}, {:.0}/s", velocity(&fixture));
     assert!(result.is_err(), "{:.0}/s in {}", velocity(&fixture), state(&fixture));
+}
+
+/// A link that is away at the begin of a shutdown, without a watch of the host by the drive.
+#[test]
+fn shutdown_waits_for_a_path_that_returns() {
+    for mode in RATE_AND_PROFILE_MODES {
+        for is_shutdown in [true, false] {
+            let mut fixture = at_speed(mode, HostHeartbeat::Off);
+            fixture.inject(Fault::LinkLoss { gateway: 0, for_ms: 50 });
+            fixture.steps(5);
+            let limit = Duration::from_secs(12);
+            let Fixture { cia402, port, .. } = &mut fixture;
+            let result = match is_shutdown {
+                true => cia402.shutdown_timeout(port, limit, |_| {}),
+                false => cia402.stop_all_timeout(port, limit, |_| {}),
+            };
+            result.unwrap_or_else(|error| panic!("{mode}: {error}"));
+            // The program ends.
+            fixture.simulation.pass_ns(1_000_000_000);
+            let (state, velocity) = (state(&fixture), velocity(&fixture));
+            assert!(velocity.abs() < REST, "{mode}: {velocity}/s in {state}");
+            assert_eq!(state, DriveState::SwitchOnDisabled, "{mode}");
+        }
+    }
+}
+
+/// The whole time is used, and the axes are named that did not confirm their stop.
+#[test]
+fn stop_without_a_path_uses_its_time_and_names_the_axis() {
+    for (is_shutdown, limit_ms) in [(true, 1_000), (true, 3_000), (false, 1_000)] {
+        let mut fixture = at_speed(OperatingMode::ProfileVelocity, HostHeartbeat::Off);
+        fixture.inject(Fault::LinkLoss { gateway: 0, for_ms: 60_000 });
+        let begin_ms = now_ms(&fixture);
+        let limit = Duration::from_millis(limit_ms);
+        let Fixture { cia402, port, .. } = &mut fixture;
+        let result = match is_shutdown {
+            true => cia402.shutdown_timeout(port, limit, |_| {}),
+            false => cia402.stop_all_timeout(port, limit, |_| {}),
+        };
+        let text = result.unwrap_err().to_string();
+        let waited = now_ms(&fixture) - begin_ms;
+        assert!(waited >= limit_ms as f64 && waited < limit_ms as f64 + 20.0, "{waited} ms");
+        for part in ["1 axis not", "may still move", "axis 0, node 1", "uncontrolled"] {
+            assert!(text.contains(part), "{part}: {text}");
+        }
+    }
+}
+
+/// The last status, of a drive that was off, is older than the command.
+#[test]
+fn stop_needs_a_status_that_is_newer_than_the_command() {
+    let mode = OperatingMode::ProfileVelocity;
+    let mut fixture = open(drives(|_| {}), mode, HostHeartbeat::Off);
+    fixture.start();
+    fixture.cia402.stop_all_timeout(&mut fixture.port, START, |_| {}).unwrap();
+    fixture.inject(Fault::LinkLoss { gateway: 0, for_ms: 60_000 });
+    // The last status is still fresh.
+    fixture.steps(5);
+    let limit = Duration::from_millis(500);
+    let stopped = fixture.cia402.stop_all_timeout(&mut fixture.port, limit, |_| {});
+    assert!(stopped.is_err(), "nothing confirmed it");
+}
+
+fn velocity_in(simulation: &Simulation) -> f64 {
+    simulation.with_world(|world| world.drive_at(0, 0, node(1)).unwrap().velocity())
+}
+
+/// The end of a scope, for example by an error.
+#[test]
+fn dropped_owner_stops_its_axes() {
+    for mode in RATE_AND_PROFILE_MODES {
+        let Fixture { port, cia402, simulation } = at_speed(mode, HostHeartbeat::Off);
+        simulation.inject(Fault::LinkLoss { gateway: 0, for_ms: 50 });
+        drop(AxisOwner::new(port, cia402));
+        simulation.pass_ns(1_000_000_000);
+        assert!(velocity_in(&simulation).abs() < REST, "{mode}: {}/s", velocity_in(&simulation));
+    }
+}
+
+#[test]
+fn dropped_owner_waits_at_most_its_stop_time() {
+    for stop_ms in [0, 500] {
+        let Fixture { port, mut cia402, simulation } =
+            at_speed(OperatingMode::ProfileVelocity, HostHeartbeat::Off);
+        simulation.inject(Fault::LinkLoss { gateway: 0, for_ms: 60_000 });
+        cia402.set_stop_time(Duration::from_millis(stop_ms));
+        let clock = port.adapter().ecrt().clock().clone();
+        let begin_ns = clock.now_ns();
+        drop(AxisOwner::new(port, cia402));
+        let waited_ms = (clock.now_ns() - begin_ns) / 1_000_000;
+        // The gateways are taken out of OP afterwards, in at most 20 cycles.
+        assert!((stop_ms..stop_ms + 60).contains(&waited_ms), "{waited_ms} ms");
+    }
+}
+
+#[test]
+fn panic_does_not_wait_for_axes() {
+    let Fixture { port, cia402, simulation } =
+        at_speed(OperatingMode::ProfileVelocity, HostHeartbeat::Off);
+    let clock = port.adapter().ecrt().clock().clone();
+    let begin_ns = clock.now_ns();
+    let panicked = std::thread::spawn(move || {
+        let _owner = AxisOwner::new(port, cia402);
+        panic!("as a fault of the application");
+    });
+    assert!(panicked.join().is_err());
+    assert_eq!(clock.now_ns(), begin_ns, "no cycle has run");
+    assert!(velocity_in(&simulation) > 0.9 * SPEED, "{}/s", velocity_in(&simulation));
+}
+
+/// An owner that has shut down, and one whose drives never answered, has nothing to stop.
+#[test]
+fn owner_without_moving_axes_ends_at_once() {
+    let mut fixture = open(drives(|_| {}), OperatingMode::CyclicPosition, HostHeartbeat::On);
+    assert!(!fixture.cia402.may_move(0));
+    fixture.start();
+    assert!(fixture.cia402.may_move(0));
+    fixture.cia402.shutdown_timeout(&mut fixture.port, START, |_| {}).unwrap();
+    assert!(!fixture.cia402.may_move(0));
+    let before = now_ms(&fixture);
+    let Fixture { cia402, port, .. } = &mut fixture;
+    cia402.stop_before_end(port).unwrap();
+    assert_eq!(now_ms(&fixture), before);
 }
 
 // Drives with their own mind

@@ -11,9 +11,12 @@ fn main() -> Result<()> {
     let node = NodeId::new(1).ok_or("invalid node-ID")?;
     let shoulder = NodeAddress { slave: 0, channel: 0, node };
     let table = vec![AxisConfig::new(shoulder).with_target_step(20)];
-    let mut axes = Cia402::new(&port, table, Cia402Config::default())?;
+    let axes = Cia402::new(&port, table, Cia402Config::default())?;
+    // Stops the axes when it is dropped, also after an error.
+    let mut owner = AxisOwner::new(port, axes);
+    let (port, axes) = owner.parts();
     let timeout = Duration::from_secs(10);
-    axes.start_up_timeout(&mut port, timeout, |axis| println!("{axis}"))?;
+    axes.start_up_timeout(port, timeout, |axis| println!("{axis}"))?;
 
     for _ in 0..1000 {
         let mut cycle = port.next_cycle();
@@ -21,6 +24,6 @@ fn main() -> Result<()> {
         axes.send_target_step(&mut cycle);
         cycle.end()?;
     }
-    axes.shutdown_timeout(&mut port, timeout, |axis| println!("{axis}"))?;
+    axes.shutdown_timeout(port, timeout, |axis| println!("{axis}"))?;
     Ok(())
 }

@@ -94,7 +94,7 @@ pub mod prelude {
     #[cfg(feature = "cia402")]
     pub use ecan_canopen::{NodeAddress, NodeId};
     #[cfg(feature = "cia402")]
-    pub use ecan_cia402::Cia402;
+    pub use ecan_cia402::{AxisOwner, Cia402};
 }
 
 /// The programs in README.md compile.

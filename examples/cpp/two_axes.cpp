@@ -8,6 +8,7 @@
 #include <array>
 #include <csignal>
 #include <cstdio>
+#include <cstdlib>
 
 #include "arguments.hpp"
 
@@ -17,8 +18,12 @@ namespace {
 
 volatile std::sig_atomic_t is_interrupted = 0;
 
+/** The first signal stops the axes, which may take its whole time; the second one ends the program. */
 void interrupt(int)
 {
+    if (is_interrupted != 0) {
+        std::_Exit(130);
+    }
     is_interrupted = 1;
 }
 

@@ -246,6 +246,7 @@ public:
         std::swap(bus_, old.bus_);
         return *this;
     }
+    /** Stops axes that may move, within the time of set_stop_time(): also after an exception. */
     ~axes()
     {
         if (bus_) {
@@ -253,6 +254,12 @@ public:
             bus_->progress = nullptr;
             bus_->boot_progress = nullptr;
         }
+    }
+
+    /** Sets the longest time for which the destructor waits until the axes have stopped; zero leaves them as they are. */
+    status set_stop_time(std::chrono::milliseconds time) noexcept
+    {
+        return status(igh_cia402_set_stop_time_ms(raw(), detail::ms_of(time)));
     }
 
     std::size_t size() const noexcept { return igh_cia402_axis_count(raw()); }

@@ -3,7 +3,7 @@
 use ecan_c_boundary::Call;
 use ecan_c_boundary::result::ecan_result_t;
 use ecan_canopen::NodeConfig;
-use ecan_cia402::{Cia402, SendSummary};
+use ecan_cia402::{Cia402, Cia402Error, SendSummary};
 use ecan_host::{Adapter, SdoRequestId};
 use ecan_mcan_port::{Cycle, Port, PortConfig, SendTicket};
 use ecan_service::Service;
@@ -11,6 +11,7 @@ use ecan_service::Service;
 use crate::callback::ProgressCallback;
 use crate::errors;
 use crate::handle::{self, Entered, Kind, Pool, Pooled, Words};
+use crate::standard_error;
 
 #[derive(Debug)]
 pub(crate) enum Layer {
@@ -246,6 +247,17 @@ impl Bus {
         self.remove_cia402();
         self.requests.clear();
         (self.last_ticket, self.applied) = (None, None);
+    }
+
+    /// Stops axes that may move, within their stop time. The error names those that may still move, which a
+    /// line on standard error does, too: few programs check the result of a deinit.
+    pub(crate) fn stop_axes(&mut self) -> Result<(), Cia402Error> {
+        let (Some(axes), Layer::Port(port)) = (&mut self.axes, &mut self.layer) else {
+            return Ok(());
+        };
+        axes.cia402.stop_before_end(port).inspect_err(|error| {
+            standard_error::write_line(&format!("ecan: {error}"));
+        })
     }
 
     /// Closes the axes without sending anything.

@@ -30,6 +30,7 @@ static void no_context(int code, igh_cia402_context_t *context)
     BAD(code, igh_cia402_start_up_timeout(context, 100));
     BAD(code, igh_cia402_finish_all_timeout(context, 100));
     BAD(code, igh_cia402_stop_all_timeout(context, 100));
+    BAD(code, igh_cia402_set_stop_time_ms(context, 100));
     BAD(code, igh_cia402_recover_all_timeout(context, 100));
     BAD(code, igh_cia402_shutdown_timeout(context, 100));
     BAD(code, igh_cia402_process_rx(context));

@@ -381,6 +381,7 @@ static void shutdown(void)
     SAME(0, igh_cia402_all_running(&motors));
     GOOD(igh_cia402_get_axis_statistics(&motors, 0, &statistics));
     SAME(0, statistics.faults);
+    GOOD(igh_cia402_set_stop_time_ms(&motors, 5000));
     GOOD(igh_cia402_shutdown_timeout(&motors, 10000));
     SAME(1, igh_cia402_shutdown_is_done(&motors));
 }

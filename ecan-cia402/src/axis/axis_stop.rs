@@ -74,6 +74,11 @@ impl Axis {
         }
     }
 
+    /// Returns whether the drive reported something, and not that it has stopped.
+    pub(crate) fn may_move(&self, now_ns: u64) -> bool {
+        self.drive.heard_ns.is_some() && !self.is_stopped(now_ns)
+    }
+
     /// Returns whether the drive cannot be reached at present.
     pub(crate) fn is_gone(&self) -> bool {
         !self.reachability.gateway || self.poll.unanswered() >= GONE_ATTEMPTS
@@ -282,7 +287,9 @@ impl Axis {
             return self.is_off_for_setup();
         }
         let waited_ns = now_ns.saturating_sub(stop.since_ns);
-        let Some(state) = self.drive.state.filter(|_| self.is_fresh(now_ns)) else {
+        // A status from before the command confirms nothing.
+        let is_confirmed = self.drive.heard_ns > Some(stop.commanded_ns) && self.is_fresh(now_ns);
+        let Some(state) = self.drive.state.filter(|_| is_confirmed) else {
             let is_absent = self.poll.is_answered() || self.poll.unanswered() >= GONE_ATTEMPTS;
             return self.drive.heard_ns.is_none() && is_absent;
         };

@@ -78,6 +78,8 @@ pub(crate) struct Stop {
     /// The drive is switched off at the end, in place of remaining in Quick Stop Active.
     off: bool,
     pub(crate) since_ns: u64,
+    /// Time of the last command; only a later status confirms the stop.
+    pub(crate) commanded_ns: u64,
     /// Time for which the drive reported its state: only then can it have received the command.
     heard_ns: u64,
     noted_ns: u64,
@@ -95,6 +97,7 @@ impl Stop {
             quick,
             off,
             since_ns: now_ns,
+            commanded_ns: now_ns,
             heard_ns: 0,
             noted_ns: now_ns,
             enable_since_ns: None,
@@ -109,6 +112,7 @@ impl Stop {
             cause: if later.cause.is_commanded() { later.cause } else { self.cause },
             quick: self.quick || later.quick,
             off: self.off || later.off,
+            commanded_ns: later.commanded_ns,
             since_ns: if is_stronger { later.since_ns } else { self.since_ns },
             heard_ns: if is_stronger { 0 } else { self.heard_ns },
             noted_ns: later.noted_ns,

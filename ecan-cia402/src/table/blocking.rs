@@ -7,7 +7,7 @@ use ecan_mcan_port::{Cycle, Port};
 
 use super::cia402::Cia402;
 use super::error::{AxisTimeout, Cia402Error};
-use super::shutdown::Shutdown;
+use super::shutdown::{Shutdown, ShutdownDeadline};
 use crate::axis::axis::Axis;
 use crate::axis::axis_state::AxisState;
 use crate::axis::phase::AxisProgress;
@@ -153,64 +153,69 @@ impl Cia402 {
         })
     }
 
-    /// Starts an orderly end, see [`begin_shutdown`](Self::begin_shutdown), and waits. Ignores the
+    /// Starts an orderly end, see [`begin_shutdown`](Self::begin_shutdown), and waits until every axis
+    /// has reported that it is off. While the gateway or the path is away, the whole `timeout` is used: at
+    /// most half of it, and five seconds, for the ramps, the rest for switching off. Ignores the
     /// application's request to stop waiting. Blocks.
     ///
     /// # Errors
-    /// [`Cia402Error::AxisTimeout`] names the axes that could not be switched off; all other parts
-    /// of the shutdown are complete nevertheless.
+    /// [`Cia402Error::AxisTimeout`] names the axes that did not report that they are off, and may still
+    /// move; all other parts of the shutdown are complete nevertheless.
     pub fn shutdown_timeout(
         &mut self,
         port: &mut Port,
         timeout: Duration,
-        mut progress: impl FnMut(&AxisProgress),
+        progress: impl FnMut(&AxisProgress),
     ) -> Result<(), Cia402Error> {
-        let start_ns = self.now_ns;
         self.begin_shutdown();
-        let ended = run_cycle_uninterrupted(port, timeout, |cycle, _| {
-            self.serve(cycle);
-            self.progress_all().for_each(|axis| progress(&axis));
+        let now_ns = port.adapter().clock().now_ns();
+        self.shutdown_deadline = Some(ShutdownDeadline::after(now_ns, timeout));
+        self.wait_stopped(port, timeout, "switched off (may still move)", progress, |table| {
             // The last commands must be sent before the host ends.
-            let is_done = self.shutdown == Shutdown::Done && !self.network.nmt_is_pending();
-            is_done.then_some(())
-        });
-        let axes = self.progress_of(|axis| !axis.is_stopped(self.now_ns));
-        match ended {
-            Ok(()) | Err(WaitError::TimedOut { .. }) if !axes.is_empty() => {
-                // A shutdown ends early if nothing more can reach the axes.
-                let waited = Duration::from_nanos(self.now_ns.saturating_sub(start_ns));
-                Err(AxisTimeout { what: "switched off", waited, axes }.into())
-            }
-            Ok(()) | Err(WaitError::TimedOut { .. }) => Ok(()),
-            Err(error) => Err(error.into()),
-        }
+            table.shutdown == Shutdown::Done && !table.network.nmt_is_pending()
+        })
     }
 
-    /// Stops all axes, see [`stop_all`](Self::stop_all), and waits until every one has stopped. Ignores
-    /// the application's request to stop waiting. Blocks.
+    /// Stops all axes, see [`stop_all`](Self::stop_all), and waits until every one has reported that it has
+    /// stopped, also while the gateway or the path is away. Ignores the application's request to stop
+    /// waiting. Blocks.
     ///
     /// # Errors
-    /// [`Cia402Error::AxisTimeout`] names the axes that did not report that they have stopped. Their
-    /// stop continues in later cycles.
+    /// [`Cia402Error::AxisTimeout`] names the axes that did not report that they have stopped, and may
+    /// still move. Their stop continues in later cycles.
     pub fn stop_all_timeout(
         &mut self,
         port: &mut Port,
         timeout: Duration,
-        mut progress: impl FnMut(&AxisProgress),
+        progress: impl FnMut(&AxisProgress),
     ) -> Result<(), Cia402Error> {
         self.stop_all();
+        self.wait_stopped(port, timeout, "stopped (may still move)", progress, |_| true)
+    }
+
+    /// Runs the cycle until all axes have stopped and `is_complete` returns true.
+    fn wait_stopped(
+        &mut self,
+        port: &mut Port,
+        timeout: Duration,
+        what: &'static str,
+        mut progress: impl FnMut(&AxisProgress),
+        is_complete: impl Fn(&Self) -> bool,
+    ) -> Result<(), Cia402Error> {
         let ended = run_cycle_uninterrupted(port, timeout, |cycle, _| {
             self.serve(cycle);
             self.progress_all().for_each(|axis| progress(&axis));
-            self.all_stopped().then_some(())
+            (self.all_stopped() && is_complete(self)).then_some(())
         });
-        match ended {
-            Ok(()) => Ok(()),
-            Err(WaitError::TimedOut { .. }) => {
-                let axes = self.progress_of(|axis| !axis.is_stopped(self.now_ns));
-                Err(AxisTimeout { what: "stopped", waited: timeout, axes }.into())
+        let Err(error) = ended else { return Ok(()) };
+        let axes = self.progress_of(|axis| !axis.is_stopped(self.now_ns));
+        match error {
+            WaitError::TimedOut { .. } if axes.is_empty() => Ok(()),
+            error if axes.is_empty() => Err(error.into()),
+            WaitError::Cycle(error) => {
+                Err(AxisTimeout { what, waited: timeout, axes, cycle_error: Some(error) }.into())
             }
-            Err(error) => Err(error.into()),
+            _ => Err(AxisTimeout { what, waited: timeout, axes, cycle_error: None }.into()),
         }
     }
 
@@ -238,10 +243,10 @@ impl Cia402 {
             return Ok(());
         }
         let waited = Duration::from_nanos(self.now_ns.saturating_sub(start_ns));
-        Err(AxisTimeout { what, waited, axes }.into())
+        Err(AxisTimeout { what, waited, axes, cycle_error: None }.into())
     }
 
-    fn progress_of(&self, select: impl Fn(&Axis) -> bool) -> Vec<AxisProgress> {
+    pub(super) fn progress_of(&self, select: impl Fn(&Axis) -> bool) -> Vec<AxisProgress> {
         let selected = self.axes.iter().filter(|axis| select(axis));
         selected.map(|axis| axis.progress(self.now_ns)).collect()
     }

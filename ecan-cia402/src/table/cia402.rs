@@ -7,13 +7,14 @@ use ecan_host::QuickStops;
 use ecan_mcan_port::{NotSchedulable, Port, SendOptions};
 use ecan_protocol::image::Schedule;
 
+use super::axis_owner::STOP_TIME;
 use super::check::checked;
 use super::error::{Cia402Error, ScheduleError};
 use super::load::{BusLoad, process_data};
 use super::lookup::AxisLookup;
 use super::path_stop::{PathProfile, PathStop};
 use super::shared_node::SharedNode;
-use super::shutdown::Shutdown;
+use super::shutdown::{Shutdown, ShutdownDeadline};
 use super::table_config::{Cia402Config, target_cycles};
 use crate::axis::axis::Axis;
 use crate::axis::command_error::CommandError;
@@ -124,6 +125,8 @@ pub struct Cia402 {
     pub(super) received_cycle: u64,
     pub(super) sent_cycle: u64,
     pub(super) shutdown: Shutdown,
+    pub(super) shutdown_deadline: Option<ShutdownDeadline>,
+    pub(super) stop_time: Duration,
     pub(super) path_stop: PathStop,
     pub(super) path_profile: Option<PathProfile>,
     /// A channel gets neither SYNC nor the host's heartbeat, because of an axis without a first
@@ -203,6 +206,8 @@ impl Cia402 {
             received_cycle: 0,
             sent_cycle: 0,
             shutdown: Shutdown::None,
+            shutdown_deadline: None,
+            stop_time: STOP_TIME,
             path_stop: PathStop::None,
             path_profile: None,
         })

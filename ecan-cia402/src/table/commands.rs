@@ -246,7 +246,8 @@ impl Cia402 {
     /// reports a fault when the host ends. Axes in every state are switched off; a drive that does not
     /// report this is not released, so that its own watch stops it.
     /// [`shutdown_state`](Self::shutdown_state) reports when it is complete. A stage that an axis
-    /// cannot finish ends after five seconds.
+    /// cannot finish ends after five seconds: [`all_stopped`](Self::all_stopped) states whether the
+    /// drives are off.
     ///
     /// Mode changes and homings are cancelled. The cycle continues as before.
     pub fn begin_shutdown(&mut self) {

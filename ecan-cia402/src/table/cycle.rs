@@ -106,8 +106,9 @@ impl Cia402 {
         if self.is_paused {
             self.resume_channels();
         }
-        let Self { axes, network, bus, shutdown, now_ns, .. } = self;
-        *shutdown = shutdown.step(axes, network, bus.host.is_some(), *now_ns);
+        let Self { axes, network, bus, shutdown, shutdown_deadline, now_ns, .. } = self;
+        let has_heartbeat = bus.host.is_some();
+        *shutdown = shutdown.step(axes, network, has_heartbeat, *shutdown_deadline, *now_ns);
         for axis in &mut self.axes {
             axis.update_phase(self.now_ns);
         }

@@ -4,6 +4,7 @@ use std::fmt;
 use std::time::Duration;
 
 use ecan_canopen::{BootProgress, NetworkError, NmtError, PdoMappingError, WaitError};
+use ecan_host::CycleError;
 use ecan_mcan_port::NotSchedulable;
 use thiserror::Error;
 
@@ -68,6 +69,8 @@ pub struct AxisTimeout {
     pub waited: Duration,
     /// The axes that did not reach it, with their progress.
     pub axes: Vec<AxisProgress>,
+    /// Error of the last cycle of a stop: its frames were not sent.
+    pub cycle_error: Option<CycleError>,
 }
 
 impl fmt::Display for AxisTimeout {
@@ -75,6 +78,9 @@ impl fmt::Display for AxisTimeout {
         let count = self.axes.len();
         let axes = if count == 1 { "axis" } else { "axes" };
         write!(f, "{count} {axes} not {} after {} ms", self.what, self.waited.as_millis())?;
+        if let Some(error) = &self.cycle_error {
+            write!(f, "; the cycle fails: {error}")?;
+        }
         self.axes.iter().try_for_each(|axis| write!(f, "\n  - {axis}"))
     }
 }

@@ -1,5 +1,6 @@
 //! All axes of a bus: network, axis table and Port together.
 
+mod axis_owner;
 mod blocking;
 mod check;
 mod cia402;
@@ -17,6 +18,7 @@ mod shutdown;
 mod stop_together;
 mod table_config;
 
+pub use axis_owner::AxisOwner;
 pub use check::{axis_conflicts, axis_faults};
 pub use cia402::Cia402;
 pub use cycle::SendSummary;

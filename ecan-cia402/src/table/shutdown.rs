@@ -1,6 +1,7 @@
 //! Orderly end: the axes come to rest, are switched off, and continue without the host.
 
 use std::fmt;
+use std::time::Duration;
 
 use ecan_canopen::{Network, NmtCommand};
 
@@ -12,6 +13,25 @@ use crate::axis::stop::StopCause;
 const REST_NS: u64 = 5_000_000_000;
 const DISABLE_NS: u64 = 5_000_000_000;
 const RELEASE_NS: u64 = 1_000_000_000;
+
+/// Ends of the first two stages, for a call that waits: bus clock, in nanoseconds.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct ShutdownDeadline {
+    rest_ns: u64,
+    disable_ns: u64,
+}
+
+impl ShutdownDeadline {
+    /// Half of the time for the ramps, and the rest for the drives, but for the time of their release.
+    pub(super) fn after(now_ns: u64, timeout: Duration) -> Self {
+        let timeout_ns = u64::try_from(timeout.as_nanos()).unwrap_or(u64::MAX);
+        let release_ns = RELEASE_NS.min(timeout_ns / 4);
+        Self {
+            rest_ns: now_ns.saturating_add(REST_NS.min(timeout_ns / 2)),
+            disable_ns: now_ns.saturating_add(timeout_ns - release_ns),
+        }
+    }
+}
 
 /// State of the orderly end, see [`Cia402::begin_shutdown`](super::Cia402::begin_shutdown). Times
 /// are those of the bus clock, in nanoseconds.
@@ -68,19 +88,25 @@ impl Shutdown {
         axes: &mut [Axis],
         network: &mut Network,
         has_host_heartbeat: bool,
+        deadline: Option<ShutdownDeadline>,
         now_ns: u64,
     ) -> Self {
-        let is_over = |since_ns: u64, limit| now_ns.saturating_sub(since_ns) > limit;
+        let is_over = |since_ns: u64, limit, end: Option<u64>| match end {
+            Some(end_ns) => now_ns > end_ns,
+            None => now_ns.saturating_sub(since_ns) > limit,
+        };
+        let rest_end = deadline.map(|deadline| deadline.rest_ns);
+        let disable_end = deadline.map(|deadline| deadline.disable_ns);
         match self {
             Self::Decelerating { since_ns }
-                if axes.iter().all(Axis::is_at_rest) || is_over(since_ns, REST_NS) =>
+                if axes.iter().all(Axis::is_at_rest) || is_over(since_ns, REST_NS, rest_end) =>
             {
                 axes.iter_mut().for_each(|axis| axis.stop(StopCause::Shutdown, now_ns));
                 Self::Disabling { since_ns: now_ns }
             }
             Self::Disabling { since_ns }
-                if axes.iter().all(|axis| is_stopped_or_gone(axis, now_ns))
-                    || is_over(since_ns, DISABLE_NS) =>
+                if axes.iter().all(|axis| axis.is_stopped(now_ns))
+                    || is_over(since_ns, DISABLE_NS, disable_end) =>
             {
                 for index in 0..axes.len() {
                     if node_is_stopped(axes, index, now_ns)
@@ -92,7 +118,7 @@ impl Shutdown {
                 Self::Releasing { since_ns: now_ns }
             }
             Self::Releasing { since_ns }
-                if axes.iter().all(is_released) || is_over(since_ns, RELEASE_NS) =>
+                if axes.iter().all(is_released) || is_over(since_ns, RELEASE_NS, None) =>
             {
                 axes.iter_mut().for_each(|axis| axis.cancel_release(network));
                 for (index, axis) in axes.iter().enumerate() {
@@ -113,11 +139,6 @@ impl Shutdown {
 fn node_is_stopped(axes: &[Axis], index: usize, now_ns: u64) -> bool {
     let Some(node) = axes.get(index).map(|axis| axis.node) else { return false };
     axes.iter().filter(|axis| axis.node == node).all(|axis| axis.is_stopped(now_ns))
-}
-
-/// The shutdown does not wait for a drive that does not answer.
-fn is_stopped_or_gone(axis: &Axis, now_ns: u64) -> bool {
-    axis.is_stopped(now_ns) || axis.is_gone()
 }
 
 fn is_released(axis: &Axis) -> bool {

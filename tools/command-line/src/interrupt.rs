@@ -31,7 +31,7 @@ impl Interrupt {
     /// # Errors
     /// The system rejects the handlers.
     pub fn install() -> Result<Self, InterruptError> {
-        Self::install_with(None)
+        Self::install_with(None, || ())
     }
 
     /// As [`install`](Self::install), for a program that SIGHUP does not end: the thread of the signals
@@ -42,11 +42,24 @@ impl Interrupt {
     pub fn install_with_hang_up(
         on_hang_up: impl FnMut() + Send + 'static,
     ) -> Result<Self, InterruptError> {
-        Self::install_with(Some(Box::new(on_hang_up)))
+        Self::install_with(Some(Box::new(on_hang_up)), || ())
+    }
+
+    /// As [`install_with_hang_up`](Self::install_with_hang_up); the thread of the signals calls `before_exit` when
+    /// the second signal exits the process, for example to restore a terminal.
+    ///
+    /// # Errors
+    /// As [`install`](Self::install).
+    pub fn install_with_exit(
+        on_hang_up: impl FnMut() + Send + 'static,
+        before_exit: impl FnMut() + Send + 'static,
+    ) -> Result<Self, InterruptError> {
+        Self::install_with(Some(Box::new(on_hang_up)), before_exit)
     }
 
     fn install_with(
         mut on_hang_up: Option<Box<dyn FnMut() + Send>>,
+        mut before_exit: impl FnMut() + Send + 'static,
     ) -> Result<Self, InterruptError> {
         let interrupt = Self::default();
         let flag = interrupt.clone();
@@ -57,6 +70,7 @@ impl Interrupt {
             }
             let since = first.get_or_insert_with(Instant::now).elapsed();
             if flag.is_set() && since >= ONE_REQUEST {
+                before_exit();
                 std::process::exit(ENDED_BY_SIGNAL);
             }
             flag.request();
@@ -71,25 +85,6 @@ impl Interrupt {
     /// As [`install`](Self::install).
     pub fn install_patient() -> Result<Self, InterruptError> {
         Self::install_patient_with(|| ())
-    }
-
-    /// As [`install_patient`](Self::install_patient); the thread of the signals calls `on_hang_up` for
-    /// SIGHUP, before it sets the flag.
-    ///
-    /// # Errors
-    /// As [`install`](Self::install).
-    pub fn install_patient_with_hang_up(
-        mut on_hang_up: impl FnMut() + Send + 'static,
-    ) -> Result<Self, InterruptError> {
-        let interrupt = Self::default();
-        let flag = interrupt.clone();
-        on_signals(move |signal| {
-            if signal == SIGHUP {
-                on_hang_up();
-            }
-            flag.request();
-        })?;
-        Ok(interrupt)
     }
 
     /// As [`install_patient`](Self::install_patient); the first signal prints `message` on standard

@@ -275,14 +275,16 @@ pub fn ecan_igh_retry_startup(context: *mut ecan_igh_context_t) {
 }
 
 /// Leaves cyclic operation and releases the master, or detaches from the owner's. A Port and axes
-/// on it end, too.
+/// on it end, too: axes that may move are stopped before, as by igh_cia402_context_deinit().
 ///
 /// @usage   not rt, the cycle's thread, any time
 /// @return  ECAN_OK, also for a context that is deinitialised already or never was initialised.
-///          Also for a copy of it, which ends nothing.
-#[export(_, end bus)]
+///          Also for a copy of it, which ends nothing. ECAN_ERR_AXES names the axes that may still
+///          move; everything is closed nevertheless.
+#[export(call, end bus)]
 pub fn ecan_igh_deinit(context: *mut ecan_igh_context_t) {
-    drop(bus.leave());
+    let left = bus.leave();
+    left.map_or(Ok(()), |mut bus| bus.stop_axes()).or_code(call)
 }
 
 /// Returns a sufficient timeout for ecan_igh_wait_op_timeout(), by the startup SDOs, the cycle and

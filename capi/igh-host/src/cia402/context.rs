@@ -13,6 +13,7 @@
 
 use std::ffi::{OsStr, c_char};
 use std::os::unix::ffi::OsStrExt as _;
+use std::time::Duration;
 
 use ecan_c_boundary::result::ecan_result_t;
 use ecan_c_boundary::{Call, OutPointer, pointers};
@@ -193,15 +194,31 @@ fn init(
     Ok(())
 }
 
-/// Closes the axes; the Port continues. Nothing is sent to the drives, which detect the end of the
-/// host's heartbeat: call igh_cia402_shutdown_timeout() before.
+/// Closes the axes; the Port continues. Axes that may move are stopped before, as by
+/// igh_cia402_stop_all_timeout() with the time of igh_cia402_set_stop_time_ms(). Drives that are off are not
+/// released from their watch over the host: that is part of igh_cia402_shutdown_timeout().
 ///
 /// @usage   not rt, the cycle's thread, any time
 /// @return  ECAN_OK, also for axes that are closed already or were never opened.
-///          Also for a copy of it, which ends nothing.
-#[export(_, end mut bus)]
+///          Also for a copy of it, which ends nothing. ECAN_ERR_AXES names the axes that may still
+///          move, as a line on standard error does; they are closed nevertheless.
+#[export(call, end mut bus)]
 pub fn igh_cia402_context_deinit(context: *mut igh_cia402_context_t) {
+    let stopped = bus.stop_axes();
     bus.remove_cia402();
+    stopped.or_code(call)
+}
+
+/// Sets the time for which igh_cia402_context_deinit(), igh_mcan_port_deinit() and ecan_igh_deinit() wait
+/// until axes that may move have stopped.
+///
+/// @param stop_time_ms  Milliseconds; the default is 10000. 0 leaves the axes as they are, for a program
+///                      whose successor adopts them.
+///
+/// @usage   not rt, the cycle's thread, after init
+#[export(_, layer(cia402, _))]
+pub fn igh_cia402_set_stop_time_ms(context: *mut igh_cia402_context_t, stop_time_ms: u32) {
+    cia402.set_stop_time(Duration::from_millis(stop_time_ms.into()));
 }
 
 /// Returns the number of axes.

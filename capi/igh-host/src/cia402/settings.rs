@@ -73,8 +73,8 @@ mirror! {
     pub enum igh_cia402_takeover_t from Takeover {
         /// It is quick-stopped, and disabled at rest.
         IGH_CIA402_TAKEOVER_STOP = 0 => Takeover::Stop,
-        /// It remains enabled if it is at rest and has mode and process data of the configuration;
-        /// otherwise it is stopped.
+        /// It remains enabled if it is at rest, has mode and process data of the configuration, and takes a
+        /// target that keeps it at standstill; otherwise it is stopped.
         IGH_CIA402_TAKEOVER_ADOPT = 1 => Takeover::Adopt,
     }
 }

@@ -124,13 +124,14 @@ pub fn igh_cia402_recover_all_timeout(context: *mut igh_cia402_context_t, timeou
     })
 }
 
-/// Stops all axes, as igh_cia402_stop_all(), and waits until every one has stopped.
+/// Stops all axes, as igh_cia402_stop_all(), and waits until every one has reported that it has stopped, also
+/// while the gateway or the path is away.
 ///
 /// @param timeout_ms  Milliseconds.
 ///
 /// @usage   not rt, the cycle's thread, active bus
 /// @return  As igh_cia402_configure_csp_all_timeout(); ECAN_ERR_AXES names the axes that did not
-///          report that they have stopped. Their stop continues in later cycles.
+///          report that they have stopped, and may still move. Their stop continues in later cycles.
 #[must_use]
 #[export(call, bus bus)]
 pub fn igh_cia402_stop_all_timeout(context: *mut igh_cia402_context_t, timeout_ms: u32) {
@@ -139,13 +140,15 @@ pub fn igh_cia402_stop_all_timeout(context: *mut igh_cia402_context_t, timeout_m
     })
 }
 
-/// Shuts down in order, as igh_cia402_begin_shutdown(), and waits.
+/// Shuts down in order, as igh_cia402_begin_shutdown(), and waits until every axis has reported that it is off.
+/// While the gateway or the path is away, the whole time is used: at most half of it, and five seconds, for
+/// the ramps.
 ///
 /// @param timeout_ms  Milliseconds.
 ///
 /// @usage   not rt, the cycle's thread, active bus
 /// @return  As igh_cia402_configure_csp_all_timeout(); ECAN_ERR_AXES names the axes that could not
-///          be disabled. The shutdown of the other axes is complete.
+///          be disabled, and may still move. The shutdown of the other axes is complete.
 #[must_use]
 #[export(call, bus bus)]
 pub fn igh_cia402_shutdown_timeout(context: *mut igh_cia402_context_t, timeout_ms: u32) {

@@ -166,6 +166,51 @@ fn calls_of_the_manual_move_the_axes() {
     }
 }
 
+/// Returns whether a new context finds a drive enabled, and has to stop it.
+fn is_stopped_by_next_owner(rig: &mut Fixture) -> bool {
+    ok(rig.init());
+    let mut has_stopped = false;
+    for _ in 0..500 {
+        rig.cycle(|motors| {
+            // SAFETY: the pointer is valid.
+            unsafe {
+                ok(igh_cia402_process_rx(motors));
+                ok(igh_cia402_send_targets_all(motors));
+            }
+        });
+        let phases = [
+            igh_cia402_phase_t::IGH_CIA402_PHASE_STOPPING,
+            igh_cia402_phase_t::IGH_CIA402_PHASE_STOPPED,
+        ];
+        let phase = rig.state(0).phase;
+        has_stopped |= phases.into_iter().any(|stop| stop as u8 == phase);
+    }
+    has_stopped
+}
+
+#[test]
+fn deinit_stops_axes_that_move() {
+    for stop_time_ms in [10_000, 0] {
+        let mut rig = Fixture::with_axes();
+        rig.start_up();
+        for _ in 0..50 {
+            rig.cycle(|motors| {
+                // SAFETY: the pointer is valid.
+                unsafe {
+                    ok(igh_cia402_process_rx(motors));
+                    ok(igh_cia402_send_target_step(motors));
+                }
+            });
+        }
+        // SAFETY: the pointer is valid.
+        unsafe {
+            ok(igh_cia402_set_stop_time_ms(rig.motors(), stop_time_ms));
+            ok(igh_cia402_context_deinit(rig.motors()));
+        }
+        assert_eq!(is_stopped_by_next_owner(&mut rig), stop_time_ms == 0, "{stop_time_ms} ms");
+    }
+}
+
 #[test]
 fn repeated_calls_in_a_cycle_send_one_target() {
     let mut rig = Fixture::with_axes();

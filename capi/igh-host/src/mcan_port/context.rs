@@ -122,12 +122,16 @@ pub fn igh_mcan_port_is_ready(port: *mut igh_mcan_port_t) -> c_int {
     Ok(port.is_ready().into())
 }
 
-/// Closes the Port; the master stays active. Axes on the Port end.
+/// Closes the Port; the master stays active. Axes on the Port end: those that may move are stopped before,
+/// as by igh_cia402_context_deinit().
 ///
 /// @usage   not rt, the cycle's thread, any time
 /// @return  ECAN_OK, also for a Port that is closed already or was never opened.
-///          Also for a copy of it, which ends nothing.
-#[export(_, end mut bus)]
+///          Also for a copy of it, which ends nothing. ECAN_ERR_AXES names the axes that may still
+///          move; the Port is closed nevertheless.
+#[export(call, end mut bus)]
 pub fn igh_mcan_port_deinit(port: *mut igh_mcan_port_t) {
+    let stopped = bus.stop_axes();
     bus.remove_port();
+    stopped.or_code(call)
 }

@@ -38,7 +38,7 @@ pub enum InputKind {
 /// Reason for which the operator ends a motion.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum StopRequest {
-    /// SIGINT or SIGTERM.
+    /// SIGINT or SIGTERM; a second one exits the process at once.
     Signal,
     /// SIGHUP.
     HungUp,
@@ -159,9 +159,15 @@ impl Operator {
             has_any_key: AtomicBool::new(false),
         });
         let hung_up = shared.clone();
-        let interrupt = Interrupt::install_patient_with_hang_up(move || {
-            hung_up.has_hung_up.store(true, Ordering::Release);
-        })?;
+        let before = mode.as_ref().map(|KeyMode(before)| before.clone());
+        let interrupt = Interrupt::install_with_exit(
+            move || hung_up.has_hung_up.store(true, Ordering::Release),
+            move || {
+                if let Some(before) = &before {
+                    let _ = tcsetattr(stdin(), OptionalActions::Now, before);
+                }
+            },
+        )?;
         if kind != InputKind::None {
             let descriptor = stdin().as_fd().try_clone_to_owned().map_err(Failure::Input)?;
             let (input, reader) = (File::from(descriptor), shared.clone());

@@ -4,8 +4,8 @@ use std::time::Duration;
 
 use ecan_canopen::{DriveState, OperatingMode};
 use ecan_cia402::{
-    AxisError, AxisPhase, Cia402, Cia402Config, Decision, HomingState, InputObject, Takeover,
-    TargetRejection,
+    AxisError, AxisPhase, Cia402, Cia402Config, Cia402Error, Decision, HomingState, InputObject,
+    Takeover, TargetRejection,
 };
 use ecan_mcan_port::{Port, PortError};
 use ecan_protocol::mapping::Direction;
@@ -403,9 +403,15 @@ impl AxisSession {
     /// Stops the drive by quick stop, and waits until it is off.
     pub fn stop(&mut self) -> Result {
         let stopped = self.cia402.stop_all_timeout(&mut self.port, STOP, |_| {});
-        stopped.map_err(|error| Failure::Rejected(format!("{}: {error}", self.label)))?;
+        // The drop does not wait once more.
+        self.cia402.set_stop_time(Duration::ZERO);
+        stopped.map_err(|error| self.still_moving(&error))?;
         self.report(format_args!("{}{}", self.state_text(), self.position_suffix()));
         Ok(())
+    }
+
+    fn still_moving(&self, error: &Cia402Error) -> Failure {
+        Failure::Rejected(format!("{}: {error}; remove its power if it moves", self.label))
     }
 
     /// Stops a drive that is not configured.
@@ -478,16 +484,31 @@ impl AxisSession {
                 self.stop()
             }
         };
-        let shutdown = self.cia402.shutdown_timeout(&mut self.port, SHUTDOWN, |_| {});
-        let shutdown = shutdown.map_err(|error| {
-            Failure::Rejected(format!("{}: {error}; remove its power if it moves", self.label))
-        });
+        // After a stop that was not confirmed, a shutdown would wait for the same drive once more.
+        let shutdown = match &stopped {
+            Ok(()) => self.cia402.shutdown_timeout(&mut self.port, SHUTDOWN, |_| {}),
+            Err(_) => Ok(()),
+        };
+        let shutdown = shutdown.map_err(|error| self.still_moving(&error));
+        self.cia402.set_stop_time(Duration::ZERO);
         if result.is_ok() && shutdown.is_ok() {
             self.report(format_args!("off{}", self.position_suffix()));
         }
         match (result, stopped.and(shutdown)) {
             (_, Err(failure)) | (Err(failure), _) => Err(failure),
             (Ok(value), Ok(())) => Ok(value),
+        }
+    }
+}
+
+/// A session that ends by an error outside [`AxisSession::run`] stops its axis, too.
+impl Drop for AxisSession {
+    fn drop(&mut self) {
+        if std::thread::panicking() {
+            return;
+        }
+        if let Err(error) = self.cia402.stop_before_end(&mut self.port) {
+            self.report(self.still_moving(&error));
         }
     }
 }

@@ -26,8 +26,8 @@ pub struct StopArguments {
 pub fn run(arguments: &StopArguments, context: &Context) -> Result {
     let StopArguments { axis, options } = arguments;
     let chosen = axis.choose(options.setup.config.as_deref(), false, context)?;
-    // The stop is completed, also after Ctrl-C.
-    let _interrupt = Interrupt::install_patient()?;
+    // The first Ctrl-C does not end the stop; the second one ends the program.
+    let _interrupt = Interrupt::install()?;
     let settings = SessionSettings {
         options,
         mode: None,
