@@ -3,6 +3,7 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
+use ecan_command_line::new_file;
 use ecan_plot::{Heading, Series, TimeFigure, TimePanel, Tone};
 
 use crate::Fallible;
@@ -52,7 +53,7 @@ impl Page {
     }
 
     pub fn write(&self) -> Fallible<()> {
-        Ok(fs::write(self.directory.join("SCALE.md"), &self.text)?)
+        Ok(new_file::write(&self.directory.join("SCALE.md"), &self.text)?)
     }
 }
 

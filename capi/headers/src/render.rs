@@ -130,10 +130,9 @@ fn declarations(section: &str, source: &str) -> Result<String, String> {
         ..Config::default()
     };
     // cbindgen reads files only.
-    let path = std::env::temp_dir().join(format!("ecan-headers-{}.rs", std::process::id()));
-    std::fs::write(&path, expand::text(&source)).map_err(|error| fault(&error))?;
-    let bindings = Builder::new().with_src(&path).with_config(config).generate();
-    let _ = std::fs::remove_file(&path);
+    let file = tempfile::Builder::new().suffix(".rs").tempfile().map_err(|error| fault(&error))?;
+    std::fs::write(file.path(), expand::text(&source)).map_err(|error| fault(&error))?;
+    let bindings = Builder::new().with_src(file.path()).with_config(config).generate();
     let mut text = Vec::new();
     bindings.map_err(|error| fault(&error))?.write(&mut text);
     String::from_utf8(text).map_err(|error| fault(&error))

@@ -140,6 +140,15 @@ fn connect(path: &Path) -> rustix::io::Result<OwnedFd> {
     Ok(socket)
 }
 
+/// A name in the folder of the socket that no other program can predict.
+fn random_name(path: &Path) -> io::Result<PathBuf> {
+    let mut random = [0; 4];
+    rustix::rand::getrandom(&mut random, rustix::rand::GetRandomFlags::empty())?;
+    let mut name = path.as_os_str().to_owned();
+    name.push(format!(".{:08x}", u32::from_ne_bytes(random)));
+    Ok(PathBuf::from(name))
+}
+
 /// Creates a listening socket under another name, with its permissions, and moves it to `path`: no
 /// client sees it unfinished, and a stale file is replaced.
 fn create(
@@ -150,17 +159,15 @@ fn create(
     if let Some(directory) = path.parent().filter(|it| !it.as_os_str().is_empty() && !it.exists()) {
         fs::create_dir(directory).map_err(|error| ("create its directory", error))?;
     }
-    let mut name = path.as_os_str().to_owned();
-    name.push(format!(".{}", std::process::id()));
-    let new = PathBuf::from(name);
-    let _ = fs::remove_file(&new);
+    let new = random_name(path).map_err(|error| ("name", error))?;
+    // Fails if the name exists, also as a link.
     let socket = UnixListener::bind(&new).map_err(|error| ("bind", error))?;
     let finish = || {
         socket.set_nonblocking(true).map_err(|error| ("configure", error))?;
         fs::set_permissions(&new, fs::Permissions::from_mode(mode))
             .map_err(|error| ("set its permissions", error))?;
         if let Some(group) = group {
-            std::os::unix::fs::chown(&new, None, Some(group))
+            std::os::unix::fs::lchown(&new, None, Some(group))
                 .map_err(|error| ("set its group", error))?;
         }
         let id = file_id(&new).map_err(|error| ("read its file", error))?;
@@ -195,6 +202,20 @@ mod tests {
         assert_eq!(fs::read_dir(path.parent().unwrap()).unwrap().count(), 1);
         drop(listener);
         assert!(!path.exists());
+    }
+
+    /// Another user may have placed a file at a name that it predicts.
+    #[test]
+    fn predictable_names_are_not_touched() {
+        let directory = tempfile::tempdir().unwrap();
+        let at = |name: &str| directory.path().join(name);
+        fs::write(at("victim"), "text").unwrap();
+        let predicted = at(&format!("a.sock.{}", std::process::id()));
+        std::os::unix::fs::symlink(at("victim"), &predicted).unwrap();
+        let _listener = open(&at("a.sock")).unwrap();
+        assert_eq!(fs::read_link(&predicted).unwrap(), at("victim"));
+        assert_eq!(fs::read(at("victim")).unwrap(), b"text");
+        assert_eq!(fs::read_dir(directory.path()).unwrap().count(), 3);
     }
 
     #[test]

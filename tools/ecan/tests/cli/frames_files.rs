@@ -92,3 +92,32 @@ fn dash_is_stdin_and_stdout() {
     assert!(message.contains("--verbose"), "{message}");
     assert!(!std::path::Path::new("-").exists());
 }
+
+/// Another user may have placed a link at the name of a file.
+#[test]
+fn no_command_writes_through_a_link() {
+    let bus = Scenario::new(ECHO);
+    let (kept, drive) = (bus.write("kept", "precious"), bus.write("drive.log", LOG));
+    let link = format!("{kept}.link");
+    std::os::unix::fs::symlink(&kept, &link).unwrap();
+    let pages = format!("{kept}.pages");
+    std::fs::create_dir(&pages).unwrap();
+    std::os::unix::fs::symlink(&kept, format!("{pages}/ecan.1")).unwrap();
+    let commands: [&[&str]; 7] = [
+        &["dump", "-T", "100", "-l", &link, "--force"],
+        &["dump", "-T", "100", "--capture", &link, "--force"],
+        &["replay", &drive, "--record", &link, "--force"],
+        &["send", "123#", "--capture", &link, "--force"],
+        &["gen", "-n", "1", "--capture", &link, "--force"],
+        &["diag", "--record", &link],
+        &["man", &pages],
+    ];
+    for command in commands {
+        let output = bus.run(command);
+        let errors = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert!(!output.status.success(), "{command:?}: {errors}");
+        assert!(errors.contains("the path is a symbolic link"), "{command:?}: {errors}");
+        assert_eq!(bus.read("kept"), "precious", "{command:?}");
+        assert!(std::fs::symlink_metadata(&link).unwrap().is_symlink(), "{command:?}");
+    }
+}
