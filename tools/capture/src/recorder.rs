@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, TryRecvError, TrySendError, sync_channel};
 use std::thread::JoinHandle;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use ecan_protocol::can::CanFrame;
 use ecan_protocol::mapping::MAX_PDO_BYTES;
@@ -18,8 +18,8 @@ const QUEUE: usize = 1 << 15;
 /// Maximum number of queued images: one second of both directions at a cycle of 1 ms.
 const IMAGES: usize = 2048;
 
-/// Time limit of a stalled file in a hurry.
-const PATIENCE: Duration = Duration::from_secs(1);
+/// Limit of a stalled file in a hurry, in polls: about a second. A pause of the machine is one poll.
+const MAX_HURRIED_POLLS: u32 = 1000;
 const POLL_INTERVAL: Duration = Duration::from_millis(1);
 
 #[derive(Debug)]
@@ -150,11 +150,11 @@ impl Recorder {
     /// Ends the thread and waits for it; detaches it at the limit in a hurry.
     fn has_ended(&mut self) -> bool {
         self.queue = None;
-        let mut deadline = None;
+        let mut polls = 0;
         while !self.is_over() {
             if self.is_in_hurry() {
-                let deadline = *deadline.get_or_insert_with(|| Instant::now() + PATIENCE);
-                if Instant::now() >= deadline {
+                polls += 1;
+                if polls > MAX_HURRIED_POLLS {
                     self.thread = None;
                     return false;
                 }

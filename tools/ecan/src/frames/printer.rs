@@ -4,7 +4,7 @@ use std::io::{BufWriter, ErrorKind, Write};
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TrySendError, sync_channel};
 use std::thread::JoinHandle;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use ecan_command_line::interrupt::Interrupt;
 use ecan_command_line::log_file::{LogFileError, Writer};
@@ -16,8 +16,9 @@ use crate::frames::format::{LogLines, Screen, ScreenLines, TimedFrame};
 
 /// Maximum number of queued frames: some seconds of four full channels.
 const QUEUE: usize = 1 << 17;
-/// Time limit of a stalled output when the user stops.
-const PATIENCE: Duration = Duration::from_secs(1);
+/// Limit of a stalled output when the user stops, in polls: about a second. A pause of the machine is
+/// one poll.
+const MAX_LOOKS: u32 = 100;
 const LOOK: Duration = Duration::from_millis(10);
 
 #[derive(Clone, Copy, Debug)]
@@ -97,11 +98,11 @@ impl Printer {
     /// user stops.
     pub fn finish(mut self) -> Result {
         self.queue = None;
-        let mut deadline = None;
+        let mut looks = 0;
         while self.end.recv_timeout(LOOK) == Err(RecvTimeoutError::Timeout) {
             if self.interrupt.is_set() {
-                let deadline = *deadline.get_or_insert_with(|| Instant::now() + PATIENCE);
-                if Instant::now() >= deadline {
+                looks += 1;
+                if looks > MAX_LOOKS {
                     return Err(stalled(self.log));
                 }
             }

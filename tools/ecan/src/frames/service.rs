@@ -44,12 +44,22 @@ impl ObservedTime {
     }
 }
 
-/// Time in which a gateway has reported its status.
+/// Time in which a gateway has reported its status: one period for each received image, so that it
+/// also runs slower where cycles are late. Of a pause in which the service received images, it counts
+/// a tenth of a second.
 #[derive(Clone, Copy, Debug)]
 struct StatusTime {
+    total_ns: u64,
     /// Number of received images.
     images: u64,
-    time: ObservedTime,
+}
+
+impl StatusTime {
+    fn advance(&mut self, images: u64, period_ns: u64) {
+        let new = images.saturating_sub(self.images);
+        self.total_ns += new.saturating_mul(period_ns).min(MAX_OBSERVED_NS.max(2 * period_ns));
+        self.images = images;
+    }
 }
 
 /// A gateway of a frame command.
@@ -97,7 +107,10 @@ impl Service {
         let (is_real_time, since_1970_ns) = (link.is_real_time(), link.since_1970_ns());
         let capture = capture.map(|it| it.with_time(is_real_time, since_1970_ns));
         let cycle_time = ObservedTime::start(link.now_ns());
-        let status_times = vec![StatusTime { images: 0, time: cycle_time }; gateways.len()];
+        let images = |gateway| link.statistics(gateway).txpdo_received;
+        let status_times = (0..gateways.len())
+            .map(|gateway| StatusTime { total_ns: 0, images: images(gateway) })
+            .collect();
         let store = Vec::new();
         Self { link, gateways, store, cycle_time, status_times, watch, capture, interrupt }
     }
@@ -114,11 +127,7 @@ impl Service {
         let period_ns = self.cycle_ns();
         self.cycle_time.advance(now_ns, period_ns);
         for (gateway, status) in self.status_times.iter_mut().enumerate() {
-            let images = self.link.statistics(gateway).txpdo_received;
-            if images != status.images {
-                status.images = images;
-                status.time.advance(now_ns, period_ns);
-            }
+            status.advance(self.link.statistics(gateway).txpdo_received, period_ns);
         }
         arrivals.retain(|arrival| match &arrival.event {
             Event::Frame(received) => {
@@ -285,10 +294,10 @@ impl Service {
         self.observed_ns().min(cycles_ns.unwrap_or(u64::MAX))
     }
 
-    /// Time in which a gateway has reported its status, in nanoseconds, for limits on what the status
-    /// shows: neither a pause nor a loss of images counts.
+    /// Time in which a gateway has reported its status, in nanoseconds of its images, for limits on what
+    /// the bus shows: neither a pause nor a loss of images counts.
     pub fn status_ns(&self, gateway: usize) -> u64 {
-        self.status_times.get(gateway).map_or(0, |status| status.time.total_ns)
+        self.status_times.get(gateway).map_or(0, |status| status.total_ns)
     }
 
     /// Period of the cycle in nanoseconds.
@@ -356,6 +365,14 @@ mod tests {
         time.advance(MS, MS);
         time.advance(2 * MS, MS);
         assert_eq!(time.total_ns, 111 * MS);
+        let mut status = StatusTime { total_ns: 0, images: 7 };
+        status.advance(7, MS);
+        status.advance(9, MS);
+        assert_eq!(status.total_ns, 2 * MS);
+        // The service has received images in a pause; then its counter starts again.
+        status.advance(10_000, MS);
+        status.advance(3, MS);
+        assert_eq!(status.total_ns, 102 * MS);
         // A long period counts in full.
         time.advance(502 * MS, 500 * MS);
         assert_eq!(time.total_ns, 611 * MS);
