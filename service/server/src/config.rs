@@ -112,7 +112,7 @@ impl ServiceConfig {
 }
 
 /// Longest path of the socket, in bytes: 107 (`sun_path` without its terminating 0), less the suffix of
-/// the process ID under which it is created.
+/// its random name before it is moved to the path.
 pub(crate) const MAX_SOCKET_PATH: usize = 99;
 
 /// Error of the start of a service.

@@ -145,7 +145,8 @@ fn random_name(path: &Path) -> io::Result<PathBuf> {
     let mut random = [0; 4];
     rustix::rand::getrandom(&mut random, rustix::rand::GetRandomFlags::empty())?;
     let mut name = path.as_os_str().to_owned();
-    name.push(format!(".{:08x}", u32::from_ne_bytes(random)));
+    // Seven digits: MAX_SOCKET_PATH leaves room for eight characters.
+    name.push(format!(".{:07x}", u32::from_ne_bytes(random) >> 4));
     Ok(PathBuf::from(name))
 }
 
