@@ -81,6 +81,8 @@ pub struct Bounds {
     node_axes: u64,
     tpdo_timeout: u64,
     ignores_quick_stop: bool,
+    /// Time in which the brake opens.
+    brake_ns: u64,
     step_limit: f64,
     standstill: f64,
     /// Highest amount of a target in modes without positions.
@@ -104,6 +106,7 @@ impl Bounds {
             node_axes: plan.axes_of_node(axis).count() as u64,
             tpdo_timeout: config.tpdo_timeout.into(),
             ignores_quick_stop: drive.quirks.ignores_quick_stop,
+            brake_ns: u64::from(drive.enable_ms) * MS,
             step_limit: config.step_limit.into(),
             standstill: config.standstill.into(),
             highest: range(config).map_or(f64::MAX, |(low, high)| {
@@ -147,6 +150,12 @@ impl Bounds {
 
     pub fn ignores_quick_stop(&self) -> bool {
         self.ignores_quick_stop
+    }
+
+    /// S + 4 C + P + G + B and the time of the brake: a command to enable that left an owner before its stop, which did
+    /// not leave because the owner ended.
+    pub fn late_enable_ns(&self) -> u64 {
+        self.stop_by_process_data_ns() + self.brake_ns
     }
 
     /// 200 ms + 20 ms: time in which the next owner waits for rest, and that of the last positions before.

@@ -61,10 +61,11 @@ use run::Trial;
 /// 157264: the end of a feed-forward counted as executed in cycles without SYNC.
 /// 158055: the drive of a motor that was blocked at the takeover was adopted.
 /// 173759: a drive without heartbeat left Operational and was not started again.
+/// 2005548: an owner ended before its stop left, while a drive opened its brake.
 const FOUND: &[u64] = &[
     3913, 4640, 5780, 43993, 44419, 44729, 45524, 45577, 46036, 47971, 50537, 51807, 60447, 61652,
     67089, 67695, 85898, 90041, 92394, 101667, 104566, 110672, 114180, 121796, 124644, 157264,
-    158055, 173759,
+    158055, 173759, 2005548,
 ];
 
 /// The same with axes of shared nodes.
@@ -88,8 +89,11 @@ const FOUND_SHARED: &[u64] = &[5346, 60447, 62312, 66800, 75644, 91190, 93763, 1
 /// 1000313, 1000376, 1000445, 1000570, 1001375: the host lost time inside a cycle, and the SYNC of its targets was
 /// withdrawn.
 /// 1002127: a drive that was silent at the takeover executed an RPDO of its earlier owner with the first SYNC.
-const FOUND_SCHEDULED: &[u64] =
-    &[1000298, 1000313, 1000376, 1000445, 1000570, 1001375, 1002127, 2000109, 2001759, 2006266];
+/// 2008679: an owner ended before its stop left, while a drive opened its brake.
+const FOUND_SCHEDULED: &[u64] = &[
+    1000298, 1000313, 1000376, 1000445, 1000570, 1001375, 1002127, 2000109, 2001759, 2006266,
+    2008679,
+];
 
 fn variable(name: &str) -> Option<u64> {
     let value = std::env::var(name).ok()?;

@@ -115,6 +115,8 @@ pub struct AxisMonitor {
     scheduled: f64,
     // application
     permit: Permit,
+    /// A command of the earlier owner may enable the drive until then, although that owner has called a stop.
+    late_enable_until: u64,
     stop: Option<Stop>,
     was_running: bool,
     /// The axis runs again, and its next target is the first one.
@@ -181,6 +183,7 @@ impl AxisMonitor {
             not_stopped_ns: 0,
             halt: None,
             permit: Permit::None,
+            late_enable_until: 0,
             stop: None,
             was_running: false,
             has_resumed: false,
@@ -435,7 +438,7 @@ impl AxisMonitor {
     fn check_enable(&mut self, at: u64) {
         match self.permit {
             // A frame that was sent before the stop arrives before it.
-            Permit::None if self.stop.is_none() => {
+            Permit::None if self.stop.is_none() && at > self.late_enable_until => {
                 let text = format!("at {:.0}/s in {:?}", self.velocity, self.mode);
                 self.report(at, Kind::EnabledWithoutCommand, text);
             }

@@ -118,8 +118,10 @@ impl AxisMonitor {
         self.was_running = false;
         self.adoption_ns = if adopts { self.bounds.adoption_ns() } else { 0 };
         if adopts && !(moves_on && self.is_moving()) {
-            // Without targets and SYNC the others come to rest.
-            self.stop = None;
+            // Without targets and SYNC the others come to rest. A stop of the earlier owner may not have left it.
+            if self.stop.take().is_some() {
+                self.late_enable_until = now + self.bounds.late_enable_ns();
+            }
             return;
         }
         if self.bounds.ignores_quick_stop() {
