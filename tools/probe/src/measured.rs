@@ -30,8 +30,11 @@ pub(crate) struct Sample {
 pub(crate) struct ServiceTime {
     /// Smallest distance of two images that the host reached, in us.
     pub(crate) least_us: u32,
-    /// Largest distance up to which no second image was taken, and smallest from which all were.
+    /// Largest distance up to which no second image was taken.
     pub(crate) never_us: u32,
+    /// Largest distance at which a second image was missed, and smallest from which all were taken: the longest
+    /// wait is between them.
+    pub(crate) last_missed_us: u32,
     pub(crate) always_us: u32,
     pub(crate) mean_us: u32,
     /// Time in which the host sends an image, in us: the distances are not more exact.

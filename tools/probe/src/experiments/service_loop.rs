@@ -1,5 +1,6 @@
 //! Time of the data-path service.
 
+use std::ops::RangeInclusive;
 use std::time::Duration;
 
 use ecan_host::Delivery;
@@ -38,7 +39,7 @@ pub(super) const EXPERIMENTS: &[Experiment] = &[
 ];
 
 /// Tries per distance.
-const TRIES: u64 = 16;
+const TRIES: u64 = 32;
 /// Step of the phase between tries, in ns: not a divisor of a likely period.
 const PHASE_STEP_NS: u64 = 67_000;
 /// Largest spread of a constant delay, in us.
@@ -52,8 +53,8 @@ const ENOUGH: u32 = 8;
 const OUTLIER_PART: usize = 50;
 /// Neighbours on each side for a share of taken images.
 const NEAR: usize = 8;
-/// Shortest wait of a loop that does not follow the writes, in us.
-const FREE_US: u32 = 15;
+/// A service whose shortest wait is below this, in us, does not follow the writes.
+const FREE_US: u32 = 10;
 
 impl ServiceTime {
     /// From the distance of each try, with its result. `outliers` tries may be wrong.
@@ -76,7 +77,14 @@ impl ServiceTime {
             mean += f64::from(distance_us - previous_us) * missed;
             previous_us = *distance_us;
         }
-        Some(Self { least_us, never_us, always_us, mean_us: mean as u32, resolution_us })
+        Some(Self {
+            least_us,
+            never_us,
+            last_missed_us,
+            always_us,
+            mean_us: mean as u32,
+            resolution_us,
+        })
     }
 
     pub(crate) fn is_constant(self) -> bool {
@@ -84,13 +92,14 @@ impl ServiceTime {
             <= CONSTANT_US.max(self.least_us) + self.resolution_us
     }
 
-    /// Shortest wait of an even distribution.
-    fn shortest_us(self) -> u32 {
-        (2 * self.mean_us).saturating_sub(self.always_us)
+    /// Shortest wait of an even distribution, between these values: the longest one is not more exact.
+    fn shortest_us(self) -> RangeInclusive<u32> {
+        let from = |longest_us| (2 * self.mean_us).saturating_sub(longest_us);
+        from(self.always_us)..=from(self.last_missed_us)
     }
 
     fn is_free(self) -> bool {
-        !self.is_constant() && self.shortest_us() < FREE_US + self.resolution_us
+        !self.is_constant() && *self.shortest_us().start() < FREE_US + self.resolution_us
     }
 
     fn text(self) -> String {
@@ -205,13 +214,15 @@ fn delay(probe: &mut Probe) -> Result<Outcome> {
             time.text()
         )));
     }
-    let shortest = if time.is_constant() { time.always_us } else { time.shortest_us() };
+    let constant = time.always_us..=time.always_us;
+    let shortest = if time.is_constant() { constant } else { time.shortest_us() };
     // A host that cannot send two images so fast does not contradict.
     let is_below_host =
         time.never_us == 0 && time.least_us + TOLERANCE_US + time.resolution_us > ASSUMED_US;
-    let is_met =
-        is_below_host || shortest.abs_diff(ASSUMED_US) <= TOLERANCE_US + time.resolution_us;
-    Ok(Outcome::decided(is_met, time.text()).like(shortest))
+    let tolerance_us = TOLERANCE_US + time.resolution_us;
+    let is_near = shortest.start().saturating_sub(tolerance_us) <= ASSUMED_US
+        && ASSUMED_US <= shortest.end() + tolerance_us;
+    Ok(Outcome::decided(is_below_host || is_near, time.text()).like(*shortest.start()))
 }
 
 fn jitter(probe: &mut Probe) -> Result<Outcome> {
