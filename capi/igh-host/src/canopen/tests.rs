@@ -257,6 +257,8 @@ fn settings_of_the_network_are_those_of_the_file() {
         let not_due = igh_cia402_wait_t::IGH_CIA402_WAIT_NOT_DUE as u8;
         let waiting = igh_cia402_decision_t::IGH_CIA402_DECISION_WAIT as u8;
         let mut state: Box<igh_cia402_axis_state_t> = garbage();
+        // The second target waits until the first one has taken effect.
+        (0..4).for_each(|_| machine.cycle());
         let mut seen = 0;
         for _ in 0..10 {
             machine.cycle();
