@@ -7,7 +7,7 @@ use ecan_c_boundary::{Call, last_error};
 use ecan_canopen::{
     LssFailure, LssFault, LssStartError, NetworkError, NmtError, SdoFailure, SdoFault, WaitError,
 };
-use ecan_cia402::{AxisFault, AxisFaults, Cia402Error, CommandError, ScheduleError};
+use ecan_cia402::{AxisFault, AxisFaults, AxisTimeout, Cia402Error, CommandError, ScheduleError};
 use ecan_config_file::ConfigFileError;
 use ecan_host::{CycleError, Errno, Error};
 use ecan_mcan_port::{AddressError, Backpressure, PortError, SendError};
@@ -232,6 +232,11 @@ impl Coded for Cia402Error {
         match self {
             Self::Command(error) => error.coded(),
             Self::Nmt(error) => error.coded(),
+            // The text names the axes, too.
+            Self::AxisTimeout(AxisTimeout {
+                cycle_error: Some(error @ CycleError::NotActive { .. }),
+                ..
+            }) => error.coded(),
             Self::AxisTimeout(_) => (ECAN_ERR_AXES, 0),
             Self::BootTimeout(_) => (ECAN_ERR_BOOT, 0),
             Self::Wait(error) => error.coded(),
