@@ -1,6 +1,6 @@
 //! Output files: they do not overwrite existing data unless requested, and follow no symbolic link.
 //!
-//! A file that is written at once is complete or does not exist: [`WholeFile`] and [`write`]. A file
+//! A file that is written at once is complete or does not exist: [`WholeFile`] and [`write()`]. A file
 //! that grows while a program runs, such as a recording, can be read from its start: [`create`]. Pipes
 //! and devices are written directly, also through a link such as `/dev/stdout`.
 
