@@ -334,7 +334,7 @@ impl Connection {
 /// Rejections at once, which the service does not count as delivered.
 fn is_rejected_by_session(event: FrameEvent) -> bool {
     matches!(event, FrameEvent::Rejected(reason)
-        if !matches!(reason, RejectReason::NotReady | RejectReason::Closed))
+        if !matches!(reason, RejectReason::NotReady | RejectReason::Closed | RejectReason::Expired))
 }
 
 /// Frames that arrived in images, on the channels of a subscription, and the images that were discarded.
