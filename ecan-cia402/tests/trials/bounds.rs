@@ -36,7 +36,7 @@ const POSITION_GAIN: f64 = 200.0;
 /// interpolation where it is, so a target that comes earlier by this time than one period makes the motion
 /// faster.
 const SYNC_JITTER_NS: f64 = 0.35e6;
-/// The same in the times of targets, in target periods.
+/// Shift of the times of targets by other frames on the bus, in target periods.
 const TARGET_JITTER: f64 = 0.35;
 /// Noise of one increment of a target, per controller period.
 const ROUNDING: f64 = 2_000.0;

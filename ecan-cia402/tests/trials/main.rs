@@ -80,7 +80,7 @@ const FOUND: &[u64] = &[
 /// 126625: an enabled drive that had not answered counted as stopped during its configuration.
 const FOUND_SHARED: &[u64] = &[5346, 60447, 62312, 66800, 75644, 91190, 93763, 100882, 126625];
 
-/// The same with scheduled transmission.
+/// Seeds of machines with scheduled transmission that violated a rule.
 ///
 /// 2001759: a clock that jumped dropped a target again and again, one at a time.
 /// 2006266: with the heartbeat of the host more frames waited for the second pulse than the status counts.

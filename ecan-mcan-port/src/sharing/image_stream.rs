@@ -86,7 +86,7 @@ pub enum ImageEvent<'a> {
         frames: u32,
         /// Frames that the cycle took from the queue since the start, up to the last of these.
         taken: u64,
-        /// They expired in the queue; otherwise gateway or channel did not accept them.
+        /// The frames expired in the queue; otherwise the gateway or the channel did not accept them.
         is_expired: bool,
     },
 }

@@ -274,7 +274,7 @@ pub(crate) struct RejectedFrames {
     pub(crate) frames: u32,
     /// Frames that were taken from the queue since the start, up to the last of these.
     pub(crate) taken: u64,
-    /// They expired; otherwise the gateway is not ready, or the channel was reconfigured.
+    /// The frames expired; otherwise the gateway is not ready, or the channel was reconfigured.
     pub(crate) is_expired: bool,
 }
 
