@@ -43,7 +43,7 @@ impl Adapter {
     }
 
     pub(super) fn exchange_startup_rounds(&mut self) {
-        if self.attached || self.phase != Phase::Active {
+        if self.attached || self.phase != Phase::Active || self.is_leaving_op {
             return;
         }
         let clock = self.ecrt.clock().clone();
