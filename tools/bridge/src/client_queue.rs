@@ -23,7 +23,7 @@ pub(crate) enum Outgoing {
     Result(u32, Option<u64>),
     /// Number of the client's frames that were accepted and not sent since the last entry, with the
     /// time of the last one.
-    Lost(u32, u64),
+    Lost(u64, u64),
 }
 
 /// Form in which a client receives the losses of its frames, and events of the bus.
@@ -119,7 +119,7 @@ impl ClientQueue {
                 let mut state = self.lock();
                 state.has_lost = true;
                 if let Some(Outgoing::Lost(count, last_ns)) = state.items.back_mut() {
-                    (*count, *last_ns) = (count.saturating_add(1), time_ns);
+                    (*count, *last_ns) = (*count + 1, time_ns);
                 } else {
                     self.push(state, Outgoing::Lost(1, time_ns));
                 }

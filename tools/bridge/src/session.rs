@@ -88,7 +88,7 @@ impl ReceiveSettings {
     }
 
     /// Appends the loss of frames that were accepted earlier.
-    pub(crate) fn encode_losses(&self, count: u32, time_ns: u64, text: &mut Vec<u8>) {
+    pub(crate) fn encode_losses(&self, count: u64, time_ns: u64, text: &mut Vec<u8>) {
         match self {
             Self::Slcan(_) => slcan::encode_losses(count, text),
             Self::Socketcand { .. } => socketcand::encode_losses(count, time_ns, text),

@@ -8,6 +8,8 @@ use crate::session::ReceiveSettings;
 
 /// Approximate number of bytes written at a time.
 const WRITE_BYTES: usize = 16 * 1024;
+/// Number of losses of a chunk, so that its size is independent of the number that were lost.
+const WRITE_LOSSES: u64 = 512;
 
 #[derive(Debug, Default, PartialEq, Eq)]
 pub(crate) struct OutputChunk {
@@ -50,7 +52,12 @@ impl Writer {
                     self.receive_settings.encode(&frame, time_ns, bus, &mut text);
                 }
                 Outgoing::Lost(count, time_ns) => {
-                    self.receive_settings.encode_losses(count, time_ns, &mut text);
+                    let written = count.min(WRITE_LOSSES);
+                    self.receive_settings.encode_losses(written, time_ns, &mut text);
+                    if written < count {
+                        self.next = Some(Outgoing::Lost(count - written, time_ns));
+                        break;
+                    }
                 }
                 // Entries of CAN interfaces.
                 Outgoing::Error(..) | Outgoing::Result(..) => {}
@@ -108,5 +115,28 @@ mod tests {
         assert_eq!(text(writer, &queue), "< frame 123 0.000000 03 >< echo >");
         queue.close();
         assert_eq!(writer.next_chunk(&queue, || None), None);
+    }
+
+    #[test]
+    fn many_losses_are_written_in_bounded_chunks() {
+        const LOST: u64 = 100_000;
+        for (protocol, loss) in [
+            (BridgeProtocol::Slcan, "\x07"),
+            (BridgeProtocol::Socketcand, "< error 001 1.500000 >"),
+        ] {
+            let queue = ClientQueue::new(10);
+            let settings = ReceiveSettings::nothing(protocol);
+            (0..LOST).for_each(|_| queue.report_lost(0, 1_500_000_000));
+            assert!(queue.answer(b"z".to_vec(), settings));
+            let writer = &mut Writer::new(settings);
+            let (mut output, mut largest) = (String::new(), 0);
+            while !output.ends_with('z') {
+                let chunk = text(writer, &queue);
+                largest = largest.max(chunk.len());
+                output += &chunk;
+            }
+            assert!(largest < 2 * WRITE_BYTES, "{protocol:?}: {largest} bytes in a chunk");
+            assert!(output == loss.repeat(LOST as usize) + "z", "{protocol:?}: every loss, in order");
+        }
     }
 }

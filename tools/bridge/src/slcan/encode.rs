@@ -32,7 +32,7 @@ pub(super) fn encode(frame: &CanFrame, time_ns: Option<u64>, text: &mut Vec<u8>)
 
 /// Appends one BELL for each frame that was confirmed and then lost, in addition to the answers to
 /// commands. slcan has no other message that an adapter sends without a command.
-pub(crate) fn encode_losses(count: u32, text: &mut Vec<u8>) {
+pub(crate) fn encode_losses(count: u64, text: &mut Vec<u8>) {
     text.extend((0..count).map(|_| BELL));
 }
 

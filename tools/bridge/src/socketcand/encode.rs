@@ -8,7 +8,7 @@ use ecan_protocol::can::{CanFrame, FrameKind};
 const TX_TIMEOUT: u32 = 0x001;
 
 /// Appends one error frame for each accepted frame that was not sent, with its time in seconds.
-pub(crate) fn encode_losses(count: u32, time_ns: u64, text: &mut Vec<u8>) {
+pub(crate) fn encode_losses(count: u64, time_ns: u64, text: &mut Vec<u8>) {
     let (seconds, micros) = parts(time_ns);
     for _ in 0..count {
         // infallible: writing to a vector
