@@ -606,11 +606,11 @@ int igh_cia402_axis_init(igh_cia402_axis_t *axis,
 
 /** Treatment of a drive that is enabled at the first contact. */
 typedef enum {
-    /** It is quick-stopped, and disabled at rest. */
+    /** The drive is quick-stopped, and disabled at rest. */
     IGH_CIA402_TAKEOVER_STOP = 0,
     /**
-     * It remains enabled if it is at rest, has mode and process data of the configuration, and takes a
-     * target that keeps it at standstill; otherwise it is stopped.
+     * The drive remains enabled if it is at rest, has mode and process data of the configuration, and
+     * takes a target that keeps it at standstill; otherwise the drive is stopped.
      */
     IGH_CIA402_TAKEOVER_ADOPT = 1
 } igh_cia402_takeover_t;

@@ -19,16 +19,16 @@ pub(crate) const ADOPT_NS: u64 = 200_000_000;
 /// Treatment of a drive that is enabled when a [`Cia402`](crate::Cia402) begins to command it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Takeover {
-    /// It is quick-stopped, and switched off at rest.
+    /// The drive is quick-stopped, and switched off at rest.
     #[default]
     Stop,
-    /// It remains enabled if it is at rest, displays the configured mode, has the process data of the
+    /// The drive remains enabled if it is at rest, displays the configured mode, has the process data of the
     /// configuration, and obeys a target that keeps it at standstill: velocity 0 in CSV, PV and VL, a
     /// set-point at its position in PP, in CSP the target that it has. The target in CSP and the demand (0x6062) in PP
     /// must be within the step limit of the position. The target is read back by SDO
     /// before and after the first SYNC. Only then the axis counts as configured, and no target of an
-    /// earlier owner is in force. Otherwise, and in the torque modes and IP, it is stopped. If the drive
-    /// watches the host's heartbeat, this must happen within its consumer time (0x1016).
+    /// earlier owner is in force. Otherwise, and in the torque modes and IP, the drive is stopped. A drive that
+    /// watches the host's heartbeat must be adopted within its consumer time (0x1016).
     Adopt,
 }
 

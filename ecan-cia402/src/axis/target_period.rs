@@ -24,7 +24,7 @@ impl TargetPeriod {
         Self { cycles, ns, lead: 0, awaits_sync: false, elapsed: u32::MAX, effective_ns: 0 }
     }
 
-    /// The same with targets that take effect `lead` cycles later, with the next SYNC.
+    /// Returns this period for targets that take effect `lead` cycles after they were sent, with the next SYNC.
     pub(crate) fn with_lead(self, lead: u32) -> Self {
         Self { lead, ..self }
     }

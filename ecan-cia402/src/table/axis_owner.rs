@@ -43,7 +43,7 @@ impl Cia402 {
         }
         if port.adapter().is_attached() {
             let axes = self.progress_of(|axis| axis.may_move(self.now_ns));
-            let (what, waited) = ("stopped (may still move)", Duration::ZERO);
+            let (what, waited) = (AxisTimeout::STOPPED, Duration::ZERO);
             return Err(AxisTimeout { what, waited, axes, cycle_error: None }.into());
         }
         self.stop_all_timeout(port, self.stop_time, |_| {})

@@ -170,7 +170,7 @@ impl Cia402 {
         self.begin_shutdown();
         let now_ns = port.adapter().clock().now_ns();
         self.shutdown_deadline = Some(ShutdownDeadline::after(now_ns, timeout));
-        self.wait_stopped(port, timeout, "switched off (may still move)", progress, |table| {
+        self.wait_stopped(port, timeout, AxisTimeout::SWITCHED_OFF, progress, |table| {
             // The last commands must be sent before the host ends.
             table.shutdown == Shutdown::Done && !table.network.nmt_is_pending()
         })
@@ -190,7 +190,7 @@ impl Cia402 {
         progress: impl FnMut(&AxisProgress),
     ) -> Result<(), Cia402Error> {
         self.stop_all();
-        self.wait_stopped(port, timeout, "stopped (may still move)", progress, |_| true)
+        self.wait_stopped(port, timeout, AxisTimeout::STOPPED, progress, |_| true)
     }
 
     /// Runs the cycle until all axes have stopped and `is_complete` returns true.
@@ -209,14 +209,13 @@ impl Cia402 {
         });
         let Err(error) = ended else { return Ok(()) };
         let axes = self.progress_of(|axis| !axis.is_stopped(self.now_ns));
-        match error {
-            WaitError::TimedOut { .. } if axes.is_empty() => Ok(()),
-            error if axes.is_empty() => Err(error.into()),
-            WaitError::Cycle(error) => {
-                Err(AxisTimeout { what, waited: timeout, axes, cycle_error: Some(error) }.into())
-            }
-            _ => Err(AxisTimeout { what, waited: timeout, axes, cycle_error: None }.into()),
-        }
+        let cycle_error = match error {
+            WaitError::TimedOut { .. } if axes.is_empty() => return Ok(()),
+            error if axes.is_empty() => return Err(error.into()),
+            WaitError::Cycle(error) => Some(error),
+            _ => None,
+        };
+        Err(AxisTimeout { what, waited: timeout, axes, cycle_error }.into())
     }
 
     fn wait(

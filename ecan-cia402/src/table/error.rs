@@ -73,6 +73,11 @@ pub struct AxisTimeout {
     pub cycle_error: Option<CycleError>,
 }
 
+impl AxisTimeout {
+    pub(super) const STOPPED: &str = "stopped (may still move)";
+    pub(super) const SWITCHED_OFF: &str = "switched off (may still move)";
+}
+
 impl fmt::Display for AxisTimeout {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let count = self.axes.len();

@@ -136,7 +136,10 @@ mod tests {
                 output += &chunk;
             }
             assert!(largest < 2 * WRITE_BYTES, "{protocol:?}: {largest} bytes in a chunk");
-            assert!(output == loss.repeat(LOST as usize) + "z", "{protocol:?}: every loss, in order");
+            assert!(
+                output == loss.repeat(LOST as usize) + "z",
+                "{protocol:?}: every loss, in order"
+            );
         }
     }
 }
