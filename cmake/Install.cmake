@@ -22,6 +22,8 @@ install(DIRECTORY docs DESTINATION ${CMAKE_INSTALL_DOCDIR}
 install(DIRECTORY examples/python DESTINATION ${CMAKE_INSTALL_DOCDIR}/examples
     FILES_MATCHING PATTERN "*.py")
 install(FILES examples/grafana/ecan-lite.json DESTINATION ${CMAKE_INSTALL_DOCDIR}/examples/grafana)
+install(DIRECTORY examples/zenoh DESTINATION ${CMAKE_INSTALL_DOCDIR}/examples USE_SOURCE_PERMISSIONS
+    FILES_MATCHING PATTERN "*.json5" PATTERN "*.sh")
 install(FILES wireshark/README.md wireshark/ecan_pdo.lua DESTINATION ${CMAKE_INSTALL_DOCDIR}/wireshark)
 install(TARGETS ${_libraries} LIBRARY DESTINATION ${CMAKE_INSTALL_LIBDIR})
 foreach(_library IN LISTS _libraries)

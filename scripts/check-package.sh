@@ -120,6 +120,11 @@ for file in usr/share/man/man1/ecan-scan.1.gz usr/share/man/man8/ecan-sim.8.gz \
     usr/share/fish/vendor_completions.d/ecan.fish lib/udev/rules.d/60-ecan-lite.rules; do
     [[ -s $root/$file ]] || fail "/$file is missing"
 done
+for file in examples/zenoh/* examples/python/*.py examples/grafana/ecan-lite.json; do
+    cmp "$file" "$root/usr/share/doc/libecan-lite-dev/$file"
+done
+[[ -x $root/usr/share/doc/libecan-lite-dev/examples/zenoh/make-certificates.sh ]] ||
+    fail "make-certificates.sh cannot be executed"
 inside bash -c 'source /usr/share/bash-completion/completions/ecan && complete -p ecan'
 if inside ecan scan 2>"$root/tmp/scan"; then fail "ecan scan has found a master here"; fi
 grep -F libethercat.so.1 "$root/tmp/scan"
