@@ -258,6 +258,26 @@ fn expired_queued_frames_are_withdrawn_and_reported() {
     assert_eq!((recorded.results, queues.taken(0, 0)), (3, 5));
 }
 
+/// The age limit ends when a frame enters an image; the number of repeats bounds what follows.
+#[test]
+fn expired_frame_in_unconfirmed_image_has_hold_limit_repeats() {
+    for (lost_images, sent) in [(10, 1), (11, 0)] {
+        let (mut fixture, mut stream, mut queues) = shared(gateway(), 16);
+        let mut recorded = Recorded::default();
+        assert_eq!(gateway().hold_limit, 10);
+        let fault = Fault::LostFrame { direction: LossDirection::Outward, cycles: lost_images };
+        fixture.simulation.inject(fault);
+        let now_ns = fixture.port.adapter().clock().now_ns();
+        queues.push_until(0, 0, &frame(1, &[]), now_ns + 1_500_000).unwrap();
+        fixture.idle(40);
+        recorded.drain(&mut stream);
+        assert_eq!((recorded.results, recorded.expired.len()), (sent, 0), "{lost_images}");
+        let gateway = fixture.port.gateway(0).unwrap();
+        let of_channel = fixture.port.statistics(gateway).channels[0];
+        assert_eq!(of_channel.frames_confirmed, sent as u64, "{lost_images}: {of_channel:?}");
+    }
+}
+
 #[test]
 fn slow_reader_loses_records_and_counts_them() {
     let mut fixture = Fixture::single(gateway());
