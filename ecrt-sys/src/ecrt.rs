@@ -4,6 +4,8 @@ use std::fmt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use ecan_protocol::text::Printable;
+
 use crate::bindings::ec_master_t;
 use crate::clock::{Clock, MonotonicClock};
 use crate::functions::Functions;
@@ -35,12 +37,12 @@ impl fmt::Display for Origin {
             Self::Library { path, version_magic } => write!(
                 f,
                 "{} (version {}.{})",
-                path.display(),
+                Printable(path.display()),
                 version_magic >> 8,
                 version_magic & 0xff
             ),
             Self::Simulated { scenario } => {
-                write!(f, "simulated EtherCAT master (scenario {scenario})")
+                write!(f, "simulated EtherCAT master (scenario {})", Printable(scenario))
             }
         }
     }

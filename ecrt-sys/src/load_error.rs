@@ -1,5 +1,6 @@
 use std::path::PathBuf;
 
+use ecan_protocol::text::Printable;
 use thiserror::Error;
 
 /// Supported releases: 1.5 and 1.6.
@@ -21,7 +22,7 @@ pub enum LoadError {
         "the EtherCAT master library {} cannot be loaded, since this program is linked statically; \
          allowed: the simulator (`sim`), or a service (`ecan --via SOCKET`); for the library, install \
          a program that is linked dynamically",
-        path.display()
+        Printable(path.display())
     )]
     StaticProgram {
         /// Path or name of the library.
@@ -31,7 +32,7 @@ pub enum LoadError {
     #[error(
         "this process has not loaded {}; attach needs the library that made the master's handle: \
          link the program with it, or load it before",
-        path.display()
+        Printable(path.display())
     )]
     NotLoaded {
         /// Path or name of the library.
@@ -39,8 +40,9 @@ pub enum LoadError {
     },
     /// The setting `ecrt` selects the simulator, but the loaded library is not simulated.
     #[error(
-        "the setting `ecrt` is `sim`, but this process has loaded {library}; unset it, or \
-         start the program with the simulated libethercat (LD_LIBRARY_PATH=build/sim)"
+        "the setting `ecrt` is `sim`, but this process has loaded {}; unset it, or \
+         start the program with the simulated libethercat (LD_LIBRARY_PATH=build/sim)",
+        Printable(library)
     )]
     NotSimulated {
         /// Text of the loaded library.
@@ -48,9 +50,11 @@ pub enum LoadError {
     },
     /// The world of the loaded simulated library has another scenario than the setting.
     #[error(
-        "the setting `ecrt` is `sim:{requested}`, but this process has loaded the simulated \
-         libethercat, whose scenario is {loaded}; select the scenario with {variable} alone",
-        variable = crate::ECRT_VARIABLE
+        "the setting `ecrt` is `sim:{}`, but this process has loaded the simulated \
+         libethercat, whose scenario is {}; select the scenario with {} alone",
+        Printable(requested),
+        Printable(loaded),
+        crate::ECRT_VARIABLE
     )]
     OtherScenario {
         /// Scenario of the setting.
@@ -62,7 +66,7 @@ pub enum LoadError {
     #[error(
         "the simulated libethercat {} cannot open the scenario that {} selects; its message on \
          standard error states the reason",
-        path.display(),
+        Printable(path.display()),
         crate::ECRT_VARIABLE
     )]
     NoWorld {
@@ -71,8 +75,9 @@ pub enum LoadError {
     },
     /// The file does not exist.
     #[error(
-        "the EtherCAT master library {} was not found ({loader}): {}",
-        path.display(),
+        "the EtherCAT master library {} was not found ({}): {}",
+        Printable(path.display()),
+        Printable(loader),
         advice_not_found(path, elsewhere.as_ref())
     )]
     NotFound {
@@ -85,9 +90,10 @@ pub enum LoadError {
     },
     /// The dynamic loader rejects the file.
     #[error(
-        "the EtherCAT master library {} cannot be loaded ({loader}): name a libethercat that is \
+        "the EtherCAT master library {} cannot be loaded ({}): name a libethercat that is \
          built for this machine ({}) and whose own libraries are installed",
-        path.display(),
+        Printable(path.display()),
+        Printable(loader),
         std::env::consts::ARCH
     )]
     NotLoadable {
@@ -100,7 +106,7 @@ pub enum LoadError {
     #[error(
         "{} is a library, but not IgH's libethercat (it has no function ecrt_version_magic): \
          name the libethercat of the installed EtherCAT master",
-        path.display()
+        Printable(path.display())
     )]
     NotEthercat {
         /// Path of the library.
@@ -110,7 +116,7 @@ pub enum LoadError {
     #[error(
         "{} reports version {}, but this program supports {} only: install \
          one of these, or a newer version of this program",
-        path.display(),
+        Printable(path.display()),
         version_text(*version_magic),
         known_releases()
     )]
@@ -124,7 +130,7 @@ pub enum LoadError {
     #[error(
         "{} reports version {}.{}, but lacks {}: it was built without a part of the \
          interface, or is not IgH's; install the complete libethercat",
-        path.display(),
+        Printable(path.display()),
         release.0,
         release.1,
         missing.join(", ")
@@ -144,7 +150,7 @@ fn advice_not_found(path: &std::path::Path, elsewhere: Option<&PathBuf>) -> Stri
         Some(path) => format!(
             "there is one at {}, where the loader does not look; name that path, or add its \
              directory to /etc/ld.so.conf.d and run ldconfig",
-            path.display()
+            Printable(path.display())
         ),
         None if path.components().count() > 1 => {
             "name an existing libethercat, or none for the system's".into()

@@ -24,6 +24,23 @@ fn missing_path_is_reported() {
 }
 
 #[test]
+fn controls_in_names_are_escaped() {
+    let path = Path::new("/none/\u{1b}[2J\n\u{202e}.so");
+    let mut texts = vec![Ecrt::load(Some(path)).unwrap_err().to_string()];
+    let setting = EcrtSetting::Library(Some(path.into()));
+    texts.push(setting.find_loaded().unwrap_err().to_string());
+    texts.push(Origin::Library { path: path.into(), version_magic: 0x106 }.to_string());
+    texts.push(LoadError::NotSimulated { library: path.display().to_string() }.to_string());
+    let (requested, loaded) = (path.display().to_string(), "echo\r".to_owned());
+    texts.push(LoadError::OtherScenario { requested, loaded }.to_string());
+    texts.push(Origin::Simulated { scenario: path.display().to_string() }.to_string());
+    for text in texts {
+        assert_contains(&text, &[r"/none/\x1b[2J\n\u{202e}.so"]);
+        assert!(!text.contains(ecan_protocol::text::is_control), "{text:?}");
+    }
+}
+
+#[test]
 fn unknown_name_is_reported() {
     let name = Path::new("libethercat-absent.so.1");
     let error = Ecrt::load(Some(name)).unwrap_err();

@@ -17,11 +17,10 @@ enum { FIRST_OPTION = 256 };
 void options_wrong_use(const char *format, ...)
 {
     va_list arguments;
-    fputs("error: ", stderr);
     va_start(arguments, format);
-    vfprintf(stderr, format, arguments);
+    report_list(format, arguments);
     va_end(arguments);
-    fputs("\nFor more information, try --help.\n", stderr);
+    fputs("For more information, try --help.\n", stderr);
     exit(EXIT_WRONG_USE);
 }
 

@@ -18,7 +18,7 @@ static void note_status(int status)
     }
 }
 
-/* Names of files come from outside: no control character of theirs reaches the terminal. */
+/* Names of files and arguments come from outside: no control character of theirs reaches the terminal. */
 static void print_escaped(const char *text)
 {
     for (; *text != '\0'; text++) {
@@ -35,18 +35,23 @@ static void print_escaped(const char *text)
     }
 }
 
-void report(const char *format, ...)
+void report_list(const char *format, va_list arguments)
 {
     char text[4096];
-    va_list arguments;
     /* Keeps the order of both streams, also in one file. */
     fflush(stdout);
     fputs("error: ", stderr);
-    va_start(arguments, format);
     vsnprintf(text, sizeof(text), format, arguments);
-    va_end(arguments);
     print_escaped(text);
     fputc('\n', stderr);
+}
+
+void report(const char *format, ...)
+{
+    va_list arguments;
+    va_start(arguments, format);
+    report_list(format, arguments);
+    va_end(arguments);
 }
 
 void report_sdk_error(void)

@@ -2,6 +2,7 @@
 #ifndef REPORT_H
 #define REPORT_H
 
+#include <stdarg.h>
 #include <stdbool.h>
 
 /* Exit statuses besides EXIT_SUCCESS and EXIT_FAILURE, with the numbers of `ecan`. */
@@ -16,6 +17,12 @@ enum {
 __attribute__((format(printf, 1, 2)))
 #endif
 void report(const char *format, ...);
+
+/* Prints an error message, like vprintf(). */
+#if defined(__GNUC__)
+__attribute__((format(printf, 1, 0)))
+#endif
+void report_list(const char *format, va_list arguments);
 
 /* Prints the error of the last call of the SDK: ecan_last_error(). */
 void report_sdk_error(void);

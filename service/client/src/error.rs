@@ -27,7 +27,7 @@ pub enum ClientError {
     #[error("the service closed the connection")]
     Closed,
     /// The service sent bytes that are not of this protocol.
-    #[error("invalid bytes from the service: {0}")]
+    #[error("invalid bytes from the service: {}", Printable(.0))]
     Protocol(String),
     /// The service did not respond in time.
     #[error("the service did not respond to {method} within {timeout_ms} ms")]
@@ -99,7 +99,7 @@ pub enum SendError {
         window: u32,
     },
     /// The client may only read.
-    #[error("cannot send a frame: {reason}")]
+    #[error("cannot send a frame: {}", Printable(reason))]
     ReadOnly {
         /// Reason of the service.
         reason: String,

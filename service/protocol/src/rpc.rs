@@ -2,6 +2,7 @@
 
 use std::fmt;
 
+use ecan_protocol::text::PrintableLines;
 use serde::de::{DeserializeOwned, IgnoredAny, MapAccess, SeqAccess, Visitor};
 use serde::{Deserialize, Deserializer, Serialize};
 use serde_json::Value;
@@ -304,7 +305,7 @@ impl Response {
 
 /// Error of a request.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, thiserror::Error)]
-#[error("{}", with_indented_lines(message))]
+#[error("{}", PrintableLines(with_indented_lines(message)))]
 pub struct RpcError {
     /// Code: those of JSON-RPC 2.0, and -32001 to -32008.
     pub code: i32,

@@ -41,6 +41,12 @@ fn responses_have_the_documented_text() {
 }
 
 #[test]
+fn message_of_other_program_is_printed_without_controls() {
+    let error = RpcError::new(BUS_ERROR, "cannot read \u{1b}[2Jx\r\nerror: \u{202e}y");
+    assert_eq!(error.to_string(), "cannot read \\x1b[2Jx\n  error: \\u{202e}y");
+}
+
+#[test]
 fn bus_error_survives_the_response() {
     let bus = BusError::Sdo {
         slave: 1,

@@ -156,7 +156,10 @@ pub enum ServiceError {
         source: io::Error,
     },
     /// No such group.
-    #[error("group \"{0}\" does not exist; create it (groupadd --system {0}) or set another group")]
+    #[error(
+        "group \"{group}\" does not exist; create it (groupadd --system {group}) or set another group",
+        group = Printable(.0)
+    )]
     NoSuchGroup(String),
     /// The queue of a client is too small for one image.
     #[error("client queue of {0} bytes is out of range; allowed: at least 8192")]

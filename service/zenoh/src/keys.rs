@@ -1,5 +1,6 @@
 //! Key expressions.
 
+use ecan_protocol::text::Printable;
 use thiserror::Error;
 
 /// Key expressions of one service, under a prefix.
@@ -22,7 +23,8 @@ pub struct RequestKey<'a> {
 /// The prefix is no key.
 #[derive(Debug, Clone, PartialEq, Eq, Error)]
 #[error(
-    "prefix \"{0}\" is invalid; allowed: names separated by single slashes, without * $ ? # and blanks"
+    "prefix \"{}\" is invalid; allowed: names separated by single slashes, without * $ ? # and blanks",
+    Printable(.0)
 )]
 pub struct PrefixError(pub String);
 

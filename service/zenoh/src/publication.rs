@@ -5,6 +5,7 @@ use std::path::Path;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, SystemTime};
 
+use ecan_protocol::text::Printable;
 use ecan_service_client::Hello;
 use zenoh::{Session, Wait as _};
 
@@ -72,8 +73,9 @@ impl fmt::Display for PublicationEvent {
             }
             Self::PrefixInUse { token } => write!(
                 f,
-                "warning: another publisher uses the prefix ({token}); remote control is rejected; \
-                 set --prefix"
+                "warning: another publisher uses the prefix ({}); remote control is rejected; \
+                 set --prefix",
+                Printable(token)
             ),
             Self::PrefixFree => f.write_str("zenoh: no other publisher uses the prefix"),
             Self::ServiceSilent => {

@@ -2,6 +2,7 @@
 
 use std::path::PathBuf;
 
+use ecan_protocol::text::Printable;
 use ecan_service_client::ClientError;
 use thiserror::Error;
 
@@ -10,7 +11,7 @@ use thiserror::Error;
 #[non_exhaustive]
 pub enum PublicationError {
     /// The configuration file of Zenoh cannot be read, or is not one.
-    #[error("cannot read the Zenoh configuration {}: {reason}", path.display())]
+    #[error("cannot read the Zenoh configuration {}: {}", Printable(path.display()), Printable(reason))]
     ConfigFile {
         /// The file.
         path: PathBuf,
@@ -21,7 +22,7 @@ pub enum PublicationError {
     #[error(
         "Zenoh configuration {} permits no connection; set connect.endpoints or listen.endpoints, for \
          example [\"tcp/router:7447\"], or enable scouting.multicast",
-        path.display()
+        Printable(path.display())
     )]
     NoEndpoint {
         /// The file.
@@ -30,14 +31,15 @@ pub enum PublicationError {
     /// The session does not open: a router cannot be reached, an address is in use, a certificate
     /// is wrong.
     #[error(
-        "cannot open the Zenoh session: {reason}; check the Zenoh configuration and its routers"
+        "cannot open the Zenoh session: {}; check the Zenoh configuration and its routers",
+        Printable(reason)
     )]
     Open {
         /// Text of Zenoh.
         reason: String,
     },
     /// A call of the session failed.
-    #[error("cannot {action} {key} in Zenoh: {reason}")]
+    #[error("cannot {action} {} in Zenoh: {}", Printable(key), Printable(reason))]
     Session {
         /// What failed, for example "publish".
         action: &'static str,

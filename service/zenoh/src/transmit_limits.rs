@@ -5,6 +5,7 @@ use std::str::FromStr;
 
 use ecan_protocol::can::CanId;
 use ecan_protocol::mapping::CHANNELS;
+use ecan_protocol::text::Printable;
 use ecan_service_client::{NOT_PERMITTED, RpcError};
 use thiserror::Error;
 
@@ -20,8 +21,9 @@ pub struct TransmitRule {
 /// The text is not a rule.
 #[derive(Debug, Clone, PartialEq, Eq, Error)]
 #[error(
-    "transmit limit \"{0}\" is invalid; allowed: GATEWAY.CHANNEL, GATEWAY.CHANNEL:ID or \
-     GATEWAY.CHANNEL:FIRST-LAST, channels 0 to 3, CAN IDs of 3 or 8 hexadecimal digits"
+    "transmit limit \"{}\" is invalid; allowed: GATEWAY.CHANNEL, GATEWAY.CHANNEL:ID or \
+     GATEWAY.CHANNEL:FIRST-LAST, channels 0 to 3, CAN IDs of 3 or 8 hexadecimal digits",
+    Printable(.0)
 )]
 pub struct TransmitRuleError(pub String);
 

@@ -165,7 +165,7 @@ mod tests {
             let error = config(text).unwrap_err().to_string();
             assert!(error.contains(words), "{text}: {error}");
         }
-        let error = read(Path::new("/none/zenoh.json5")).unwrap_err().to_string();
-        assert!(error.contains("/none/zenoh.json5: No such file"), "{error}");
+        let error = read(Path::new("/none/\u{1b}[2J.json5")).unwrap_err().to_string();
+        assert!(error.contains(r"/none/\x1b[2J.json5: No such file"), "{error}");
     }
 }

@@ -6,6 +6,7 @@ use std::path::PathBuf;
 use std::str::FromStr;
 use std::time::Duration;
 
+use ecan_protocol::text::Printable;
 use thiserror::Error;
 
 const UNIX_PREFIX: &str = "unix:";
@@ -22,8 +23,9 @@ pub enum MetricsAddress {
 /// Error of a text that is not an address of metrics.
 #[derive(Debug, Clone, PartialEq, Eq, Error)]
 #[error(
-    "metrics address \"{0}\" is not valid; allowed: a numeric address with its port (127.0.0.1:9464, \
-     [::1]:9464) or unix:PATH"
+    "metrics address \"{}\" is not valid; allowed: a numeric address with its port (127.0.0.1:9464, \
+     [::1]:9464) or unix:PATH",
+    Printable(.0)
 )]
 pub struct MetricsAddressError(String);
 
@@ -43,7 +45,7 @@ impl fmt::Display for MetricsAddress {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Tcp(address) => address.fmt(f),
-            Self::Unix(path) => write!(f, "{UNIX_PREFIX}{}", path.display()),
+            Self::Unix(path) => write!(f, "{UNIX_PREFIX}{}", Printable(path.display())),
         }
     }
 }
@@ -82,5 +84,13 @@ mod tests {
             let error = text.parse::<MetricsAddress>().unwrap_err().to_string();
             assert!(error.contains(&format!("\"{text}\" is not valid; allowed")), "{error}");
         }
+    }
+
+    #[test]
+    fn controls_in_addresses_are_escaped() {
+        let error = "\u{1b}[2J".parse::<MetricsAddress>().unwrap_err().to_string();
+        assert!(error.contains(r#""\x1b[2J" is not valid"#), "{error}");
+        let address: MetricsAddress = "unix:/run/\u{9b}2J\n".parse().unwrap();
+        assert_eq!(address.to_string(), r"unix:/run/\x9b2J\n");
     }
 }
