@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use crate::common::{Fixture, Handles, SendData, classic, frame, frames_of, id};
 use ecan_host::{AdapterConfig, DcSync};
-use ecan_mcan_port::{GatewayConfig, PortConfig};
+use ecan_mcan_port::{GatewayConfig, PendingStep, PortConfig};
 use ecan_protocol::image::{OptionFlags, Schedule};
 use ecan_protocol::mapping::CHANNELS;
 use ecan_sim::variant::{Alternative, Variant, variants};
@@ -210,4 +210,24 @@ fn lost_profile_is_applied_again_after_an_overflow() {
     let adapter = AdapterConfig::new(1).with_cycle(Duration::from_millis(1));
     let started = start(scenario, adapter, GatewayConfig::on_channel(0, classic()));
     started.unwrap_or_else(|error| panic!("{error}"));
+}
+
+/// A startup that is requested again begins in INIT, before the profiles that were restored in SAFEOP lead to OP.
+#[test]
+fn lost_profile_is_applied_again_although_startups_are_requested() {
+    let text = "[[gateway]]\nmailbox_delay_us = 50000\n\
+                [gateway.variant]\nassignment_rewritten = \"dropped_at_safeop\"\n";
+    let scenario = Scenario::from_toml(text, "slow", Path::new(".")).unwrap();
+    let adapter = AdapterConfig::new(1).with_cycle(Duration::from_millis(2));
+    let mut fixture = start(scenario, adapter, GatewayConfig::on_channel(0, classic())).unwrap();
+    fixture.simulation.inject(Fault::PowerCycle { gateway: 0, off_ms: 300 });
+    // Its startup takes a quarter of a minute.
+    for _ in 0..60 {
+        fixture.idle(250);
+        let gateway = fixture.port.gw(0);
+        if fixture.port.waiting_for(gateway) == Some(PendingStep::StartupRetry) {
+            fixture.port.retry_startup().unwrap();
+        }
+    }
+    assert!(fixture.port.is_ready(), "{:?}", fixture.port.waiting_for(fixture.port.gw(0)));
 }

@@ -14,7 +14,7 @@ use crate::port_config::GatewayConfig;
 use crate::session::check_runner::CheckRunner;
 use crate::session::controller_reading::warn_unverified;
 use crate::session::pending_step::PendingStep;
-use crate::session::profile_restore::{ProfileRestore, SAFEOP_NS};
+use crate::session::profile_restore::{ProfileRestore, RESTORE_NS, SAFEOP_NS};
 use crate::session::startup_retry::StartupRetry;
 use crate::session::verification::{
     Check, ControllerStep, SERIAL_CHECKS, SdoTransfer, VerificationFault, checks,
@@ -180,6 +180,7 @@ impl SessionMachine {
             Session::Waiting | Session::Failed(_) => Some(match () {
                 () if adapter.phase() != Phase::Active => PendingStep::Operational,
                 () if !self.is_online(adapter) => PendingStep::Answer,
+                () if self.is_restoring(adapter) => PendingStep::Operational,
                 () if self.startup_retry.is_due() || self.startup_retry.requests() > 0 => {
                     PendingStep::StartupRetry
                 }
@@ -247,16 +248,25 @@ impl SessionMachine {
     }
 
     fn restore_profiles(&mut self, adapter: &mut Adapter) {
-        match self.below_op_since_ns {
-            Some(since_ns)
-                if AlState::from_status(self.below_op_state.into()) == Some(AlState::SafeOp) =>
-            {
-                if Self::has_lasted(Some(since_ns), SAFEOP_NS, adapter) {
-                    self.profile_restore.step(adapter);
-                }
-            }
-            _ => self.profile_restore.reset(),
+        let since_ns = self.safeop_since_ns();
+        if since_ns.is_none() {
+            self.profile_restore.reset();
+        } else if Self::has_lasted(since_ns, SAFEOP_NS, adapter) {
+            self.profile_restore.step(adapter);
         }
+    }
+
+    fn safeop_since_ns(&self) -> Option<u64> {
+        let state = AlState::from_status(self.below_op_state.into());
+        self.below_op_since_ns.filter(|_| state == Some(AlState::SafeOp))
+    }
+
+    /// Returns whether the profiles are being restored in SAFEOP, or will be.
+    fn is_restoring(&self, adapter: &Adapter) -> bool {
+        let since_ns = self.safeop_since_ns();
+        since_ns.is_some()
+            && !self.profile_restore.has_ended()
+            && !Self::has_lasted(since_ns, RESTORE_NS, adapter)
     }
 
     /// Since when the slave is in its state below OP, or in OP without process data.
@@ -269,6 +279,7 @@ impl SessionMachine {
             self.below_op_since_ns.filter(|_| is_same).unwrap_or(now_ns)
         });
         match self.below_op_since_ns {
+            Some(_) if self.is_restoring(adapter) => self.startup_retry.wait(),
             Some(since_ns) => self.startup_retry.watch(since_ns, now_ns),
             None => self.startup_retry.reset(),
         }

@@ -12,6 +12,9 @@ use super::verification::IN_USE;
 
 /// Time in SAFEOP before the profiles are read, in nanoseconds.
 pub(crate) const SAFEOP_NS: u64 = 1_000_000_000;
+/// Time in SAFEOP in which another startup must not be requested, since it would begin before the restored profiles
+/// lead to OP. It passes only if the mailbox does not answer or OP is rejected.
+pub(crate) const RESTORE_NS: u64 = 10_000_000_000;
 
 const ACTIVE_WORD: u8 = 12;
 const STATUS: u8 = 2;
@@ -22,10 +25,12 @@ enum RestoreStep {
     ReadActive(usize),
     Apply(usize),
     ReadStatus(usize),
+    OpRequested,
+    /// Nothing was lost, or a transfer failed.
     Ended,
 }
 
-use RestoreStep::{Apply, Ended, ReadActive, ReadStatus};
+use RestoreStep::{Apply, Ended, OpRequested, ReadActive, ReadStatus};
 
 #[derive(Debug)]
 pub(crate) struct ProfileRestore {
@@ -67,6 +72,11 @@ impl ProfileRestore {
     /// The gateway is not in SAFEOP: its next stay there has an attempt of its own.
     pub(crate) fn reset(&mut self) {
         (self.step, self.is_begun, self.is_lost) = (ReadActive(0), false, false);
+    }
+
+    /// Returns whether the attempt of this stay in SAFEOP is over and leads to no OP.
+    pub(crate) fn has_ended(&self) -> bool {
+        self.step == Ended
     }
 
     /// One step, once a cycle in SAFEOP; one attempt until [`reset`](Self::reset).
@@ -120,6 +130,6 @@ impl ProfileRestore {
         );
         // A request that is rejected leaves the gateway in SAFEOP, as it was.
         let _ = adapter.request_operational(self.slave);
-        Ended
+        OpRequested
     }
 }

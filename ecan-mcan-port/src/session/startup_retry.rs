@@ -27,6 +27,11 @@ impl StartupRetry {
         self.is_due = now_ns >= self.next_ns.max(since_ns.saturating_add(FIRST_NS));
     }
 
+    /// What the slave does may still lead to OP.
+    pub(crate) fn wait(&mut self) {
+        self.is_due = false;
+    }
+
     pub(crate) fn is_due(&self) -> bool {
         self.is_due
     }
