@@ -61,11 +61,13 @@ use run::Trial;
 /// 157264: the end of a feed-forward counted as executed in cycles without SYNC.
 /// 158055: the drive of a motor that was blocked at the takeover was adopted.
 /// 173759: a drive without heartbeat left Operational and was not started again.
+/// 2003820: a startup was requested again while the profiles of its gateway were restored.
 /// 2005548: an owner ended before its stop left, while a drive opened its brake.
+/// 3000081: a drive whose motor was blocked as its owner was replaced in a hold was adopted.
 const FOUND: &[u64] = &[
     3913, 4640, 5780, 43993, 44419, 44729, 45524, 45577, 46036, 47971, 50537, 51807, 60447, 61652,
     67089, 67695, 85898, 90041, 92394, 101667, 104566, 110672, 114180, 121796, 124644, 157264,
-    158055, 173759, 2005548,
+    158055, 173759, 2003820, 2005548, 3000081,
 ];
 
 /// The same with axes of shared nodes.

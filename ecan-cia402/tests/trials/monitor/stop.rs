@@ -134,11 +134,15 @@ impl AxisMonitor {
         }
     }
 
-    /// The drive got the velocity 0: the next owner may adopt it, since no velocity of the earlier one is in force.
+    /// The drive got the velocity 0: with it the next owner may adopt a drive at rest, since no velocity and no
+    /// stop of the earlier one is in force.
     pub(super) fn stand(&mut self) {
-        let is_adopted = |stop: &Stop| stop.kind == StopKind::Takeover && stop.allowance_ns > 0;
-        if self.stop.as_ref().is_some_and(is_adopted) {
+        if self.stop.as_ref().is_some_and(|stop| stop.allowance_ns > 0) {
             self.stop = None;
+        }
+        let may_adopt = self.adoption_ns > 0 && !self.was_running;
+        if may_adopt && !self.is_moving() {
+            self.targets.clear();
         }
     }
 
