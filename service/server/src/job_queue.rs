@@ -197,7 +197,8 @@ impl<J> JobQueue<J> {
 impl<J> State<J> {
     fn push(&mut self, key: JobKey, job: J) -> Result<(), QueueLimit> {
         let JobKey { requester: Requester { client, user }, bytes, .. } = key;
-        let amount = |share: Option<&Share>| share.map_or_else(Amount::default, |it| it.amount);
+        let amount =
+            |share: Option<&Share>| share.map_or_else(Amount::default, |share| share.amount);
         let of_client = amount(self.clients.get(&client).map(|jobs| &jobs.share)).with(bytes);
         let of_user = amount(self.users.get(&user)).with(bytes);
         let total = self.total.with(bytes);
@@ -232,7 +233,8 @@ impl<J> State<J> {
             if jobs.share.running[at] >= of_client || user.running[at] >= of_user {
                 return None;
             }
-            let is_free = |slave: Option<u16>| slave.is_none_or(|it| !busy_slaves.contains(&it));
+            let is_free =
+                |slave: Option<u16>| slave.is_none_or(|slave| !busy_slaves.contains(&slave));
             let index =
                 jobs.waiting.iter().position(|(key, _)| key.lane == lane && is_free(key.slave))?;
             Some((user.last_turn[at], jobs.share.last_turn[at], *client, index))

@@ -247,8 +247,9 @@ impl Worker {
             Work::Bus(call) => self.bus.execute(call),
             Work::Extension(index, request) => {
                 let extension = self.extensions.get(*index);
-                let result =
-                    extension.and_then(|it| it.call(method, &request.params_value(), permission));
+                let result = extension.and_then(|extension| {
+                    extension.call(method, &request.params_value(), permission)
+                });
                 result.unwrap_or_else(|| Err(no_such_method(method)))
             }
         }

@@ -102,7 +102,8 @@ fn one_client_with_many_uploads_leaves_turns_to_others() {
     (17..40).for_each(|id| write(&mut greedy, MessageKind::Rpc, &upload(id, true)));
     wait_for("a rejection", || {
         let stats = good.service_stats().unwrap();
-        stats.requests_rejected > 0 && stats.clients.iter().any(|it| it.requests_rejected > 0)
+        stats.requests_rejected > 0
+            && stats.clients.iter().any(|client| client.requests_rejected > 0)
     });
 }
 

@@ -113,7 +113,8 @@ impl State {
     /// have not opened the bus, from the address with the most such clients.
     fn remove_silent(&mut self) -> Option<Client> {
         let silent = || self.clients.iter().filter(|client| !client.has_opened);
-        let from_same = |client: &Client| silent().filter(|it| it.peer == client.peer).count();
+        let from_same =
+            |client: &Client| silent().filter(|other| other.peer == client.peer).count();
         let rank = |client: &&Client| (from_same(client), std::cmp::Reverse(client.id));
         let id = silent().max_by_key(rank)?.id;
         let at = self.clients.iter().position(|client| client.id == id)?;

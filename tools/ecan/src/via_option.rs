@@ -94,7 +94,8 @@ impl GivenOptions {
 /// Reason why an option of a command has no effect with a service; `None` if it has.
 fn unused_reason(command: &str, name: &str) -> Option<&'static str> {
     let of_command = format!("{command} --{name}");
-    let is_listed = |names: &[&str]| names.iter().any(|it| *it == name || *it == of_command);
+    let is_listed =
+        |names: &[&str]| names.iter().any(|listed| *listed == name || *listed == of_command);
     UNUSED.iter().find(|(_, names)| is_listed(names)).map(|(reason, _)| *reason)
 }
 

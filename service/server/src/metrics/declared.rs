@@ -17,15 +17,15 @@ macro_rules! counters {
             Metric::new(
                 concat!($prefix, stringify!($field), "_total"),
                 $help,
-                $source(|it| {
-                    let $owner { $field, .. } = it;
+                $source(|counters| {
+                    let $owner { $field, .. } = counters;
                     *$field
                 }),
             ),
         )+];
 
-        const _: fn($owner) = |it| {
-            let $owner { $($field: _,)+ $($other: _,)* } = it;
+        const _: fn($owner) = |counters| {
+            let $owner { $($field: _,)+ $($other: _,)* } = counters;
         };
     };
 }
@@ -46,62 +46,62 @@ static SERVICE: &[Metric] = &[
     Metric::new(
         "ecan_service_clients",
         "Connected clients of the service.",
-        Source::Service(|it| it.clients as f64),
+        Source::Service(|service| service.clients as f64),
     ),
     Metric::new(
         "ecan_service_clients_accepted_total",
         "Clients that the service accepted.",
-        Source::Service(|it| it.stats.clients_accepted as f64),
+        Source::Service(|service| service.stats.clients_accepted as f64),
     ),
     Metric::new(
         "ecan_service_clients_rejected_total",
         "Clients that the service rejected: too many in all or of one user, or no file descriptor.",
-        Source::Service(|it| it.stats.clients_rejected as f64),
+        Source::Service(|service| service.stats.clients_rejected as f64),
     ),
     Metric::new(
         "ecan_service_clients_silent_total",
         "Clients that the service disconnected because no hello came in time.",
-        Source::Service(|it| it.stats.clients_silent as f64),
+        Source::Service(|service| service.stats.clients_silent as f64),
     ),
     Metric::new(
         "ecan_service_requests_pending",
         "Requests that wait for a worker or are executed by one.",
-        Source::Service(|it| it.stats.requests_pending as f64),
+        Source::Service(|service| service.stats.requests_pending as f64),
     ),
     Metric::new(
         "ecan_service_requests_rejected_total",
         "Requests rejected because a limit of pending requests was reached.",
-        Source::Service(|it| it.stats.requests_rejected as f64),
+        Source::Service(|service| service.stats.requests_rejected as f64),
     ),
     Metric::new(
         "ecan_service_requests_cancelled_total",
         "Requests not executed because their client left.",
-        Source::Service(|it| it.stats.requests_cancelled as f64),
+        Source::Service(|service| service.stats.requests_cancelled as f64),
     ),
     Metric::new(
         "ecan_service_requests_expired_total",
         "Requests not executed because they waited longer than their age limit.",
-        Source::Service(|it| it.stats.requests_expired as f64),
+        Source::Service(|service| service.stats.requests_expired as f64),
     ),
     Metric::new(
         "ecan_service_frames_lost_total",
         "Frames lost for all subscribers because the ring of the cycle was full.",
-        Source::Service(|it| it.stats.frames_lost_in_ring as f64),
+        Source::Service(|service| service.stats.frames_lost_in_ring as f64),
     ),
     Metric::new(
         "ecan_service_images_lost_total",
         "PDO images lost for all subscribers because the ring of the cycle was full.",
-        Source::Service(|it| it.stats.images_lost_in_ring as f64),
+        Source::Service(|service| service.stats.images_lost_in_ring as f64),
     ),
     Metric::new(
         "ecan_bus_slaves_responding",
         "Slaves that answer, over all links.",
-        Source::Bus(|it| f64::from(it.slaves_responding)),
+        Source::Bus(|bus| f64::from(bus.slaves_responding)),
     ),
     Metric::new(
         "ecan_bus_link_up",
         "1 while at least one link of the master is up.",
-        Source::Bus(|it| flag(it.link_up)),
+        Source::Bus(|bus| flag(bus.link_up)),
     ),
     Metric::new(
         "ecan_bus_al_state",
@@ -111,41 +111,43 @@ static SERVICE: &[Metric] = &[
     Metric::new(
         "ecan_cycle_active",
         "1 while an application runs the cycle.",
-        Source::Service(|it| flag(it.cycle.as_ref().is_some_and(|it| !it.state.is_closed))),
+        Source::Service(|service| {
+            flag(service.cycle.as_ref().is_some_and(|cycle| !cycle.state.is_closed))
+        }),
     ),
 ];
 
 static CYCLE: &[Metric] = &[
-    Metric::new("ecan_cycles_total", "Cycles.", Source::Cycle(|it| it.state.cycle as f64)),
+    Metric::new("ecan_cycles_total", "Cycles.", Source::Cycle(|cycle| cycle.state.cycle as f64)),
     Metric::new(
         "ecan_cycle_period_seconds",
         "Configured period of the cycle.",
-        Source::Cycle(|it| it.state.cycle_ns as f64 / NS_PER_S),
+        Source::Cycle(|cycle| cycle.state.cycle_ns as f64 / NS_PER_S),
     ),
     Metric::new(
         "ecan_cycle_start_timestamp_seconds",
         "Start of the last cycle since 1970; of a simulated time, since its start.",
-        Source::Cycle(|it| it.state.time_ns as f64 / NS_PER_S),
+        Source::Cycle(|cycle| cycle.state.time_ns as f64 / NS_PER_S),
     ),
     Metric::new(
         "ecan_cycle_overruns_total",
         "Cycles that missed a deadline.",
-        Source::Cycle(|it| it.state.overruns as f64),
+        Source::Cycle(|cycle| cycle.state.overruns as f64),
     ),
     Metric::new(
         "ecan_cycle_deadlines_skipped_total",
         "Deadlines that were skipped after overruns.",
-        Source::Cycle(|it| it.state.skipped as f64),
+        Source::Cycle(|cycle| cycle.state.skipped as f64),
     ),
     Metric::new(
         "ecan_cycle_run_time_seconds",
         "Time from the start of a cycle to the end of sending, of one cycle in 50 ms.",
-        Source::Times(|it| &it.run_time),
+        Source::Times(|times| &times.run_time),
     ),
     Metric::new(
         "ecan_cycle_start_delay_seconds",
         "Delay of the start of a cycle after its deadline, of one cycle in 50 ms.",
-        Source::Times(|it| &it.late),
+        Source::Times(|times| &times.late),
     ),
 ];
 
@@ -158,7 +160,7 @@ static SLAVE: &[Metric] = &[
     Metric::new(
         "ecan_slave_ready",
         "1 while the gateway is verified and frames can be sent.",
-        Source::Slave(|it| flag(it.session == SessionState::Ready)),
+        Source::Slave(|slave| flag(slave.session == SessionState::Ready)),
     ),
     Metric::new(
         "ecan_slave_session_state",
@@ -173,12 +175,12 @@ static SLAVE: &[Metric] = &[
     Metric::new(
         "ecan_slave_wkc",
         "Working counter of the last cycle.",
-        Source::Slave(|it| f64::from(it.report.working_counter)),
+        Source::Slave(|slave| f64::from(slave.report.working_counter)),
     ),
     Metric::new(
         "ecan_slave_wkc_expected",
         "Working counter of a complete exchange.",
-        Source::Slave(|it| f64::from(it.report.expected_working_counter)),
+        Source::Slave(|slave| f64::from(slave.report.expected_working_counter)),
     ),
 ];
 
@@ -221,22 +223,22 @@ static CHANNEL: &[Metric] = &[
     Metric::new(
         "ecan_channel_error_warning",
         "1 while the channel reports error warning, error passive or a degraded bus.",
-        Source::Channel(|it| flag(it.warn())),
+        Source::Channel(|channel| flag(channel.warn())),
     ),
     Metric::new(
         "ecan_channel_receive_pressure",
         "1 while the receive FIFO of the channel is nearly full or has overflowed.",
-        Source::Channel(|it| flag(it.rx_pressure())),
+        Source::Channel(|channel| flag(channel.rx_pressure())),
     ),
     Metric::new(
         "ecan_channel_transmit_pressure",
         "1 while the transmit FIFO or queue of the channel is congested.",
-        Source::Channel(|it| flag(it.tx_pressure())),
+        Source::Channel(|channel| flag(channel.tx_pressure())),
     ),
     Metric::new(
         "ecan_channel_frames_pending",
         "Frames without a known result so far.",
-        Source::ChannelPending(|it| it.frames_pending),
+        Source::ChannelPending(|channelpending| channelpending.frames_pending),
     ),
 ];
 
@@ -333,26 +335,26 @@ static AXIS: &[Metric] = &[
     Metric::new(
         "ecan_axis_running",
         "1 while the axis follows targets.",
-        Source::Axis(|it| Some(flag(it.is_running))),
+        Source::Axis(|axis| Some(flag(axis.is_running))),
     ),
     Metric::new(
         "ecan_axis_hold",
         "1 while the axis holds and waits for the application.",
-        Source::Axis(|it| Some(flag(it.hold_reason.is_some()))),
+        Source::Axis(|axis| Some(flag(axis.hold_reason.is_some()))),
     ),
     Metric::new(
         "ecan_axis_emergency_code",
         "Error code of the last emergency message of the drive; 0 for none.",
-        Source::Axis(|it| Some(f64::from(it.error_code))),
+        Source::Axis(|axis| Some(f64::from(axis.error_code))),
     ),
     Metric::new(
         "ecan_axis_actual_age_cycles",
         "Age of the actual position in cycles; 65535 is more or never.",
-        Source::Axis(|it| Some(f64::from(it.actual_age))),
+        Source::Axis(|axis| Some(f64::from(axis.actual_age))),
     ),
     Metric::new(
         "ecan_axis_following_error_steps",
         "Target minus actual position, in steps of the drive.",
-        Source::Axis(|it| it.following_error().map(|steps| steps as f64)),
+        Source::Axis(|axis| axis.following_error().map(|steps| steps as f64)),
     ),
 ];

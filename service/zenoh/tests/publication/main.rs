@@ -39,9 +39,9 @@ fn frames_arrive_by_channel_and_all_are_counted() {
     let mut take = |sample: Sample, account: &mut FrameAccount| {
         let batch = reports(&sample);
         let (own, channel) = (sample.key_expr().as_str(), key("frames/0/0"));
-        assert!(own == channel && batch.iter().all(|it| it.channel == 0), "{own}");
+        assert!(own == channel && batch.iter().all(|report| report.channel == 0), "{own}");
         account.take(head(&sample), batch.len() as u64);
-        events.extend(batch.iter().map(|it| it.event));
+        events.extend(batch.iter().map(|report| report.event));
     };
     while account.received() < 1000 {
         take(next(&samples), &mut account);
@@ -50,7 +50,8 @@ fn frames_arrive_by_channel_and_all_are_counted() {
     // Until the last frame that the service delivered to the publisher.
     let delivered = || {
         let clients = fixture.client().service_stats().unwrap().clients;
-        let client = clients.into_iter().find(|it| it.name == "ecan zenoh: frames").unwrap();
+        let client =
+            clients.into_iter().find(|client| client.name == "ecan zenoh: frames").unwrap();
         (client.frames_delivered, client.frames_lost)
     };
     let mut before = delivered();
@@ -85,7 +86,7 @@ fn states_are_published_and_answer_to_get() {
     let all = published.remote.get("bench/**").timeout(PATIENCE).wait().unwrap();
     let mut names: Vec<_> = all
         .into_iter()
-        .map(|it| it.into_result().unwrap().key_expr().as_str().replace(&key(""), ""))
+        .map(|reply| reply.into_result().unwrap().key_expr().as_str().replace(&key(""), ""))
         .map(|name| name.replace(&publisher, "ID"))
         .collect();
     names.sort();
@@ -117,7 +118,8 @@ fn frames_are_sent_with_their_results_in_the_reply() {
     let samples = published.subscribe("frames/0/0");
     let records = [record(0, 7, &[1]), record(3, 8, &[2]), record(0, 9, &[3])];
     let results = published.send(&records).unwrap();
-    let results: Vec<_> = results.iter().map(|it| (it.tag, it.event, it.frame)).collect();
+    let results: Vec<_> =
+        results.iter().map(|report| (report.tag, report.event, report.frame)).collect();
     let no_channel = FrameEvent::Rejected(RejectReason::NoSuchChannel);
     let events = [FrameEvent::Transmitted, no_channel, FrameEvent::Transmitted];
     let expected: Vec<_> =
@@ -127,7 +129,7 @@ fn frames_are_sent_with_their_results_in_the_reply() {
     while seen.len() < 4 {
         seen.extend(reports(&next(&samples)));
     }
-    assert!(seen.iter().all(|it| it.tag == 0), "tags are those of their sender: {seen:?}");
+    assert!(seen.iter().all(|report| report.tag == 0), "tags are those of their sender: {seen:?}");
 
     let error = Remote::of(&published.remote, "test").act("send", vec![0; 15]).unwrap_err();
     assert_eq!(error.code, BAD_RECORD);
@@ -190,7 +192,7 @@ fn router_between_the_hosts_forwards() {
     assert_eq!(sent[0].event, FrameEvent::Transmitted);
     wait_for("a frame", || {
         published.send(&[record(0, 1, &[6])]).unwrap();
-        samples.try_recv().unwrap().is_some_and(|it| !reports(&it).is_empty())
+        samples.try_recv().unwrap().is_some_and(|sample| !reports(&sample).is_empty())
     });
     published.end().unwrap();
 }

@@ -20,7 +20,7 @@ pub fn run(command: &clap::Command, directory: &Path) -> Result {
 
 /// Writes the pages of a command and its subcommands.
 fn write_page(command: &clap::Command, directory: &Path) -> std::io::Result<()> {
-    for subcommand in command.get_subcommands().filter(|it| !it.is_hide_set()) {
+    for subcommand in command.get_subcommands().filter(|command| !command.is_hide_set()) {
         write_page(subcommand, directory)?;
     }
     let name = command.get_display_name().unwrap_or_else(|| command.get_name());

@@ -305,7 +305,7 @@ fn count_on(stream: &TcpStream, texts: [&'static [u8]; 2]) -> Arc<[AtomicUsize; 
             received.extend_from_slice(&bytes[..length]);
             for ((text, next), count) in texts.iter().zip(&mut next).zip(&*counted) {
                 while let Some(at) =
-                    received[*next..].windows(text.len()).position(|it| it == *text)
+                    received[*next..].windows(text.len()).position(|bytes| bytes == *text)
                 {
                     *next += at + text.len();
                     count.fetch_add(1, Ordering::Relaxed);

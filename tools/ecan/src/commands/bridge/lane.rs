@@ -135,8 +135,11 @@ impl Lane {
     pub fn close(&mut self, time_ns: u64) {
         let waiting = self.waiting.take();
         waiting.iter().for_each(|held| self.fail(held, time_ns));
-        let queued: usize =
-            self.endpoints.iter().map(|it| it.clients().set_accepting(false, time_ns)).sum();
+        let queued: usize = self
+            .endpoints
+            .iter()
+            .map(|endpoint| endpoint.clients().set_accepting(false, time_ns))
+            .sum();
         let dropped = queued + waiting.iter().count();
         if dropped > 0 {
             note(format_args!("# {}: {dropped} client frames not sent before the end", self.id));

@@ -35,8 +35,10 @@ impl TransmitGate {
         let lane = self.lane;
         // Before the first endpoint is closed: from then on its frames are rejected.
         let rejected_before = rejected(endpoints);
-        let waiting: usize =
-            endpoints.iter().map(|it| it.clients().set_accepting(is_open, time_ns)).sum();
+        let waiting: usize = endpoints
+            .iter()
+            .map(|endpoint| endpoint.clients().set_accepting(is_open, time_ns))
+            .sum();
         let dropped = held + waiting;
         if !is_open {
             self.rejected_before = rejected_before + waiting as u64;

@@ -210,13 +210,13 @@ fn progress(experiment: &Experiment) {
 fn write_profile(profile: &DeviceProfile, path: &Path) -> Result {
     let text =
         format!("# Measured by ecan probe {}\n{}", env!("CARGO_PKG_VERSION"), profile.to_toml());
-    new_file::write(path, text).map_err(|it| Failure::file("write", path, it))
+    new_file::write(path, text).map_err(|error| Failure::file("write", path, error))
 }
 
 fn write_bundle(report: &Report, bus: &Bus, directory: &Path, context: &Context) -> Result {
     let write = |name: &str, bytes: Vec<u8>| {
         let path = directory.join(name);
-        new_file::write(&path, bytes).map_err(|it| Failure::file("write", &path, it))
+        new_file::write(&path, bytes).map_err(|error| Failure::file("write", &path, error))
     };
     let json = serde_json::to_vec_pretty(report).map_err(std::io::Error::from)?;
     write("probe.json", json)?;

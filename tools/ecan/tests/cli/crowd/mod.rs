@@ -215,7 +215,7 @@ fn crowd_of_clients_loses_and_doubles_no_frame() {
         // If the test fails, the threads end: the scope joins them.
         let _end = OnDrop(|| {
             is_over.store(true, Ordering::Release);
-            progress.iter().for_each(|it| it.is_stopped.store(true, Ordering::Release));
+            progress.iter().for_each(|client| client.is_stopped.store(true, Ordering::Release));
         });
         let mut dump = application.child_program(&["dump", "-L"]);
         let printed = dump.stdout.take().unwrap();
@@ -259,7 +259,7 @@ fn crowd_of_clients_loses_and_doubles_no_frame() {
             sleep(Duration::from_millis(5));
         }
         is_over.store(true, Ordering::Release);
-        progress.iter().for_each(|it| it.is_stopped.store(true, Ordering::Release));
+        progress.iter().for_each(|client| client.is_stopped.store(true, Ordering::Release));
         wait_for("the echoes of the clients", || {
             progress.iter().all(|it| it.is_quiet.load(Ordering::Acquire))
         });
