@@ -3,7 +3,7 @@
 use serde_json::Value;
 
 use crate::serve::serve_bus;
-use crate::support::{Scenario, ecan, ends, fails, good, scenario, setting};
+use crate::support::{Running, Scenario, ecan, ends, fails, good, scenario, setting};
 
 /// 65536 steps per turn, as the simulated drives have.
 pub const SCALE: [&str; 4] = ["--node", "1", "--steps-per-turn", "65536"];
@@ -215,6 +215,31 @@ fn jog_moves_for_its_time_and_stops_at_the_range() {
     let errors = String::from_utf8(output.stderr).unwrap();
     assert!(errors.contains("the end of the range is reached"), "{errors}");
     assert!(errors.contains("off, at 99.99") || errors.contains("off, at 100.000"), "{errors}");
+}
+
+/// A motor with little torque and no friction needs seconds for its stop, and turns on without current.
+#[test]
+fn first_signal_begins_the_stop_and_the_second_exits() {
+    let file = scenario(
+        "clock = \"real\"\n[[gateway]]\n[[node]]\nkind = \"drive\"\nname = \"x\"\nbus = \"0.0\"\n\
+         node_id = 1\nmotor = { max_acceleration = 1000, friction = 0 }\n",
+    );
+    let setting = setting(&file);
+    let jog = ["--velocity", "20", "--acceleration", "4", "--for", "60000"];
+    let limits = ["--max-velocity", "90", "--range", "-1000..1000"];
+    let arguments =
+        [&["--ecrt", &setting, "axis", "jog"][..], &SCALE, &limits, &ALONE, &jog].concat();
+    let status_after = |seconds| {
+        let mut running = Running::start(&arguments);
+        running.wait_for_error("moving at");
+        // The stop lasts as long as the motor was accelerated: on a slow machine more time is needed.
+        std::thread::sleep(std::time::Duration::from_secs(seconds));
+        running.terminate();
+        running.wait_for_error("quick stop: stopped: Ctrl-C or SIGTERM");
+        running.terminate_until_ended();
+        running.wait().0
+    };
+    assert!([4, 8, 16].into_iter().any(|seconds| status_after(seconds) == Some(130)));
 }
 
 #[test]

@@ -1,7 +1,9 @@
-//! Failures of a service and of its clients: killed processes, a full disk, another version.
+//! Failures of a service and of its clients: killed and stopped processes, a full disk, much memory,
+//! another version.
 
-use std::io::{Read as _, Write as _};
-use std::os::unix::net::UnixListener;
+use std::collections::BTreeMap;
+use std::io::{ErrorKind, Read as _, Write as _};
+use std::os::unix::net::{UnixListener, UnixStream};
 use std::process::Command;
 use std::thread::sleep;
 use std::time::{Duration, Instant};
@@ -9,7 +11,7 @@ use std::time::{Duration, Instant};
 use ecan_protocol::can::{CanFrame, CanId};
 use ecan_service_client::{Client, ClientError, Event, FrameEvent, Subscription, UploadParams};
 use rustix::process::Signal;
-use serde_json::json;
+use serde_json::{Value, json};
 
 use crate::serve::serve_ready;
 use crate::support::guard::Killed;
@@ -235,4 +237,181 @@ fn service_of_another_version_is_reported() {
     let message = fails(3, &["--via", path.to_str().unwrap(), "scan"]);
     service.join().unwrap();
     assert!(message.contains(text), "{message}");
+}
+
+/// A client that is not the project's.
+struct RawClient(UnixStream);
+
+/// Number, kind and tag of a frame record.
+type RawRecord = (u32, u8, u32);
+
+impl RawClient {
+    const RPC: u8 = 1;
+    const TRANSMIT: u8 = 3;
+
+    fn connect(path: &str) -> Self {
+        let stream = UnixStream::connect(path).unwrap();
+        stream.set_read_timeout(Some(LIMIT)).unwrap();
+        let mut client = Self(stream);
+        client.call("hello", json!({ "version": 1, "client": "raw" }));
+        client
+    }
+
+    fn write(&mut self, kind: u8, payload: &[u8]) {
+        let [a, b, c, d] = (payload.len() as u32).to_le_bytes();
+        self.0.write_all(&[a, b, c, d, kind, 0, 0, 0]).unwrap();
+        self.0.write_all(payload).unwrap();
+    }
+
+    fn message(&mut self) -> Vec<u8> {
+        let mut head = [0; 8];
+        self.0.read_exact(&mut head).unwrap();
+        let length = u32::from_le_bytes(*head.first_chunk().unwrap());
+        let mut payload = vec![0; length as usize];
+        self.0.read_exact(&mut payload).unwrap();
+        payload
+    }
+
+    fn call(&mut self, method: &str, params: Value) {
+        let request = json!({ "jsonrpc": "2.0", "id": 1, "method": method, "params": params });
+        self.write(Self::RPC, request.to_string().as_bytes());
+        let response: Value = serde_json::from_slice(&self.message()).unwrap();
+        assert!(response["error"].is_null(), "{response}");
+    }
+
+    /// Sends the classic frame 0x123 with a number as data and as tag.
+    fn transmit(&mut self, number: u32) {
+        let mut record = vec![0x23, 1, 0, 0, 4, 0, 0, 0, 0, 0, 0, 0];
+        record.extend(number.to_le_bytes());
+        record.extend(number.to_be_bytes());
+        record.extend([0; 4]);
+        self.write(Self::TRANSMIT, &record);
+    }
+
+    /// The records of the next message; all frames have four bytes of data.
+    fn records(&mut self) -> Vec<RawRecord> {
+        let number = |bytes: &[u8]| u32::from_le_bytes(*bytes.first_chunk().unwrap());
+        let record =
+            |record: &[u8]| (number(&record[24..]).swap_bytes(), record[17], number(&record[20..]));
+        self.message().chunks_exact(32).map(record).collect()
+    }
+
+    fn result(&mut self) -> RawRecord {
+        let records = self.records();
+        assert_eq!(records.len(), 1, "{records:?}");
+        records[0]
+    }
+
+    fn has_input(&mut self) -> bool {
+        self.0.set_nonblocking(true).unwrap();
+        let read = self.0.read(&mut [0]);
+        self.0.set_nonblocking(false).unwrap();
+        !matches!(read, Err(error) if error.kind() == ErrorKind::WouldBlock)
+    }
+}
+
+/// Returns whether every thread of a process is stopped.
+fn is_stopped(process: u32) -> bool {
+    std::fs::read_dir(format!("/proc/{process}/task")).unwrap().all(|task| {
+        let status = std::fs::read_to_string(task.unwrap().path().join("status"));
+        status.unwrap_or_default().contains("State:\tT")
+    })
+}
+
+#[test]
+fn stopped_service_neither_loses_nor_doubles_a_frame() {
+    const FRAMES: u32 = 20;
+    const MARKER: u32 = 1000;
+    const RECEIVED: u8 = 0;
+    const TRANSMITTED: u8 = 1;
+    const REJECTED: u8 = 5;
+    const UNKNOWN: u8 = 6;
+    let served = serve_ready();
+    let mut sender = RawClient::connect(&served.path);
+    let mut observer = RawClient::connect(&served.path);
+    observer.call("frames.subscribe", json!({ "kinds": ["received", "transmitted"] }));
+    let mut results = Vec::new();
+    for number in 1..=FRAMES {
+        served.program.signal(Signal::STOP);
+        wait_for("the stop", || is_stopped(served.program.id()));
+        sender.transmit(number);
+        assert!(!sender.has_input(), "no result before it is known");
+        served.program.signal(Signal::CONT);
+        let (_, kind, tag) = sender.result();
+        assert_eq!(tag, number);
+        results.push((number, kind));
+    }
+    // The echo of the marker follows all frames before it.
+    let mut marker = MARKER;
+    loop {
+        sender.transmit(marker);
+        let (_, kind, tag) = sender.result();
+        assert_eq!(tag, marker, "one result of each frame");
+        if kind == TRANSMITTED {
+            break;
+        }
+        marker += 1;
+    }
+    let mut seen = BTreeMap::<(u8, u32), u32>::new();
+    while !seen.contains_key(&(RECEIVED, marker)) {
+        for (number, kind, tag) in observer.records() {
+            assert!(kind == RECEIVED || kind == TRANSMITTED, "{kind}, {tag} lost");
+            *seen.entry((kind, number)).or_default() += 1;
+        }
+    }
+    let count = |kind, number| seen.get(&(kind, number)).copied().unwrap_or_default();
+    for (number, kind) in &results {
+        let on_bus = [count(TRANSMITTED, *number), count(RECEIVED, *number)];
+        match *kind {
+            TRANSMITTED => assert_eq!(on_bus, [1, 1], "frame {number}"),
+            REJECTED => assert_eq!(on_bus, [0, 0], "frame {number}"),
+            kind => assert!(
+                kind == UNKNOWN && on_bus.iter().all(|count| *count <= 1),
+                "frame {number}: {on_bus:?}"
+            ),
+        }
+    }
+    assert!(results.iter().any(|(_, kind)| *kind == TRANSMITTED), "{results:?}");
+    served.end();
+}
+
+/// Largest resident memory of a process until now, in KiB.
+fn peak_memory(process: u32) -> u64 {
+    let status = std::fs::read_to_string(format!("/proc/{process}/status")).unwrap();
+    let peak = status.lines().find_map(|line| line.strip_prefix("VmHWM:")).unwrap();
+    peak.trim().trim_end_matches(" kB").parse().unwrap()
+}
+
+/// Without limits the requests need 240 MB.
+#[test]
+fn long_requests_of_many_connections_bound_the_memory() {
+    const CONNECTIONS: usize = 60;
+    const REQUESTS: usize = 4;
+    const BYTES: usize = 1_000_000;
+    let served = serve_ready();
+    let mut observer = RawClient::connect(&served.path);
+    let mut attackers: Vec<_> =
+        (0..CONNECTIONS).map(|_| RawClient::connect(&served.path)).collect();
+    let before = peak_memory(served.program.id());
+    let head = r#"{"jsonrpc":"2.0","id":2,"method":"sim.fault","params":{"unknown":""#;
+    let request = format!("{head}{}\"}}}}", "x".repeat(BYTES - head.len() - 3));
+    let (first, last) = request.as_bytes().split_at(BYTES - 1);
+    let [a, b, c, d] = (BYTES as u32).to_le_bytes();
+    for _ in 0..REQUESTS {
+        // Each waits for its last byte.
+        for attacker in &mut attackers {
+            attacker.0.write_all(&[a, b, c, d, RawClient::RPC, 0, 0, 0]).unwrap();
+            attacker.0.write_all(first).unwrap();
+        }
+        observer.call("bus.state", json!({}));
+        attackers.iter_mut().for_each(|attacker| attacker.0.write_all(last).unwrap());
+        observer.call("bus.state", json!({}));
+    }
+    for attacker in &mut attackers {
+        (0..REQUESTS).for_each(|_| drop(attacker.message()));
+    }
+    let growth = peak_memory(served.program.id()) - before;
+    // Twice the bytes of the incomplete requests, since buffers grow, and those that wait.
+    assert!(growth < 160 * 1024, "{growth} KiB");
+    served.end();
 }
