@@ -8,6 +8,8 @@
 mod lss;
 mod python_peer;
 
+use std::cell::Cell;
+use std::rc::Rc;
 use std::time::Duration;
 
 use ecan_canopen::{
@@ -82,6 +84,32 @@ struct Client {
     simulation: Simulation,
     network: Network,
     node: NodeHandle,
+    clock: NetworkClock,
+}
+
+/// Time of the network. It stops while frames that the peer has sent are not on the bus, so that a busy machine
+/// does not turn a response into silence.
+#[derive(Default)]
+struct NetworkClock {
+    bridge: Option<BridgeInfo>,
+    /// Frames that the peer has sent, as it reports.
+    peer_sent: Rc<Cell<u64>>,
+    last_ns: u64,
+    stopped_ns: u64,
+}
+
+impl NetworkClock {
+    fn at(&mut self, now_ns: u64) -> u64 {
+        let is_stopped = self
+            .bridge
+            .as_ref()
+            .is_some_and(|bridge| bridge.statistics().sent < self.peer_sent.get());
+        if is_stopped {
+            self.stopped_ns += now_ns - self.last_ns;
+        }
+        self.last_ns = now_ns;
+        now_ns - self.stopped_ns
+    }
 }
 
 impl Client {
@@ -101,14 +129,15 @@ impl Client {
         };
         let address = NodeAddress { slave: 0, channel: 0, node };
         let node = network.add_node(address, settings).unwrap();
-        Self { port, simulation: backend.simulation.unwrap(), network, node }
+        let (simulation, clock) = (backend.simulation.unwrap(), NetworkClock::default());
+        Self { port, simulation, network, node, clock }
     }
 
     /// Runs the cycle until something has happened.
     fn until(&mut self, what: &str, mut done: impl FnMut(&mut Network) -> bool) {
         run_cycle_until(&mut self.port, PATIENCE, |cycle, now_ns| {
             std::thread::sleep(CYCLE);
-            self.network.serve(cycle, now_ns, |network| done(network).then_some(()))
+            self.network.serve(cycle, self.clock.at(now_ns), |network| done(network).then_some(()))
         })
         .unwrap_or_else(|error| panic!("{what}: {error}"));
     }

@@ -10,13 +10,15 @@
 //! detect only that heartbeats are missing, by their own clock.
 #![allow(missing_docs)]
 
+#[path = "../../tools/ecan/tests/cli/support/guard.rs"]
+mod guard;
+
 use std::error::Error;
-use std::io::{BufRead, BufReader, ErrorKind, Read, Write};
+use std::io::{ErrorKind, Read, Write};
 use std::net::{Ipv4Addr, TcpListener, TcpStream};
 use std::os::unix::process::ExitStatusExt;
-use std::process::{Child, Command, Stdio};
+use std::process::{Command, Stdio};
 use std::sync::Mutex;
-use std::sync::mpsc::{Receiver, channel};
 use std::time::{Duration, Instant};
 
 use ecan_canopen::{
@@ -31,6 +33,7 @@ use ecan_sim::{
     BridgeSpec, ClockKind, DriveSpec, GatewaySpec, Node, NodeKind, NodeOutput, NodeSpec, Scenario,
     SimOptions, TraceCause, TraceEvent, Wire,
 };
+use guard::Killed;
 
 const BITRATE: u32 = 1_000_000;
 /// Names of the buses of the two channels in use.
@@ -283,34 +286,28 @@ fn host_process() {
     }
 }
 
-/// The child; it ends with the test, also with a failed one.
-struct Host(Child);
-
-impl Drop for Host {
-    fn drop(&mut self) {
-        let _ = self.0.kill();
-        let _ = self.0.wait();
-    }
+/// Starts the child.
+fn start_host(port: u16) -> Killed {
+    let mut command = Command::new(std::env::current_exe().unwrap());
+    command
+        .args(["--exact", "host_process", "--ignored", "--nocapture"])
+        .env(PORT_VARIABLE, port.to_string())
+        .stdout(Stdio::piped());
+    Killed::spawn(&mut command)
 }
 
-impl Host {
-    fn start(port: u16) -> Self {
-        let child = Command::new(std::env::current_exe().unwrap())
-            .args(["--exact", "host_process", "--ignored", "--nocapture"])
-            .env(PORT_VARIABLE, port.to_string())
-            .stdout(Stdio::piped())
-            .spawn();
-        Self(child.unwrap())
-    }
-
-    /// Lines that the host prints.
-    fn lines(&mut self) -> Receiver<String> {
-        let (sender, receiver) = channel();
-        let output = BufReader::new(self.0.stdout.take().unwrap());
-        std::thread::spawn(move || {
-            output.lines().map_while(Result::ok).try_for_each(|line| sender.send(line))
-        });
-        receiver
+/// Waits for a connection of the host.
+fn accept(listener: &TcpListener, host: &mut Killed) -> TcpStream {
+    listener.set_nonblocking(true).unwrap();
+    let since = Instant::now();
+    loop {
+        match listener.accept() {
+            Ok((stream, _)) => return stream,
+            Err(error) => assert_eq!(error.kind(), ErrorKind::WouldBlock, "{error}"),
+        }
+        assert!(host.try_wait().unwrap().is_none(), "the host ended");
+        assert!(since.elapsed() < START, "the host does not connect");
+        std::thread::sleep(Duration::from_millis(1));
     }
 }
 
@@ -432,15 +429,15 @@ fn check_stop(drives: &Drives, axis: usize, since: u64, deceleration: f64) {
 #[test]
 fn killed_host_leaves_drives_that_stop_as_reported() {
     let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).unwrap();
-    let mut host = Host::start(listener.local_addr().unwrap().port());
+    let mut host = start_host(listener.local_addr().unwrap().port());
     let lines = host.lines();
-    let accept = |_| listener.accept().unwrap().0;
-    let mut drives = Drives::new(BUSES.iter().map(accept).collect());
+    let streams = BUSES.iter().map(|_| accept(&listener, &mut host)).collect();
+    let mut drives = Drives::new(streams);
 
     let mut printed: Vec<String> = Vec::new();
     until(&mut drives, START, |drives| {
-        printed.extend(lines.try_iter());
-        assert!(host.0.try_wait().unwrap().is_none(), "the host ended: {printed:#?}");
+        printed.extend(lines.arrived());
+        assert!(host.try_wait().unwrap().is_none(), "the host ended: {printed:#?}");
         let is_running = printed.iter().any(|line| line.contains("running"));
         is_running && (0..AXES.len()).all(|axis| drives.is_at_speed(axis))
     });
@@ -451,8 +448,8 @@ fn killed_host_leaves_drives_that_stop_as_reported() {
 
     let recorded = |axis| drives.drive(axis, |drive| drive.trace().recorded());
     let since: Vec<u64> = (0..AXES.len()).map(recorded).collect();
-    host.0.kill().unwrap();
-    assert_eq!(host.0.wait().unwrap().signal(), Some(9), "killed while it ran");
+    host.kill().unwrap();
+    assert_eq!(host.wait().unwrap().signal(), Some(9), "killed while it ran");
 
     let watched = || (0..AXES.len()).filter(|axis| AXES[*axis].1.is_some());
     until(&mut drives, START, |drives| {

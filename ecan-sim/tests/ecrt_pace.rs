@@ -3,8 +3,6 @@
 
 mod ecrt_support;
 
-use std::sync::atomic::{AtomicBool, Ordering};
-
 use ecan_host::{Errno, Master, RequestState, SdoRequestId};
 use ecan_protocol::object::{ObjectType, SdoWrite};
 use ecan_sim::{Fault, GatewayFault};
@@ -75,16 +73,14 @@ fn blocking_transfer_on_an_active_master_waits_for_the_cycle() {
     let mut program = Program::new(stepped_echo(1), &[1]).into_op();
     let ecrt = program.backend.ecrt.clone();
     let sends = |program: &Program| program.simulation().with_world(|world| world.cycles());
-    let (before, over) = (sends(&program), AtomicBool::new(false));
+    let before = sends(&program);
     std::thread::scope(|scope| {
         let transfer = scope.spawn(|| {
             let mut data = [0; 4];
             let looking = Master::open(&ecrt, 0).unwrap();
-            let result = looking.sdo_upload(0, 0x1018, 1, &mut data);
-            over.store(true, Ordering::Release);
-            result
+            looking.sdo_upload(0, 0x1018, 1, &mut data)
         });
-        while !over.load(Ordering::Acquire) {
+        while !transfer.is_finished() {
             program.cycle();
         }
         assert_eq!(transfer.join().unwrap().unwrap(), 4);

@@ -11,6 +11,7 @@ use std::process::{Command, Output};
 use ecan_candump::Record;
 use ecan_example_support::bus_load::BusLoad;
 use ecan_protocol::can::{CanFrame, CanId, Dlc};
+use program::guard::output;
 use program::text;
 
 fn command(arguments: &[&str]) -> Command {
@@ -58,7 +59,7 @@ fn faults_of_the_master_are_named_as_by_scan() {
 
 #[test]
 fn option_ecrt_takes_precedence_over_the_environment() {
-    let output = command(&["--cycles", "10"]).env("ECAN_ECRT", "sim").output().unwrap();
+    let output = output(command(&["--cycles", "10"]).env("ECAN_ECRT", "sim"));
     assert!(output.status.success(), "{}", text(&output.stderr));
     let output = command(&["--ecrt", "/no/such/libethercat.so", "--cycles", "10"])
         .env("ECAN_ECRT", "sim")

@@ -1,5 +1,7 @@
 //! The Python package `canopen` reads the files that are written here, and finds the same values.
 
+#[path = "../../../tools/ecan/tests/cli/support/guard.rs"]
+mod guard;
 #[path = "../python_peer/mod.rs"]
 mod python_peer;
 
@@ -12,6 +14,7 @@ use ecan_canopen::{DataType, DataValue, DeviceFile, FileValue, ObjectEntry, Obje
 
 use crate::foreign::foreign_files;
 use crate::{EVERYTHING, everything, node};
+use guard::Killed;
 use python_peer::python;
 
 const NODE: u8 = 17;
@@ -22,22 +25,22 @@ type Row = (u16, String, String, String);
 /// Output of the script for a text; its last words if it rejects the text.
 fn run(python: &Path, text: &str, options: &[&str]) -> Result<String, String> {
     let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/python/device_file.py");
-    let mut child = Command::new(python)
-        .arg("-B")
-        .arg(script)
-        .arg(format!("--node={NODE}"))
-        .args(options)
-        .stdin(Stdio::piped())
-        .stdout(Stdio::piped())
-        .stderr(Stdio::piped())
-        .spawn()
-        .expect("an interpreter");
+    let mut child = Killed::spawn(
+        Command::new(python)
+            .arg("-B")
+            .arg(script)
+            .arg(format!("--node={NODE}"))
+            .args(options)
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped()),
+    );
     let mut input = child.stdin.take().expect("piped");
     let writer = std::thread::spawn({
         let text = text.to_owned();
         move || input.write_all(text.as_bytes())
     });
-    let output = child.wait_with_output().expect("output");
+    let output = child.output();
     writer.join().expect("a thread").expect("written");
     if !output.status.success() {
         let words = String::from_utf8_lossy(&output.stderr);

@@ -52,11 +52,11 @@ impl LssBench {
     /// Cycles in which a request reaches the slave.
     const TRANSPORT: u32 = 5;
 
-    /// Executes a command. Simulated time waits until the slave has responded, so that a busy machine does not turn
-    /// a response into silence.
+    /// Executes a command. Simulated time waits until the slave has processed each request.
     fn lss(&mut self, command: LssCommand) -> LssResult {
         let Self { client, peer, log, requests } = self;
         client.network.start_lss(0, 0, command).unwrap();
+        let peer_sent = client.clock.peer_sent.clone();
         let mut waited = 0;
         client.until("the end of the LSS command", |network| {
             if network.statistics().lss_sent > *requests {
@@ -68,11 +68,15 @@ impl LssBench {
                 *requests += 1;
                 loop {
                     let line = peer.wait_line();
-                    let is_request = line.starts_with("lss ");
-                    log.push(line);
-                    if is_request {
-                        break;
-                    }
+                    // The frames that the slave has sent follow a request.
+                    let request = line.strip_prefix("lss ").and_then(|rest| rest.split_once(' '));
+                    let Some((request, sent)) = request else {
+                        log.push(line);
+                        continue;
+                    };
+                    log.push(format!("lss {request}"));
+                    peer_sent.set(sent.parse().unwrap());
+                    break;
                 }
             }
             network.lss_state(0, 0) != Lss::Busy && network.statistics().lss_sent == *requests
@@ -96,7 +100,8 @@ fn our_lss_master_configures_a_node_of_the_durand_package() {
     let mut client = Client::new(scenario, NodeId::new(9).unwrap());
     let bridge =
         ecan_sim_bridge::attach(&client.simulation, "0.0", &BridgeSpec::default()).unwrap();
-    let arguments = [("port", bridge.info.address().port())];
+    let port = u32::from(bridge.info.address().port());
+    let arguments = [("port", port), ("serial", ADDRESS.serial)];
     let mut peer = Peer::start(&python, "responder_node.py", &arguments);
     assert_eq!(peer.wait_line(), "ready");
     // The package sends a boot-up message of node 255, which shows that its connection is open.
@@ -107,6 +112,7 @@ fn our_lss_master_configures_a_node_of_the_durand_package() {
         ..LssConfig::default()
     };
     client.network.set_lss_config(0, 0, config);
+    client.clock.bridge = Some(bridge.info.clone());
     let mut bench = LssBench { client, peer, log: Vec::new(), requests: 0 };
 
     // Searches

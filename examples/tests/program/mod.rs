@@ -1,14 +1,13 @@
 //! Running the example programs as a user does.
 #![allow(dead_code, missing_docs)]
 
-use std::io::{BufRead as _, BufReader, Read as _};
-use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Output, Stdio};
-use std::sync::mpsc::{RecvTimeoutError, channel};
-use std::time::Duration;
+#[path = "../../../tools/ecan/tests/cli/support/guard.rs"]
+pub mod guard;
 
-/// Time limit of a program, far above the duration of a successful test on a busy machine.
-const LIMIT: Duration = Duration::from_secs(300);
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output, Stdio};
+
+use guard::Killed;
 
 /// Cargo builds the examples of a package next to its tests.
 fn path(program: &str) -> PathBuf {
@@ -24,7 +23,7 @@ pub fn command(program: &str, arguments: &[&str]) -> Command {
 }
 
 pub fn run(program: &str, arguments: &[&str]) -> Output {
-    command(program, arguments).output().unwrap()
+    guard::output(&mut command(program, arguments))
 }
 
 pub fn text(bytes: &[u8]) -> String {
@@ -52,39 +51,15 @@ pub fn fails(program: &str, arguments: &[&str]) -> String {
     message
 }
 
-/// A child that is killed and waited for when this is dropped.
-struct Killed(Child);
-
-impl Drop for Killed {
-    fn drop(&mut self) {
-        let _ = self.0.kill();
-        let _ = self.0.wait();
-    }
-}
-
 /// Starts a program and sends SIGINT after a line with `words`; expects success, and returns the output
-/// after that line. A program that does not end within [`LIMIT`] is killed.
+/// after that line.
 pub fn interrupt_after(mut command: Command, words: &str) -> String {
-    let mut child = Killed(command.stdout(Stdio::piped()).spawn().unwrap());
-    let signal = |id: u32, name: &str| {
-        assert!(Command::new("kill").args([name, &id.to_string()]).status().unwrap().success());
-    };
-    let id = child.0.id();
-    let (_running, ended) = channel::<()>();
-    std::thread::spawn(move || {
-        if ended.recv_timeout(LIMIT) == Err(RecvTimeoutError::Timeout) {
-            signal(id, "-KILL");
-        }
-    });
-    let mut output = BufReader::new(child.0.stdout.take().unwrap());
-    let mut line = String::new();
-    while !line.contains(words) {
-        line.clear();
-        assert!(output.read_line(&mut line).unwrap() > 0, "it ended without a signal");
-    }
-    signal(id, "-INT");
-    let mut rest = String::new();
-    output.read_to_string(&mut rest).unwrap();
-    assert!(child.0.wait().unwrap().success(), "{rest}");
+    let mut child = Killed::spawn(command.stdout(Stdio::piped()));
+    let mut lines = child.lines();
+    assert!(lines.any(|line| line.contains(words)), "it ended without a signal");
+    let id = child.id().to_string();
+    assert!(Command::new("kill").args(["-INT", &id]).status().unwrap().success());
+    let rest: String = lines.map(|line| line + "\n").collect();
+    assert!(child.output().status.success(), "{rest}");
     rest
 }

@@ -9,6 +9,9 @@
 //! caches as after a wait. Six clients read all frames, one polls the state, and one never reads.
 #![allow(missing_docs)]
 
+#[path = "../../../tools/ecan/tests/cli/support/guard.rs"]
+mod guard;
+
 use std::hint::black_box;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -24,6 +27,7 @@ use ecan_protocol::mapping::Direction;
 use ecan_service::{ServePort as _, ServiceConfig};
 use ecan_service_client::{Client, Subscription};
 use ecan_sim::{ClockKind, SimOptions, open_scenario};
+use guard::OnDrop;
 
 const MULTIPLIER: u8 = 3;
 /// In each image.
@@ -139,6 +143,8 @@ fn measure(master: Master) -> [Row; 2] {
     let is_over = AtomicBool::new(false);
     let (mut pairs_p50, mut pairs_p99) = (Vec::new(), Vec::new());
     scope(|threads| {
+        // Ends the threads of the clients also after a panic.
+        let _end = OnDrop(|| is_over.store(true, Ordering::Release));
         let _silent = connect(threads, &path, &is_over);
         let cycle = threads.spawn(|| {
             // Without the permission the threads of the clients disturb both sides more.
@@ -158,7 +164,6 @@ fn measure(master: Master) -> [Row; 2] {
             }
         });
         cycle.join().unwrap();
-        is_over.store(true, Ordering::Release);
     });
     drop(service);
     let (name, what) = match master {

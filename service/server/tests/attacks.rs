@@ -12,6 +12,7 @@ use std::sync::mpsc::{Receiver, Sender, channel};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
+use common::guard::Killed;
 use common::{Fixture, call, exists, read, say_hello, wait_for, write};
 use ecan_service::{Control, Extension, Permission};
 use ecan_service_client::*;
@@ -335,16 +336,6 @@ print(len(crowd), flush=True)
 sys.stdin.read()
 "#;
 
-/// Ends a child, whatever happens.
-struct Child(std::process::Child);
-
-impl Drop for Child {
-    fn drop(&mut self) {
-        let _ = self.0.kill();
-        let _ = self.0.wait();
-    }
-}
-
 #[test]
 fn other_user_has_half_of_the_places() {
     if !rustix::process::geteuid().is_root() {
@@ -357,18 +348,13 @@ fn other_user_has_half_of_the_places() {
     let open = std::fs::Permissions::from_mode(0o711);
     std::fs::set_permissions(fixture.directory.path(), open).unwrap();
     assert!(exists(&fixture.path()));
-    let mut child = Child(
-        Command::new("timeout")
-            .args(["60", "python3", "-c", CROWD])
+    let mut child = Killed::spawn(
+        Command::new("python3")
+            .args(["-c", CROWD])
             .arg(fixture.path())
             .stdin(Stdio::piped())
-            .stdout(Stdio::piped())
-            .spawn()
-            .unwrap(),
+            .stdout(Stdio::piped()),
     );
-    let mut lines = std::io::BufReader::new(child.0.stdout.take().unwrap());
-    let mut line = String::new();
-    std::io::BufRead::read_line(&mut lines, &mut line).unwrap();
-    assert_eq!(line, "4\n");
+    assert_eq!(child.lines().next().as_deref(), Some("4"));
     assert!(Client::connect(&fixture.path(), "owner").is_ok());
 }

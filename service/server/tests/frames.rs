@@ -6,7 +6,7 @@ mod common;
 use std::sync::atomic::Ordering;
 use std::time::Duration;
 
-use common::{Fixture, PATIENCE, frame, next, wait_for};
+use common::{Fixture, Limit, PATIENCE, frame, next, wait_for};
 use ecan_host::AdapterConfig;
 use ecan_mcan_port::{ChannelConfig, GatewayConfig, Port, PortConfig};
 use ecan_protocol::can::{CanFrame, CanId};
@@ -84,7 +84,9 @@ fn window_limits_frames_without_result() {
     let mut sent = 0;
     let mut was_full = false;
     let mut finished = 0;
+    let limit = Limit::start();
     while finished < 200 {
+        limit.check("the results");
         while sent < 200 {
             match client.send(0, 0, &frame(1, &[])) {
                 Ok(_) => sent += 1,
@@ -144,7 +146,7 @@ fn slow_client_counts_exactly_what_it_loses() {
     let count = || fixture.statistics().channels[0].frames_received;
     let mut last = 0;
     wait_for("the end of the frames", || {
-        std::thread::sleep(Duration::from_millis(50));
+        fixture.run_cycles(50);
         std::mem::replace(&mut last, count()) == last
     });
     let published = last - before;
@@ -273,7 +275,9 @@ fn frames_of_a_lost_session_end_as_transmitted_or_unknown() {
     for _ in 0..3 {
         let (mut sent, mut ended) = (0, 0);
         fixture.simulation.inject(Fault::PowerCycle { gateway: 0, off_ms: 200 });
+        let limit = Limit::start();
         while sent < 100 {
+            limit.check("room for the frames");
             if client.send(0, 0, &frame(1, &[])).is_ok() {
                 sent += 1;
             }

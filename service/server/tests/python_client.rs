@@ -3,11 +3,11 @@
 
 mod common;
 
-use std::io::{BufRead as _, BufReader};
 use std::path::Path;
 use std::process::{Command, Stdio};
 
 use common::Fixture;
+use common::guard::Killed;
 
 #[test]
 fn python_client_prints_frames_and_sends_one() {
@@ -16,20 +16,18 @@ fn python_client_prints_frames_and_sends_one() {
     }
     let fixture = Fixture::start(|config| config.name = "bench".into());
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
-    // Ends a client that waits for a frame that never arrives.
-    let mut python = Command::new("timeout")
-        .args(["300", "python3"])
-        .arg(root.join("examples/python/service_client.py"))
-        .arg(fixture.path())
-        .arg("123#1122")
-        .stdout(Stdio::piped())
-        .spawn()
-        .unwrap();
-    let mut lines = BufReader::new(python.stdout.take().unwrap()).lines().map(Result::unwrap);
+    let mut python = Killed::spawn(
+        Command::new("python3")
+            .arg(root.join("examples/python/service_client.py"))
+            .arg(fixture.path())
+            .arg("123#1122")
+            .stdout(Stdio::piped()),
+    );
+    let mut lines = python.lines();
     assert_eq!(lines.next().unwrap(), "# bench, master 0, access control");
     let frames: Vec<_> = lines.by_ref().take(2).collect();
     drop(fixture);
-    assert_eq!(python.wait().unwrap().code(), Some(1), "the service closed the connection");
+    assert_eq!(python.output().status.code(), Some(1), "the service closed the connection");
     let has = |event: &str| frames.iter().any(|line| line.contains(event));
     assert!(has(" 0.0 transmitted 123 [2] 1122 tag 1"), "{frames:?}");
     assert!(has(" 0.0 received "), "{frames:?}");

@@ -1,6 +1,9 @@
 //! The list on the simulated library, and its reports.
 #![allow(missing_docs, clippy::disallowed_macros, clippy::disallowed_methods)]
 
+#[path = "../../ecan/tests/cli/support/guard.rs"]
+mod guard;
+
 use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
@@ -9,6 +12,8 @@ use std::time::{Duration, Instant};
 use nix::errno::Errno;
 use nix::sys::signal::{Signal, kill};
 use nix::unistd::Pid;
+
+use guard::{Killed, output};
 
 /// Timeout of a failing test.
 const DEADLINE: Duration = Duration::from_secs(300);
@@ -27,18 +32,18 @@ fn programs() -> Option<PathBuf> {
 }
 
 fn acceptance(directory: &Path, report: &Path, arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_ecan-acceptance"))
-        .arg("--bin")
-        .arg(directory)
-        .arg("--bin")
-        .arg(directory.join("examples"))
-        .arg("--report")
-        .arg(report)
-        .args(["--scripts", concat!(env!("CARGO_MANIFEST_DIR"), "/../../scripts")])
-        .args(arguments)
-        .env_remove("ECAN_ECRT")
-        .output()
-        .unwrap()
+    output(
+        Command::new(env!("CARGO_BIN_EXE_ecan-acceptance"))
+            .arg("--bin")
+            .arg(directory)
+            .arg("--bin")
+            .arg(directory.join("examples"))
+            .arg("--report")
+            .arg(report)
+            .args(["--scripts", concat!(env!("CARGO_MANIFEST_DIR"), "/../../scripts")])
+            .args(arguments)
+            .env_remove("ECAN_ECRT"),
+    )
 }
 
 fn text(bytes: &[u8]) -> String {
@@ -96,12 +101,12 @@ fn failed_step_names_its_cause_and_fails_the_run() {
     std::fs::create_dir(&fake).unwrap();
     std::os::unix::fs::symlink("/bin/false", fake.join("simple_loop")).unwrap();
     let report = directory.path().join("report");
-    let output = Command::new(env!("CARGO_BIN_EXE_ecan-acceptance"))
-        .args(["--library", "sim", "--only", "startup/n3"])
-        .args([Path::new("--bin"), &fake, Path::new("--bin"), &programs])
-        .args([Path::new("--report"), &report])
-        .output()
-        .unwrap();
+    let output = output(
+        Command::new(env!("CARGO_BIN_EXE_ecan-acceptance"))
+            .args(["--library", "sim", "--only", "startup/n3"])
+            .args([Path::new("--bin"), &fake, Path::new("--bin"), &programs])
+            .args([Path::new("--report"), &report]),
+    );
     assert_eq!(output.status.code(), Some(1));
     let printed = text(&output.stdout);
     assert!(printed.contains("FAILED   startup/n3"), "{printed}");
@@ -130,13 +135,13 @@ fn interrupt_ends_the_running_program_and_writes_the_report() {
     std::fs::write(&program, script).unwrap();
     std::fs::set_permissions(&program, std::fs::Permissions::from_mode(0o755)).unwrap();
     let report = directory.path().join("report");
-    let mut running = Command::new(env!("CARGO_BIN_EXE_ecan-acceptance"))
-        .args(["--library", "sim", "--only", "startup/n3", "--only", "startup/n8"])
-        .args([Path::new("--bin"), &fake, Path::new("--bin"), &programs])
-        .args([Path::new("--report"), &report])
-        .stdout(Stdio::null())
-        .spawn()
-        .unwrap();
+    let mut running = Killed::spawn(
+        Command::new(env!("CARGO_BIN_EXE_ecan-acceptance"))
+            .args(["--library", "sim", "--only", "startup/n3", "--only", "startup/n8"])
+            .args([Path::new("--bin"), &fake, Path::new("--bin"), &programs])
+            .args([Path::new("--report"), &report])
+            .stdout(Stdio::piped()),
+    );
     let start = Instant::now();
     let pid = loop {
         if let Ok(text) = std::fs::read_to_string(&pid_file) {
@@ -146,7 +151,7 @@ fn interrupt_ends_the_running_program_and_writes_the_report() {
         std::thread::yield_now();
     };
     kill(Pid::from_raw(running.id().try_into().unwrap()), Signal::SIGINT).unwrap();
-    assert_eq!(running.wait().unwrap().code(), Some(1));
+    assert_eq!(running.output().status.code(), Some(1));
     assert_eq!(kill(pid, None), Err(Errno::ESRCH));
     let json = report_json(&report);
     assert_eq!(json["complete"], false);
@@ -174,8 +179,7 @@ fn contradicting_options_are_rejected() {
 #[test]
 fn page_describes_every_group() {
     let page = include_str!("../../../docs/ACCEPTANCE.md");
-    let output =
-        Command::new(env!("CARGO_BIN_EXE_ecan-acceptance")).arg("--list").output().unwrap();
+    let output = output(Command::new(env!("CARGO_BIN_EXE_ecan-acceptance")).arg("--list"));
     let mut groups: Vec<String> = Vec::new();
     for line in text(&output.stdout).lines() {
         groups.push(line.split('/').next().unwrap().to_owned());

@@ -202,6 +202,7 @@ mod tests {
 
     use super::*;
     use crate::config::BridgeProtocol;
+    use crate::guard::OnDrop;
 
     fn frame() -> CanFrame {
         CanFrame::classic(CanId::standard(1).unwrap(), &[]).unwrap()
@@ -245,6 +246,7 @@ mod tests {
         let queue = &ClientQueue::new(2);
         let (taken, gone) = channel();
         std::thread::scope(|scope| {
+            let _end = OnDrop(|| queue.close());
             scope.spawn(move || {
                 let answer = || queue.answer(vec![0; 1024], nothing());
                 while answer() {

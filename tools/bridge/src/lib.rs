@@ -18,6 +18,9 @@ mod connection;
 mod frame_strategies;
 #[cfg(feature = "socketcan")]
 mod gs_usb;
+#[cfg(test)]
+#[path = "../../ecan/tests/cli/support/guard.rs"]
+mod guard;
 mod info;
 mod offline_session;
 mod rates;

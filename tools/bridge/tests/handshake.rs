@@ -3,7 +3,7 @@
 use std::io::{Read as _, Write as _};
 use std::net::TcpStream;
 use std::thread;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use ecan_bridge::{BridgeConfig, BridgeProtocol, BridgeServer};
 use ecan_protocol::can::{CanFrame, CanId};
@@ -72,7 +72,9 @@ fn socketcand_client_without_open_is_closed() {
     let mut silent = TcpStream::connect(address).unwrap();
     assert!(is_closed(&mut silent));
     let mut slow = TcpStream::connect(address).unwrap();
+    let begun = Instant::now();
     while slow.write_all(b"x").is_ok() {
+        assert!(begun.elapsed() < TIMEOUT, "it is not closed");
         thread::yield_now();
     }
     assert!(server.info().statistics().silent_clients >= 2);

@@ -39,10 +39,22 @@ fn image_fields(
     profile: PdoProfile,
     image: &[u8],
 ) -> Option<String> {
+    fields_of_images(names, direction, profile, &[image.to_vec()])?.pop()
+}
+
+/// The fields of each image. A run of tshark takes a second.
+fn fields_of_images(
+    names: &[&str],
+    direction: Direction,
+    profile: PdoProfile,
+    images: &[Vec<u8>],
+) -> Option<Vec<String>> {
     let origin = ImageOrigin { slave: 3, direction, profile };
-    let lines = fields(names, |capture| capture.image(TIME_NS, &origin, image).unwrap())?;
-    assert_eq!(lines.len(), 1, "{lines:?}");
-    lines.into_iter().next()
+    let lines = fields(names, |capture| {
+        images.iter().for_each(|image| capture.image(TIME_NS, &origin, image).unwrap());
+    })?;
+    assert_eq!(lines.len(), images.len(), "{lines:?}");
+    Some(lines)
 }
 
 fn manuals_image() -> Vec<u8> {
@@ -194,16 +206,14 @@ fn damaged_images_are_marked() {
         ("The number of packets does not match the header", &[(13, 2)]),
         ("The data of this cycle are incomplete", &[(14, 1)]),
     ];
-    for (message, bytes) in damages {
+    let images = damages.map(|(_, bytes)| {
         let mut image = manuals_image();
-        for (place, byte) in bytes {
-            image[*place] = *byte;
-        }
-        let names = ["_ws.expert.message"];
-        let profile = PdoProfile::default();
-        let Some(line) = image_fields(&names, Direction::TxPdo, profile, &image) else { return };
-        assert_eq!(line, message);
-    }
+        bytes.iter().for_each(|(place, byte)| image[*place] = *byte);
+        image
+    });
+    let (names, profile) = (["_ws.expert.message"], PdoProfile::default());
+    let Some(lines) = fields_of_images(&names, Direction::TxPdo, profile, &images) else { return };
+    assert_eq!(lines, damages.map(|(message, _)| message));
     // Shorter than it says, by and by down to nothing: never an error of the script.
     let image = manuals_image();
     let profile = PdoProfile::default();
@@ -223,21 +233,23 @@ fn damaged_images_are_marked() {
 fn unreadable_packets_are_marked() {
     // Without a CRC the content can be anything: a reserved kind, a frame without its end.
     let profile = PdoProfile { options: OptionFlags::NO_CRC16, ..PdoProfile::default() };
-    for (control, message) in [
+    let controls = [
         (0x6000_u16, "Unknown packet kind"),
         (0x4000, "Unknown packet kind"),
         (0x0178, "The packet exceeds the payload"),
-    ] {
+    ];
+    let images = controls.map(|(control, _)| {
         let mut image = manuals_image();
         image[8..12].copy_from_slice(&[0, 0, 0, 0]);
         image[10..12].copy_from_slice(&profile.layout_id().to_le_bytes());
         image[13] = 0;
         image[15] = 0;
         image[24..26].copy_from_slice(&control.to_le_bytes());
-        let names = ["_ws.expert.message", "ecan_pdo.data"];
-        let Some(line) = image_fields(&names, Direction::TxPdo, profile, &image) else { return };
-        assert_eq!(line, format!("{message}|"));
-    }
+        image
+    });
+    let names = ["_ws.expert.message", "ecan_pdo.data"];
+    let Some(lines) = fields_of_images(&names, Direction::TxPdo, profile, &images) else { return };
+    assert_eq!(lines, controls.map(|(_, message)| format!("{message}|")));
 }
 
 #[test]

@@ -93,12 +93,17 @@ mod tests {
         let directory = tempfile::tempdir().unwrap();
         let file = directory.path().join("pid");
         let hangs = format!("echo $$ > {}; echo begun; exec sleep 1000", file.display());
-        // Long enough for the shell to write its process ID.
-        let ended = run(&mut shell(&hangs), Duration::from_secs(2));
-        let error = ended.unwrap_err();
-        assert!(matches!(error, RunError::TimedOut(_)), "{error}");
-        assert_eq!(error.to_string(), "the program did not exit within 2 s and was killed");
-        let id = std::fs::read_to_string(file).unwrap();
+        // Until a limit is long enough for the shell to write its process ID.
+        let limits = [1, 2, 60].into_iter();
+        let id = limits.map(Duration::from_secs).find_map(|limit| {
+            let error = run(&mut shell(&hangs), limit).unwrap_err();
+            assert!(matches!(error, RunError::TimedOut(_)), "{error}");
+            let seconds = limit.as_secs();
+            let expected = format!("the program did not exit within {seconds} s and was killed");
+            assert_eq!(error.to_string(), expected);
+            std::fs::read_to_string(&file).ok().filter(|id| id.ends_with('\n'))
+        });
+        let id = id.unwrap();
         let process = std::path::Path::new("/proc").join(id.trim());
         assert!(!process.exists(), "it is killed and reaped");
     }

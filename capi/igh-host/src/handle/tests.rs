@@ -1,3 +1,6 @@
+#[path = "../../../../tools/ecan/tests/cli/support/guard.rs"]
+mod guard;
+
 use std::ffi::c_int;
 use std::ptr::from_mut;
 use std::sync::atomic::AtomicBool;
@@ -5,6 +8,7 @@ use std::sync::atomic::AtomicBool;
 use ecan_c_boundary::call;
 
 use super::*;
+use guard::OnDrop;
 
 struct Object(u32);
 
@@ -204,6 +208,8 @@ fn cycle_thread_never_loses_to_visitors() {
     });
     let is_done = AtomicBool::new(false);
     std::thread::scope(|scope| {
+        // Ends the visitors also after a panic.
+        let _end = OnDrop(|| is_done.store(true, Ordering::Relaxed));
         for access in [Access::Short, Access::Short, Access::Long] {
             let (context, is_done) = (&context, &is_done);
             scope.spawn(move || {
@@ -227,7 +233,6 @@ fn cycle_thread_never_loses_to_visitors() {
             });
             assert_eq!(value(&context, Kind::Adapter), Ok(cycle));
         }
-        is_done.store(true, Ordering::Relaxed);
     });
     assert_eq!(end(&context), 0);
 }

@@ -1,6 +1,9 @@
 //! A Port on a simulated bus with a service, on a thread of its own.
 #![allow(dead_code, missing_docs)]
 
+#[path = "../../../../tools/ecan/tests/cli/support/guard.rs"]
+pub mod guard;
+
 use std::io::{Read as _, Write as _};
 use std::os::unix::net::UnixStream;
 use std::path::{Path, PathBuf};
@@ -128,6 +131,17 @@ impl Fixture {
         receiver.recv_timeout(PATIENCE).unwrap()
     }
 
+    /// Runs cycles in which the application sends nothing.
+    pub fn run_cycles(&self, count: usize) {
+        self.execute(move |port, _| {
+            for _ in 0..count {
+                let mut cycle = port.next_cycle();
+                cycle.received().for_each(drop);
+                cycle.finish();
+            }
+        });
+    }
+
     pub fn statistics(&self) -> SlaveStatistics {
         self.execute(|port, _| port.statistics(port.gateway(0).unwrap()))
     }
@@ -150,10 +164,23 @@ impl Drop for Fixture {
     }
 }
 
+/// Bounds a loop that waits.
+pub struct Limit(Instant);
+
+impl Limit {
+    pub fn start() -> Self {
+        Self(Instant::now())
+    }
+
+    pub fn check(&self, what: &str) {
+        assert!(self.0.elapsed() < PATIENCE, "waited for {what}");
+    }
+}
+
 pub fn wait_for(what: &str, mut condition: impl FnMut() -> bool) {
-    let end = Instant::now() + PATIENCE;
+    let limit = Limit::start();
     while !condition() {
-        assert!(Instant::now() < end, "waited for {what}");
+        limit.check(what);
         std::thread::sleep(Duration::from_millis(2));
     }
 }

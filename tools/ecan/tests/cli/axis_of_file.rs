@@ -1,15 +1,13 @@
 //! `ecan axis` with the network and the gateways of a configuration file.
 
 use std::process::Command;
-use std::time::{Duration, Instant};
 
 use serde_json::Value;
 
 use crate::axis::LIMITS;
 use crate::axis_terminal::OBSERVED;
 use crate::support::observed_bus::ObservedBus;
-use crate::support::timed_reader::LIMIT;
-use crate::support::{Running, Scenario, ecan, fails, good, scenario, setting};
+use crate::support::{Running, Scenario, ecan, fails, good, scenario, setting, wait_for};
 
 const AXIS: &str = "[[axis]]\ngateway = 0\nchannel = 0\nnode = 1\nsteps_per_turn = 65536\n";
 const ALONE: [&str; 4] = ["--axis", "0", "--yes", "--unattended"];
@@ -39,11 +37,8 @@ fn network_of_the_file_is_on_the_bus() {
     enable.wait_for_error(" on bus ");
     let bus = ObservedBus::connect(&enable.errors());
     enable.wait_for_error("enabled for 60000 ms");
-    let begin = Instant::now();
-    while bus.frames("764").len() < 5 || bus.frames("100").len() < 2 || bus.frames("080").len() < 22
-    {
-        assert!(begin.elapsed() < LIMIT, "{}", enable.errors());
-        std::thread::sleep(Duration::from_millis(5));
+    for (id, count) in [("764", 5), ("100", 2), ("080", 22)] {
+        wait_for(id, || bus.frames(id).len() >= count);
     }
     assert!(bus.frames("764").iter().all(|state| state.starts_with("05")), "operational");
     assert!(bus.frames("77F").is_empty(), "the default is node 127");

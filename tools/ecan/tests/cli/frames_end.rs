@@ -3,7 +3,7 @@
 
 use std::process::Command;
 
-use crate::support::{Running, Scenario};
+use crate::support::{Running, Scenario, wait_for};
 
 const ECHO: &str = "[[node]]\nkind = \"echo\"\nbus = \"0.0\"\n";
 
@@ -36,13 +36,7 @@ fn stalled_output_does_not_block_stopping() {
     assert_eq!(unread.line(), "  can0  123   [1]  11");
     // With all frames in the capture, more wait for the screen than a pipe takes.
     let written = || std::fs::metadata(&capture).map_or(0, |it| it.len());
-    for _ in 0..600 {
-        if written() > 6000 * 48 {
-            break;
-        }
-        std::thread::sleep(std::time::Duration::from_millis(50));
-    }
-    assert!(written() > 6000 * 48);
+    wait_for("all frames in the capture", || written() > 6000 * 48);
     unread.terminate();
     let (status, errors) = unread.wait();
     assert_eq!(status, Some(6), "{errors}");

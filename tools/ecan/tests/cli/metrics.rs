@@ -4,7 +4,7 @@ use std::fs;
 use std::io::{Read as _, Write as _};
 use std::net::{TcpListener, TcpStream};
 use std::path::Path;
-use std::process::{Child, Command, Stdio};
+use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
 use serde_json::Value;
@@ -88,7 +88,7 @@ fn promtool_accepts_metrics_and_queries() {
 
 /// A Prometheus that scrapes one address every second.
 struct Prometheus {
-    process: Child,
+    _process: Killed,
     address: String,
 }
 
@@ -102,15 +102,14 @@ impl Prometheus {
              [\"{target}\"]\n"
         );
         fs::write(&config, text).unwrap();
-        let process = Command::new("prometheus")
+        let mut command = Command::new("prometheus");
+        command
             .arg(format!("--config.file={}", config.display()))
             .arg(format!("--storage.tsdb.path={}", directory.join("data").display()))
             .arg(format!("--web.listen-address={address}"))
             .stdout(Stdio::null())
-            .stderr(Stdio::null())
-            .spawn()
-            .unwrap();
-        Self { process, address }
+            .stderr(Stdio::null());
+        Self { _process: Killed::spawn(&mut command), address }
     }
 
     /// Results of a query so far.
@@ -136,13 +135,6 @@ impl Prometheus {
             assert!(Instant::now() < end, "no result of {query}");
             std::thread::sleep(Duration::from_millis(100));
         }
-    }
-}
-
-impl Drop for Prometheus {
-    fn drop(&mut self) {
-        let _ = self.process.kill();
-        let _ = self.process.wait();
     }
 }
 

@@ -15,7 +15,7 @@ use serde_json::{Value, json};
 use crate::serve::{Served, serve_ready};
 use crate::support::application::Application;
 use crate::support::on_screen::OnScreen;
-use crate::support::{ecan, ends, fails, good};
+use crate::support::{ecan, ends, fails, good, wait_for};
 
 /// Sends a frame every 5 cycles, whose second byte counts.
 fn count() -> impl FnMut(&mut Cycle<'_>) + Send {
@@ -252,20 +252,15 @@ fn slow_terminal_loses_counted_frames() {
     };
     // More than its memory holds.
     let begin = selected();
-    while selected() < begin + 60_000 {
-        std::thread::yield_now();
-    }
+    wait_for("the frames", || selected() >= begin + 60_000);
     is_sending.store(false, Ordering::Relaxed);
     let cycle = || client.state().unwrap().cycle.cycle;
     let end = cycle() + 200;
-    while cycle() < end {
-        std::thread::yield_now();
-    }
+    wait_for("the cycles", || cycle() >= end);
     // Drawn again, over what filled the terminal.
     monitor.resize((100, 30));
     monitor.wait_for("frames lost here");
-    let all = selected();
-    monitor.wait_until("every frame", |it| accounted(&it.screen()) == all);
+    monitor.wait_until("every frame", |it| accounted(&it.screen()) == selected());
     monitor.press(b"q");
     assert_eq!(monitor.end().0.code(), Some(0));
 }
@@ -317,9 +312,7 @@ fn invalid_use_of_a_service_has_message_and_status() {
     }
     application.execute(|_, service| service.detach());
     let client = Client::connect(Path::new(&path), "test").unwrap();
-    while client.state().is_ok() {
-        std::thread::yield_now();
-    }
+    wait_for("the end of the cycle", || client.state().is_err());
     let message = fails(3, &["--via", &path, "monitor"]);
     assert!(message.contains("the service has no cycle"), "{message}");
 }

@@ -1,24 +1,15 @@
 //! `ecan node` with Python's package `canopen`, on the bus of a simulated gateway by the simulator's
 //! slcan bridge: its `LocalNode` as a node, and its network with its own DCF tools.
 
-use std::io::{BufRead as _, BufReader, Write as _};
+use std::io::Write as _;
 use std::net::TcpListener;
 use std::path::Path;
-use std::process::{Child, Command, Stdio};
+use std::process::{Command, Stdio};
 
 use crate::serve::{Served, serve_bus};
+use crate::support::guard::{Killed, Lines};
 use crate::support::python::python_with;
 use crate::support::{Scenario, ecan, ends, fails, good};
-
-/// The node's program; it ends with its standard input.
-struct Peer(Child);
-
-impl Drop for Peer {
-    fn drop(&mut self) {
-        let _ = self.0.kill();
-        let _ = self.0.wait();
-    }
-}
 
 fn script(python: &str, name: &str, port: u16, node: u8) -> Command {
     let directory = concat!(env!("CARGO_MANIFEST_DIR"), "/../../ecan-canopen/tests/python");
@@ -31,13 +22,15 @@ fn script(python: &str, name: &str, port: u16, node: u8) -> Command {
     command
 }
 
-fn start_peer(command: &mut Command) -> Peer {
-    Peer(command.stdout(Stdio::piped()).spawn().unwrap())
+/// Starts the node's program, which ends with its standard input.
+fn start_peer(command: &mut Command) -> Killed {
+    Killed::spawn(command.stdout(Stdio::piped()))
 }
 
 struct Bus {
     /// Ends before its bus.
-    peer: Peer,
+    peer: Killed,
+    lines: Lines,
     served: Served,
     _scenario: Scenario,
 }
@@ -56,8 +49,9 @@ impl Bus {
     /// Starts service and node 5, and waits until the node answers.
     fn start(python: &str, name: &str, arguments: &[&str]) -> Self {
         let (scenario, served, port) = bridged("");
-        let peer = start_peer(script(python, name, port, 5).args(arguments));
-        let bus = Self { peer, _scenario: scenario, served };
+        let mut peer = start_peer(script(python, name, port, 5).args(arguments));
+        let lines = peer.lines();
+        let bus = Self { peer, lines, _scenario: scenario, served };
         // Each try waits for two seconds.
         let answers = |_: &u32| {
             let read = ["sdo", "read", "--node", "5", "--timeout", "1000", "0x1000"];
@@ -119,18 +113,13 @@ const NETWORK: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../examples/netwo
 
 /// Lines of the node until one that is `end`.
 fn lines_of(bus: &mut Bus, dcf: &str) -> Vec<String> {
-    let Peer(child) = &mut bus.peer;
-    writeln!(child.stdin.as_mut().unwrap(), "{dcf}").unwrap();
-    let mut reader = BufReader::new(child.stdout.as_mut().unwrap());
+    writeln!(bus.peer.stdin.as_mut().unwrap(), "{dcf}").unwrap();
     let mut lines = Vec::new();
-    loop {
-        let mut line = String::new();
-        assert!(reader.read_line(&mut line).unwrap() > 0, "the node ended: {lines:#?}");
-        match line.trim_end() {
-            "end" => return lines,
-            line => lines.push(line.to_owned()),
-        }
+    while lines.last().is_none_or(|line| line != "end") {
+        lines.push(bus.lines.next().unwrap_or_else(|| panic!("the node ended: {lines:#?}")));
     }
+    lines.pop();
+    lines
 }
 
 /// Objects with the bytes of a DCF, by the package, and of its node.
@@ -236,31 +225,28 @@ fn lss_slave_of_durand_gets_a_node_id() {
     let directory = concat!(env!("CARGO_MANIFEST_DIR"), "/../../ecan-canopen/tests/python");
     let mut command = Command::new(&python);
     command.arg("-B").arg(Path::new(directory).join("responder_node.py"));
-    command.args(["--port", &port.to_string()]).stdin(Stdio::piped());
+    // The scan waits for each bit of the serial number that is 1.
+    command.args(["--port", &port.to_string(), "--serial", "3"]).stdin(Stdio::piped());
     let mut peer = start_peer(&mut command);
-    let mut reader = BufReader::new(peer.0.stdout.take().unwrap());
+    let mut lines = peer.lines();
     let mut line_with = |part: &str| {
-        let mut line = String::new();
-        while !line.contains(part) {
-            line.clear();
-            assert!(reader.read_line(&mut line).unwrap() > 0, "the slave ended before {part}");
-        }
-        line.trim_end().to_owned()
+        let line = lines.find(|line| line.contains(part));
+        line.unwrap_or_else(|| panic!("the slave ended before {part}"))
     };
     line_with("ready");
-    let known = ["lss", "scan", "--vendor", "0x44555241", "--product", "5", "--scan-time", "150"];
+    let known = ["lss", "scan", "--vendor", "0x44555241", "--product", "5", "--scan-time", "3000"];
     // While it is selected it takes part in the scan, against CiA 305.
     let scan = ends(1, &[&["--via", served.path.as_str(), "node"], &known[..]].concat());
-    let address = "0x44555241:0x5:0x80000001:4294901763";
+    let address = "0x44555241:0x5:0x80000001:3";
     assert!(scan.contains(address) && scan.ends_with("1 slave(s) without node-ID\n"), "{scan}");
     let set = ["lss", "set-id", "9", "--address", address, "--store", "--yes", "--timeout", "3000"];
     let printed = served.node(&set);
     assert!(printed.ends_with(": node-ID 9, stored, booted\n"), "{printed}");
     // Requests in its log: configure node-ID, store.
-    assert_eq!(line_with("lss 11"), "lss 1109000000000000");
+    assert!(line_with("lss 11").starts_with("lss 1109000000000000 "));
     assert!(line_with("store").ends_with(" 9"));
     let read = ["sdo", "read", "--node", "9", "--timeout", "5000", "0x1018:4"];
-    assert!(served.node(&read).ends_with("= 4294901763 (0xFFFF0003)\n"));
+    assert!(served.node(&read).ends_with("= 3 (0x00000003)\n"));
     // Before its bus.
     drop(peer);
     served.end();

@@ -7,10 +7,11 @@
 //! run in one directory, in their order. The banner of a simulation and the note on a service are left out.
 
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Stdio};
+use std::process::{Command, Stdio};
 
 use rustix::process::{Pid, Signal, kill_process};
 
+use crate::support::guard::{Killed, output};
 use crate::support::timed_reader::TimedReader;
 
 struct Screen<'a> {
@@ -42,7 +43,7 @@ fn screens(document: &str) -> Vec<Screen<'_>> {
 /// Runs the commands of the screens.
 struct Shell {
     directory: PathBuf,
-    background: Option<(Child, TimedReader)>,
+    background: Option<(Killed, TimedReader)>,
 }
 
 impl Shell {
@@ -72,33 +73,20 @@ impl Shell {
             assert!(status.success(), "{status}: {}", reader.text());
             return String::new();
         }
-        let output = self.command(&format!("{{ {command}\n}} 2>&1")).output().unwrap();
+        let output = output(&mut self.command(&format!("{{ {command}\n}} 2>&1")));
         let shown = String::from_utf8(output.stdout).unwrap();
         shown.lines().filter_map(shown_line).collect()
     }
 
     fn start(&mut self, command: &str, lines: usize) -> String {
-        let mut child = self
-            .command(&format!("exec {command} 2>&1"))
-            .stdin(Stdio::null())
-            .stdout(Stdio::piped())
-            .spawn()
-            .unwrap();
+        let mut command = self.command(&format!("exec {command} 2>&1"));
+        let mut child = Killed::spawn(command.stdin(Stdio::null()).stdout(Stdio::piped()));
         let mut reader = TimedReader::new(child.stdout.take().unwrap());
         let line = || String::from_utf8(reader.through(b'\n')).unwrap();
         let read = std::iter::repeat_with(line).take_while(|line| !line.is_empty());
         let shown = read.filter_map(|line| shown_line(&line)).take(lines).collect();
         self.background = Some((child, reader));
         shown
-    }
-}
-
-impl Drop for Shell {
-    fn drop(&mut self) {
-        if let Some((child, _)) = &mut self.background {
-            let _ = child.kill();
-            let _ = child.wait();
-        }
     }
 }
 

@@ -13,7 +13,7 @@ use serde_json::json;
 
 use super::serve::serve;
 use super::support::timed_reader::LIMIT;
-use super::support::{Running, fails, good, scenario, setting};
+use super::support::{Running, fails, good, scenario, setting, wait_for};
 
 const FILE: &str = "\
 watchdog_us = 2_000_000
@@ -125,7 +125,7 @@ fn stuck_cycle_ends_the_pings_of_the_watchdog() {
         return;
     }
     ptrace::interrupt(cycle).unwrap();
-    manager.notifications.set_read_timeout(Some(WATCHDOG * 4)).unwrap();
+    manager.notifications.set_read_timeout(Some(WATCHDOG * 2)).unwrap();
     while manager.notifications.recv(&mut [0; 4096]).is_ok() {}
     manager.notifications.set_read_timeout(Some(LIMIT)).unwrap();
     ptrace::detach(cycle, None).unwrap();
@@ -271,7 +271,11 @@ fn hang_up_applies_what_it_can_and_names_the_rest() {
     program.wait_for_error("gateway[0].hold_limit: 10 -> 20: active now");
     program.wait_for_error("gateway[0].paced: true -> false: active now");
     // The thread of the service takes it over in its next round.
-    let error = (0..1000).find_map(|_| client.call("sim.fault", fault.clone()).err());
+    let mut error = None;
+    wait_for("the new permission", || {
+        error = client.call("sim.fault", fault.clone()).err();
+        error.is_some()
+    });
     assert!(error.unwrap().to_string().contains("read-only"));
     manager.wait_for("RELOADING=1\nMONOTONIC_USEC=");
     manager.write("cycle_us = 2\n[[gateway]]\nn = 33\n");
@@ -301,9 +305,8 @@ fn killed_service_is_replaced_over_its_socket() {
 fn removed_socket_is_created_again() {
     let served = serve(&["--idle"]);
     std::fs::remove_file(&served.path).unwrap();
-    let has_client = |_: &_| Client::connect(Path::new(&served.path), "test").is_ok();
-    let wait = |_: &_| std::thread::sleep(std::time::Duration::from_millis(20));
-    assert!((0..3000).inspect(wait).any(|it| has_client(&it)), "no new socket");
+    let has_client = || Client::connect(Path::new(&served.path), "test").is_ok();
+    wait_for("the new socket", has_client);
     served.end();
 }
 

@@ -5,8 +5,6 @@ use std::collections::BTreeMap;
 use std::io::{ErrorKind, Read as _, Write as _};
 use std::os::unix::net::{UnixListener, UnixStream};
 use std::process::Command;
-use std::thread::sleep;
-use std::time::{Duration, Instant};
 
 use ecan_protocol::can::{CanFrame, CanId};
 use ecan_service_client::{Client, ClientError, Event, FrameEvent, Subscription, UploadParams};
@@ -16,15 +14,7 @@ use serde_json::{Value, json};
 use crate::serve::serve_ready;
 use crate::support::guard::Killed;
 use crate::support::timed_reader::LIMIT;
-use crate::support::{Running, fails};
-
-fn wait_for(what: &str, mut condition: impl FnMut() -> bool) {
-    let end = Instant::now() + LIMIT;
-    while !condition() {
-        assert!(Instant::now() < end, "waited for {what}");
-        sleep(Duration::from_millis(5));
-    }
-}
+use crate::support::{Running, fails, wait_for};
 
 fn upload() -> UploadParams {
     UploadParams { slave: 0, index: 0x8010, subindex: 3, max_bytes: None, once: false }
@@ -144,7 +134,13 @@ fn killed_clients_disturb_nobody() {
     wait_for("the request", || stats().iter().any(|it| it.name == "ecan" && it.requests >= 2));
     reader.signal(Signal::KILL);
     wait_for("the end of both", || stats().len() == 1);
-    while client.poll(Duration::from_millis(100)).unwrap().is_some() {}
+    // The frames of gen and their echoes precede this one and its echo.
+    let last = CanFrame::classic(CanId::standard(0x322).unwrap(), &[]).unwrap();
+    client.send(0, 0, &last).unwrap();
+    let is_last = |event: &Event| matches!(event, Event::Frame(report) if report.frame == last);
+    for what in ["the last frame", "its echo"] {
+        wait_for(what, || client.poll(LIMIT).unwrap().is_some_and(|event| is_last(&event)));
+    }
     (0..10).for_each(|number| exchange(&client, number));
     assert!(client.state().is_ok());
 }

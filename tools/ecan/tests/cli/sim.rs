@@ -3,7 +3,7 @@
 use serde_json::Value;
 
 use crate::serve::{Served, serve_bus};
-use crate::support::{FakeLibrary, fails, good, scenario, setting};
+use crate::support::{FakeLibrary, fails, good, scenario, setting, wait_for};
 
 const CELL: &str = "\
 name = \"cell\"
@@ -42,7 +42,7 @@ impl Served {
 
     /// State of a gateway, when it fits.
     fn wait_for(&self, gateway: usize, fits: impl Fn(&Value) -> bool) {
-        while !fits(&self.sim_json(&["status"])["gateways"][gateway]) {}
+        wait_for("the state", || fits(&self.sim_json(&["status"])["gateways"][gateway]));
     }
 }
 
@@ -104,7 +104,8 @@ fn faults_are_listed_with_their_times() {
     assert_eq!(faults["pending"][1]["after_ready_ns"], 3_600_000_000_000_u64);
 
     served.sim(&["fault", "link-loss", "--gateway", "1", "--for", "20ms", "--after", "1ms"]);
-    while served.sim_json(&["faults"])["injected"].as_array().unwrap().len() < 2 {}
+    let injected = || served.sim_json(&["faults"])["injected"].as_array().unwrap().len();
+    wait_for("the second fault", || injected() == 2);
     served.end();
 }
 

@@ -1,10 +1,13 @@
-//! What the other tests wait with: a limit that holds, and that tells what came.
+//! What the other tests wait with: a limit that holds, and guards that end children and threads.
 
-use std::io::Write as _;
+use std::io::{Read as _, Write as _};
 use std::os::unix::net::UnixStream;
 use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::process::{Command, Stdio};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
+use crate::support::guard::{Killed, OnDrop};
 use crate::support::timed_reader::TimedReader;
 
 /// The words of a panic.
@@ -40,4 +43,28 @@ fn pieces_are_read_in_order() {
     drop(other);
     assert_eq!(heard.rest(), "abcdef");
     assert_eq!(heard.through(b'\n'), b"");
+}
+
+#[test]
+fn failing_test_ends_its_threads_and_children() {
+    let mut id = 0;
+    let failed = catch_unwind(AssertUnwindSafe(|| {
+        let is_over = &AtomicBool::new(false);
+        std::thread::scope(|threads| {
+            let _end = OnDrop(|| is_over.store(true, Ordering::Release));
+            let mut child =
+                Killed::spawn(Command::new("cat").stdin(Stdio::piped()).stdout(Stdio::piped()));
+            id = child.id();
+            let mut printed = child.stdout.take().unwrap();
+            threads.spawn(move || printed.read_to_end(&mut Vec::new()).unwrap());
+            threads.spawn(|| {
+                while !is_over.load(Ordering::Acquire) {
+                    std::thread::yield_now();
+                }
+            });
+            panic!("the test fails");
+        });
+    }));
+    assert!(failed.is_err());
+    assert!(!std::path::Path::new(&format!("/proc/{id}")).exists(), "waited for");
 }

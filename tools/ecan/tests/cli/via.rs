@@ -1,8 +1,7 @@
 //! The way to the bus: `--via`.
 
-use std::io::{BufRead as _, BufReader};
 use std::os::unix::net::UnixListener;
-use std::process::{Child, Command, Stdio};
+use std::process::{Command, Stdio};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
@@ -14,6 +13,8 @@ use ecan_protocol::image::OptionFlags;
 use ecan_service::{Control, ServePort as _, ServiceConfig};
 use ecan_sim::{ClockKind, SimOptions};
 
+use super::support::guard::Killed;
+use super::support::timed_reader::TimedReader;
 use super::support::{SIM, Scenario, fails, good, simulated};
 
 #[test]
@@ -138,16 +139,16 @@ impl Application {
     }
 
     /// Starts a command that finds the service at its default path.
-    fn start_auto(&self, command: &[&str]) -> Child {
-        Command::new(env!("CARGO_BIN_EXE_ecan"))
-            .args(command)
-            .env_remove("ECAN_ECRT")
-            .env("XDG_RUNTIME_DIR", self.directory.path())
-            .stdin(Stdio::null())
-            .stdout(Stdio::piped())
-            .stderr(Stdio::piped())
-            .spawn()
-            .unwrap()
+    fn start_auto(&self, command: &[&str]) -> Killed {
+        Killed::spawn(
+            Command::new(env!("CARGO_BIN_EXE_ecan"))
+                .args(command)
+                .env_remove("ECAN_ECRT")
+                .env("XDG_RUNTIME_DIR", self.directory.path())
+                .stdin(Stdio::null())
+                .stdout(Stdio::piped())
+                .stderr(Stdio::piped()),
+        )
     }
 
     fn fails(&self, status: i32, rest: &[&str]) -> String {
@@ -212,7 +213,7 @@ fn every_command_finds_and_reports_the_service() {
     ] {
         for json in [None, Some("--json")] {
             let words: Vec<_> = json.into_iter().chain(command.split(' ')).collect();
-            let output = application.start_auto(&words).wait_with_output().unwrap();
+            let output = application.start_auto(&words).output();
             let errors = String::from_utf8(output.stderr).unwrap();
             assert!(matches!(output.status.code(), Some(0 | 1)), "{command}: {errors}");
             assert_eq!(errors.lines().next(), Some(note.as_str()), "{command}: {errors}");
@@ -225,11 +226,8 @@ fn every_command_finds_and_reports_the_service() {
     for command in ["dump", "bridge --slcan 127.0.0.1:0"] {
         let words: Vec<_> = ["--json"].into_iter().chain(command.split(' ')).collect();
         let mut program = application.start_auto(&words);
-        let mut line = String::new();
-        BufReader::new(program.stderr.take().unwrap()).read_line(&mut line).unwrap();
-        program.kill().unwrap();
-        program.wait().unwrap();
-        assert_eq!(line.trim_end(), note, "{command}");
+        let line = TimedReader::new(program.stderr.take().unwrap()).through(b'\n');
+        assert_eq!(String::from_utf8(line).unwrap().trim_end(), note, "{command}");
     }
 }
 

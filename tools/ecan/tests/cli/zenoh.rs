@@ -5,14 +5,14 @@ use std::net::TcpListener;
 use std::path::Path;
 use std::process::Command;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::time::Duration;
 
 use ecan_protocol::can::{CanFrame, CanId};
 use ecan_service_client::{Client, Event, Subscription};
 
+use crate::support::guard::OnDrop;
 use crate::support::python::{python_with, skip};
 use crate::support::timed_reader::LIMIT;
-use crate::support::{Running, fails, good};
+use crate::support::{Running, fails, good, wait_for};
 
 /// CAN ID of the frames that are counted.
 const COUNTED: u16 = 0x321;
@@ -154,15 +154,6 @@ impl Drop for Hosts {
     }
 }
 
-/// Ends the sending thread also after a failed assertion.
-struct StopOnDrop<'a>(&'a AtomicBool);
-
-impl Drop for StopOnDrop<'_> {
-    fn drop(&mut self) {
-        self.0.store(true, Ordering::Release);
-    }
-}
-
 /// Sends numbered frames one by one on a channel until `stop`; returns the number of frames of this
 /// channel that the service delivered.
 fn send_numbered(socket: &str, channel: u8, sent: &AtomicU64, stop: &AtomicBool) -> u64 {
@@ -225,7 +216,7 @@ fn python_on_another_host_counts_what_a_cut_cable_loses() {
 
     // Until the subscription has arrived.
     std::thread::scope(|scope| {
-        let _stop = StopOnDrop(&stop);
+        let _stop = OnDrop(|| stop.store(true, Ordering::Release));
         let sender = scope.spawn(|| send_numbered(&served.socket, 1, &sent, &stop));
         observer.line();
         stop.store(true, Ordering::Release);
@@ -240,7 +231,7 @@ fn python_on_another_host_counts_what_a_cut_cable_loses() {
     stop.store(false, Ordering::Release);
     let mut shown = Shown::default();
     let delivered = std::thread::scope(|scope| {
-        let _stop = StopOnDrop(&stop);
+        let _stop = OnDrop(|| stop.store(true, Ordering::Release));
         let sender = scope.spawn(|| send_numbered(&served.socket, 0, &sent, &stop));
         shown.read_until(&mut observer, |number| number > 100);
         let result = request(&["send", "0", "0", "123#1122"]);
@@ -249,9 +240,7 @@ fn python_on_another_host_counts_what_a_cut_cable_loses() {
         hosts.set_cable("down");
         wait_for_peers(&mut publication, 0);
         let at_cut = sent.load(Ordering::Acquire);
-        while sent.load(Ordering::Acquire) < at_cut + 100 {
-            std::thread::sleep(Duration::from_millis(10));
-        }
+        wait_for("frames while it is cut", || sent.load(Ordering::Acquire) >= at_cut + 100);
         hosts.set_cable("up");
         wait_for_peers(&mut publication, 1);
         let at_return = sent.load(Ordering::Acquire);

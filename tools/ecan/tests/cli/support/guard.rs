@@ -1,11 +1,15 @@
-//! Guards for what must not outlive a test, also when it fails: children, and threads that wait.
+//! Guards for what must not outlive a test, also when it fails: children, and threads that wait. Tests of other
+//! crates include this file.
+#![allow(dead_code, missing_docs)]
 
-use std::io::Read;
+use std::io::{BufRead as _, BufReader, Read};
 use std::ops::{Deref, DerefMut};
 use std::process::{Child, Command, Output, Stdio};
-use std::sync::mpsc::{Receiver, channel};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, TryIter, channel};
+use std::time::Duration;
 
-use super::timed_reader::LIMIT;
+/// Time limit of a child, far above the duration of a successful test on a busy machine.
+const LIMIT: Duration = Duration::from_secs(300);
 
 /// A child that is killed and waited for when this is dropped.
 pub struct Killed(Child);
@@ -13,6 +17,16 @@ pub struct Killed(Child);
 impl Killed {
     pub fn spawn(command: &mut Command) -> Self {
         Self(command.spawn().unwrap())
+    }
+
+    /// Lines of standard output. Each is waited for, at most for [`LIMIT`].
+    pub fn lines(&mut self) -> Lines {
+        let output = BufReader::new(self.stdout.take().unwrap());
+        let (sender, lines) = channel();
+        std::thread::spawn(move || {
+            output.lines().map_while(Result::ok).try_for_each(|line| sender.send(line))
+        });
+        Lines(lines)
     }
 
     /// Reads both streams to their end and waits for the exit, at most for [`LIMIT`] each.
@@ -25,6 +39,28 @@ impl Killed {
         let (stdout, stderr) = (end(streams.0), end(streams.1));
         // Its streams are closed: it is about to exit.
         Output { status: self.wait().unwrap(), stdout, stderr }
+    }
+}
+
+/// Lines that a child prints.
+pub struct Lines(Receiver<String>);
+
+impl Lines {
+    /// Lines that have arrived.
+    pub fn arrived(&self) -> TryIter<'_, String> {
+        self.0.try_iter()
+    }
+}
+
+impl Iterator for Lines {
+    type Item = String;
+
+    fn next(&mut self) -> Option<String> {
+        match self.0.recv_timeout(LIMIT) {
+            Ok(line) => Some(line),
+            Err(RecvTimeoutError::Disconnected) => None,
+            Err(RecvTimeoutError::Timeout) => panic!("no line in {LIMIT:?}"),
+        }
     }
 }
 
@@ -72,37 +108,5 @@ pub struct OnDrop<F: FnMut()>(pub F);
 impl<F: FnMut()> Drop for OnDrop<F> {
     fn drop(&mut self) {
         (self.0)();
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use std::panic::{AssertUnwindSafe, catch_unwind};
-    use std::sync::atomic::{AtomicBool, Ordering};
-
-    use super::*;
-
-    #[test]
-    fn failing_test_ends_its_threads_and_children() {
-        let mut id = 0;
-        let failed = catch_unwind(AssertUnwindSafe(|| {
-            let is_over = &AtomicBool::new(false);
-            std::thread::scope(|threads| {
-                let _end = OnDrop(|| is_over.store(true, Ordering::Release));
-                let mut child =
-                    Killed::spawn(Command::new("cat").stdin(Stdio::piped()).stdout(Stdio::piped()));
-                id = child.id();
-                let mut printed = child.stdout.take().unwrap();
-                threads.spawn(move || printed.read_to_end(&mut Vec::new()).unwrap());
-                threads.spawn(|| {
-                    while !is_over.load(Ordering::Acquire) {
-                        std::thread::yield_now();
-                    }
-                });
-                panic!("the test fails");
-            });
-        }));
-        assert!(failed.is_err());
-        assert!(!std::path::Path::new(&format!("/proc/{id}")).exists(), "waited for");
     }
 }

@@ -9,11 +9,13 @@ pub mod python;
 pub mod terminal;
 pub mod timed_reader;
 
-use std::process::{Command, Output};
+use std::process::{Command, Output, Stdio};
+use std::time::{Duration, Instant};
 
 use rustix::process::{Pid, Signal, kill_process};
 
-use self::timed_reader::TimedReader;
+use self::guard::Killed;
+use self::timed_reader::{LIMIT, TimedReader};
 
 /// Simulated master with one gateway and echo nodes.
 pub const SIM: &str = "sim";
@@ -57,6 +59,15 @@ pub fn first_silent() -> tempfile::NamedTempFile {
         "[[gateway]]\n[[gateway]]\nalias = 7\n[[fault]]\nkind = \"mailbox_timeout\"\n\
          gateway = 0\nat_ms = 0\nfor_ms = 4000000000\n",
     )
+}
+
+/// Waits until a condition is met, at most for [`LIMIT`].
+pub fn wait_for(what: &str, mut condition: impl FnMut() -> bool) {
+    let end = Instant::now() + LIMIT;
+    while !condition() {
+        assert!(Instant::now() < end, "waited for {what}");
+        std::thread::sleep(Duration::from_millis(5));
+    }
 }
 
 /// Scenario file with this text.
@@ -183,7 +194,7 @@ impl Scenario {
 
 /// Running program; killed when dropped.
 pub struct Running {
-    child: std::process::Child,
+    child: Killed,
     stdout: Option<TimedReader>,
     stderr: TimedReader,
 }
@@ -195,18 +206,14 @@ impl Running {
 
     /// As [`spawn`](Self::spawn), with a pipe as standard input.
     pub fn spawn_with_input(command: &mut Command) -> (Self, std::process::ChildStdin) {
-        let mut running = Self::spawn(command.stdin(std::process::Stdio::piped()));
+        let mut running = Self::spawn(command.stdin(Stdio::piped()));
         let input = running.child.stdin.take().unwrap();
         (running, input)
     }
 
     pub fn spawn(command: &mut Command) -> Self {
-        let mut child = command
-            .env_remove("ECAN_ECRT")
-            .stdout(std::process::Stdio::piped())
-            .stderr(std::process::Stdio::piped())
-            .spawn()
-            .unwrap();
+        let command = command.env_remove("ECAN_ECRT").stdout(Stdio::piped());
+        let mut child = Killed::spawn(command.stderr(Stdio::piped()));
         let stdout = child.stdout.take().map(TimedReader::new);
         let stderr = TimedReader::new(child.stderr.take().unwrap());
         Self { child, stdout, stderr }
@@ -227,6 +234,11 @@ impl Running {
     /// Waits for a text on standard error.
     pub fn wait_for_error(&mut self, words: &str) {
         self.stderr.wait_for(words);
+    }
+
+    /// Reads what arrives on standard error within a time.
+    pub fn read_errors(&mut self, time: Duration) {
+        self.stderr.read_during(time);
     }
 
     /// Standard error until here.
@@ -265,26 +277,17 @@ impl Running {
 
     /// Sends SIGTERM until the program exits.
     pub fn terminate_until_ended(&mut self) {
-        for _ in 0..200 {
-            if self.child.try_wait().unwrap().is_some() {
-                return;
-            }
+        let end = Instant::now() + LIMIT;
+        while self.child.try_wait().unwrap().is_none() {
+            assert!(Instant::now() < end, "no signal ended it");
             self.terminate();
-            std::thread::sleep(std::time::Duration::from_millis(50));
+            std::thread::sleep(Duration::from_millis(50));
         }
-        panic!("no signal ended it");
     }
 
     /// Waits for the exit: status and standard error.
     pub fn wait(&mut self) -> (Option<i32>, String) {
         let status = self.stderr.end_of(&mut self.child);
         (status.code(), self.stderr.rest())
-    }
-}
-
-impl Drop for Running {
-    fn drop(&mut self) {
-        let _ = self.child.kill();
-        let _ = self.child.wait();
     }
 }

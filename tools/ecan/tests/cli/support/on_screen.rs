@@ -4,7 +4,7 @@ use std::fs::File;
 use std::io::{Read as _, Write as _};
 use std::num::NonZero;
 use std::os::fd::{AsFd, OwnedFd};
-use std::process::{Child, Command, ExitStatus, Stdio};
+use std::process::{Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 
 use rustix::event::{PollFd, PollFlags, poll};
@@ -13,6 +13,7 @@ use rustix::io::Errno;
 use rustix::process::{Pid, PidfdFlags, Signal, kill_process, pidfd_open};
 use rustix::termios::tcsetwinsize;
 
+use super::guard::Killed;
 use super::terminal::{Pty, is_raw, winsize};
 use super::timed_reader::{LIMIT, is_readable};
 
@@ -20,7 +21,7 @@ const LAST_OUTPUT: Duration = Duration::from_secs(5);
 
 /// Program on a terminal.
 pub struct OnScreen {
-    child: Child,
+    child: Killed,
     /// Master side; `None` after it was closed.
     master: Option<File>,
     /// Keeps the terminal open after the program.
@@ -46,16 +47,16 @@ impl OnScreen {
 
     fn spawn(size: (u16, u16), line: &[&str]) -> Self {
         let pty = Pty::open(size);
-        let child = Command::new(line[0])
-            .args(&line[1..])
-            .env_remove("ECAN_ECRT")
-            .env_remove("NO_COLOR")
-            .env("TERM", "xterm-256color")
-            .stdin(pty.stdio())
-            .stdout(pty.stdio())
-            .stderr(Stdio::piped())
-            .spawn()
-            .unwrap();
+        let child = Killed::spawn(
+            Command::new(line[0])
+                .args(&line[1..])
+                .env_remove("ECAN_ECRT")
+                .env_remove("NO_COLOR")
+                .env("TERM", "xterm-256color")
+                .stdin(pty.stdio())
+                .stdout(pty.stdio())
+                .stderr(Stdio::piped()),
+        );
         let (rows, columns) = cells(size);
         let screen = vt100::Parser::new(rows, columns, 0);
         let Pty { master, terminal, name } = pty;
@@ -174,13 +175,6 @@ impl OnScreen {
         let mut errors = String::new();
         self.child.stderr.take().unwrap().read_to_string(&mut errors).unwrap();
         (self.child.wait().unwrap(), errors)
-    }
-}
-
-impl Drop for OnScreen {
-    fn drop(&mut self) {
-        let _ = self.child.kill();
-        let _ = self.child.wait();
     }
 }
 

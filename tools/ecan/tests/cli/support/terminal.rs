@@ -2,11 +2,13 @@
 
 use std::fs::File;
 use std::io::Write as _;
-use std::process::{Child, Command, Stdio};
+use std::process::{Command, Stdio};
 
+use rustix::fs::{Mode, OFlags};
 use rustix::pty::{OpenptFlags, openpt, ptsname, unlockpt};
 use rustix::termios::{LocalModes, Termios, Winsize, tcgetattr, tcsetwinsize};
 
+use super::guard::Killed;
 use super::timed_reader::TimedReader;
 
 /// Enter and leave the alternate screen; hide and show the cursor.
@@ -16,7 +18,7 @@ const HIDE: &str = "\x1b[?25l";
 const SHOW: &str = "\x1b[?25h";
 
 /// Pseudo-terminal. Its descriptors are closed on exec, so that children of other tests do not keep
-/// it open.
+/// it open. It is not the controlling terminal of the tests: its end would end them by SIGHUP.
 pub struct Pty {
     pub master: File,
     pub terminal: File,
@@ -30,7 +32,8 @@ impl Pty {
         let master = openpt(flags).unwrap();
         unlockpt(&master).unwrap();
         let name = ptsname(&master, Vec::new()).unwrap().into_string().unwrap();
-        let terminal = File::options().read(true).write(true).open(&name).unwrap();
+        let flags = OFlags::RDWR | OFlags::NOCTTY | OFlags::CLOEXEC;
+        let terminal = rustix::fs::open(&name, flags, Mode::empty()).unwrap().into();
         tcsetwinsize(&master, winsize(size)).unwrap();
         Self { master: master.into(), terminal, name }
     }
@@ -51,7 +54,7 @@ pub fn is_raw(terminal: &File) -> bool {
 }
 
 pub struct OnTerminal {
-    child: Child,
+    child: Killed,
     /// Keeps the terminal open after the program.
     pty: Pty,
     before: Termios,
@@ -64,7 +67,7 @@ impl OnTerminal {
         let before = tcgetattr(&pty.terminal).unwrap();
         let (stdin, stdout, stderr) = (pty.stdio(), pty.stdio(), pty.stdio());
         command.env("TERM", "xterm").stdin(stdin).stdout(stdout).stderr(stderr);
-        let child = command.spawn().unwrap();
+        let child = Killed::spawn(command);
         let shown = TimedReader::new(pty.master.try_clone().unwrap());
         Self { child, pty, before, shown }
     }
@@ -108,13 +111,6 @@ impl OnTerminal {
     }
 }
 
-impl Drop for OnTerminal {
-    fn drop(&mut self) {
-        let _ = self.child.kill();
-        let _ = self.child.wait();
-    }
-}
-
 /// Runs a program with a terminal as input and standard error, on which `typed` is typed: exit
 /// status and text of the terminal.
 pub fn with_answer(command: &mut Command, typed: &str) -> (i32, String) {
@@ -122,7 +118,7 @@ pub fn with_answer(command: &mut Command, typed: &str) -> (i32, String) {
     master.write_all(typed.as_bytes()).unwrap();
     let stdin = terminal.try_clone().unwrap();
     command.env("TERM", "xterm").stdin(stdin).stderr(terminal).stdout(Stdio::null());
-    let mut child = command.spawn().unwrap();
+    let mut child = Killed::spawn(command);
     // The command keeps its handles of the terminal until then.
     command.stdin(Stdio::null()).stderr(Stdio::null());
     let mut shown = TimedReader::new(master);

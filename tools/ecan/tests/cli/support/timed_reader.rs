@@ -127,6 +127,13 @@ impl TimedReader {
         }
     }
 
+    /// Reads what arrives within a time.
+    pub fn read_during(&mut self, time: Duration) {
+        let end = Instant::now() + time;
+        let left = || end.saturating_duration_since(Instant::now());
+        while !left().is_zero() && matches!(self.read_for(left()), Piece::Came) {}
+    }
+
     fn fail(&self, what: &str) -> ! {
         panic!("{what} did not come in {:?}; this came: {}", self.limit, self.text())
     }
