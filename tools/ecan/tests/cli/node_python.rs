@@ -225,7 +225,6 @@ fn lss_slave_of_durand_gets_a_node_id() {
     let directory = concat!(env!("CARGO_MANIFEST_DIR"), "/../../ecan-canopen/tests/python");
     let mut command = Command::new(&python);
     command.arg("-B").arg(Path::new(directory).join("responder_node.py"));
-    // The scan waits for each bit of the serial number that is 1.
     command.args(["--port", &port.to_string(), "--serial", "3"]).stdin(Stdio::piped());
     let mut peer = start_peer(&mut command);
     let mut lines = peer.lines();
@@ -234,7 +233,7 @@ fn lss_slave_of_durand_gets_a_node_id() {
         line.unwrap_or_else(|| panic!("the slave ended before {part}"))
     };
     line_with("ready");
-    let known = ["lss", "scan", "--vendor", "0x44555241", "--product", "5", "--scan-time", "3000"];
+    let known = ["lss", "scan", "--vendor", "0x44555241", "--product", "5", "--scan-time", "500"];
     // While it is selected it takes part in the scan, against CiA 305.
     let scan = ends(1, &[&["--via", served.path.as_str(), "node"], &known[..]].concat());
     let address = "0x44555241:0x5:0x80000001:3";
