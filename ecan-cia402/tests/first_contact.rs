@@ -159,6 +159,22 @@ fn drive_at_rest_is_adopted_without_being_switched_off() {
     }
 }
 
+/// A controlword of the adoption would enable it again if it had stopped by its own watch before.
+#[test]
+fn drive_that_stays_in_quick_stop_is_not_adopted() {
+    let mode = OperatingMode::CyclicVelocity;
+    let mut axes = table(mode, HostHeartbeat::On);
+    axes[0].drive.quick_stop = Some(QuickStopOption::QuickStopAndStay);
+    let adapter = AdapterConfig::new(1).with_cycle(Duration::from_millis(2));
+    let settings = config(HostHeartbeat::On);
+    let fixture = Fixture::open_with(drives(|_| {}), adapter, axes, settings);
+    let mut fixture = fixture.started();
+    adopt(&mut fixture, mode);
+    fixture.until(1_000, Cia402::all_stopped);
+    assert!(!fixture.cia402.is_configured(0));
+    assert_ne!(state(&fixture), DriveState::OperationEnabled);
+}
+
 const ADOPTED_MODES: [OperatingMode; 4] = [
     OperatingMode::ProfileVelocity,
     OperatingMode::CyclicVelocity,

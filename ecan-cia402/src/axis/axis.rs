@@ -31,7 +31,7 @@ use super::setup::SetupState;
 use super::setup_steps;
 use super::statistics::AxisStatistics;
 use super::stop::StopCause;
-use super::takeover::{Takeover, TakeoverState};
+use super::takeover::{Inspection, Takeover, TakeoverState};
 use super::target_period::TargetPeriod;
 use super::target_source::TargetSource;
 use super::target_tickets::TargetTickets;
@@ -74,8 +74,7 @@ pub(crate) struct Axis {
     /// The first contact with the drive is not complete: its channel gets neither SYNC nor heartbeats.
     pub(crate) is_uninspected: bool,
     pub(crate) poll: DrivePoll,
-    /// Mode and position of [`kept_position`](Self::kept_position) that the drive reported at the first contact.
-    pub(crate) inspected: (Option<i8>, Option<i32>),
+    pub(crate) inspection: Inspection,
     pub(crate) guard: MotionGuard,
     /// Mode that the drive has confirmed, or that is being written.
     pub(crate) mode: OperatingMode,
@@ -149,7 +148,7 @@ impl Axis {
             takeover_policy,
             is_uninspected: true,
             poll: DrivePoll::new(config.node_axis),
-            inspected: (None, None),
+            inspection: Inspection::default(),
             guard: MotionGuard::new(config.guard_limits(mode, cycles_per_sync)),
             mode,
             drive: DriveStatus::default(),

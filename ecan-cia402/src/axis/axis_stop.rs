@@ -12,7 +12,7 @@ use super::phase::AxisError;
 use super::rest::REST_NS;
 use super::setup::SetupState;
 use super::stop::{DISABLE_NS, StopCause};
-use super::takeover::{ADOPT_NS, Takeover, TakeoverState};
+use super::takeover::{ADOPT_NS, Inspection, Takeover, TakeoverState};
 use super::verification::Verification;
 
 /// Attempts without an answer after which a drive counts as absent or gone: 800 ms.
@@ -122,7 +122,7 @@ impl Axis {
                 Round::Stop(command.map(Controlword::of))
             }
             _ if self.takeover_policy == Takeover::Adopt => {
-                Round::InspectMode(self.kept_position())
+                Round::InspectForAdoption(self.kept_position())
             }
             _ => Round::Inspect,
         };
@@ -130,15 +130,13 @@ impl Axis {
             // Another axis of the node uses its SDO client.
             return self.step_takeover(network, false, now_ns);
         }
-        let Self { poll, drive, config, inspected, node, .. } = self;
+        let Self { poll, drive, config, inspection, node, .. } = self;
         let is_answered = poll.step(network, *node, now_ns, round, |index, value| match index {
             object::STATUSWORD => drive.statusword_received(Statusword(value as u16), now_ns),
             object::POSITION_ACTUAL => {
                 drive.rest.observe(value as i32, config.range, config.standstill, now_ns);
             }
-            object::MODE_DISPLAY => inspected.0 = Some(value as i8),
-            object::TARGET_POSITION | object::POSITION_DEMAND => inspected.1 = Some(value as i32),
-            _ => {}
+            _ => inspection.note(index, value),
         });
         if self.poll.unanswered() >= WAKE_ATTEMPTS {
             self.wake_node(network, now_ns);
@@ -164,7 +162,7 @@ impl Axis {
         match &mut self.takeover {
             TakeoverState::Waiting => {
                 if self.reachability.gateway {
-                    self.inspected = (None, None);
+                    self.inspection = Inspection::default();
                     self.drive.rest.restart();
                     self.takeover = TakeoverState::Inspecting { since_ns: now_ns };
                 }

@@ -23,8 +23,8 @@ pub(crate) enum Round {
     Stop(Option<Controlword>),
     /// Reads statusword and position.
     Inspect,
-    /// Reads the mode, too, and the object with the position that the drive keeps, in a position mode.
-    InspectMode(Option<u16>),
+    /// Reads mode and quick stop option, too, and the object with the position that the drive keeps, in a position mode.
+    InspectForAdoption(Option<u16>),
 }
 
 /// Repeats rounds of SDO transfers with a drive.
@@ -124,8 +124,9 @@ impl DrivePoll {
                 axis_script(self.axis, word.into_iter().chain(status))
             }
             Round::Inspect => axis_script(self.axis, status),
-            Round::InspectMode(kept) => {
-                let more = [Some(object::MODE_DISPLAY), kept].into_iter().flatten();
+            Round::InspectForAdoption(kept) => {
+                let more =
+                    [object::MODE_DISPLAY, object::QUICK_STOP_OPTION].into_iter().chain(kept);
                 let more = more.map(|index| read(index).if_present());
                 axis_script(self.axis, status.into_iter().chain(more))
             }

@@ -27,8 +27,9 @@ pub enum Takeover {
     /// set-point at its position in PP, in CSP the target that it has. The target in CSP and the demand (0x6062) in PP
     /// must be within the step limit of the position. The target is read back by SDO
     /// before and after the first SYNC. Only then the axis counts as configured, and no target of an
-    /// earlier owner is in force. Otherwise, and in the torque modes and IP, the drive is stopped. A drive that
-    /// watches the host's heartbeat must be adopted within its consumer time (0x1016).
+    /// earlier owner is in force. Otherwise, and in the torque modes and IP, the drive is stopped; also one with a quick
+    /// stop option (0x605A) above 4, which a frame of the adoption would enable again after a quick stop of its own. A
+    /// drive that watches the host's heartbeat must be adopted within its consumer time (0x1016).
     Adopt,
 }
 
@@ -113,6 +114,32 @@ impl TakeoverState {
     }
 }
 
+/// What a drive reported at the first contact, for its adoption.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub(crate) struct Inspection {
+    mode: Option<i8>,
+    /// Position of [`kept_position`](Axis::kept_position).
+    kept: Option<i32>,
+    quick_stop: Option<i16>,
+}
+
+impl Inspection {
+    /// Takes the value of an object.
+    pub(crate) fn note(&mut self, index: u16, value: u64) {
+        match index {
+            object::MODE_DISPLAY => self.mode = Some(value as i8),
+            object::TARGET_POSITION | object::POSITION_DEMAND => self.kept = Some(value as i32),
+            object::QUICK_STOP_OPTION => self.quick_stop = Some(value as i16),
+            _ => {}
+        }
+    }
+
+    /// Returns whether the drive may stay in Quick Stop Active, which a controlword of the adoption leaves.
+    fn may_stay_in_quick_stop(&self) -> bool {
+        self.quick_stop.is_some_and(|option| !(0..=4).contains(&option))
+    }
+}
+
 impl Axis {
     /// Object with the position that a drive keeps at rest: its target in CSP, its demand in PP.
     pub(crate) fn kept_position(&self) -> Option<u16> {
@@ -125,10 +152,11 @@ impl Axis {
 
     /// The target that keeps the drive at standstill; `None` if it cannot be adopted.
     pub(crate) fn adoptable_target(&self) -> Option<i32> {
-        let (mode, kept) = self.inspected;
+        let Inspection { mode, kept, .. } = self.inspection;
         // An axis at rest may hold a load by its torque, which the first target would take away.
         // In IP the last set-point is not in 0x607A.
         let is_excluded = self.config.mode == OperatingMode::Homing
+            || self.inspection.may_stay_in_quick_stop()
             || matches!(
                 self.command_layout.target(),
                 TargetObject::Torque | TargetObject::InterpolationData

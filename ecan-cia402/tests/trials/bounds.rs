@@ -195,9 +195,10 @@ impl Bounds {
 
     // Targets
 
-    /// 2 standstill windows: one of the positions that show rest, one until the first target takes effect.
-    pub fn first_target(&self) -> f64 {
-        2.0 * self.standstill
+    /// 2 standstill windows: one of the positions that show rest, one until the first target takes effect. A step
+    /// limit more for each of the `lost` targets before it.
+    pub fn first_target(&self, lost: f64) -> f64 {
+        2.0 * self.standstill + self.step_limit * lost
     }
 
     /// Velocity limit V of an axis: step limit / T.
@@ -222,7 +223,7 @@ impl Bounds {
     pub fn travel(&self, seconds: f64, together: f64) -> f64 {
         self.limit() * (seconds + LAG_S * together)
             + self.step_limit * together
-            + self.first_target()
+            + self.first_target(0.0)
             + self.feed_forward * LAG_S * 2.0
     }
 

@@ -64,10 +64,11 @@ use run::Trial;
 /// 2003820: a startup was requested again while the profiles of its gateway were restored.
 /// 2005548: an owner ended before its stop left, while a drive opened its brake.
 /// 3000081: a drive whose motor was blocked as its owner was replaced in a hold was adopted.
+/// 3003029: an adoption enabled a drive again that had stopped by its own watch and stayed in Quick Stop Active.
 const FOUND: &[u64] = &[
     3913, 4640, 5780, 43993, 44419, 44729, 45524, 45577, 46036, 47971, 50537, 51807, 60447, 61652,
     67089, 67695, 85898, 90041, 92394, 101667, 104566, 110672, 114180, 121796, 124644, 157264,
-    158055, 173759, 2003820, 2005548, 3000081,
+    158055, 173759, 2003820, 2005548, 3000081, 3003029,
 ];
 
 /// The same with axes of shared nodes.
@@ -80,7 +81,9 @@ const FOUND: &[u64] = &[
 /// 93763: the end of a feed-forward moved a motor that was at rest.
 /// 100882: the first target after a hold was the position of a motor beyond its bounds.
 /// 126625: an enabled drive that had not answered counted as stopped during its configuration.
-const FOUND_SHARED: &[u64] = &[5346, 60447, 62312, 66800, 75644, 91190, 93763, 100882, 126625];
+/// 3005716: the first targets were lost in a bus-off while images were damaged.
+const FOUND_SHARED: &[u64] =
+    &[5346, 60447, 62312, 66800, 75644, 91190, 93763, 100882, 126625, 3005716];
 
 /// Seeds of machines with scheduled transmission that violated a rule.
 ///

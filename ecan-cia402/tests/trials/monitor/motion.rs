@@ -180,7 +180,7 @@ impl AxisMonitor {
             let is_late = |(then, _): &(u64, i32)| (at - then) as f64 > 3.0 * self.target_ns;
             let restarts =
                 record.kind == TargetKind::Position && self.targets.back().is_none_or(is_late);
-            let slack = if restarts { self.bounds.first_target() as i64 } else { 0 };
+            let slack = if restarts { self.bounds.first_target(0.0) as i64 } else { 0 };
             if outside(record.target) > outside(before) + slack {
                 let text = format!("target {} after {before}, {low}..{high}", record.target);
                 self.report(at, Kind::Bounds, text);
@@ -195,7 +195,8 @@ impl AxisMonitor {
             return;
         }
         if is_first && record.kind == TargetKind::Position {
-            if f64::from(record.offset()) > self.bounds.first_target() && !self.is_unknown {
+            let most = self.bounds.first_target(self.released(at));
+            if f64::from(record.offset()) > most && !self.is_unknown {
                 let text = format!("first target {} from the actual position", record.offset());
                 self.report(at, Kind::FirstTarget, text);
             }
