@@ -82,8 +82,9 @@ const FOUND: &[u64] = &[
 /// 100882: the first target after a hold was the position of a motor beyond its bounds.
 /// 126625: an enabled drive that had not answered counted as stopped during its configuration.
 /// 3005716: the first targets were lost in a bus-off while images were damaged.
+/// 3100293: the SYNC of a skipped cycle was missing.
 const FOUND_SHARED: &[u64] =
-    &[5346, 60447, 62312, 66800, 75644, 91190, 93763, 100882, 126625, 3005716];
+    &[5346, 60447, 62312, 66800, 75644, 91190, 93763, 100882, 126625, 3005716, 3100293];
 
 /// Seeds of machines with scheduled transmission that violated a rule.
 ///
@@ -95,9 +96,12 @@ const FOUND_SHARED: &[u64] =
 /// withdrawn.
 /// 1002127: a drive that was silent at the takeover executed an RPDO of its earlier owner with the first SYNC.
 /// 2008679: an owner ended before its stop left, while a drive opened its brake.
+/// 3001626: as 3003029 above.
+/// 3003978: the clock of a gateway was set while its host stood still.
+/// 3005091: the queue rejected a SYNC.
 const FOUND_SCHEDULED: &[u64] = &[
     1000298, 1000313, 1000376, 1000445, 1000570, 1001375, 1002127, 2000109, 2001759, 2006266,
-    2008679,
+    2008679, 3001626, 3003978, 3005091,
 ];
 
 fn variable(name: &str) -> Option<u64> {

@@ -10,7 +10,7 @@ use ecan_protocol::image::ChannelState;
 use ecan_sim::{Backend, ClockKind, Drive, SimOptions, Simulation};
 
 use crate::log::{Level, Log};
-use crate::monitor::{AxisMonitor, Path, StopKind, View};
+use crate::monitor::{AxisMonitor, Path, RELEASED, StopKind, View};
 use crate::plan::{Action, End, MS, Plan, Style};
 use crate::random::Random;
 use crate::report::{Finding, Kind, Outcome};
@@ -50,12 +50,17 @@ pub struct Trial {
     silent: Vec<u64>,
     /// End of a blocked motor.
     motor_blocked: Vec<u64>,
-    /// Time of the next attempt of a gateway's startup.
+    /// Time of the next attempt of a gateway's startup, and the number of attempts.
     retry_at: u64,
+    retries: u32,
+    /// Frames that the queue of the channel of each axis rejected.
+    queue_rejected: Vec<u64>,
     /// Start of the own trajectory of an axis, ns, and its centre.
     own: Vec<Option<(u64, i32)>>,
     classes: Vec<Class>,
     paths: Vec<Path>,
+    /// Lines of the kernel log in the log.
+    kernel_lines: usize,
     gateway_texts: Vec<String>,
     now: u64,
     outcome: Outcome,
@@ -127,9 +132,12 @@ impl Trial {
             silent: vec![0; axes],
             motor_blocked: vec![0; axes],
             retry_at: 0,
+            retries: 0,
+            queue_rejected: vec![0; axes],
             own: vec![None; axes],
             classes: vec![Class::NotConfigured; axes],
             paths: vec![Path::Blocked; axes],
+            kernel_lines: 0,
             gateway_texts: vec![String::new(); plan.gateways],
             now: 0,
             outcome: Outcome { seed: plan.seed, ..Outcome::default() },
@@ -487,6 +495,7 @@ impl Trial {
             self.configured[n] = self.cia402.as_ref().is_some_and(|cia402| cia402.is_configured(n));
             self.monitors[n].is_unknown |= self.now < self.silent[n] && !self.configured[n];
             let path = self.path(n, skips);
+            self.note_lost_sync(n, path);
             if self.paths[n] != path {
                 self.paths[n] = path;
                 self.note(&format!("path to axis {n}: {path:?}"));
@@ -499,6 +508,20 @@ impl Trial {
                 is_cut: (!skips.rx && !skips.send).then(|| self.is_cut(n)),
             };
             self.monitors[n].check(self.now, ns, path, view);
+        }
+    }
+
+    /// Targets that are in flight take effect together if the SYNC between them was rejected, or scheduled frames
+    /// have no SYNC since the application skipped a cycle.
+    fn note_lost_sync(&mut self, n: usize, path: Path) {
+        let NodeAddress { slave, channel, .. } = self.plan.axes[n].config.address;
+        let statistics = self.port.as_ref().and_then(|port| {
+            Some(port.statistics(port.gateway(slave).ok()?).channels[usize::from(channel)])
+        });
+        let rejected = statistics.map_or(0, |channel| channel.rejected_queue_full);
+        let is_rejected = std::mem::replace(&mut self.queue_rejected[n], rejected) != rejected;
+        if is_rejected || path == Path::Paused && self.plan.schedules_frames() {
+            self.monitors[n].releasing(self.now, RELEASED);
         }
     }
 
@@ -515,6 +538,10 @@ impl Trial {
     fn note_gateways(&mut self) {
         if !self.log.is_on() {
             return;
+        }
+        for line in self.simulation.kernel_log().split_off(self.kernel_lines) {
+            self.kernel_lines += 1;
+            self.note(&format!("kernel: {line}"));
         }
         for slave in 0..self.plan.gateways {
             let al_state = self.simulation.with_world(|world| {

@@ -18,7 +18,8 @@ pub enum PendingStep {
     /// change of state fails. The Port requests another one at increasing intervals; on an attached
     /// Adapter the owner of the master does, and before version 1.6 of the library, where the request
     /// may block, the application with [`Port::retry_startup`](crate::Port::retry_startup) while
-    /// other gateways are ready.
+    /// other gateways are ready. If requests do not help, [`Port::reconfigure`](crate::Port::reconfigure) also sets its
+    /// distributed clock again.
     StartupRetry,
     /// The slave is in OP, but the delivery of its outputs is not confirmed.
     ProcessData,

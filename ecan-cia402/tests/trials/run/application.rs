@@ -6,11 +6,13 @@ use ecan_mcan_port::{Cycle, PendingStep, ReceivedView};
 
 use super::Trial;
 use crate::monitor::{AxisMonitor, StopKind};
-use crate::plan::{Command, MS, Plan, Style};
+use crate::plan::{Action, Command, MS, Plan, Style};
 use crate::sdk::{self, Class};
 
 /// Time between two attempts of a gateway's startup.
 const RETRY_NS: u64 = 2_000 * MS;
+/// Attempts before the operator configures the bus again.
+const RETRIES: u32 = 12;
 
 impl Trial {
     pub(super) fn operate(&mut self) {
@@ -45,9 +47,17 @@ impl Trial {
         let waits = port
             .gateways()
             .any(|gateway| port.waiting_for(gateway) == Some(PendingStep::StartupRetry));
+        if port.is_ready() {
+            self.retries = 0;
+        }
         if waits && self.now >= self.retry_at {
             // A startup takes some time; another request would begin it again.
             self.retry_at = self.now + RETRY_NS;
+            self.retries += 1;
+            if self.retries > RETRIES {
+                self.retries = 0;
+                return self.act(Action::Reconfigure);
+            }
             let result = port.retry_startup();
             self.note(&format!("operator: retry_startup {result:?}"));
             let before = self.now;
