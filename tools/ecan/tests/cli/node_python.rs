@@ -233,7 +233,7 @@ fn lss_slave_of_durand_gets_a_node_id() {
         line.unwrap_or_else(|| panic!("the slave ended before {part}"))
     };
     line_with("ready");
-    let known = ["lss", "scan", "--vendor", "0x44555241", "--product", "5", "--scan-time", "500"];
+    let known = ["lss", "scan", "--vendor", "0x44555241", "--product", "5", "--scan-time", "150"];
     // While it is selected it takes part in the scan, against CiA 305.
     let scan = ends(1, &[&["--via", served.path.as_str(), "node"], &known[..]].concat());
     let address = "0x44555241:0x5:0x80000001:3";
@@ -245,7 +245,8 @@ fn lss_slave_of_durand_gets_a_node_id() {
     assert!(line_with("lss 11").starts_with("lss 1109000000000000 "));
     assert!(line_with("store").ends_with(" 9"));
     let read = ["sdo", "read", "--node", "9", "--timeout", "5000", "0x1018:4"];
-    assert!(served.node(&read).ends_with("= 3 (0x00000003)\n"));
+    let serial = served.node(&read);
+    assert!(serial.ends_with(" = 3\n"), "{serial}");
     // Before its bus.
     drop(peer);
     served.end();
