@@ -6,7 +6,7 @@ use ecan_service_client::Access;
 #[cfg(any(feature = "engine", test))]
 use ecan_service_client::{EXPIRED, INVALID_REQUEST, RpcError};
 #[cfg(any(feature = "engine", test))]
-use rustix::time::{ClockId, clock_gettime};
+use nix::time::{ClockId, clock_gettime};
 use serde::{Deserialize, Serialize};
 
 /// Longest time from now to a deadline. A publisher acts on no request that is older.
@@ -60,8 +60,7 @@ fn nanoseconds(time: Duration) -> u64 {
 /// Time of this host for deadlines. It also advances while the host is suspended.
 #[cfg(any(feature = "engine", test))]
 pub(crate) fn now_ns() -> u64 {
-    let now = clock_gettime(ClockId::Boottime);
-    Duration::try_from(now).map_or(0, nanoseconds)
+    clock_gettime(ClockId::CLOCK_BOOTTIME).map_or(0, |now| nanoseconds(now.into()))
 }
 
 /// Reads the deadline of a request that acts, and rejects a late request.
