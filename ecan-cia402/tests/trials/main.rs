@@ -99,9 +99,10 @@ const FOUND_SHARED: &[u64] =
 /// 3001626: as 3003029 above.
 /// 3003978: the clock of a gateway was set while its host stood still.
 /// 3005091: the queue rejected a SYNC.
+/// 3204187: a stop by SDO overtook an RPDO.
 const FOUND_SCHEDULED: &[u64] = &[
     1000298, 1000313, 1000376, 1000445, 1000570, 1001375, 1002127, 2000109, 2001759, 2006266,
-    2008679, 3001626, 3003978, 3005091,
+    2008679, 3001626, 3003978, 3005091, 3204187,
 ];
 
 fn variable(name: &str) -> Option<u64> {

@@ -117,6 +117,8 @@ pub struct AxisMonitor {
     permit: Permit,
     /// A command of the earlier owner may enable the drive until then, although that owner has called a stop.
     late_enable_until: u64,
+    /// Times that a command from before a stop has enabled the drive.
+    late_enables: u64,
     stop: Option<Stop>,
     was_running: bool,
     /// The axis runs again, and its next target is the first one.
@@ -184,6 +186,7 @@ impl AxisMonitor {
             halt: None,
             permit: Permit::None,
             late_enable_until: 0,
+            late_enables: 0,
             stop: None,
             was_running: false,
             has_resumed: false,
@@ -216,7 +219,7 @@ impl AxisMonitor {
             let text = format!("{velocity} and {torque}; the limits are {limits:?}");
             self.report(at, Kind::FeedForward, text);
         }
-        if sums.firsts_with_offsets > 0 {
+        if sums.firsts_with_offsets > self.late_enables {
             let text = format!("at {} first targets", sums.firsts_with_offsets);
             self.report(at, Kind::FeedForward, text);
         }
@@ -437,7 +440,6 @@ impl AxisMonitor {
 
     fn check_enable(&mut self, at: u64) {
         match self.permit {
-            // A frame that was sent before the stop arrives before it.
             Permit::None if self.stop.is_none() && at > self.late_enable_until => {
                 let text = format!("at {:.0}/s in {:?}", self.velocity, self.mode);
                 self.report(at, Kind::EnabledWithoutCommand, text);
@@ -445,7 +447,9 @@ impl AxisMonitor {
             // The drive took long to execute an earlier command; the present one continues.
             Permit::Enable if self.is_reading => {}
             Permit::Enable => self.permit = Permit::Used,
-            Permit::None | Permit::Used | Permit::Procedure => {}
+            // A frame that was sent before the stop takes effect after the one that arrived by SDO.
+            Permit::None => self.late_enables += 1,
+            Permit::Used | Permit::Procedure => {}
         }
     }
 }

@@ -3,7 +3,7 @@
 use ecan_canopen::OperatingMode;
 use ecan_sim::{TargetKind, TargetRecord};
 
-use super::{AxisMonitor, Braking, REST};
+use super::{AxisMonitor, Braking, Permit, REST};
 use crate::plan::MS;
 use crate::report::Kind;
 
@@ -200,7 +200,7 @@ impl AxisMonitor {
                 let text = format!("first target {} from the actual position", record.offset());
                 self.report(at, Kind::FirstTarget, text);
             }
-        } else if record.first && record.target != 0 {
+        } else if record.first && record.target != 0 && self.permit != Permit::None {
             let text = format!("first target {}", record.target);
             self.report(at, Kind::FirstTarget, text);
         }
