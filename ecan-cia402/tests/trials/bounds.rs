@@ -169,10 +169,11 @@ impl Bounds {
         (self.tpdo_timeout + 2) * self.sync_ns + 6 * self.cycle_ns + self.phase_ns + self.service_ns
     }
 
-    /// max(100 ms, 15 S) + 50 ms: a drive that moves without targets is out of reach, or is stopped.
+    /// max(100 ms, 15 S) + 50 ms: a drive that moves without targets is out of reach, or is stopped, if it obeys.
     pub fn uncontrolled_ns(&self) -> u64 {
         let out_of_reach = OUT_OF_REACH_NS.max(OUT_OF_REACH_PERIODS * self.sync_ns);
-        self.stop_by_sdo_ns(LostAttempts::default()).max(out_of_reach + 50 * MS)
+        let stop_ns = self.stop_by_sdo_ns(LostAttempts::default());
+        (stop_ns + self.ignored_stop_ns(stop_ns)).max(out_of_reach + 50 * MS)
     }
 
     /// Longest time of a halt.
