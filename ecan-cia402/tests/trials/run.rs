@@ -50,9 +50,10 @@ pub struct Trial {
     silent: Vec<u64>,
     /// End of a blocked motor.
     motor_blocked: Vec<u64>,
-    /// Time of the next attempt of a gateway's startup, and the number of attempts.
+    /// Time of the next attempt of a gateway's startup.
     retry_at: u64,
-    retries: u32,
+    /// Startups without the reference clock until the operator configured the bus last.
+    clock_failures: usize,
     /// Frames that the queue of the channel of each axis rejected.
     queue_rejected: Vec<u64>,
     /// Start of the own trajectory of an axis, ns, and its centre.
@@ -132,7 +133,7 @@ impl Trial {
             silent: vec![0; axes],
             motor_blocked: vec![0; axes],
             retry_at: 0,
-            retries: 0,
+            clock_failures: 0,
             queue_rejected: vec![0; axes],
             own: vec![None; axes],
             classes: vec![Class::NotConfigured; axes],
@@ -539,10 +540,11 @@ impl Trial {
         if !self.log.is_on() {
             return;
         }
-        for line in self.simulation.kernel_log().split_off(self.kernel_lines) {
-            self.kernel_lines += 1;
+        let lines = self.simulation.kernel_log();
+        for line in lines.get(self.kernel_lines..).unwrap_or_default() {
             self.note(&format!("kernel: {line}"));
         }
+        self.kernel_lines = lines.len();
         for slave in 0..self.plan.gateways {
             let al_state = self.simulation.with_world(|world| {
                 let gateway = world.gateway(slave)?;

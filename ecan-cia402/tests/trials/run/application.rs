@@ -11,8 +11,8 @@ use crate::sdk::{self, Class};
 
 /// Time between two attempts of a gateway's startup.
 const RETRY_NS: u64 = 2_000 * MS;
-/// Attempts before the operator configures the bus again.
-const RETRIES: u32 = 12;
+/// Startups without the reference clock after which the operator configures the bus again.
+const CLOCK_FAILURES: usize = 3;
 
 impl Trial {
     pub(super) fn operate(&mut self) {
@@ -47,15 +47,13 @@ impl Trial {
         let waits = port
             .gateways()
             .any(|gateway| port.waiting_for(gateway) == Some(PendingStep::StartupRetry));
-        if port.is_ready() {
-            self.retries = 0;
-        }
         if waits && self.now >= self.retry_at {
             // A startup takes some time; another request would begin it again.
             self.retry_at = self.now + RETRY_NS;
-            self.retries += 1;
-            if self.retries > RETRIES {
-                self.retries = 0;
+            let lines = self.simulation.kernel_log();
+            let failures = lines.iter().filter(|line| line.contains("did not follow")).count();
+            if failures >= self.clock_failures + CLOCK_FAILURES {
+                self.clock_failures = failures;
                 return self.act(Action::Reconfigure);
             }
             let result = port.retry_startup();
