@@ -33,6 +33,8 @@ pub(crate) struct DrivePoll {
     /// Axis of the node.
     axis: u8,
     round: Option<Script>,
+    /// The round is a [`Round::Stop`].
+    is_stop: bool,
     since_ns: u64,
     /// Attempts without an answer in a row.
     unanswered: u32,
@@ -80,6 +82,13 @@ impl DrivePoll {
         let is_alive = network.heartbeat(node) == Heartbeat::Active;
         let returned = is_alive && !std::mem::replace(&mut self.was_alive, is_alive);
         let axis = self.axis;
+        if matches!(next, Round::Stop(_))
+            && !self.is_stop
+            && let Some(round) = self.round.take()
+        {
+            // The response of an inspection may be lost; a stop does not wait for it.
+            round.cancel(network, node);
+        }
         let Some(round) = &mut self.round else {
             self.begin(network, node, now_ns, next);
             return false;
@@ -115,6 +124,7 @@ impl DrivePoll {
             // A stop does not wait for a transfer of the application.
             network.cancel_sdo(node);
         }
+        self.is_stop = matches!(round, Round::Stop(_));
         let read = |index| Step::read(index, 0);
         let status = [read(object::STATUSWORD), read(object::POSITION_ACTUAL).if_present()];
         self.round = Some(match round {

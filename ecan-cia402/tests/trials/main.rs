@@ -65,10 +65,11 @@ use run::Trial;
 /// 2005548: an owner ended before its stop left, while a drive opened its brake.
 /// 3000081: a drive whose motor was blocked as its owner was replaced in a hold was adopted.
 /// 3003029: an adoption enabled a drive again that had stopped by its own watch and stayed in Quick Stop Active.
+/// 3401629: a stop waited for the lost response of an inspection.
 const FOUND: &[u64] = &[
     3913, 4640, 5780, 43993, 44419, 44729, 45524, 45577, 46036, 47971, 50537, 51807, 60447, 61652,
     67089, 67695, 85898, 90041, 92394, 101667, 104566, 110672, 114180, 121796, 124644, 157264,
-    158055, 173759, 2003820, 2005548, 3000081, 3003029,
+    158055, 173759, 2003820, 2005548, 3000081, 3003029, 3401629,
 ];
 
 /// The same with axes of shared nodes.
