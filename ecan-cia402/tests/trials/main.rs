@@ -102,9 +102,10 @@ const FOUND_SHARED: &[u64] =
 /// 3005091: the queue rejected a SYNC.
 /// 3204187: a stop by SDO overtook an RPDO.
 /// 3301886: the homing of a drive that ignores the quick stop ended before it began.
+/// 3504334: the first target was repeated with each SYNC.
 const FOUND_SCHEDULED: &[u64] = &[
     1000298, 1000313, 1000376, 1000445, 1000570, 1001375, 1002127, 2000109, 2001759, 2006266,
-    2008679, 3001626, 3003978, 3005091, 3204187, 3301886,
+    2008679, 3001626, 3003978, 3005091, 3204187, 3301886, 3504334,
 ];
 
 fn variable(name: &str) -> Option<u64> {

@@ -101,6 +101,8 @@ pub struct AxisMonitor {
     braking: Option<Braking>,
     targets: VecDeque<(u64, i32)>,
     target_kind: Option<TargetKind>,
+    /// A target other than the first one took effect.
+    has_moved: bool,
     window: VecDeque<(u64, f64, f64)>,
     unlimited_until: u64,
     /// A drive that ignores the quick stop may follow the positions of the stop frames: these are not
@@ -174,6 +176,7 @@ impl AxisMonitor {
             braking: None,
             targets: VecDeque::new(),
             target_kind: None,
+            has_moved: false,
             window: VecDeque::new(),
             unlimited_until: 0,
             stop_frames_until: 0,

@@ -208,6 +208,16 @@ impl AxisMonitor {
         {
             self.late_until = at + LATE_NS;
         }
+        self.has_moved &= !is_first;
+        if let Some((then, first)) = self.targets.back().copied()
+            && !self.has_moved
+            && first != record.target
+        {
+            // Repetitions of the first target are sent with each SYNC, not in each target period.
+            self.has_moved = true;
+            self.targets.clear();
+            self.targets.push_back((then.min(at - self.target_ns as u64), first));
+        }
         for (nth, (then, target)) in self.targets.iter().rev().enumerate() {
             // A target that was sent when the path broke is lost before the host can detect it:
             // the next one makes its step, too.
