@@ -221,7 +221,7 @@ fn lost_profile_is_applied_again_although_startups_are_requested() {
     let adapter = AdapterConfig::new(1).with_cycle(Duration::from_millis(2));
     let mut fixture = start(scenario, adapter, GatewayConfig::on_channel(0, classic())).unwrap();
     fixture.simulation.inject(Fault::PowerCycle { gateway: 0, off_ms: 300 });
-    // Its startup takes a quarter of a minute.
+    // With this mailbox the startup of the gateway takes 15 s.
     for _ in 0..60 {
         fixture.idle(250);
         let gateway = fixture.port.gw(0);

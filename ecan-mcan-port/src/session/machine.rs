@@ -279,7 +279,7 @@ impl SessionMachine {
             self.below_op_since_ns.filter(|_| is_same).unwrap_or(now_ns)
         });
         match self.below_op_since_ns {
-            Some(_) if self.is_restoring(adapter) => self.startup_retry.wait(),
+            Some(_) if self.is_restoring(adapter) => self.startup_retry.postpone(),
             Some(since_ns) => self.startup_retry.watch(since_ns, now_ns),
             None => self.startup_retry.reset(),
         }

@@ -26,7 +26,7 @@ enum RestoreStep {
     Apply(usize),
     ReadStatus(usize),
     OpRequested,
-    /// Nothing was lost, or a transfer failed.
+    /// The attempt is over: no profile was lost, or a transfer failed.
     Ended,
 }
 

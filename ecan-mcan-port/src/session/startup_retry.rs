@@ -27,8 +27,8 @@ impl StartupRetry {
         self.is_due = now_ns >= self.next_ns.max(since_ns.saturating_add(FIRST_NS));
     }
 
-    /// What the slave does may still lead to OP.
-    pub(crate) fn wait(&mut self) {
+    /// Requests no startup at present: what the slave does may still lead to OP.
+    pub(crate) fn postpone(&mut self) {
         self.is_due = false;
     }
 

@@ -249,7 +249,7 @@ fn observed_jog() -> (Operated, ObservedBus) {
 /// Controlwords after the last one that enables.
 fn after_enabling(bus: &ObservedBus) -> Vec<String> {
     let all = controlwords(bus);
-    let enabled = all.iter().rposition(|it| it == "0F00");
+    let enabled = all.iter().rposition(|word| word == "0F00");
     enabled.map_or_else(Vec::new, |at| all[at + 1..].to_vec())
 }
 

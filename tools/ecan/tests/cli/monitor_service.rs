@@ -260,7 +260,7 @@ fn slow_terminal_loses_counted_frames() {
     // Drawn again, over what filled the terminal.
     monitor.resize((100, 30));
     monitor.wait_for("frames lost here");
-    monitor.wait_until("every frame", |it| accounted(&it.screen()) == selected());
+    monitor.wait_until("every frame", |monitor| accounted(&monitor.screen()) == selected());
     monitor.press(b"q");
     assert_eq!(monitor.end().0.code(), Some(0));
 }
