@@ -11,7 +11,6 @@ mod session;
 
 use std::net::TcpListener;
 use std::sync::atomic::Ordering;
-use std::time::Duration;
 
 use ecan_service::Control;
 use ecan_service_client::{
@@ -54,13 +53,12 @@ fn frames_arrive_by_channel_and_all_are_counted() {
             clients.into_iter().find(|client| client.name == "ecan zenoh: frames").unwrap();
         (client.frames_delivered, client.frames_lost)
     };
-    let mut before = delivered();
-    wait_for("the end of the frames", || {
-        std::thread::sleep(Duration::from_millis(50));
-        std::mem::replace(&mut before, delivered()) == before
-    });
     let present = || head(&published.get("frames/0/0", Vec::new()).unwrap());
-    wait_for("the publication of all", || present().frames == before.0);
+    let mut before = delivered();
+    wait_for("the end of the frames and the publication of all", || {
+        fixture.run_cycles(50);
+        std::mem::replace(&mut before, delivered()) == before && present().frames == before.0
+    });
     let present = present();
     account.take(present, 0);
     while account.lost_on_network() > 0 {

@@ -1,13 +1,14 @@
 //! The client in Python of the examples, and publishers that are not of this project.
 
 use std::io::Write as _;
-use std::process::{Child, Command, Output, Stdio};
+use std::process::{Command, Output, Stdio};
 use std::sync::mpsc::channel;
 
 use ecan_service_zenoh::{BatchHead, PublisherInfo};
 use serde_json::json;
 use zenoh::{Session, Wait as _};
 
+use crate::common::guard::Killed;
 use crate::common::{Fixture, PATIENCE, frame};
 use crate::session::{
     PREFIX, config, endpoints, free_address, key, open_session, publish, publish_by,
@@ -51,22 +52,21 @@ impl Peer {
         format!("mode: 'client', connect: {}", endpoints(&self.address))
     }
 
-    fn spawn(&self, prefix: &str, rest: &[&str]) -> Child {
-        // Ends a client that waits for ever.
-        Command::new("timeout")
-            .args(["60", &self.interpreter, "-B", SCRIPT])
-            .arg(self.directory.path().join("peer.json5"))
-            .arg(prefix)
-            .args(rest)
-            .env("ECAN_CLIENT", "python")
-            .stdout(Stdio::piped())
-            .stderr(Stdio::piped())
-            .spawn()
-            .unwrap()
+    fn spawn(&self, prefix: &str, rest: &[&str]) -> Killed {
+        Killed::spawn(
+            Command::new(&self.interpreter)
+                .args(["-B", SCRIPT])
+                .arg(self.directory.path().join("peer.json5"))
+                .arg(prefix)
+                .args(rest)
+                .env("ECAN_CLIENT", "python")
+                .stdout(Stdio::piped())
+                .stderr(Stdio::piped()),
+        )
     }
 
     fn run(&self, prefix: &str, rest: &[&str]) -> Output {
-        self.spawn(prefix, rest).wait_with_output().unwrap()
+        self.spawn(prefix, rest).output()
     }
 
     /// Message of a run that fails.
@@ -188,16 +188,12 @@ fn python_client_counts_losses_over_a_restart() {
         frames.put(records.clone()).attachment(head.encode()).wait().unwrap();
     }
     // Until all have been printed.
-    let mut output = std::io::BufReader::new(child.stdout.take().unwrap());
-    let mut line = String::new();
-    while line.matches(" received ").count() < 4 {
-        assert!(std::io::BufRead::read_line(&mut output, &mut line).unwrap() > 0, "{line}");
-    }
+    let mut lines = child.lines();
+    assert_eq!(lines.by_ref().filter(|line| line.contains(" received ")).take(4).count(), 4);
     let kill = Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();
     assert!(kill.success());
-    let mut rest = String::new();
-    std::io::Read::read_to_string(&mut output, &mut rest).unwrap();
-    let output = child.wait_with_output().unwrap();
+    let rest: String = lines.collect();
+    let output = child.output();
     let errors = String::from_utf8(output.stderr).unwrap();
     assert!(output.status.success(), "{errors}");
     assert!(rest.contains("4 received, 8 lost, 3 lost in the service"), "{rest}");

@@ -1,5 +1,6 @@
 //! Requests of remote clients that must not act: late, to another machine, or beyond a limit.
 
+use std::collections::VecDeque;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
@@ -11,10 +12,11 @@ use serde_json::json;
 use zenoh::query::Reply;
 use zenoh::{Session, Wait as _};
 
+use crate::common::guard::OnDrop;
 use crate::common::{Fixture, PATIENCE, frame, wait_for};
 use crate::session::{
-    Link, Published, Remote, config, endpoints, free_address, key, open_remote, open_session,
-    payload_of, publish, publish_by, publish_with, publishers, record, sent_frames,
+    LIFETIME, Link, Published, Remote, config, endpoints, free_address, key, open_remote,
+    open_session, payload_of, publish, publish_by, publish_with, publishers, record, sent_frames,
 };
 
 const NMT: &str = r#"{ "gateway": 0, "channel": 0, "node": 0, "command": "start" }"#;
@@ -180,18 +182,21 @@ fn flooding_client_rejects_no_request_of_another() {
     let flooder = Remote::of(&published.remote, "flooder");
     let is_over = AtomicBool::new(false);
     std::thread::scope(|scope| {
-        let _end = SetOnDrop(&is_over);
-        for _ in 0..40 {
-            scope.spawn(|| {
-                let frames: Vec<_> = (1..=200).map(|tag| record(0, tag, &[9; 8])).collect();
-                while !is_over.load(Ordering::Acquire) {
-                    let deadline = || Some(flooder.deadline(Duration::from_secs(5)));
-                    let wait = Duration::from_secs(5);
-                    flooder.replies("sdo.upload", object.clone().into(), None, wait);
-                    flooder.replies("send", payload_of(&frames), deadline(), wait);
+        let _end = OnDrop(|| is_over.store(true, Ordering::Release));
+        // More requests of each kind than may wait, all the time.
+        scope.spawn(|| {
+            let frames: Vec<_> = (1..=200).map(|tag| record(0, tag, &[9; 8])).collect();
+            let mut pending = VecDeque::new();
+            while !is_over.load(Ordering::Acquire) {
+                let deadline = Some(flooder.deadline(LIFETIME));
+                let upload = flooder.start("sdo.upload", object.clone().into(), None, PATIENCE);
+                let send = flooder.start("send", payload_of(&frames), deadline, PATIENCE);
+                pending.extend([upload, send]);
+                if pending.len() > 80 {
+                    pending.drain(..2).for_each(|replies| replies.into_iter().for_each(drop));
                 }
-            });
-        }
+            }
+        });
         published.wait_for_event(|event| {
             matches!(event, PublicationEvent::Rejected(RejectedRequests { full: 20.., .. }))
         });
@@ -204,14 +209,6 @@ fn flooding_client_rejects_no_request_of_another() {
         }
     });
     published.end().unwrap();
-}
-
-struct SetOnDrop<'a>(&'a AtomicBool);
-
-impl Drop for SetOnDrop<'_> {
-    fn drop(&mut self) {
-        self.0.store(true, Ordering::Release);
-    }
 }
 
 #[test]

@@ -194,10 +194,21 @@ impl<'a> Remote<'a> {
         attachment: Option<Vec<u8>>,
         timeout: Duration,
     ) -> Vec<Reply> {
+        self.start(method, payload, attachment, timeout).into_iter().collect()
+    }
+
+    /// Starts a request with this attachment; the replies follow.
+    pub fn start(
+        &self,
+        method: &str,
+        payload: Vec<u8>,
+        attachment: Option<Vec<u8>>,
+        timeout: Duration,
+    ) -> FifoChannelHandler<Reply> {
         let keys = Keys::new(PREFIX).unwrap();
         let key = keys.request(&self.info.publisher, self.name, method);
         let rest = key.strip_prefix(PREFIX).unwrap().trim_start_matches('/');
-        replies(self.session, rest, payload, attachment, timeout)
+        start(self.session, rest, payload, attachment, timeout)
     }
 
     pub fn deadline(&self, lifetime: Duration) -> Vec<u8> {
@@ -219,12 +230,22 @@ fn replies(
     attachment: Option<Vec<u8>>,
     timeout: Duration,
 ) -> Vec<Reply> {
+    start(session, selector, payload, attachment, timeout).into_iter().collect()
+}
+
+fn start(
+    session: &Session,
+    selector: &str,
+    payload: Vec<u8>,
+    attachment: Option<Vec<u8>>,
+    timeout: Duration,
+) -> FifoChannelHandler<Reply> {
     let get = session.get(key(selector)).payload(payload).timeout(timeout);
     let replies = match attachment {
         Some(attachment) => get.attachment(attachment).wait(),
         None => get.wait(),
     };
-    replies.unwrap().into_iter().collect()
+    replies.unwrap()
 }
 
 fn only(selector: &str, mut replies: Vec<Reply>) -> Result<Sample, RpcError> {
