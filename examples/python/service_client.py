@@ -12,7 +12,10 @@ stream = service.makefile("rb")
 
 
 def write(kind, payload):
-    service.sendall(struct.pack("<IB3x", len(payload), kind) + payload)
+    try:
+        service.sendall(struct.pack("<IB3x", len(payload), kind) + payload)
+    except BrokenPipeError:
+        pass  # the service has closed the connection; its last message states the reason
 
 
 def read():
