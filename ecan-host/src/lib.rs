@@ -18,53 +18,64 @@ mod adapter;
 mod bus;
 mod clocks;
 mod config;
-mod deadline;
+mod config_check;
+mod cycle_timing;
+mod datagrams;
 mod error;
+mod exchange;
 mod master;
 mod observer;
-mod phase;
 mod plan;
 mod real_time;
 mod startup;
 
-pub use adapter::{
-    Adapter, CycleWait, Delivery, DomainReport, OpProgress, OpWait, StartupRounds, run_in_parallel,
-};
+pub use adapter::Adapter;
+pub use adapter::cycle_clock::CycleWait;
+pub use adapter::operation::{OpProgress, OpWait};
+pub use adapter::requests::Requests;
+pub use adapter::slave::Slave;
+pub use adapter::startup_rounds::StartupRounds;
 pub use bus::{
     CanController, Diagnostics, IdentificationError, Maintenance, MaintenanceError,
-    RegisterServiceError, SlaveAccess, SlaveKind, SlaveQuery, denies_object, slave_kinds,
+    RegisterServiceError, SlaveAccess, SlaveKind, SlaveQuery, denies_object, run_in_parallel,
+    slave_kinds,
 };
 pub use clocks::ClockStatus;
 pub use config::{
-    AdapterConfig, ClockSource, ConfigFault, DcSync, Faults, Identity, MAX_SLAVES,
-    MAX_STARTUP_STEPS, SlaveConfig, StartupEntry,
+    AdapterConfig, ClockSource, DcSync, Faults, Identity, MAX_SLAVES, MAX_STARTUP_STEPS,
+    SlaveConfig, StartupEntry, StartupStep,
+};
+pub use config_check::ConfigFault;
+pub use cycle_timing::{
+    CycleStart, CycleStatistics, CycleTimer, CycleTiming, Distribution, MAX_SPIN_NS, OverrunPolicy,
+};
+pub use datagrams::{
+    BYTE_NS, DATAGRAM_OVERHEAD_BYTES, Datagram, DatagramUse, DomainLayout, EthernetFrame,
+    FRAME_OVERHEAD_BYTES, LogicalCommand, MAX_DATAGRAM_BYTES, MAX_PLAIN_MULTIPLIER,
 };
 pub use error::{
-    CycleError, Error, NotOperational, SdoDirection, SlaveReport, contradicted_assumption,
-    value_text,
+    Error, NotOperational, SdoDirection, SlaveReport, contradicted_assumption, value_text,
 };
+
+pub use exchange::{CycleError, Delivery, DomainReport, Phase};
 pub use master::{
-    AssignedPdo, DomainId, DomainState, LinkState, Master, MasterInfo, MasterState, NodeOwner,
-    OpenError, OpenFailure, PdoEntry, PortInfo, PortKind, RegRequestId, RequestState, SdoError,
-    SdoRequestId, SlaveConfigId, SlaveConfigState, SlaveInfo, SyncDirection, WatchdogMode, WcState,
-    leave_real_time,
+    AssignedPdo, DomainId, DomainState, LinkState, Master, MasterInfo, MasterRequests, MasterState,
+    NodeOwner, OpenError, OpenFailure, PdoEntry, PortInfo, PortKind, RegRequestId, RequestState,
+    SdoError, SdoRequestId, SlaveConfigId, SlaveConfigState, SlaveInfo, SyncDirection,
+    WatchdogMode, WcState, leave_real_time,
 };
 pub use observer::{
-    CommandTicket, NoSuchAxis, Observer, ObserverError, QuickStop, QuickStops, Section,
+    CommandTicket, NoSuchAxis, Observer, ObserverError, Publisher, QuickStop, QuickStops, Section,
     SectionWriter, Snapshot, WordGroup, WordGroups,
 };
-pub use phase::Phase;
 pub use plan::{
-    BYTE_NS, DATAGRAM_OVERHEAD_BYTES, Datagram, DatagramUse, DomainLayout, EthernetFrame,
-    FRAME_OVERHEAD_BYTES, ImageTimes, LogicalCommand, MAX_DATAGRAM_BYTES, MAX_PLAIN_MULTIPLIER,
-    MailboxBandwidth, OutputArrivals, Plan, PlanError, PlanWarning, SlavePlan,
+    ImageTimes, MailboxBandwidth, OutputArrivals, Plan, PlanError, PlanWarning, SlavePlan,
 };
 pub use real_time::{
-    CycleStart, CycleStatistics, CycleTimer, CycleTiming, Distribution, MAX_SPIN_NS,
-    MAX_STACK_PREFAULT_BYTES, Need, OverrunPolicy, Privilege, PrivilegeError, PrivilegeOutcome,
-    RealTimeConfig, RealTimeError, RealTimeFault, RealTimeReport,
+    MAX_STACK_PREFAULT_BYTES, Need, Privilege, PrivilegeError, PrivilegeOutcome, RealTimeConfig,
+    RealTimeError, RealTimeFault, RealTimeReport,
 };
-pub use startup::{StartupPlan, StartupStep};
+pub use startup::StartupPlan;
 
 pub use ecan_protocol::sequence::Expectation;
 pub use ecrt_sys::{

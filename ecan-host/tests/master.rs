@@ -218,11 +218,11 @@ fn deactivation_makes_every_id_stale() {
         assert!(master.domain_data_mut(domain).is_empty());
         assert_eq!(master.config_state(config), Err(Errno::EBADF));
         assert_eq!(master.create_sdo_request(config, 0x1018, 1, 4), Err(Errno::EBADF));
-        assert_eq!(master.sdo_request_read(sdo), Err(Errno::EBADF));
-        assert_eq!(master.sdo_request_state(sdo), Err(Errno::EBADF));
-        assert!(master.sdo_request_data(sdo).is_empty());
-        assert_eq!(master.reg_request_read(reg, 0x134, 2), Err(Errno::EBADF));
-        assert!(master.reg_request_data(reg).is_empty());
+        assert_eq!(master.requests().sdo_read(sdo), Err(Errno::EBADF));
+        assert_eq!(master.requests().sdo_state(sdo), Err(Errno::EBADF));
+        assert!(master.requests().sdo_data(sdo).is_empty());
+        assert_eq!(master.requests().register_read(reg, 0x134, 2), Err(Errno::EBADF));
+        assert!(master.requests().register_data(reg).is_empty());
     });
 }
 
@@ -242,27 +242,27 @@ fn sdo_request_reads_and_writes() {
         let config = master.slave_config(0, 0, 1, 2).unwrap();
         let request = master.create_sdo_request(config, 0x1018, 1, 4).unwrap();
         // What the allocator left there is not shown.
-        assert_eq!(master.sdo_request_data(request), [0; 4]);
-        assert_eq!(master.sdo_request_state(request), Ok(RequestState::Unused));
-        assert_eq!(master.sdo_request_timeout(request, 500), Ok(()));
+        assert_eq!(master.requests().sdo_data(request), [0; 4]);
+        assert_eq!(master.requests().sdo_state(request), Ok(RequestState::Unused));
+        assert_eq!(master.requests().sdo_timeout(request, 500), Ok(()));
 
         let value = [0x77, 2, 3, 4];
-        assert_eq!(master.sdo_request_write(request, &value), Ok(()));
+        assert_eq!(master.requests().sdo_write(request, &value), Ok(()));
         assert_eq!(count(&master, Count::Written), 0x77);
-        assert_eq!(master.sdo_request_write(request, &value), Err(Errno::EBUSY));
-        assert_eq!(master.sdo_request_read(request), Err(Errno::EBUSY));
-        assert_eq!(master.sdo_request_index(request, 0x1018, 2), Err(Errno::EBUSY));
-        assert_eq!(master.sdo_request_state(request), Ok(RequestState::Busy));
-        assert_eq!(master.sdo_request_state(request), Ok(RequestState::Success));
-        assert_eq!(master.sdo_request_index(request, 0x1018, 2), Ok(()));
+        assert_eq!(master.requests().sdo_write(request, &value), Err(Errno::EBUSY));
+        assert_eq!(master.requests().sdo_read(request), Err(Errno::EBUSY));
+        assert_eq!(master.requests().sdo_index(request, 0x1018, 2), Err(Errno::EBUSY));
+        assert_eq!(master.requests().sdo_state(request), Ok(RequestState::Busy));
+        assert_eq!(master.requests().sdo_state(request), Ok(RequestState::Success));
+        assert_eq!(master.requests().sdo_index(request, 0x1018, 2), Ok(()));
 
-        assert_eq!(master.sdo_request_read(request), Ok(()));
-        assert_eq!(master.sdo_request_state(request), Ok(RequestState::Busy));
-        assert_eq!(master.sdo_request_state(request), Ok(RequestState::Success));
-        assert_eq!(master.sdo_request_data(request), [0xcd, 0xab]);
+        assert_eq!(master.requests().sdo_read(request), Ok(()));
+        assert_eq!(master.requests().sdo_state(request), Ok(RequestState::Busy));
+        assert_eq!(master.requests().sdo_state(request), Ok(RequestState::Success));
+        assert_eq!(master.requests().sdo_data(request), [0xcd, 0xab]);
         // The library would now write two bytes of the four.
-        assert_eq!(master.sdo_request_write(request, &value), Err(Errno::EMSGSIZE));
-        assert_eq!(master.sdo_request_write(request, &[0x77, 2]), Ok(()));
+        assert_eq!(master.requests().sdo_write(request, &value), Err(Errno::EMSGSIZE));
+        assert_eq!(master.requests().sdo_write(request, &[0x77, 2]), Ok(()));
     });
 }
 
@@ -271,13 +271,13 @@ fn register_request_reads() {
     on_each_release(|mut master, _| {
         let config = master.slave_config(0, 0, 1, 2).unwrap();
         let request = master.create_reg_request(config, 2).unwrap();
-        assert_eq!(master.reg_request_data(request), [0; 2]);
-        assert_eq!(master.reg_request_read(request, 0x134, 3), Err(Errno::EMSGSIZE));
-        assert_eq!(master.reg_request_read(request, 0x134, 2), Ok(()));
-        assert_eq!(master.reg_request_read(request, 0x134, 2), Err(Errno::EBUSY));
-        assert_eq!(master.reg_request_state(request), Ok(RequestState::Busy));
-        assert_eq!(master.reg_request_state(request), Ok(RequestState::Success));
-        assert_eq!(master.reg_request_data(request), [0x34, 0x01]);
+        assert_eq!(master.requests().register_data(request), [0; 2]);
+        assert_eq!(master.requests().register_read(request, 0x134, 3), Err(Errno::EMSGSIZE));
+        assert_eq!(master.requests().register_read(request, 0x134, 2), Ok(()));
+        assert_eq!(master.requests().register_read(request, 0x134, 2), Err(Errno::EBUSY));
+        assert_eq!(master.requests().register_state(request), Ok(RequestState::Busy));
+        assert_eq!(master.requests().register_state(request), Ok(RequestState::Success));
+        assert_eq!(master.requests().register_data(request), [0x34, 0x01]);
     });
 }
 

@@ -13,7 +13,7 @@ use ecan_protocol::object::{ObjectType, SdoWrite};
 fn identity_is_taken_from_the_bus() {
     let adapter = open(ecan_sim::echo(2), AdapterConfig::new(2)).unwrap();
     let settings = ecan_sim::GatewayModelConfig::default();
-    let found = adapter.identity(1).unwrap();
+    let found = adapter.slave(1).unwrap().identity();
     assert_eq!((found.vendor_id, found.product_code), (settings.vendor_id, settings.product_code));
     assert_eq!(adapter.phase(), Phase::Configured);
     assert!(adapter.is_simulated());
@@ -155,7 +155,7 @@ fn call_in_a_wrong_phase_is_rejected_by_name() {
     adapter.activate().unwrap();
     let again = adapter.activate().unwrap_err().to_string();
     assert!(again.contains("activate") && again.contains("configured"), "{again}");
-    let late = adapter.create_sdo_request(0, 4).unwrap_err();
+    let late = adapter.requests().create_sdo(0, 4).unwrap_err();
     assert!(matches!(late, Error::Phase { is: Phase::Active, .. }), "{late}");
-    assert!(matches!(adapter.identity(3), Err(Error::SlaveIndex { slave: 3, count: 1 })));
+    assert!(matches!(adapter.slave(3), Err(Error::SlaveIndex { slave: 3, count: 1 })));
 }

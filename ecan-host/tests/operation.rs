@@ -227,30 +227,30 @@ fn sdo_requests_run_in_parallel_with_the_cycle() {
     let (config, _) = raw_config();
     let (ecrt, simulation) = simulated(ecan_sim::echo(1));
     let mut adapter = Adapter::open(&ecrt, config, StartupPlan::default()).unwrap();
-    let read = adapter.create_sdo_request(0, 4).unwrap();
-    let write = adapter.create_sdo_request(0, 4).unwrap();
+    let read = adapter.requests().create_sdo(0, 4).unwrap();
+    let write = adapter.requests().create_sdo(0, 4).unwrap();
     adapter.wait_op(Duration::from_secs(20)).unwrap();
     let settle = |adapter: &mut Adapter, id| {
         for _ in 0..2_000 {
             run(adapter, 1);
-            let state = adapter.sdo_request_state(id).unwrap();
+            let state = adapter.requests().sdo_state(id).unwrap();
             if state != RequestState::Busy {
                 return state;
             }
         }
         panic!("never done")
     };
-    adapter.sdo_request_write(write, 0x8000, 10, &0xCAFE_u32.to_le_bytes()).unwrap();
+    adapter.requests().sdo_write(write, 0x8000, 10, &0xCAFE_u32.to_le_bytes()).unwrap();
     assert_eq!(settle(&mut adapter, write), RequestState::Success);
-    adapter.sdo_request_read(read, 0x8000, 10).unwrap();
+    adapter.requests().sdo_read(read, 0x8000, 10).unwrap();
     assert_eq!(settle(&mut adapter, read), RequestState::Success);
-    assert_eq!(adapter.sdo_request_data(read), 0xCAFE_u32.to_le_bytes());
-    adapter.sdo_request_read(read, 0x4711, 0).unwrap();
+    assert_eq!(adapter.requests().sdo_data(read), 0xCAFE_u32.to_le_bytes());
+    adapter.requests().sdo_read(read, 0x4711, 0).unwrap();
     assert_eq!(settle(&mut adapter, read), RequestState::Error);
     let silent = GatewayFault::MailboxSilent { ms: 60_000 };
     simulation.inject(Fault::Gateway { gateway: 0, fault: silent });
-    adapter.sdo_request_timeout(read, 500).unwrap();
-    adapter.sdo_request_read(read, 0x8000, 10).unwrap();
+    adapter.requests().sdo_timeout(read, 500).unwrap();
+    adapter.requests().sdo_read(read, 0x8000, 10).unwrap();
     assert_eq!(settle(&mut adapter, read), RequestState::Error);
 }
 

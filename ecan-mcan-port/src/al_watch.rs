@@ -63,7 +63,7 @@ struct Read {
 impl AlWatch {
     /// Creates the request; the Adapter must be configured and not yet active.
     pub(crate) fn new(adapter: &mut Adapter, slave: usize) -> Result<Self, Error> {
-        let request = adapter.create_register_request(slave, AL_STATUS_BYTES)?;
+        let request = adapter.requests().create_register(slave, AL_STATUS_BYTES)?;
         Ok(Self {
             slave,
             request,
@@ -115,13 +115,13 @@ impl AlWatch {
             return None;
         };
         self.next_ns = now_ns.saturating_add(QUERY_NS);
-        let state = adapter.register_request_state(self.request);
+        let state = adapter.requests().register_state(self.request);
         if state == Ok(RequestState::Busy) {
             return None;
         }
         self.running = None;
         self.next_ns = self.next_ns.max(read.begun_ns.saturating_add(INTERVAL_NS));
-        let data = adapter.register_request_data(self.request);
+        let data = adapter.requests().register_data(self.request);
         let (Ok(RequestState::Success), [low, ..]) = (state, data) else {
             self.note_failure(read.mark);
             return None;
@@ -153,7 +153,7 @@ impl AlWatch {
         }
         let is_op_for_master = state.is_some_and(|state| state.al_state == AlState::Op.raw());
         let mark = self.abandoned.unwrap_or(mark);
-        match adapter.register_request_read(self.request, AL_STATUS, AL_STATUS_BYTES) {
+        match adapter.requests().register_read(self.request, AL_STATUS, AL_STATUS_BYTES) {
             Ok(()) => self.running = Some(Read { mark, begun_ns: now_ns, is_op_for_master }),
             Err(_) => {
                 self.next_ns = now_ns.saturating_add(INTERVAL_NS);

@@ -121,12 +121,12 @@ const RESERVATION_SHIFT: u32 = 40;
 
 /// Returns a number that no other reservation has.
 pub(crate) fn reserve(adapter: &Adapter, gateways: usize) -> u64 {
-    adapter.reserve_section(Section::Port, &vec![0; gateways * GATEWAY_WORDS])
+    adapter.publisher().reserve(Section::Port, &vec![0; gateways * GATEWAY_WORDS])
 }
 
 /// Writes the Port's section of this cycle.
 pub(crate) fn publish(adapter: &Adapter, gateways: &[Gateway], reservation: u64) {
-    let Some(mut writer) = adapter.section_writer(Section::Port) else { return };
+    let Some(mut writer) = adapter.publisher().section(Section::Port) else { return };
     let Some(words) = writer.groups::<GATEWAY_WORDS>(gateways.len()) else { return };
     for (gateway, words) in gateways.iter().zip(words.iter()) {
         let session = match gateway.session.state() {

@@ -2,7 +2,9 @@
 
 use std::time::Duration;
 
-use ecan_host::{CanController, Diagnostics, OpProgress, Phase, run_in_parallel};
+use ecan_host::{
+    CanController, Diagnostics, NotOperational, OpProgress, OpWait, Phase, run_in_parallel,
+};
 use ecan_protocol::config::NodeMode;
 use ecan_protocol::device::ControllerMode;
 
@@ -58,7 +60,7 @@ impl Port {
         mut cycle: impl FnMut(&mut Self) -> Result<(), E>,
     ) -> Result<(), E> {
         let failed = |error| E::from(PortError::Adapter(error));
-        let mut wait = self.adapter.begin_op_wait(timeout).map_err(failed)?;
+        let mut wait = OpWait::begin(&mut self.adapter, timeout).map_err(failed)?;
         let clock = self.adapter.ecrt().clock().clone();
         let start = clock.now_ns();
         let mut is_operational = false;
@@ -83,11 +85,12 @@ impl Port {
                 }
                 continue;
             }
-            match self.adapter.op_progress(&mut wait).map_err(failed)? {
+            match wait.progress(&mut self.adapter).map_err(failed)? {
                 OpProgress::Reached => is_operational = true,
                 OpProgress::Pending => {}
                 OpProgress::Failed { waited_ms } => {
-                    let mut report = self.adapter.not_operational(waited_ms).map_err(failed)?;
+                    let mut report =
+                        NotOperational::find(&self.adapter, waited_ms).map_err(failed)?;
                     let work = report.investigation(&self.adapter);
                     let open = self.adapter.diagnostics_opener();
                     let causes = run_in_parallel(clock.as_ref(), open, work, || {
@@ -96,10 +99,9 @@ impl Port {
                     });
                     let causes = causes.map_err(failed)?;
                     report.explain(causes);
-                    if self.adapter.retry_wait(&wait, &report).map_err(failed)? {
-                        continue;
+                    if !wait.retry(&mut self.adapter, &report).map_err(failed)? {
+                        return Err(failed(ecan_host::Error::NotOperational(Box::new(report))));
                     }
-                    return Err(failed(ecan_host::Error::NotOperational(Box::new(report))));
                 }
             }
         }

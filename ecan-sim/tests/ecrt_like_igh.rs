@@ -198,11 +198,11 @@ fn with_requests(backend: Backend, count: usize) -> (Program, Vec<SdoRequestId>)
 /// Cycles until all requests, queued together, have ended.
 fn cycles_of(program: &mut Program, requests: &[SdoRequestId]) -> usize {
     for request in requests {
-        program.master.sdo_request_read(*request).unwrap();
+        program.master.requests().sdo_read(*request).unwrap();
     }
     for cycle in 0..30_000 {
         let ended = |request: &SdoRequestId, program: &mut Program| {
-            program.master.sdo_request_state(*request).unwrap() == RequestState::Success
+            program.master.requests().sdo_state(*request).unwrap() == RequestState::Success
         };
         if requests.iter().all(|request| ended(request, program)) {
             return cycle;

@@ -28,9 +28,9 @@ fn exchange(program: &mut Program, then_ns: u64) {
 
 /// Sends with this period until the request is complete; returns the number of sends.
 fn sends_of(program: &mut Program, request: SdoRequestId, distance_ns: u64) -> usize {
-    program.master.sdo_request_read(request).unwrap();
+    program.master.requests().sdo_read(request).unwrap();
     for sends in 0..100 {
-        if program.master.sdo_request_state(request).unwrap() == RequestState::Success {
+        if program.master.requests().sdo_state(request).unwrap() == RequestState::Success {
             return sends;
         }
         exchange(program, distance_ns);
@@ -50,11 +50,11 @@ fn request_takes_three_sends_and_the_time_of_the_device() {
 #[test]
 fn request_does_not_move_without_sends() {
     let (mut program, request) = with_request();
-    program.master.sdo_request_read(request).unwrap();
+    program.master.requests().sdo_read(request).unwrap();
     program.simulation().pass_ns(50 * MS);
-    assert_eq!(program.master.sdo_request_state(request).unwrap(), RequestState::Busy);
+    assert_eq!(program.master.requests().sdo_state(request).unwrap(), RequestState::Busy);
     (0..4).for_each(|_| exchange(&mut program, MS));
-    assert_eq!(program.master.sdo_request_state(request).unwrap(), RequestState::Success);
+    assert_eq!(program.master.requests().sdo_state(request).unwrap(), RequestState::Success);
 }
 
 #[test]
@@ -187,9 +187,9 @@ fn request_of_a_slave_runs_while_another_is_configured() {
     let request = program.master.create_sdo_request(config, 0x1018, 1, 4).unwrap();
     program.activate();
     program.cycles(20);
-    program.master.sdo_request_read(request).unwrap();
+    program.master.requests().sdo_read(request).unwrap();
     program.cycles(5);
-    assert_eq!(program.master.sdo_request_state(request).unwrap(), RequestState::Success);
+    assert_eq!(program.master.requests().sdo_state(request).unwrap(), RequestState::Success);
     assert!(!program.state(0).operational);
     assert!(program.reaches_op());
 }

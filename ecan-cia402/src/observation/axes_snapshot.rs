@@ -22,7 +22,7 @@ pub(crate) fn reserve<'a>(adapter: &Adapter, axes: impl Iterator<Item = &'a Axis
     let mut words = vec![0; TIME_WORDS];
     words.extend_from_slice(&fixed);
     words.resize(TIME_WORDS + fixed.len() / FIXED_WORDS * AXIS_WORDS, 0);
-    adapter.reserve_section(Section::Axes, &words);
+    adapter.publisher().reserve(Section::Axes, &words);
 }
 
 /// Writes the axes' section of a cycle.
@@ -42,7 +42,7 @@ impl<'a> AxesWriter<'a> {
         axis_count: usize,
     ) -> Option<Self> {
         // The writer marks the section as written.
-        let mut rest = is_observed.then(|| adapter.section_writer(Section::Axes)).flatten()?;
+        let mut rest = is_observed.then(|| adapter.publisher().section(Section::Axes)).flatten()?;
         rest.write([now_ns]);
         rest.skip(axis_count * FIXED_WORDS);
         let cycle = rest.groups(axis_count)?;

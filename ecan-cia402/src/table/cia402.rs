@@ -188,7 +188,7 @@ impl Cia402 {
         load_steps(&mut table, &mut network, &bus)?;
         observation::reserve(port.adapter(), table.iter().map(|axis| &axis.config));
         Ok(Self {
-            quick_stops: port.adapter().quick_stops(table.len()),
+            quick_stops: port.adapter().publisher().quick_stops(table.len()),
             network,
             axes: table,
             shared_nodes,

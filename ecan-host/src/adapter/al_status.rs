@@ -67,15 +67,15 @@ impl AlStatusWatch {
 
     /// Takes what a read has brought and starts the next one.
     pub(crate) fn step(&mut self, master: &mut Master) {
-        let Ok(state) = master.reg_request_result(self.request) else { return };
+        let Ok(state) = master.requests().register_result(self.request) else { return };
         if state == RequestState::Busy {
             return;
         }
         let is_read = state == RequestState::Success;
-        let next = self.found.take(is_read.then(|| master.reg_request_data(self.request)));
+        let next = self.found.take(is_read.then(|| master.requests().register_data(self.request)));
         // A slave that is gone rejects; the next step tries again. Every read has the same size, since an
         // abandoned one may still be executed with the address of its successor.
-        let started = master.reg_request_read(self.request, next.address(), Self::BYTES);
+        let started = master.requests().register_read(self.request, next.address(), Self::BYTES);
         self.found.pending = started.is_ok().then_some(next);
     }
 }

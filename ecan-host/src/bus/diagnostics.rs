@@ -1,12 +1,17 @@
-//! A second, unreserved handle for state and SDO transfers in parallel with the cycle.
+//! State of the bus and SDO transfers in parallel with the cycle, on a second, unreserved handle.
+
+use std::panic::resume_unwind;
+use std::sync::Barrier;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::{fmt, thread};
 
 use ecan_protocol::device::AlState;
+use ecan_protocol::object::AbortCode;
 use ecrt_sys::{Clock, Ecrt, Errno};
 
-use super::slave_access::SlaveAccess;
 use crate::config::AdapterConfig;
 use crate::error::{Error, SdoDirection};
-use crate::master::{AssignedPdo, LinkState, Master, MasterState, SlaveInfo};
+use crate::master::{AssignedPdo, LinkState, Master, MasterInfo, MasterState, SdoError, SlaveInfo};
 
 /// Time in which a transfer without response is repeated, in nanoseconds: a master collides with
 /// its own mailbox traffic for about a second per slave while it reads the SDO dictionaries after a
@@ -49,6 +54,15 @@ impl Diagnostics {
         let mut diagnostics = Self { access, addresses: Vec::new() };
         diagnostics.set_addresses(config);
         Ok(diagnostics)
+    }
+
+    /// A function that opens another handle, on the thread that calls it.
+    pub(crate) fn opener(
+        ecrt: &Ecrt,
+        config: &AdapterConfig,
+    ) -> impl FnOnce() -> Result<Self, Error> + Send + use<> {
+        let (ecrt, config) = (ecrt.clone(), *config);
+        move || Self::open(&ecrt, &config)
     }
 
     /// A handle on every slave of the bus, configured or not: the index of a slave is its position.
@@ -266,4 +280,173 @@ impl Diagnostics {
             Error::NoSuchSlave { slave, alias, position, responding, is_scanning: info.scan_busy },
         )
     }
+}
+
+/// State of a bus and blocking SDO transfers, each in one attempt. [`Diagnostics`] adds the
+/// addresses of the slaves and the repetition.
+///
+/// Implemented by [`Master`]; a program that reaches a bus in another way implements it too. A
+/// slave is its position on the bus, in the arguments and in the errors. Calls may block.
+///
+/// # Errors
+/// [`Error::Sdo`] of a transfer, [`Error::Library`] of the other calls;
+/// [`Error::NotPermitted`] and [`Error::Disconnected`] of an access through another program.
+///
+/// [`Diagnostics`]: crate::Diagnostics
+pub trait SlaveAccess: fmt::Debug + Send {
+    /// Clock for pauses and time limits.
+    fn clock(&self) -> &dyn Clock;
+
+    /// General information about the master.
+    fn master_info(&self) -> Result<MasterInfo, Error>;
+
+    /// Number of responding slaves, AL states present on the bus, link.
+    fn master_state(&self) -> Result<MasterState, Error>;
+
+    /// State of the main link (`device` = 0) or the redundant one (1).
+    fn link_state(&self, device: u32) -> Result<LinkState, Error>;
+
+    /// Information about a slave.
+    fn slave_info(&self, position: u16) -> Result<SlaveInfo, Error>;
+
+    /// PDOs that a sync manager of a slave has assigned; without SDO transfers.
+    fn assigned_pdos(&self, position: u16, sync: u8) -> Result<Vec<AssignedPdo>, Error>;
+
+    /// Uploads an object into `data` and returns its length; the bytes after it become 0.
+    fn sdo_upload(
+        &self,
+        position: u16,
+        index: u16,
+        subindex: u8,
+        data: &mut [u8],
+    ) -> Result<usize, Error>;
+
+    /// Downloads an object.
+    fn sdo_download(
+        &self,
+        position: u16,
+        index: u16,
+        subindex: u8,
+        data: &[u8],
+    ) -> Result<(), Error>;
+
+    /// Downloads an object by Complete Access, from subindex 0 on.
+    fn sdo_download_complete(&self, position: u16, index: u16, data: &[u8]) -> Result<(), Error>;
+}
+
+impl SlaveAccess for Master {
+    fn clock(&self) -> &dyn Clock {
+        self.ecrt().clock().as_ref()
+    }
+
+    fn master_info(&self) -> Result<MasterInfo, Error> {
+        self.info().map_err(failed("ecrt_master", None))
+    }
+
+    fn master_state(&self) -> Result<MasterState, Error> {
+        self.state().map_err(failed("ecrt_master_state", None))
+    }
+
+    fn link_state(&self, device: u32) -> Result<LinkState, Error> {
+        Master::link_state(self, device).map_err(failed("ecrt_master_link_state", None))
+    }
+
+    fn slave_info(&self, position: u16) -> Result<SlaveInfo, Error> {
+        Master::slave_info(self, position).map_err(failed("ecrt_master_get_slave", Some(position)))
+    }
+
+    fn assigned_pdos(&self, position: u16, sync: u8) -> Result<Vec<AssignedPdo>, Error> {
+        let call = "ecrt_master_get_sync_manager";
+        Master::assigned_pdos(self, position, sync).map_err(failed(call, Some(position)))
+    }
+
+    fn sdo_upload(
+        &self,
+        position: u16,
+        index: u16,
+        subindex: u8,
+        data: &mut [u8],
+    ) -> Result<usize, Error> {
+        let result = Master::sdo_upload(self, position, index, subindex, data);
+        result.map_err(transfer_failed(position, SdoDirection::Upload, (index, subindex)))
+    }
+
+    fn sdo_download(
+        &self,
+        position: u16,
+        index: u16,
+        subindex: u8,
+        data: &[u8],
+    ) -> Result<(), Error> {
+        let result = Master::sdo_download(self, position, index, subindex, data);
+        result.map_err(transfer_failed(position, SdoDirection::Download, (index, subindex)))
+    }
+
+    fn sdo_download_complete(&self, position: u16, index: u16, data: &[u8]) -> Result<(), Error> {
+        let result = Master::sdo_download_complete(self, position, index, data);
+        result.map_err(transfer_failed(position, SdoDirection::Download, (index, 0)))
+    }
+}
+
+fn failed(call: &'static str, position: Option<u16>) -> impl FnOnce(Errno) -> Error {
+    move |errno| Error::library(call, position.map(usize::from), errno)
+}
+
+fn transfer_failed(
+    position: u16,
+    direction: SdoDirection,
+    (index, subindex): (u16, u8),
+) -> impl FnOnce(SdoError) -> Error {
+    move |SdoError { errno, abort_code }| Error::Sdo {
+        slave: position.into(),
+        direction,
+        index,
+        subindex,
+        errno,
+        abort_code: abort_code.map(AbortCode),
+        attempts: 1,
+    }
+}
+
+/// Reports the end of the work, also after a panic.
+struct WorkerGuard<'a>(&'a AtomicBool);
+
+impl Drop for WorkerGuard<'_> {
+    fn drop(&mut self) {
+        self.0.store(true, Ordering::Release);
+    }
+}
+
+/// Runs `work` on another thread, with the diagnostics handle that `open` returns there, and
+/// `cycle` on this one until `work` is done. `cycle` is one whole cycle including its wait; at
+/// least one is run.
+pub fn run_in_parallel<R: Send>(
+    clock: &dyn Clock,
+    open: impl FnOnce() -> Result<Diagnostics, Error> + Send,
+    work: impl FnOnce(&Diagnostics) -> R + Send,
+    mut cycle: impl FnMut(),
+) -> Result<R, Error> {
+    let is_done = &AtomicBool::new(false);
+    // On a stepped clock no cycle runs until the worker has its handle: so every run is the same.
+    let opened = &(!clock.is_free_running()).then(|| Barrier::new(2));
+    thread::scope(|scope| {
+        let worker = scope.spawn(move || {
+            let guard = WorkerGuard(is_done);
+            let diagnostics = open();
+            opened.as_ref().map(Barrier::wait);
+            let diagnostics = diagnostics?;
+            let result = work(&diagnostics);
+            // Before the handle is released: stepped time moves only when the work is reported done.
+            drop(guard);
+            Ok(result)
+        });
+        opened.as_ref().map(Barrier::wait);
+        loop {
+            cycle();
+            if is_done.load(Ordering::Acquire) {
+                break;
+            }
+        }
+        worker.join().unwrap_or_else(|panic| resume_unwind(panic))
+    })
 }

@@ -1,17 +1,12 @@
 //! Access to the slaves outside the cycle: state, SDO transfers, identification, PDO mapping.
 
-mod can_controller;
-mod capability_values;
 mod diagnostics;
-pub(crate) mod identification;
 mod maintenance;
 pub(crate) mod mapping;
-mod recognition;
-mod slave_access;
+pub(crate) mod recognition;
 
-pub use can_controller::{CanController, RegisterServiceError};
-pub(crate) use capability_values::CapabilityValues;
-pub use diagnostics::Diagnostics;
-pub use maintenance::{Maintenance, MaintenanceError};
+pub(crate) use recognition::CapabilityValues;
+
+pub use diagnostics::{Diagnostics, SlaveAccess, run_in_parallel};
+pub use maintenance::{CanController, Maintenance, MaintenanceError, RegisterServiceError};
 pub use recognition::{IdentificationError, SlaveKind, SlaveQuery, denies_object, slave_kinds};
-pub use slave_access::SlaveAccess;

@@ -1,12 +1,11 @@
-//! Recognition of the ECAN-Lite gateways on a bus.
+//! Recognition of the ECAN-Lite gateways on a bus by 0xF000 (manual 13.8).
 
 use ecan_protocol::device::{AlState, Capabilities, Recognition, assumed_value};
 use ecan_protocol::object::AbortCode;
 use ecrt_sys::Errno;
-use thiserror::Error;
 
 use super::diagnostics::Diagnostics;
-use crate::config::Identity;
+use crate::config::{AdapterConfig, Identity, SlaveConfig};
 use crate::error::Error;
 
 /// Kind of a slave, by its responses. The manual gives no vendor ID and no product code, so that
@@ -22,7 +21,7 @@ pub enum SlaveKind<E> {
 }
 
 /// Cause for which a slave cannot be identified.
-#[derive(Debug, Clone, PartialEq, Eq, Error)]
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum IdentificationError<E> {
     /// In this state a slave answers no SDO.
     #[error("it is in {0}, where a slave answers no SDO")]
@@ -158,6 +157,140 @@ impl Diagnostics {
     /// takes as long as the master waits for a mailbox.
     pub fn slave_kinds(&self) -> Vec<SlaveKind<Error>> {
         slave_kinds(self, &(0..self.slave_count()).collect::<Vec<_>>())
+    }
+}
+
+/// Verifies that every configured slave is on the bus, at a position of its own, in PREOP.
+pub(crate) fn look_for_slaves(
+    diagnostics: &Diagnostics,
+    config: &AdapterConfig,
+) -> Result<(), Error> {
+    let mut positions = Vec::with_capacity(config.slaves.len());
+    for slave in 0..config.slaves.len() {
+        let position = diagnostics.ring_position(slave)?;
+        if let Some(other) = positions.iter().position(|p| *p == position) {
+            return Err(Error::SameSlave { first: other, second: slave, position });
+        }
+        positions.push(position);
+        let found = diagnostics.slave_info(slave)?;
+        if AlState::from_status(found.al_state.into()) != Some(AlState::PreOp) {
+            return Err(Error::NotInPreop {
+                slave,
+                al_state: found.al_state,
+                error_flag: found.error_flag,
+                timeout: config.preop_timeout,
+            });
+        }
+    }
+    Ok(())
+}
+
+/// Values that are read of a gateway before it is configured.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Identified {
+    pub(crate) identity: Identity,
+    pub(crate) capabilities: CapabilityValues,
+}
+
+/// Verifies that a slave is an ECAN-Lite of the configured identity, and reads its 0xF000.
+pub(crate) fn identify(
+    diagnostics: &Diagnostics,
+    slave: usize,
+    settings: &SlaveConfig,
+) -> Result<Identified, Error> {
+    let info = diagnostics.slave_info(slave)?;
+    let found = Identity { vendor_id: info.vendor_id, product_code: info.product_code };
+    if let Some(expected) = settings.identity.filter(|expected| *expected != found) {
+        return Err(Error::IdentityMismatch { slave, expected, found });
+    }
+    let mut capabilities = CapabilityValues::default();
+    match Recognition::read(|subindex| capabilities.read(diagnostics, slave, subindex)) {
+        Ok(found) if found.looks_like_ecan_lite() => {}
+        Ok(found) => return Err(Error::NotAnEcanLite { slave, found }),
+        Err(cause) => return Err(Error::Unrecognised { slave, cause: Box::new(cause) }),
+    }
+    capabilities.read_all(diagnostics, slave)?;
+    for half in CapabilityValues::SERIAL {
+        capabilities.read(diagnostics, slave, half)?;
+    }
+    Ok(Identified { identity: found, capabilities })
+}
+
+/// Subindices of 0xF000, the unused ones included.
+const ENTRIES: usize = 31;
+
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+enum CapabilityValue {
+    #[default]
+    NotRead,
+    Reported(u32),
+    /// The gateway does not have the entry; the value is assumed.
+    Assumed(u32),
+}
+
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct CapabilityValues([CapabilityValue; ENTRIES]);
+
+impl CapabilityValues {
+    /// Subindices of the serial number, low half first.
+    pub(crate) const SERIAL: [u8; 2] = [7, 8];
+
+    fn value(&self, subindex: u8) -> CapabilityValue {
+        self.0.get(usize::from(subindex)).copied().unwrap_or_default()
+    }
+
+    /// The value of a subindex, uploaded unless it is known; the assumed value if the gateway does not
+    /// have it.
+    pub(crate) fn read(
+        &mut self,
+        diagnostics: &Diagnostics,
+        slave: usize,
+        subindex: u8,
+    ) -> Result<u32, Error> {
+        if let CapabilityValue::Reported(value) | CapabilityValue::Assumed(value) =
+            self.value(subindex)
+        {
+            return Ok(value);
+        }
+        let uploaded = diagnostics.sdo_upload_u32(slave, Capabilities::INDEX, subindex);
+        let is_reported = uploaded.is_ok();
+        let value = Error::or_assumed(uploaded, Capabilities::INDEX, subindex)?;
+        if let Some(entry) = self.0.get_mut(usize::from(subindex)) {
+            *entry = match is_reported {
+                true => CapabilityValue::Reported(value),
+                false => CapabilityValue::Assumed(value),
+            };
+        }
+        Ok(value)
+    }
+
+    /// Reads the fields of [`Capabilities`]. One that the gateway rejects stays unknown: its error
+    /// is for the code that needs it.
+    pub(crate) fn read_all(
+        &mut self,
+        diagnostics: &Diagnostics,
+        slave: usize,
+    ) -> Result<(), Error> {
+        for subindex in Capabilities::fields() {
+            let read = self.read(diagnostics, slave, *subindex);
+            if let Err(error @ Error::Sdo { abort_code: None, .. }) = read {
+                return Err(error);
+            }
+        }
+        Ok(())
+    }
+
+    /// Returns whether the entry was read and the gateway has it.
+    pub(crate) fn is_reported(&self, subindex: u8) -> bool {
+        matches!(self.value(subindex), CapabilityValue::Reported(_))
+    }
+
+    /// The two halves of the serial number, which the identification has read; 0 if it is not reported.
+    pub(crate) fn serial(&self) -> [u32; 2] {
+        Self::SERIAL.map(|half| match self.value(half) {
+            CapabilityValue::Reported(value) => value,
+            _ => 0,
+        })
     }
 }
 

@@ -1,11 +1,15 @@
-//! State of the bus: the master, its links, the slaves.
+//! The bus as the master sees it: links, slaves, their PDOs, and SDO transfers that wait for the answer.
+
+use std::fmt;
 
 use ecrt_sys::{
     EC_PORT_EBUS, EC_PORT_MII, EC_PORT_NOT_CONFIGURED, Errno, ec_master_info_t,
-    ec_master_link_state_t, ec_master_state_t, ec_slave_info_t, status,
+    ec_master_link_state_t, ec_master_state_t, ec_pdo_entry_info_t, ec_pdo_info_t, ec_slave_info_t,
+    ec_sync_info_t, status,
 };
 
-use super::{Answer, Master};
+use super::handle::Master;
+use super::raw::Answer;
 
 /// General information about a master.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -105,6 +109,60 @@ pub enum PortKind {
     Mii,
 }
 
+/// A PDO that a sync manager has assigned.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct AssignedPdo {
+    /// Its mapping object.
+    pub index: u16,
+    /// Mapped objects.
+    pub entries: Vec<PdoEntry>,
+}
+
+/// An object that a PDO maps.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct PdoEntry {
+    /// Object index.
+    pub index: u16,
+    /// Object subindex.
+    pub subindex: u8,
+    /// Length in bits.
+    pub bits: u8,
+}
+
+/// Contents of the target before an upload, and before its repetition. IgH 1.6.2 reports success if
+/// the slave answers with a mailbox error; then the target is unchanged and the size undefined.
+const FILLS: [u8; 2] = [0xA5, 0x5A];
+
+/// Error of an SDO transfer.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct SdoError {
+    /// The library's error: `EIO` aborted or failed on the bus, `EINVAL` no such slave,
+    /// `EOVERFLOW` or `ENOBUFS` answer larger than the target.
+    pub errno: Errno,
+    /// Abort code of the slave.
+    pub abort_code: Option<u32>,
+}
+
+impl SdoError {
+    fn new(errno: Errno, abort_code: u32) -> Self {
+        // The library sets the code with EIO only, and 0 is no code: the transfer failed
+        // without an answer.
+        let aborted = errno == Errno::EIO && abort_code != 0;
+        Self { errno, abort_code: aborted.then_some(abort_code) }
+    }
+}
+
+impl fmt::Display for SdoError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.abort_code {
+            Some(code) => write!(f, "aborted by the slave with code 0x{code:08x}"),
+            None => self.errno.fmt(f),
+        }
+    }
+}
+
+impl std::error::Error for SdoError {}
+
 impl Master {
     /// General information. May block.
     pub fn info(&self) -> Result<MasterInfo, Errno> {
@@ -198,6 +256,141 @@ impl Master {
             }),
         })
     }
+
+    /// PDOs that a sync manager had assigned when the master scanned the slave, or was given by a
+    /// configuration since; empty for a sync manager that the slave does not have. May block.
+    pub(crate) fn assigned_pdos(&self, position: u16, sync: u8) -> Result<Vec<AssignedPdo>, Errno> {
+        // The library writes to stderr when it is asked for what does not exist.
+        if sync >= self.slave_info(position)?.sync_count {
+            return Ok(Vec::new());
+        }
+        let (functions, master) = (self.ecrt.functions(), self.raw.as_ptr());
+        let mut found = Answer::<ec_sync_info_t>::new();
+        // SAFETY: the master is valid as long as `self`, and the target is writable.
+        let status =
+            unsafe { (functions.master_get_sync_manager)(master, position, sync, found.target()) };
+        Errno::check(status)?;
+        let pdo = |at| {
+            let mut found = Answer::<ec_pdo_info_t>::new();
+            // SAFETY: as above.
+            let status =
+                unsafe { (functions.master_get_pdo)(master, position, sync, at, found.target()) };
+            Errno::check(status)?;
+            let entry = |entry| {
+                let mut found = Answer::<ec_pdo_entry_info_t>::new();
+                // SAFETY: as above.
+                let status = unsafe {
+                    (functions.master_get_pdo_entry)(
+                        master,
+                        position,
+                        sync,
+                        at,
+                        entry,
+                        found.target(),
+                    )
+                };
+                Errno::check(status)?;
+                let ec_pdo_entry_info_t { index, subindex, bit_length } = found.value;
+                Ok(PdoEntry { index, subindex, bits: bit_length })
+            };
+            let count = u16::try_from(found.value.n_entries).unwrap_or(u16::MAX);
+            let entries = (0..count).map(entry).collect::<Result<_, Errno>>()?;
+            Ok(AssignedPdo { index: found.value.index, entries })
+        };
+        (0..u16::try_from(found.value.n_pdos).unwrap_or(u16::MAX)).map(pdo).collect()
+    }
+
+    /// Reads an object of the slave at a ring position into `target` and returns how many bytes
+    /// it has; the bytes after it become 0. Blocks until the slave answers.
+    ///
+    /// # Errors
+    /// The slave aborts, does not answer or is not there, or the object does not fit.
+    pub fn sdo_upload(
+        &self,
+        position: u16,
+        index: u16,
+        subindex: u8,
+        target: &mut [u8],
+    ) -> Result<usize, SdoError> {
+        for fill in FILLS {
+            target.fill(fill);
+            let (mut size, mut abort_code) = (0, 0);
+            // SAFETY: the master is valid as long as `self`; target and its length belong together,
+            // the two results are writable.
+            let status = unsafe {
+                (self.ecrt.functions().master_sdo_upload)(
+                    self.raw.as_ptr(),
+                    position,
+                    index,
+                    subindex,
+                    target.as_mut_ptr(),
+                    target.len(),
+                    &mut size,
+                    &mut abort_code,
+                )
+            };
+            Errno::check(status).map_err(|errno| SdoError::new(errno, abort_code))?;
+            let is_changed = target.iter().any(|byte| *byte != fill);
+            match target.get_mut(size..) {
+                Some(rest) if is_changed || size == 0 => {
+                    rest.fill(0);
+                    return Ok(size);
+                }
+                None if is_changed => return Err(SdoError::new(Errno::EOVERFLOW, 0)),
+                _ => {}
+            }
+        }
+        Err(SdoError::new(Errno::EIO, 0))
+    }
+
+    /// Writes an object of the slave at a ring position. Blocks until the slave answers.
+    ///
+    /// # Errors
+    /// The slave aborts, does not answer or is not there.
+    pub fn sdo_download(
+        &self,
+        position: u16,
+        index: u16,
+        subindex: u8,
+        data: &[u8],
+    ) -> Result<(), SdoError> {
+        let mut abort_code = 0;
+        // SAFETY: the master is valid as long as `self`; data and its length belong together,
+        // the result is writable.
+        let status = unsafe {
+            (self.ecrt.functions().master_sdo_download)(
+                self.raw.as_ptr(),
+                position,
+                index,
+                subindex,
+                data.as_ptr(),
+                data.len(),
+                &mut abort_code,
+            )
+        };
+        Errno::check(status).map_err(|errno| SdoError::new(errno, abort_code))
+    }
+
+    /// Writes an object of the slave at a ring position by Complete Access, from subindex 0 on. Blocks until the
+    /// slave answers.
+    ///
+    /// # Errors
+    /// As [`sdo_download`](Self::sdo_download); `ENOSYS` if the library lacks the function.
+    pub fn sdo_download_complete(
+        &self,
+        position: u16,
+        index: u16,
+        data: &[u8],
+    ) -> Result<(), SdoError> {
+        let function = self.ecrt.functions().master_sdo_download_complete;
+        let function = function.ok_or(SdoError::new(Errno::ENOSYS, 0))?;
+        let mut abort_code = 0;
+        // SAFETY: as in `sdo_download`.
+        let status = unsafe {
+            function(self.raw.as_ptr(), position, index, data.as_ptr(), data.len(), &mut abort_code)
+        };
+        Errno::check(status).map_err(|errno| SdoError::new(errno, abort_code))
+    }
 }
 
 /// A name up to its closing zero; the whole field where that is missing.
@@ -208,7 +401,7 @@ fn name(field: &[u8]) -> String {
 
 #[cfg(test)]
 mod tests {
-    use super::name;
+    use super::*;
 
     #[test]
     fn name_ends_at_the_zero_or_with_the_field() {
@@ -216,5 +409,13 @@ mod tests {
         assert_eq!(name(b"full"), "full");
         assert_eq!(name(b""), "");
         assert_eq!(name(b"\xb5C\0"), "\u{fffd}C");
+    }
+
+    #[test]
+    fn abort_code_is_valid_with_eio_only() {
+        let abort = |errno, code| SdoError::new(errno, code).abort_code;
+        assert_eq!(abort(Errno::EIO, 0x0602_0000), Some(0x0602_0000));
+        assert_eq!(abort(Errno::EIO, 0), None);
+        assert_eq!(abort(Errno::EINVAL, 0x0602_0000), None);
     }
 }

@@ -1,16 +1,47 @@
-//! Configuration of slaves and domains, before activation.
+//! What is created from a master before activation: domains, slave configurations, requests, clocks.
 
 use std::ptr::NonNull;
-
-use libc::c_int;
 
 use ecrt_sys::{
     EC_DIR_INPUT, EC_DIR_OUTPUT, EC_WD_DEFAULT, EC_WD_DISABLE, EC_WD_ENABLE, Errno,
     ec_slave_config_state_t, status,
 };
+use libc::c_int;
 
-use super::process_data::Domain;
-use super::{Answer, DomainId, Master, SlaveConfigId};
+use super::handle::{Domain, Master};
+use super::raw::{Answer, DomainId, RegRequestId, SdoRequestId, SlaveConfigId};
+
+/// Declares methods that pass their arguments to a function of the library, about a slave
+/// configuration or about the master. `status`: a function that returns nothing in version 1.5.
+macro_rules! library_calls {
+    ($(
+        $(#[$meta:meta])*
+        $about:ident fn $name:ident($($argument:ident: $type:ty),*) = $kind:ident $function:ident;
+    )+) => { $(
+        library_calls!(@$about [$(#[$meta])*] $name($($argument: $type),*) $kind $function);
+    )+ };
+    (@config [$($meta:tt)*] $name:ident($($argument:ident: $type:ty),*) $kind:ident $f:ident) => {
+        $($meta)*
+        pub fn $name(&mut self, config: SlaveConfigId, $($argument: $type),*) -> Result<(), Errno> {
+            let raw = self.slave_config_raw(config)?;
+            // SAFETY: the configuration belongs to this master and is current, so it is valid.
+            Errno::check(unsafe {
+                library_calls!(@$kind self.ecrt.functions().$f, raw $(, $argument)*)
+            })
+        }
+    };
+    (@master [$($meta:tt)*] $name:ident($($argument:ident: $type:ty),*) $kind:ident $f:ident) => {
+        $($meta)*
+        pub fn $name(&mut self, $($argument: $type),*) -> Result<(), Errno> {
+            // SAFETY: the master is valid as long as `self`.
+            Errno::check(unsafe {
+                library_calls!(@$kind self.ecrt.functions().$f, self.raw.as_ptr() $(, $argument)*)
+            })
+        }
+    };
+    (@status $function:expr, $($argument:expr),+) => { status!($function, $($argument),+) };
+    (@direct $function:expr, $($argument:expr),+) => { ($function)($($argument),+) };
+}
 
 /// Direction of a sync manager, seen from the master.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -239,5 +270,133 @@ impl Master {
             operational: answer.value.operational() != 0,
             al_state: answer.value.al_state() as u8,
         })
+    }
+
+    /// Creates a request for an object of `size` bytes. Before activation.
+    ///
+    /// A write always has the size that the request holds: the `size` given here, and after a
+    /// read the size that was read. So make one request for each size that is to be written.
+    pub fn create_sdo_request(
+        &mut self,
+        config: SlaveConfigId,
+        index: u16,
+        subindex: u8,
+        size: usize,
+    ) -> Result<SdoRequestId, Errno> {
+        let config = self.slave_config_raw(config)?;
+        Errno::clear_last();
+        // SAFETY: the configuration belongs to this master and is current, so it is valid.
+        let raw = unsafe {
+            (self.ecrt.functions().slave_config_create_sdo_request)(config, index, subindex, size)
+        };
+        let raw = NonNull::new(raw).ok_or_else(Errno::of_null)?;
+        let functions = self.ecrt.functions();
+        // SAFETY: the request was just made.
+        let (data, held) = unsafe {
+            (
+                (functions.sdo_request_data)(raw.as_ptr()),
+                (functions.sdo_request_data_size)(raw.as_ptr()),
+            )
+        };
+        if !data.is_null() {
+            // SAFETY: the request holds `held` bytes there, which nobody uses yet. The library
+            // leaves them as the allocator gave them; zeroed, they may be read.
+            unsafe { std::ptr::write_bytes(data, 0, held) };
+        }
+        Ok(self.requests.add_sdo(self.generation, raw))
+    }
+
+    /// Creates a request for registers of the slave, up to `size` bytes. Before activation.
+    pub fn create_reg_request(
+        &mut self,
+        config: SlaveConfigId,
+        size: usize,
+    ) -> Result<RegRequestId, Errno> {
+        let raw_config = self.slave_config_raw(config)?;
+        let functions = self.ecrt.functions();
+        Errno::clear_last();
+        // SAFETY: the configuration belongs to this master and is current, so it is valid.
+        let raw = unsafe { (functions.slave_config_create_reg_request)(raw_config, size) };
+        let raw = NonNull::new(raw).ok_or_else(Errno::of_null)?;
+        // SAFETY: the request was just made.
+        let data = unsafe { (functions.reg_request_data)(raw.as_ptr()) };
+        if !data.is_null() {
+            // SAFETY: the request holds `size` bytes there, which nobody uses yet. The library
+            // leaves them as the allocator gave them; zeroed, they may be read.
+            unsafe { std::ptr::write_bytes(data, 0, size) };
+        }
+        Ok(self.requests.add_register(self.generation, raw, raw_config, size))
+    }
+
+    /// Chooses the slave whose clock all others follow; `None` for the first that has one.
+    /// Before activation.
+    pub fn select_reference_clock(&mut self, config: Option<SlaveConfigId>) -> Result<(), Errno> {
+        let config = match config {
+            Some(id) => self.slave_config_raw(id)?,
+            None => std::ptr::null_mut(),
+        };
+        // SAFETY: master and configuration are valid and belong together; null is allowed.
+        Errno::check(unsafe {
+            (self.ecrt.functions().master_select_reference_clock)(self.raw.as_ptr(), config)
+        })
+    }
+
+    library_calls! {
+        /// Sets the application time, ns since 2000-01-01; every cycle, before the clocks are
+        /// synchronised. Real-time safe.
+        master fn application_time(time_ns: u64) = status master_application_time;
+
+        /// Queues the reference clock's correction to the application time. Real-time safe.
+        ///
+        /// # Errors
+        /// `ENXIO` without a reference clock.
+        master fn sync_reference_clock() = status master_sync_reference_clock;
+
+        /// Queues the other clocks' correction to the reference clock. Real-time safe.
+        master fn sync_slave_clocks() = status master_sync_slave_clocks;
+
+        /// Queues the measurement of how far the clocks differ. Real-time safe.
+        master fn sync_monitor_queue() = status master_sync_monitor_queue;
+    }
+
+    /// Queues the reference clock's correction to `time_ns`. Real-time safe.
+    ///
+    /// # Errors
+    /// `ENOSYS` before 1.5.3.
+    pub fn sync_reference_clock_to(&mut self, time_ns: u64) -> Result<(), Errno> {
+        let function = self.ecrt.functions().master_sync_reference_clock_to;
+        let function = function.ok_or(Errno::ENOSYS)?;
+        // SAFETY: the master is valid as long as `self`.
+        Errno::check(unsafe { status!(function, self.raw.as_ptr(), time_ns) })
+    }
+
+    /// Lower half of the reference clock's time at the last exchange, ns. Real-time safe, but only after
+    /// an exchange that arrived: otherwise the library writes to stderr.
+    ///
+    /// # Errors
+    /// `ENXIO` without a reference clock, `EIO` when the exchange was lost.
+    pub fn reference_clock_time(&self) -> Result<u32, Errno> {
+        let mut time_ns = 0;
+        // SAFETY: the master is valid as long as `self`, the target is writable.
+        let status = unsafe {
+            (self.ecrt.functions().master_reference_clock_time)(self.raw.as_ptr(), &mut time_ns)
+        };
+        Errno::check(status)?;
+        Ok(time_ns)
+    }
+
+    /// The largest difference of a clock to the reference clock, ns, as measured last. Real-time safe,
+    /// but only after an exchange that arrived: otherwise the library writes to stderr.
+    ///
+    /// # Errors
+    /// `EIO` when the measurement did not arrive.
+    pub fn sync_monitor_process(&mut self) -> Result<u32, Errno> {
+        // SAFETY: the master is valid as long as `self`.
+        let difference =
+            unsafe { (self.ecrt.functions().master_sync_monitor_process)(self.raw.as_ptr()) };
+        match difference {
+            u32::MAX => Err(Errno::EIO),
+            difference => Ok(difference),
+        }
     }
 }

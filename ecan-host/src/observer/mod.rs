@@ -2,19 +2,14 @@
 
 mod commands;
 mod handle;
-mod publisher;
 mod quick_stops;
 mod ring;
-mod section;
 mod snapshot;
-mod ticket;
 
-pub use commands::NoSuchAxis;
-pub use handle::Observer;
-pub use quick_stops::{QuickStop, QuickStops};
-pub use section::{Section, SectionWriter, WordGroup, WordGroups};
-pub use snapshot::{ObserverError, Snapshot};
-pub use ticket::CommandTicket;
-
-pub(crate) use publisher::Publisher;
 pub(crate) use snapshot::CycleRecord;
+
+pub use commands::{CommandTicket, NoSuchAxis};
+pub use handle::{Observer, Publisher};
+pub use quick_stops::{QuickStop, QuickStops};
+pub use ring::{Section, SectionWriter, WordGroup, WordGroups};
+pub use snapshot::{ObserverError, Snapshot};

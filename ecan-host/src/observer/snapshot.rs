@@ -4,15 +4,12 @@ use std::sync::Arc;
 
 use thiserror::Error;
 
-use super::commands::Executed;
-use super::handle::Observer;
-use super::publisher::Publisher;
-use super::ring::Ring;
-use super::section::{Section, SectionWriter};
-use super::ticket::CommandTicket;
-use crate::adapter::{Delivery, DomainReport};
+use super::commands::{CommandTicket, Executed};
+use super::handle::{Observer, Publisher};
+use super::ring::{Ring, Section, SectionWriter};
+use crate::cycle_timing::CycleStart;
+use crate::exchange::{Delivery, DomainReport};
 use crate::master::WcState;
-use crate::real_time::CycleStart;
 
 /// Words of the cycle, and of each slave.
 const CYCLE_WORDS: usize = 12;
@@ -271,9 +268,21 @@ impl Publisher {
         self.reserve(Section::Adapter, &vec![0; CYCLE_WORDS + slave_count * SLAVE_WORDS]);
     }
 
-    /// Writes the Adapter's section and completes the version.
+    /// Writes the Adapter's section, with the commands that the cycle has executed, and completes the
+    /// version.
     #[inline(always)]
-    pub(crate) fn publish<'a>(
+    pub(crate) fn publish_cycle<'a>(
+        &mut self,
+        mut record: CycleRecord,
+        reports: impl Iterator<Item = &'a DomainReport>,
+    ) {
+        record.executed = self.executed();
+        record.is_stop_requested = self.is_stop_requested();
+        self.publish(&record, reports);
+    }
+
+    #[inline(always)]
+    fn publish<'a>(
         &mut self,
         record: &CycleRecord,
         reports: impl Iterator<Item = &'a DomainReport>,
@@ -299,8 +308,9 @@ fn write<'a>(
 
 #[cfg(test)]
 mod tests {
-    use super::*;
     use proptest::prelude::*;
+
+    use super::*;
 
     fn report() -> impl Strategy<Value = DomainReport> {
         let delivery = prop::sample::select(vec![

@@ -87,9 +87,9 @@ impl ScheduleWatch {
         let settling_ns = dc.map_or(0, |dc| 2 * u64::from(dc.cycle_ns()))
             + u64::from(adapter.config().cycle_ns());
         let mut request = |size| {
-            let request = adapter.create_sdo_request(slave, size)?;
+            let request = adapter.requests().create_sdo(slave, size)?;
             // It waits for the requests of all slaves.
-            adapter.sdo_request_timeout(request, 0)?;
+            adapter.requests().sdo_timeout(request, 0)?;
             Ok::<_, Error>(request)
         };
         let decisive: Vec<_> = decisive_objects(channel_mask).collect();
@@ -194,7 +194,7 @@ impl ScheduleWatch {
         if let Some((request, (index, subindex))) = self.transfer(reading.begun)
             // One of an earlier reading must end first.
             && !is_busy(adapter, request)
-            && adapter.sdo_request_read(request, index, subindex).is_ok()
+            && adapter.requests().sdo_read(request, index, subindex).is_ok()
         {
             reading.begun += 1;
         }
@@ -203,13 +203,13 @@ impl ScheduleWatch {
         let Some((request, object)) = self.transfer(reading.ended).filter(|_| is_begun) else {
             return WatchResult::Nothing;
         };
-        match adapter.sdo_request_state(request) {
+        match adapter.requests().sdo_state(request) {
             Ok(RequestState::Success) => {}
             Ok(RequestState::Busy) => return WatchResult::Nothing,
             _ => return self.failed(reading, object, now_ns),
         }
         let mut value = [0; 4];
-        for (to, from) in value.iter_mut().zip(adapter.sdo_request_data(request)) {
+        for (to, from) in value.iter_mut().zip(adapter.requests().sdo_data(request)) {
             *to = *from;
         }
         self.seen.store(object, u32::from_le_bytes(value));
@@ -258,8 +258,10 @@ impl ScheduleWatch {
 
     fn clear(&mut self, adapter: &mut Adapter) {
         let (index, subindex) = MAINTENANCE_COMMAND;
-        let is_begun =
-            adapter.sdo_request_write(self.command, index, subindex, &[CLEAR_DIAGNOSTICS]).is_ok();
+        let is_begun = adapter
+            .requests()
+            .sdo_write(self.command, index, subindex, &[CLEAR_DIAGNOSTICS])
+            .is_ok();
         self.is_clearing |= is_begun;
         self.is_clear_wanted &= !is_begun;
     }
@@ -275,5 +277,5 @@ impl ScheduleWatch {
 }
 
 fn is_busy(adapter: &mut Adapter, request: SdoRequestId) -> bool {
-    matches!(adapter.sdo_request_state(request), Ok(RequestState::Busy))
+    matches!(adapter.requests().sdo_state(request), Ok(RequestState::Busy))
 }

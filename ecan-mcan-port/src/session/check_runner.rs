@@ -60,9 +60,9 @@ impl CheckRunner {
         let transfers = (slaves * checks.len()) as u64;
         let request = |check: Check| {
             let size = check.download().map_or(4, |sdo| sdo.bytes().1);
-            let request = adapter.create_sdo_request(slave, size)?;
+            let request = adapter.requests().create_sdo(slave, size)?;
             // The runner has its own limit.
-            adapter.sdo_request_timeout(request, 0)?;
+            adapter.requests().sdo_timeout(request, 0)?;
             Ok(Step { check, request, begun_ns: None })
         };
         let steps = checks.into_iter().map(request).collect::<Result<Vec<_>, Error>>()?;
@@ -108,7 +108,7 @@ impl CheckRunner {
     /// does not begin to read the SDO dictionary before the first check. Its result is not used.
     pub(crate) fn occupy_queue(&mut self, adapter: &mut Adapter) {
         let Some(first) = self.steps.first_mut() else { return };
-        if !matches!(adapter.sdo_request_state(first.request), Ok(RequestState::Busy)) {
+        if !matches!(adapter.requests().sdo_state(first.request), Ok(RequestState::Busy)) {
             // A request that is rejected is made again.
             let _ = begin(adapter, first);
             first.begun_ns = None;
@@ -140,7 +140,8 @@ impl CheckRunner {
             if self.passed >= count {
                 break;
             }
-            let state = adapter.sdo_request_state(request).map_err(VerificationFault::Library)?;
+            let state =
+                adapter.requests().sdo_state(request).map_err(VerificationFault::Library)?;
             if state == RequestState::Busy {
                 return self.wait(check.transfer(), self.waiting_since_ns, now_ns);
             }
@@ -177,7 +178,7 @@ impl CheckRunner {
         if self.begun == 0 {
             self.earlier = None;
             for step in &self.steps {
-                let state = adapter.sdo_request_state(step.request);
+                let state = adapter.requests().sdo_state(step.request);
                 if state.map_err(VerificationFault::Library)? == RequestState::Busy {
                     let transfer = step.check.transfer();
                     self.earlier = step.begun_ns.map(|_| transfer);
@@ -240,16 +241,16 @@ fn begin(adapter: &mut Adapter, step: &Step) -> Result<(), CycleError> {
         Some(sdo) => {
             let (bytes, length) = sdo.bytes();
             let data = bytes.get(..length).unwrap_or_default();
-            adapter.sdo_request_write(step.request, index, subindex, data)
+            adapter.requests().sdo_write(step.request, index, subindex, data)
         }
-        None => adapter.sdo_request_read(step.request, index, subindex),
+        None => adapter.requests().sdo_read(step.request, index, subindex),
     }
 }
 
 /// Value of an upload that has succeeded.
-fn value(adapter: &Adapter, request: SdoRequestId) -> u32 {
+fn value(adapter: &mut Adapter, request: SdoRequestId) -> u32 {
     let mut value = [0; 4];
-    for (to, from) in value.iter_mut().zip(adapter.sdo_request_data(request)) {
+    for (to, from) in value.iter_mut().zip(adapter.requests().sdo_data(request)) {
         *to = *from;
     }
     u32::from_le_bytes(value)

@@ -6,7 +6,7 @@
 
 use std::fmt;
 
-use ecan_host::{Adapter, Delivery, Error, Phase};
+use ecan_host::{Adapter, Delivery, Error, Phase, Slave};
 use ecan_protocol::device::{AlState, CCCR, Capabilities};
 use ecan_protocol::mapping::Direction;
 
@@ -91,16 +91,16 @@ pub(crate) struct SessionMachine {
 }
 
 /// Returns whether a check reads an entry that the gateway does not have.
-fn is_of_missing_entry(check: Check, adapter: &Adapter, slave: usize) -> bool {
+fn is_of_missing_entry(check: Check, slave: &Slave) -> bool {
     let SdoTransfer { index, subindex, .. } = check.transfer();
     if let Check::Controller { .. } = check {
         // A channel is read with all its steps or not at all.
-        let lacks = |step: ControllerStep| adapter.lacks_object(slave, index, step.subindex());
-        return ControllerStep::of_register(0).into_iter().any(|it| lacks(it).unwrap_or(false));
+        let lacks = |step: ControllerStep| slave.lacks_object(index, step.subindex());
+        return ControllerStep::of_register(0).into_iter().any(lacks);
     }
     match index {
-        Capabilities::INDEX => !adapter.reports_capability(slave, subindex).unwrap_or(true),
-        _ => adapter.lacks_object(slave, index, subindex).unwrap_or(false),
+        Capabilities::INDEX => !slave.reports_capability(subindex),
+        _ => slave.lacks_object(index, subindex),
     }
 }
 
@@ -116,10 +116,11 @@ impl SessionMachine {
             config.profile(Direction::TxPdo, settings.tx_multiplier),
             config.profile(Direction::RxPdo, settings.rx_multiplier),
         ];
-        let serial = adapter.serial_number(slave)?;
+        let unit = adapter.slave(slave)?;
+        let serial = unit.serial_number();
         let mut checks = checks(config, profiles, serial, adapter.slave_count() == 1);
         checks.retain(|check| {
-            let is_missing = is_of_missing_entry(*check, adapter, slave);
+            let is_missing = is_of_missing_entry(*check, unit);
             if let Check::Controller { channel, step: ControllerStep::Offset(CCCR) } = *check
                 && is_missing
             {
@@ -185,7 +186,9 @@ impl SessionMachine {
                     PendingStep::StartupRetry
                 }
                 () if !self.is_operational(adapter) => PendingStep::Operational,
-                () if adapter.shares_process_data(self.slave) => PendingStep::ExclusiveProcessData,
+                () if adapter.domain_report(self.slave).is_shared() => {
+                    PendingStep::ExclusiveProcessData
+                }
                 () if !self.outputs_arrive(adapter) => PendingStep::ProcessData,
                 () => PendingStep::NextAttempt,
             }),
@@ -228,7 +231,7 @@ impl SessionMachine {
                     self.unmapped_since_ns = None;
                     if fault == VerificationFault::ProcessData && self.has_serial {
                         // Its identity is verified: no gateway in use leaves OP. A rejected request is repeated by the next attempt.
-                        let _ = adapter.request_reconfiguration(self.slave);
+                        let _ = adapter.requests().reconfigure(self.slave);
                     }
                     Event::Failed
                 }

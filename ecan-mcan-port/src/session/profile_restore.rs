@@ -52,8 +52,8 @@ impl ProfileRestore {
         [tx, rx]: [PdoProfile; 2],
     ) -> Result<Self, ecan_host::Error> {
         let mut request = |size| {
-            let request = adapter.create_sdo_request(slave, size)?;
-            adapter.sdo_request_timeout(request, 0)?;
+            let request = adapter.requests().create_sdo(slave, size)?;
+            adapter.requests().sdo_timeout(request, 0)?;
             Ok::<_, ecan_host::Error>(request)
         };
         let (read, apply) = (request(4)?, request(1)?);
@@ -84,15 +84,15 @@ impl ProfileRestore {
         let (ReadActive(nth) | Apply(nth) | ReadStatus(nth)) = self.step else { return };
         let Some(&(index, word)) = self.profiles.get(nth) else { return };
         let request = if let Apply(_) = self.step { self.apply } else { self.read };
-        let state = adapter.sdo_request_state(request);
+        let state = adapter.requests().sdo_state(request);
         if matches!(state, Ok(RequestState::Busy)) {
             return;
         }
         if !self.is_begun {
             self.is_begun = match self.step {
-                Apply(_) => adapter.sdo_request_write(request, index, APPLY, &[1]).is_ok(),
-                ReadActive(_) => adapter.sdo_request_read(request, index, ACTIVE_WORD).is_ok(),
-                _ => adapter.sdo_request_read(request, index, STATUS).is_ok(),
+                Apply(_) => adapter.requests().sdo_write(request, index, APPLY, &[1]).is_ok(),
+                ReadActive(_) => adapter.requests().sdo_read(request, index, ACTIVE_WORD).is_ok(),
+                _ => adapter.requests().sdo_read(request, index, STATUS).is_ok(),
             };
             return;
         }
@@ -102,7 +102,7 @@ impl ProfileRestore {
             return;
         }
         let mut value = [0; 4];
-        for (to, from) in value.iter_mut().zip(adapter.sdo_request_data(request)) {
+        for (to, from) in value.iter_mut().zip(adapter.requests().sdo_data(request)) {
             *to = *from;
         }
         let value = u32::from_le_bytes(value);
@@ -129,7 +129,7 @@ impl ProfileRestore {
              assignment, assumption H41)"
         );
         // A request that is rejected leaves the gateway in SAFEOP, as it was.
-        let _ = adapter.request_operational(self.slave);
+        let _ = adapter.requests().enter_op(self.slave);
         OpRequested
     }
 }

@@ -28,9 +28,9 @@ fn cycles_with_traffic_allocate_nothing() {
                 program.cycle();
             }
             if cycle % 16 == 0 {
-                program.master.sdo_request_read(request).unwrap();
+                program.master.requests().sdo_read(request).unwrap();
             }
-            program.master.sdo_request_state(request).unwrap();
+            program.master.requests().sdo_state(request).unwrap();
             program.master.state().unwrap();
             program.state(1);
         }

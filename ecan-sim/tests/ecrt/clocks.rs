@@ -81,9 +81,9 @@ fn cycles_until_op(clears_difference: bool) -> (usize, bool) {
         })
     });
     if clears_difference {
-        program.master.reg_request_write(request, 0x0930, &[0x00, 0x10]).unwrap();
+        program.master.requests().register_write(request, 0x0930, &[0x00, 0x10]).unwrap();
         program.simulation().pass_ns(20 * CYCLE_NS);
-        assert_eq!(program.master.reg_request_state(request), Ok(RequestState::Success));
+        assert_eq!(program.master.requests().register_state(request), Ok(RequestState::Success));
     }
     program.activate();
     let mut cycles = 0;

@@ -238,10 +238,10 @@ fn al_error_is_reported_and_the_slave_returns_to_op() {
     let mut program = program.into_op();
     let fault = GatewayFault::AlError { code: 0x001A };
     program.simulation().inject(Fault::Gateway { gateway: 0, fault });
-    program.master.reg_request_read(register, 0x0134, 2).unwrap();
+    program.master.requests().register_read(register, 0x0134, 2).unwrap();
     program.cycles(4);
-    assert_eq!(program.master.reg_request_state(register).unwrap(), RequestState::Success);
-    assert_eq!(program.master.reg_request_data(register), [0x1A, 0]);
+    assert_eq!(program.master.requests().register_state(register).unwrap(), RequestState::Success);
+    assert_eq!(program.master.requests().register_data(register), [0x1A, 0]);
     program.cycles(1_100);
     assert!(program.reaches_op());
 }

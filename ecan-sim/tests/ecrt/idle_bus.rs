@@ -265,26 +265,26 @@ fn requests_run_in_parallel_with_the_cycle() {
     let bad = program.master.create_sdo_request(config, 0x5FFF, 0, 4).unwrap();
     let status = program.master.create_reg_request(config, 2).unwrap();
     let mut program = program.into_op();
-    assert_eq!(program.master.sdo_request_state(read).unwrap(), RequestState::Unused);
-    program.master.sdo_request_read(read).unwrap();
-    assert_eq!(program.master.sdo_request_state(read).unwrap(), RequestState::Busy);
+    assert_eq!(program.master.requests().sdo_state(read).unwrap(), RequestState::Unused);
+    program.master.requests().sdo_read(read).unwrap();
+    assert_eq!(program.master.requests().sdo_state(read).unwrap(), RequestState::Busy);
     program.cycle();
-    assert_eq!(program.master.sdo_request_state(read).unwrap(), RequestState::Busy);
+    assert_eq!(program.master.requests().sdo_state(read).unwrap(), RequestState::Busy);
     program.cycles(5);
-    assert_eq!(program.master.sdo_request_state(read).unwrap(), RequestState::Success);
+    assert_eq!(program.master.requests().sdo_state(read).unwrap(), RequestState::Success);
     let vendor = GatewaySpec::at(0).config.vendor_id;
-    assert_eq!(program.master.sdo_request_data(read), vendor.to_le_bytes());
-    program.master.sdo_request_index(read, 0x1018, 2).unwrap();
-    program.master.sdo_request_read(read).unwrap();
-    program.master.sdo_request_read(bad).unwrap();
-    program.master.reg_request_read(status, 0x0130, 2).unwrap();
+    assert_eq!(program.master.requests().sdo_data(read), vendor.to_le_bytes());
+    program.master.requests().sdo_index(read, 0x1018, 2).unwrap();
+    program.master.requests().sdo_read(read).unwrap();
+    program.master.requests().sdo_read(bad).unwrap();
+    program.master.requests().register_read(status, 0x0130, 2).unwrap();
     program.cycles(12);
-    assert_eq!(program.master.sdo_request_state(read).unwrap(), RequestState::Success);
+    assert_eq!(program.master.requests().sdo_state(read).unwrap(), RequestState::Success);
     let product = GatewaySpec::at(0).config.product_code;
-    assert_eq!(program.master.sdo_request_data(read), product.to_le_bytes());
-    assert_eq!(program.master.sdo_request_state(bad).unwrap(), RequestState::Error);
-    assert_eq!(program.master.reg_request_state(status).unwrap(), RequestState::Success);
-    assert_eq!(program.master.reg_request_data(status), [8, 0]);
+    assert_eq!(program.master.requests().sdo_data(read), product.to_le_bytes());
+    assert_eq!(program.master.requests().sdo_state(bad).unwrap(), RequestState::Error);
+    assert_eq!(program.master.requests().register_state(status).unwrap(), RequestState::Success);
+    assert_eq!(program.master.requests().register_data(status), [8, 0]);
 }
 
 #[test]
@@ -293,7 +293,7 @@ fn request_writes() {
     let config = program.slaves[0].config;
     let write = program.master.create_sdo_request(config, 0x8010, 8, 1).unwrap();
     let mut program = program.into_op();
-    program.master.sdo_request_write(write, &[2]).unwrap();
+    program.master.requests().sdo_write(write, &[2]).unwrap();
     program.cycles(6);
-    assert_eq!(program.master.sdo_request_state(write).unwrap(), RequestState::Success);
+    assert_eq!(program.master.requests().sdo_state(write).unwrap(), RequestState::Success);
 }

@@ -18,11 +18,11 @@ fn with_requests_in(scenario: Scenario) -> (Program, SdoRequestId, RegRequestId)
 }
 
 fn sdo_state(program: &mut Program, request: SdoRequestId) -> RequestState {
-    program.master.sdo_request_state(request).unwrap()
+    program.master.requests().sdo_state(request).unwrap()
 }
 
 fn register_state(program: &mut Program, request: RegRequestId) -> RequestState {
-    program.master.reg_request_state(request).unwrap()
+    program.master.requests().register_state(request).unwrap()
 }
 
 /// Cycles with a lost link until the bus is rescanned, with `keep_busy` in each; returns their
@@ -46,13 +46,13 @@ fn request_in_progress_fails_at_a_rescan() {
         program.cycles(delay);
         into_scan(&mut program, |program| {
             if sdo_state(program, request) != RequestState::Busy {
-                program.master.sdo_request_read(request).unwrap();
+                program.master.requests().sdo_read(request).unwrap();
             }
         });
         assert!(program.reaches_op(), "{:#?}", program.simulation().kernel_log());
         program.cycles(5);
         assert_ne!(sdo_state(&mut program, request), RequestState::Busy, "delay {delay}");
-        program.master.sdo_request_read(request).unwrap();
+        program.master.requests().sdo_read(request).unwrap();
         program.cycles(5);
         assert_eq!(sdo_state(&mut program, request), RequestState::Success, "delay {delay}");
     }
@@ -71,7 +71,7 @@ fn busy_after_a_rescan(keeps_lost_requests: bool) -> Vec<(Program, RegRequestId)
         program.next += quarter * CYCLE_NS / 4;
         into_scan(&mut program, |program| {
             if register_state(program, request) != RequestState::Busy {
-                program.master.reg_request_read(request, 0x0130, 2).unwrap();
+                program.master.requests().register_read(request, 0x0130, 2).unwrap();
             }
         });
         assert!(program.reaches_op(), "{:#?}", program.simulation().kernel_log());
@@ -87,8 +87,8 @@ fn busy_after_a_rescan(keeps_lost_requests: bool) -> Vec<(Program, RegRequestId)
 #[test]
 fn register_request_lost_at_a_rescan_stays_busy() {
     for (mut program, request) in busy_after_a_rescan(false) {
-        program.master.abandon_reg_request(request).unwrap();
-        program.master.reg_request_read(request, 0x0130, 2).unwrap();
+        program.master.requests().abandon_register(request).unwrap();
+        program.master.requests().register_read(request, 0x0130, 2).unwrap();
         program.cycles(3);
         assert_eq!(register_state(&mut program, request), RequestState::Success);
     }
@@ -97,8 +97,8 @@ fn register_request_lost_at_a_rescan_stays_busy() {
 #[test]
 fn kept_register_request_stays_busy_when_started_again() {
     for (mut program, request) in busy_after_a_rescan(true) {
-        program.master.abandon_reg_request(request).unwrap();
-        program.master.reg_request_read(request, 0x0130, 2).unwrap();
+        program.master.requests().abandon_register(request).unwrap();
+        program.master.requests().register_read(request, 0x0130, 2).unwrap();
         program.cycles(1_000);
         assert_eq!(register_state(&mut program, request), RequestState::Busy);
     }
@@ -111,7 +111,7 @@ fn register_request_started_without_a_slave_ends_on_its_return() {
         scenario.master.keeps_lost_requests = keeps_lost_requests;
         let (mut program, _, request) = with_requests_in(scenario);
         into_scan(&mut program, |_| {});
-        program.master.reg_request_read(request, 0x0130, 2).unwrap();
+        program.master.requests().register_read(request, 0x0130, 2).unwrap();
         program.cycles(50);
         assert_eq!(register_state(&mut program, request), RequestState::Busy);
         assert!(program.reaches_op(), "{:#?}", program.simulation().kernel_log());
@@ -125,14 +125,14 @@ fn register_request_started_without_a_slave_ends_on_its_return() {
 fn queued_request_of_a_lost_slave_ends_on_its_return() {
     let (mut program, request, _) = with_requests();
     into_scan(&mut program, |_| {});
-    program.master.sdo_request_read(request).unwrap();
+    program.master.requests().sdo_read(request).unwrap();
     program.cycles(50);
     assert_eq!(sdo_state(&mut program, request), RequestState::Busy);
     assert!(program.reaches_op(), "{:#?}", program.simulation().kernel_log());
     program.cycles(5);
     // the slave returned with an AL error, in which no request is served
     assert_eq!(sdo_state(&mut program, request), RequestState::Error);
-    program.master.sdo_request_read(request).unwrap();
+    program.master.requests().sdo_read(request).unwrap();
     program.cycles(5);
     assert_eq!(sdo_state(&mut program, request), RequestState::Success);
 }
@@ -147,7 +147,7 @@ fn queued_request_is_served_after_the_scan() {
     program.simulation().inject(Fault::LinkLoss { gateway: 0, for_ms: 4 });
     program.cycles(2);
     assert!(program.master.info().unwrap().scan_busy);
-    program.master.sdo_request_read(request).unwrap();
+    program.master.requests().sdo_read(request).unwrap();
     program.cycles(1_000);
     assert!(program.state(0).operational);
     assert_eq!(sdo_state(&mut program, request), RequestState::Success);
@@ -156,14 +156,14 @@ fn queued_request_is_served_after_the_scan() {
 #[test]
 fn request_timeout_is_checked_when_it_is_served() {
     let (mut program, request, _) = with_requests();
-    program.master.sdo_request_timeout(request, 100).unwrap();
+    program.master.requests().sdo_timeout(request, 100).unwrap();
     program.simulation().inject(Fault::RequestsHeld { for_ms: 1_000 });
-    program.master.sdo_request_read(request).unwrap();
+    program.master.requests().sdo_read(request).unwrap();
     program.cycles(990);
     assert_eq!(sdo_state(&mut program, request), RequestState::Busy);
     program.cycles(20);
     assert_eq!(sdo_state(&mut program, request), RequestState::Error);
-    program.master.sdo_request_read(request).unwrap();
+    program.master.requests().sdo_read(request).unwrap();
     program.cycles(5);
     assert_eq!(sdo_state(&mut program, request), RequestState::Success);
 }

@@ -84,15 +84,15 @@ impl Session {
         let mut adapter = Adapter::open(ecrt, setup.adapter(master, position), setup.startup())?;
         let should_stop = stop.clone();
         adapter.stop_waiting_when(Some(Box::new(move || should_stop())));
-        let upload = adapter.create_sdo_request(0, 4)?;
+        let upload = adapter.requests().create_sdo(0, 4)?;
         let mut downloads = [(1, upload), (2, upload), (4, upload)];
         for (size, request) in &mut downloads {
-            *request = adapter.create_sdo_request(0, *size)?;
+            *request = adapter.requests().create_sdo(0, *size)?;
         }
         for request in downloads.iter().map(|it| it.1).chain([upload]) {
-            adapter.sdo_request_timeout(request, SDO_TIMEOUT_MS)?;
+            adapter.requests().sdo_timeout(request, SDO_TIMEOUT_MS)?;
         }
-        let registers = adapter.create_register_request(0, REGISTER_BYTES)?;
+        let registers = adapter.requests().create_register(0, REGISTER_BYTES)?;
         let mut session = Self {
             setup: setup.clone(),
             adapter,
@@ -257,10 +257,10 @@ impl Session {
     }
 
     pub(crate) fn read(&mut self, index: u16, subindex: u8) -> Result<u32> {
-        self.adapter.sdo_request_read(self.upload, index, subindex)?;
+        self.adapter.requests().sdo_read(self.upload, index, subindex)?;
         self.finish(self.upload, "upload", index, subindex)?;
         let mut bytes = [0; 4];
-        for (to, from) in bytes.iter_mut().zip(self.adapter.sdo_request_data(self.upload)) {
+        for (to, from) in bytes.iter_mut().zip(self.adapter.requests().sdo_data(self.upload)) {
             *to = *from;
         }
         Ok(u32::from_le_bytes(bytes))
@@ -278,14 +278,14 @@ impl Session {
         let size = size_of(index, subindex);
         let request = self.downloads.iter().find(|it| it.0 == size).map_or(self.upload, |it| it.1);
         let bytes = value.to_le_bytes();
-        self.adapter.sdo_request_write(request, index, subindex, &bytes[..size])?;
+        self.adapter.requests().sdo_write(request, index, subindex, &bytes[..size])?;
         self.finish(request, "download", index, subindex)
     }
 
     fn finish(&mut self, request: SdoRequestId, what: &str, index: u16, subindex: u8) -> Result {
         loop {
             self.cycle(|_, _| ())?;
-            match self.adapter.sdo_request_state(request)? {
+            match self.adapter.requests().sdo_state(request)? {
                 RequestState::Busy => {}
                 RequestState::Success => return Ok(()),
                 _ => return unavailable(format!("{what} of {} failed", describe(index, subindex))),
@@ -307,21 +307,23 @@ impl Session {
 
     fn try_read_registers(&mut self, address: u16) -> Result<[u8; REGISTER_BYTES]> {
         // Of `poll_al_status`.
-        while self.adapter.register_request_state(self.registers)? == RequestState::Busy {
+        while self.adapter.requests().register_state(self.registers)? == RequestState::Busy {
             self.cycle(|_, _| ())?;
         }
-        self.adapter.register_request_read(self.registers, address, REGISTER_BYTES)?;
+        self.adapter.requests().register_read(self.registers, address, REGISTER_BYTES)?;
         for _ in 0..REGISTER_CYCLES {
             self.cycle(|_, _| ())?;
-            if self.adapter.register_request_state(self.registers)? != RequestState::Busy {
+            if self.adapter.requests().register_state(self.registers)? != RequestState::Busy {
                 break;
             }
         }
-        if self.adapter.register_request_state(self.registers)? != RequestState::Success {
+        if self.adapter.requests().register_state(self.registers)? != RequestState::Success {
             return unavailable(format!("register 0x{address:04X} was not read"));
         }
         let mut bytes = [0; REGISTER_BYTES];
-        for (to, from) in bytes.iter_mut().zip(self.adapter.register_request_data(self.registers)) {
+        for (to, from) in
+            bytes.iter_mut().zip(self.adapter.requests().register_data(self.registers))
+        {
             *to = *from;
         }
         Ok(bytes)
@@ -338,15 +340,15 @@ impl Session {
 
     /// AL status code if a reading of it has ended, else 0. Begins the next reading.
     pub(crate) fn poll_al_status(&mut self) -> Result<u16> {
-        let code = match self.adapter.register_request_state(self.registers)? {
+        let code = match self.adapter.requests().register_state(self.registers)? {
             RequestState::Busy => return Ok(0),
-            RequestState::Success => match self.adapter.register_request_data(self.registers) {
+            RequestState::Success => match self.adapter.requests().register_data(self.registers) {
                 [_, _, _, _, low, high, ..] => u16::from_le_bytes([*low, *high]),
                 _ => 0,
             },
             _ => 0,
         };
-        self.adapter.register_request_read(self.registers, AL_STATUS, REGISTER_BYTES)?;
+        self.adapter.requests().register_read(self.registers, AL_STATUS, REGISTER_BYTES)?;
         Ok(code)
     }
 

@@ -148,8 +148,8 @@ pub fn ecan_igh_get_slave_info(
 ) {
     need_slave(call, adapter, slave)?;
     let found = adapter
-        .serial_number(slave)
-        .and_then(|serial| Ok((serial, adapter.diagnostics().slave_info(slave)?)));
+        .slave(slave)
+        .and_then(|unit| Ok((unit.serial_number(), adapter.diagnostics().slave_info(slave)?)));
     let (serial_number, found) = found.or_code(call)?;
     let mut value = ecan_igh_slave_info_t {
         serial_number,

@@ -42,7 +42,7 @@ fn state(
     bus: &mut Entered<Bus>,
     request: Request,
 ) -> Result<RequestState, ecan_result_t> {
-    let state = bus.need_adapter(call)?.sdo_request_state(request.id);
+    let state = bus.need_adapter(call)?.requests().sdo_state(request.id);
     state.or_code(call)
 }
 
@@ -83,7 +83,7 @@ pub fn ecan_igh_create_sdo_request(
         let text = format_args!("{size} is out of range; allowed: 1 to 65536");
         return Err(call.argument("size", text));
     }
-    let created = adapter.create_sdo_request(slave, size);
+    let created = adapter.requests().create_sdo(slave, size);
     let id = created.or_code(call)?;
     bus.requests.push(Request { id, size });
     request.set(bus.requests.len() - 1);
@@ -102,7 +102,7 @@ pub fn ecan_igh_sdo_request_timeout(
     timeout_ms: u32,
 ) {
     let request = find(call, bus, request)?;
-    let set = bus.need_adapter(call)?.sdo_request_timeout(request.id, timeout_ms);
+    let set = bus.need_adapter(call)?.requests().sdo_timeout(request.id, timeout_ms);
     set.or_code(call)
 }
 
@@ -120,7 +120,7 @@ pub fn ecan_igh_sdo_request_read(
     subindex: u8,
 ) {
     let request = find(call, bus, request)?;
-    start(call, bus, request, |adapter| adapter.sdo_request_read(request.id, index, subindex))
+    start(call, bus, request, |adapter| adapter.requests().sdo_read(request.id, index, subindex))
 }
 
 /// Starts writing an object. The EtherCAT library takes the length of a value from what the request
@@ -149,7 +149,7 @@ pub fn ecan_igh_sdo_request_write(
         return Err(call.fail(ecan_result_t::ECAN_ERR_BUFFER, text));
     }
     start(call, bus, request, |adapter| {
-        adapter.sdo_request_write(request.id, index, subindex, data)
+        adapter.requests().sdo_write(request.id, index, subindex, data)
     })
 }
 
@@ -187,7 +187,7 @@ pub fn ecan_igh_sdo_request_data(
         let text = format_args!("the request has no value");
         return Err(call.fail(ecan_result_t::ECAN_ERR_ORDER, text));
     }
-    let value = bus.need_adapter(call)?.sdo_request_data(request.id);
+    let value = bus.need_adapter(call)?.requests().sdo_data(request.id);
     length.set(value.len());
     if data.push_bytes(value) {
         return Ok(());

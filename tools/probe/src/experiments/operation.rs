@@ -67,7 +67,7 @@ const RETURN_CYCLES: u32 = 15_000;
 
 fn al_control(probe: &mut Probe) -> Result<Outcome> {
     let session = probe.session(&Setup::plain())?;
-    session.adapter.request_reconfiguration(0)?;
+    session.adapter.requests().reconfigure(0)?;
     let has_left = session.cycles_until(100, |it| it.domain_report(0).working_counter == 0)?;
     if !has_left {
         return Ok(Outcome::differs("the gateway exchanges process data 200 ms after the write"));

@@ -1,5 +1,6 @@
 //! Observations of a cycle of this program, which keeps the gateways ready.
 
+use ecan_host::OpWait;
 use ecan_mcan_port::{Port, PortError, Received};
 
 use super::MonitorArguments;
@@ -89,7 +90,7 @@ impl Source for PortSource<'_> {
     fn start(&mut self) -> Result {
         self.options.real_time.set_timing(self.port.adapter_mut());
         let timeout = self.port.startup_timeout();
-        let begun = self.port.adapter_mut().begin_op_wait(timeout);
+        let begun = OpWait::begin(self.port.adapter_mut(), timeout);
         self.startup_end_ns = self.now_ns().saturating_add(timeout.as_nanos() as u64);
         begun.map(|_| ()).map_err(Failure::master)
     }

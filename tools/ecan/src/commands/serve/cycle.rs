@@ -3,6 +3,7 @@
 use std::sync::mpsc::Receiver;
 
 use ecan_command_line::interrupt::Interrupt;
+use ecan_host::OpWait;
 use ecan_mcan_port::{Config, Port, PortConfig, PortError, Session};
 use ecan_service::Service;
 use ecan_sim::Backend;
@@ -47,7 +48,7 @@ impl GatewayCycle {
         real_time.apply(|line| note(line))?;
         real_time.set_timing(port.adapter_mut());
         let timeout = port.startup_timeout();
-        port.adapter_mut().begin_op_wait(timeout).map_err(Failure::master)?;
+        OpWait::begin(port.adapter_mut(), timeout).map_err(Failure::master)?;
         service.attach(&mut port);
         let (were_ready, notifier) = (Vec::new(), notifier.clone());
         let mut cycle = Self { port, planned, notifier, were_ready, has_been_ready: false };

@@ -1,5 +1,9 @@
-//! Requests of privileges from the system, and the cause of a denial.
+//! Real-time thread of the cycle (manual 13.9 and 15.5.2, step 7).
+//!
+//! [`RealTimeConfig`] requests the privileges of such a thread, [`CycleTimer`] waits for the
+//! deadlines, [`CycleStatistics`] measures the cycles.
 
+use std::fmt;
 use std::fs::{File, OpenOptions};
 use std::hint::black_box;
 use std::io::Write;
@@ -10,12 +14,249 @@ use nix::sched::{CpuSet, sched_getaffinity, sched_setaffinity};
 use nix::sys::mman::{MlockAllFlags, mlockall};
 use nix::sys::resource::{RLIM_INFINITY, Resource, getrlimit};
 use nix::unistd::Pid;
+use thiserror::Error;
 
-use super::real_time_config::{Need, RealTimeConfig};
-use super::report::{
-    Privilege, PrivilegeError, PrivilegeOutcome, RealTimeError, RealTimeReport, join,
-};
+use crate::config::Faults;
+use crate::cycle_timing::{CycleTiming, MAX_SPIN_NS};
 use crate::master::set_fifo_priority;
+
+/// Most of the stack that settings may ask to have touched in advance, in bytes: half of what Rust
+/// gives a thread.
+pub const MAX_STACK_PREFAULT_BYTES: usize = 1024 * 1024;
+
+/// Whether a privilege is optional or required.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Need {
+    /// Without it the application continues; the report states that.
+    #[default]
+    Optional,
+    /// Without it [`RealTimeConfig::apply`] fails.
+    Required,
+}
+
+/// One fault of a [`RealTimeConfig`].
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
+#[non_exhaustive]
+pub enum RealTimeFault {
+    /// A priority that SCHED_FIFO does not have.
+    #[error("real-time priority {priority} is outside 1..99")]
+    Priority {
+        /// The configured priority.
+        priority: u8,
+    },
+    /// An affinity without a processor.
+    #[error("the CPU affinity names no CPU")]
+    NoCpus,
+    /// More stack than a thread is sure to have.
+    #[error("stack prefault of {bytes} bytes is above {MAX_STACK_PREFAULT_BYTES}")]
+    StackPrefault {
+        /// The configured bytes.
+        bytes: usize,
+    },
+    /// A final spin that only burns the processor.
+    #[error("final spin of {spin_ns} ns is above {MAX_SPIN_NS} ns")]
+    Spin {
+        /// The configured spin, in nanoseconds.
+        spin_ns: u64,
+    },
+}
+
+/// Privileges of the cycle thread (manual 15.5.2, step 7), and the timing of its waits.
+///
+/// The default requests no privilege.
+///
+/// ```
+/// use ecan_host::{CycleTiming, Need, RealTimeConfig};
+///
+/// let settings = RealTimeConfig {
+///     priority: Some(80),
+///     cpus: Some(vec![0]),
+///     timing: CycleTiming { spin_ns: 100_000, ..CycleTiming::default() },
+///     ..RealTimeConfig::default()
+/// };
+/// settings.check()?;
+/// assert_eq!(settings.priority_need, Need::Optional);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct RealTimeConfig {
+    /// SCHED_FIFO with this priority, 1 (lowest) to 99; none leaves the scheduling as it is.
+    pub priority: Option<u8>,
+    /// Whether the priority is needed.
+    pub priority_need: Need,
+    /// CPUs that the thread may run on, counted from 0; none leaves the affinity as it is.
+    pub cpus: Option<Vec<usize>>,
+    /// Whether the affinity is needed.
+    pub cpus_need: Need,
+    /// Keeps all memory of the process in RAM, present and future, and touches this number of bytes of
+    /// the thread's stack in advance, 0 to [`MAX_STACK_PREFAULT_BYTES`]; none locks nothing.
+    ///
+    /// If RLIMIT_MEMLOCK bounds what may be locked, it bounds what the process can allocate
+    /// from then on.
+    pub lock_memory: Option<usize>,
+    /// Whether locked memory is needed.
+    pub lock_memory_need: Need,
+    /// Keeps the processors of the machine out of sleep states that take longer than this time
+    /// to leave, in microseconds, for as long as the process lives; 0 allows none. It costs power.
+    pub wake_up_latency_us: Option<u32>,
+    /// Whether the latency is needed.
+    pub wake_up_latency_need: Need,
+    /// Timing of the wait for the next cycle, for
+    /// [`Adapter::set_cycle_timing`](crate::Adapter::set_cycle_timing) or a
+    /// [`CycleTimer`](crate::CycleTimer). [`apply`](Self::apply) only checks it.
+    pub timing: CycleTiming,
+}
+
+impl RealTimeConfig {
+    /// Checks the values, without a request to the system.
+    ///
+    /// # Errors
+    /// Every fault found.
+    pub fn check(&self) -> Result<(), Faults<RealTimeFault>> {
+        let mut faults = Vec::new();
+        if let Some(priority) = self.priority.filter(|p| !(1..=99).contains(p)) {
+            faults.push(RealTimeFault::Priority { priority });
+        }
+        if self.cpus.as_ref().is_some_and(Vec::is_empty) {
+            faults.push(RealTimeFault::NoCpus);
+        }
+        if let Some(bytes) = self.lock_memory.filter(|bytes| *bytes > MAX_STACK_PREFAULT_BYTES) {
+            faults.push(RealTimeFault::StackPrefault { bytes });
+        }
+        let spin_ns = self.timing.spin_ns;
+        if spin_ns > MAX_SPIN_NS {
+            faults.push(RealTimeFault::Spin { spin_ns });
+        }
+        Faults::check(faults)
+    }
+}
+
+/// A privilege that a real-time thread requests from the system.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Privilege {
+    /// All memory in RAM, with the stack touched in advance.
+    LockedMemory {
+        /// Bytes of stack.
+        stack_bytes: usize,
+    },
+    /// Execution on these CPUs only.
+    Affinity {
+        /// The CPUs, counted from 0.
+        cpus: Vec<usize>,
+    },
+    /// No sleep state of a processor that takes longer to leave.
+    WakeUpLatency {
+        /// In microseconds.
+        latency_us: u32,
+    },
+    /// SCHED_FIFO.
+    Priority {
+        /// Its priority, 1 to 99.
+        priority: u8,
+    },
+}
+
+impl fmt::Display for Privilege {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::LockedMemory { stack_bytes } => {
+                write!(f, "locked memory with {stack_bytes} bytes of stack")
+            }
+            Self::Affinity { cpus } => {
+                let noun = if cpus.len() == 1 { "CPU" } else { "CPUs" };
+                write!(f, "{noun} {}", join(cpus, ", "))
+            }
+            Self::WakeUpLatency { latency_us } => {
+                write!(f, "processors that wake up within {latency_us} us")
+            }
+            Self::Priority { priority } => write!(f, "SCHED_FIFO priority {priority}"),
+        }
+    }
+}
+
+/// The texts of the items, with a separator between them.
+pub(crate) fn join<T: fmt::Display>(items: impl IntoIterator<Item = T>, separator: &str) -> String {
+    let texts: Vec<String> = items.into_iter().map(|item| item.to_string()).collect();
+    texts.join(separator)
+}
+
+/// Error of a privilege that was not granted.
+#[derive(Debug, Clone, PartialEq, Eq, Error)]
+#[error("{cause}; {remedy}")]
+pub struct PrivilegeError {
+    /// Cause.
+    pub cause: String,
+    /// Remedy.
+    pub remedy: String,
+}
+
+/// Result of one requested privilege.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct PrivilegeOutcome {
+    /// Requested privilege.
+    pub privilege: Privilege,
+    /// Whether it is needed.
+    pub need: Need,
+    /// Error; `None` if it was granted.
+    pub denial: Option<PrivilegeError>,
+}
+
+impl PrivilegeOutcome {
+    /// Returns whether it was granted.
+    pub fn is_granted(&self) -> bool {
+        self.denial.is_none()
+    }
+}
+
+impl fmt::Display for PrivilegeOutcome {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match &self.denial {
+            None => write!(f, "{}: done", self.privilege),
+            Some(denial) => write!(f, "{}: not granted, {denial}", self.privilege),
+        }
+    }
+}
+
+/// Result of every requested privilege, in the order of application. Displays a line for each.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct RealTimeReport {
+    /// Requested privileges only.
+    pub outcomes: Vec<PrivilegeOutcome>,
+}
+
+impl RealTimeReport {
+    /// Returns whether every requested privilege was granted.
+    pub fn is_complete(&self) -> bool {
+        self.outcomes.iter().all(PrivilegeOutcome::is_granted)
+    }
+
+    /// Returns whether everything required was granted.
+    pub fn is_sufficient(&self) -> bool {
+        self.missing().next().is_none()
+    }
+
+    fn missing(&self) -> impl Iterator<Item = &PrivilegeOutcome> {
+        self.outcomes.iter().filter(|o| !o.is_granted() && o.need == Need::Required)
+    }
+}
+
+impl fmt::Display for RealTimeReport {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&join(&self.outcomes, "\n"))
+    }
+}
+
+/// Error of [`RealTimeConfig::apply`](crate::RealTimeConfig::apply).
+#[derive(Debug, Clone, PartialEq, Eq, Error)]
+#[non_exhaustive]
+pub enum RealTimeError {
+    /// The values are faulty; nothing was applied.
+    #[error("real-time settings: {0}")]
+    Settings(#[from] Faults<RealTimeFault>),
+    /// A required privilege was not granted. The report contains all results.
+    #[error("no real-time thread: {}", join(.0.missing(), "\n"))]
+    Missing(RealTimeReport),
+}
 
 /// The calling thread, in calls that take a thread id.
 const THIS_THREAD: Pid = Pid::from_raw(0);
@@ -213,6 +454,6 @@ mod tests {
     #[test]
     fn stack_is_touched_up_to_the_allowed_maximum() {
         touch_stack(0);
-        touch_stack(super::super::real_time_config::MAX_STACK_PREFAULT_BYTES);
+        touch_stack(super::MAX_STACK_PREFAULT_BYTES);
     }
 }

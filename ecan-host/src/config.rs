@@ -1,12 +1,11 @@
-//! Configuration of the Adapter: plain data, checked as a whole by [`AdapterConfig::check`].
+//! Configuration of an [`Adapter`](crate::Adapter) as plain data.
 
 use std::fmt;
 use std::time::Duration;
 
 use ecan_protocol::config::{List, ListFull};
-
-use super::dc_sync::{DcSync, nanoseconds};
-use crate::startup::StartupStep;
+use ecan_protocol::object::SdoWrite;
+use ecan_protocol::sequence::{Expectation, Step};
 
 /// Largest number of slaves of a configuration.
 pub const MAX_SLAVES: usize = 32;
@@ -178,5 +177,169 @@ impl AdapterConfig {
         step: impl Into<StartupStep>,
     ) -> Result<(), ListFull> {
         self.startup.push(StartupEntry { slave, step: step.into() })
+    }
+}
+
+/// The clock that the other clocks follow.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub enum ClockSource {
+    /// The host's clock: each cycle corrects the reference clock to the application's time, and the
+    /// other slaves to the reference clock.
+    #[default]
+    Host,
+    /// The reference clock: a phase-locked loop shifts the deadlines of the host's cycle until the
+    /// frames pass the reference slave in phase. Sync0 is then as regular as that slave's
+    /// oscillator, independent of the host's delays.
+    ///
+    /// The loop acts on [`Adapter::wait_next_cycle`](crate::Adapter::wait_next_cycle); an
+    /// application with its own cycle timer adds
+    /// [`Adapter::clock_correction_ns`](crate::Adapter::clock_correction_ns) to its next deadline.
+    Reference,
+}
+
+/// Distributed clocks with Sync0 (manual 8.4, 15.6).
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct DcSync {
+    /// Sync0 period; a whole multiple of the cycle, normally the cycle itself.
+    pub cycle: Duration,
+    /// Phase of Sync0 relative to the start of the period, below `cycle`.
+    ///
+    /// Outputs must arrive before it (manual 15.6.1 lists proven values; 16.1 describes the effect
+    /// of a value that is too small). [`DcSync::planned`] chooses it; the
+    /// [`Plan`](crate::Plan) warns of one among the arrivals of the outputs.
+    pub shift: Duration,
+    /// AssignActivate word of the slave. The manual does not state it; see docs/ASSUMPTIONS.md.
+    pub assign_activate: u16,
+    /// The clock that the other clocks follow.
+    pub source: ClockSource,
+    /// Index of the slave with the reference clock; `None` selects the first slave on the bus that
+    /// has a clock.
+    pub reference: Option<usize>,
+    /// Period, in cycles, of the measurement of the differences between the slaves' clocks, for
+    /// [`ClockStatus::synchrony_ns`](crate::ClockStatus::synchrony_ns); 0 disables it.
+    pub monitor_every: u32,
+}
+
+/// At most `u32::MAX`, which the check of a configuration rejects as too long.
+fn nanoseconds(duration: Duration) -> u32 {
+    u32::try_from(duration.as_nanos()).unwrap_or(u32::MAX)
+}
+
+impl DcSync {
+    /// Sync0 once per `cycle`, `shift` after its start. The slaves follow the host's clock,
+    /// the first slave is the reference, and the differences are measured every 100 cycles.
+    pub fn new(cycle: Duration, shift: Duration) -> Self {
+        Self {
+            cycle,
+            shift,
+            assign_activate: 0x0300,
+            source: ClockSource::Host,
+            reference: None,
+            monitor_every: 100,
+        }
+    }
+
+    /// `cycle` in nanoseconds, at most `u32::MAX`.
+    pub fn cycle_ns(&self) -> u32 {
+        nanoseconds(self.cycle)
+    }
+
+    /// `shift` in nanoseconds, at most `u32::MAX`.
+    pub fn shift_ns(&self) -> u32 {
+        nanoseconds(self.shift)
+    }
+}
+
+/// Every fault of a configuration, in the order of its fields.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Faults<F>(pub Vec<F>);
+
+impl<F> Faults<F> {
+    /// The outcome of a check that found these faults.
+    ///
+    /// # Errors
+    /// The faults, if there are any.
+    pub fn check(faults: Vec<F>) -> Result<(), Self> {
+        if faults.is_empty() { Ok(()) } else { Err(Self(faults)) }
+    }
+}
+
+impl<F: fmt::Display> fmt::Display for Faults<F> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.0.as_slice() {
+            [one] => write!(f, "{one}"),
+            all => {
+                write!(f, "{} faults in the configuration", all.len())?;
+                all.iter().try_for_each(|fault| write!(f, "\n  - {fault}"))
+            }
+        }
+    }
+}
+
+impl<F: fmt::Debug + fmt::Display> std::error::Error for Faults<F> {}
+
+/// One step of a slave's startup: a [`Step`] that every EtherCAT master can execute or export.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub enum StartupStep {
+    /// Writes an object. Registered with the master, which sends it in PREOP whenever it configures
+    /// the slave.
+    Download(SdoWrite),
+    /// Reads an object and fails if it has another value: a capability, or the readback of an apply
+    /// command. Executed before the bus is active if it leads the startup, or if the application added
+    /// it; in that case the slave's whole startup is executed then, which takes tens of milliseconds
+    /// for each SDO. Not executed when the master configures the slave again.
+    Expect {
+        /// Object index.
+        index: u16,
+        /// Object subindex.
+        subindex: u8,
+        /// Condition on its value.
+        expected: Expectation,
+    },
+}
+
+impl From<SdoWrite> for StartupStep {
+    fn from(write: SdoWrite) -> Self {
+        Self::Download(write)
+    }
+}
+
+impl From<StartupStep> for Step {
+    fn from(step: StartupStep) -> Self {
+        match step {
+            StartupStep::Download(write) => write.into(),
+            StartupStep::Expect { index, subindex, expected } => {
+                Self::expect_that(index, subindex, expected)
+            }
+        }
+    }
+}
+
+impl Default for StartupStep {
+    fn default() -> Self {
+        Self::Download(SdoWrite::default())
+    }
+}
+
+impl StartupStep {
+    /// A step that expects an object to have this value.
+    pub fn expect(index: u16, subindex: u8, value: u32) -> Self {
+        Self::Expect { index, subindex, expected: Expectation::Equals(value.into()) }
+    }
+
+    /// Index and subindex of the object.
+    pub fn object(&self) -> (u16, u8) {
+        match self {
+            Self::Download(sdo) => (sdo.index, sdo.subindex),
+            Self::Expect { index, subindex, .. } => (*index, *subindex),
+        }
+    }
+
+    /// Returns whether the step writes.
+    pub fn is_download(&self) -> bool {
+        matches!(self, Self::Download(_))
     }
 }

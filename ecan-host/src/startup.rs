@@ -1,16 +1,24 @@
-//! The startup steps of all slaves, in the order that a gateway needs.
+//! The startup of the slaves: its steps, in the order that a gateway needs, and their execution with
+//! blocking transfers.
 //!
 //! The master sends its registered startup SDOs before it writes the PDO assignment itself, but
 //! applying a PDO profile needs the assignment (manual 5.4.2). So the list writes the assignment
 //! before the steps of the plan. Only leading checks stay first, because capabilities are read
 //! before anything is chosen (manual 14).
 
-use ecan_protocol::config::assignment_writes;
-use ecan_protocol::device::OptionalObject;
-use ecan_protocol::mapping::Direction;
+use std::time::Duration;
 
-use super::startup_step::StartupStep;
-use crate::config::AdapterConfig;
+use ecan_protocol::config::assignment_writes;
+use ecan_protocol::device::{Capabilities, OptionalObject};
+use ecan_protocol::mapping::Direction;
+use ecan_protocol::object::AbortCode;
+use ecan_protocol::sequence::{
+    NoAction, ObjectAccess, Sequence, SequenceState, StepError, Transfer,
+};
+
+use crate::bus::{CapabilityValues, Diagnostics};
+use crate::config::{AdapterConfig, StartupStep};
+use crate::error::Error;
 
 /// Startup steps that the layer above the Adapter needs, for each slave: what an MCAN Port makes of
 /// its configuration. Empty by default.
@@ -91,6 +99,102 @@ impl StartupPlan {
 
     pub(crate) fn download_count(&self, config: &AdapterConfig, slave: usize) -> usize {
         self.steps(config, slave).iter().filter(|step| step.is_download()).count()
+    }
+}
+
+const POLL_NS: u64 = 10_000_000;
+
+struct SlaveObjects<'a> {
+    diagnostics: &'a Diagnostics,
+    slave: usize,
+    capabilities: &'a mut CapabilityValues,
+    result: u64,
+}
+
+impl ObjectAccess for SlaveObjects<'_> {
+    type Action = NoAction;
+    type Error = Error;
+
+    fn start_write(&mut self, index: u16, subindex: u8, data: &[u8]) -> Result<bool, Error> {
+        self.diagnostics.sdo_download(self.slave, index, subindex, data)?;
+        Ok(true)
+    }
+
+    fn start_read(&mut self, index: u16, subindex: u8) -> Result<bool, Error> {
+        let value = match index {
+            Capabilities::INDEX => self.capabilities.read(self.diagnostics, self.slave, subindex),
+            _ => {
+                let value = self.diagnostics.sdo_upload_u32(self.slave, index, subindex);
+                Error::or_assumed(value, index, subindex)
+            }
+        };
+        self.result = value?.into();
+        Ok(true)
+    }
+
+    fn poll(&mut self) -> Result<Transfer, Error> {
+        Ok(Transfer::Done(self.result))
+    }
+
+    fn act(&mut self, action: &NoAction, _: Duration) -> Result<bool, Error> {
+        match *action {}
+    }
+
+    fn abort_code(error: &Error) -> Option<AbortCode> {
+        match error {
+            Error::Sdo { abort_code, .. } => *abort_code,
+            _ => None,
+        }
+    }
+}
+
+impl Diagnostics {
+    /// Executes startup steps of a slave and reports each completed one. Blocks for a transfer per
+    /// step.
+    ///
+    /// # Errors
+    /// [`Error::Sdo`] or [`Error::Readback`] of the first step that failed.
+    pub fn run_startup(
+        &self,
+        slave: usize,
+        steps: &[StartupStep],
+        on_step: impl FnMut(&StartupStep),
+    ) -> Result<(), Error> {
+        self.run_startup_with(slave, steps, &mut CapabilityValues::default(), on_step)
+    }
+
+    /// As [`run_startup`](Self::run_startup), with the values of 0xF000 that are known.
+    pub(crate) fn run_startup_with(
+        &self,
+        slave: usize,
+        steps: &[StartupStep],
+        capabilities: &mut CapabilityValues,
+        mut on_step: impl FnMut(&StartupStep),
+    ) -> Result<(), Error> {
+        let mut objects = SlaveObjects { diagnostics: self, slave, capabilities, result: 0 };
+        for step in steps {
+            let shared = [(*step).into()];
+            let mut sequence = Sequence::new(&shared[..]);
+            loop {
+                let now_ns = self.clock().now_ns();
+                match sequence.advance(&mut objects, now_ns, |_, _, _| {}) {
+                    SequenceState::Done => break,
+                    SequenceState::Running => self.clock().sleep_until_ns(now_ns + POLL_NS),
+                    SequenceState::Failed(StepError::Access(error)) => return Err(error),
+                    SequenceState::Failed(
+                        StepError::Mismatch { found, expected }
+                        | StepError::TimedOut { found, expected, .. },
+                    ) => {
+                        let (index, subindex) = step.object();
+                        let found = found as u32;
+                        return Err(Error::Readback { slave, index, subindex, expected, found });
+                    }
+                    SequenceState::Failed(_) => return Ok(()),
+                }
+            }
+            on_step(step);
+        }
+        Ok(())
     }
 }
 

@@ -1,10 +1,12 @@
 //! Help for slaves that start: the master's own datagrams between two cycles, and clocks.
 
 use ecan_protocol::device::AlState;
+use ecrt_sys::Clock;
 
-use super::{Adapter, Slave};
+use super::cycle_clock::CycleClock;
+use super::slave::Slave;
+use crate::clocks::DistributedClocks;
 use crate::master::{Master, RequestState};
-use crate::phase::Phase;
 
 /// Time from a send to a receive and from a receive to the next send, in nanoseconds. In between, the
 /// master's thread evaluates a response and prepares the next datagram; without the pause after the
@@ -33,24 +35,21 @@ pub enum StartupRounds {
     On,
 }
 
-impl Adapter {
-    /// Speeds up slaves that start: [`wait_next_cycle`](Self::wait_next_cycle) then lets the master
-    /// receive and send every half millisecond, without process data. Otherwise each step of a scan
-    /// and of an SDO transfer takes two cycles. [`wait_op`](Self::wait_op) and the layers above set
-    /// this. Without effect on an attached Adapter. Real-time safe.
-    pub fn set_startup_rounds(&mut self, rounds: StartupRounds) {
-        self.startup_rounds = rounds;
-    }
+/// The master and its slaves between two cycles.
+pub(super) struct RoundExchange<'a> {
+    pub(super) master: &'a mut Master,
+    pub(super) slaves: &'a [Slave],
+    pub(super) clocks: Option<&'a mut DistributedClocks>,
+    pub(super) cycle_clock: &'a CycleClock,
+}
 
-    pub(super) fn exchange_startup_rounds(&mut self) {
-        if self.attached || self.phase != Phase::Active || self.is_leaving_op {
-            return;
-        }
-        let clock = self.ecrt.clock().clone();
+impl RoundExchange<'_> {
+    /// Lets the master receive and send until the next cycle, while the slaves need it.
+    pub(super) fn run(&mut self, clock: &dyn Clock, rounds: StartupRounds) {
         let end_ns =
-            self.cycle_timer.next_deadline_ns().map(|deadline| deadline.saturating_sub(PAUSE_NS));
+            self.cycle_clock.next_deadline_ns().map(|deadline| deadline.saturating_sub(PAUSE_NS));
         // Each receive makes the master give up datagrams that were sent more than 500 us ago.
-        let back_ns = self.sent_ns + self.response_ns;
+        let back_ns = self.cycle_clock.answered_ns();
         let pause = || {
             let next_ns = back_ns.max(clock.now_ns() + PAUSE_NS);
             let in_time = end_ns.is_some_and(|end_ns| next_ns <= end_ns);
@@ -60,7 +59,7 @@ impl Adapter {
             in_time
         };
         // The next cycle reports what fails.
-        while self.needs_startup_round() && pause() {
+        while self.needs_round(rounds) && pause() {
             let _ = self.master.receive();
             if !pause() {
                 return;
@@ -69,36 +68,15 @@ impl Adapter {
             if self.has_slave_below_safeop()
                 && let Some(clocks) = &mut self.clocks
             {
-                let _ = clocks.send_between_cycles(&mut self.master, clock.now_ns());
+                let _ = clocks.send_between_cycles(self.master, clock.now_ns());
             }
             let _ = self.master.send();
         }
     }
 
-    /// Clears the filtered time difference (0x092C) of each slave by writing its speed counter start.
-    /// It outlasts a program whose host led the clocks, and the master waits five seconds for it to
-    /// become small, although nothing changes it when the reference clock leads.
-    pub(super) fn reset_clock_differences(&mut self) {
-        let clock = self.ecrt.clock().clone();
-        let end_ns = clock.now_ns() + RESET_LIMIT_NS;
-        for slave in &self.slaves {
-            let start = SPEED_COUNTER_START.to_le_bytes();
-            // Without it the startup only lasts longer.
-            let _ = self.master.reg_request_write(slave.al_control, SPEED_COUNTER, &start);
-        }
-        let is_busy = |master: &mut Master, slave: &Slave| {
-            matches!(master.reg_request_state(slave.al_control), Ok(RequestState::Busy))
-        };
-        while self.slaves.iter().any(|slave| is_busy(&mut self.master, slave))
-            && clock.now_ns() < end_ns
-        {
-            clock.sleep_until_ns(clock.now_ns() + RESET_POLL_NS);
-        }
-    }
-
-    fn needs_startup_round(&self) -> bool {
-        let is_silent = |slave: &Slave| slave.report.working_counter == 0;
-        match self.startup_rounds {
+    fn needs_round(&self, rounds: StartupRounds) -> bool {
+        let is_silent = |slave: &Slave| slave.report().working_counter == 0;
+        match rounds {
             StartupRounds::Off => false,
             StartupRounds::UntilSafeOp => {
                 self.slaves.iter().any(is_silent) || self.has_slave_below_safeop()
@@ -109,8 +87,26 @@ impl Adapter {
 
     fn has_slave_below_safeop(&self) -> bool {
         self.slaves.iter().any(|slave| {
-            let state = self.master.config_state(slave.config);
+            let state = self.master.config_state(slave.config());
             state.is_ok_and(|state| !state.online || state.al_state < AlState::SafeOp.raw())
         })
+    }
+}
+
+/// Clears the filtered time difference (0x092C) of each slave by writing its speed counter start.
+/// It outlasts a program whose host led the clocks, and the master waits five seconds for it to
+/// become small, although nothing changes it when the reference clock leads.
+pub(super) fn reset_clock_differences(clock: &dyn Clock, master: &mut Master, slaves: &[Slave]) {
+    let end_ns = clock.now_ns() + RESET_LIMIT_NS;
+    for slave in slaves {
+        let start = SPEED_COUNTER_START.to_le_bytes();
+        // Without it the startup only lasts longer.
+        let _ = master.requests().register_write(slave.al_control(), SPEED_COUNTER, &start);
+    }
+    let is_busy = |master: &mut Master, slave: &Slave| {
+        matches!(master.requests().register_state(slave.al_control()), Ok(RequestState::Busy))
+    };
+    while slaves.iter().any(|slave| is_busy(master, slave)) && clock.now_ns() < end_ns {
+        clock.sleep_until_ns(clock.now_ns() + RESET_POLL_NS);
     }
 }

@@ -5,8 +5,7 @@ use std::time::Duration;
 use ecan_protocol::mapping::MAX_MULTIPLIER;
 use thiserror::Error;
 
-use super::adapter_config::{AdapterConfig, MAX_WATCHDOG, SlaveConfig, WATCHDOG_UNIT};
-use super::faults::Faults;
+use crate::config::{AdapterConfig, Faults, MAX_WATCHDOG, SlaveConfig, WATCHDOG_UNIT};
 use crate::plan::{Plan, PlanError};
 
 const MIN_CYCLE: Duration = Duration::from_micros(100);

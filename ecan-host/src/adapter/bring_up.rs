@@ -1,0 +1,205 @@
+//! From slaves that may not be on the bus yet to a master that is configured for them.
+
+use std::thread;
+use std::time::Duration;
+
+use ecan_protocol::device::{Capabilities, OptionalObject};
+use ecan_protocol::mapping::Direction;
+use ecan_protocol::object::describe;
+use ecrt_sys::Ecrt;
+use tracing::{info, warn};
+
+use super::cycle_clock::deadline_ns;
+use super::slave::{Prepared, Slave, settings_of};
+use crate::bus::mapping::read_mapping;
+use crate::bus::{Diagnostics, recognition};
+use crate::config::AdapterConfig;
+use crate::error::Error;
+use crate::master::Master;
+use crate::startup::StartupPlan;
+
+/// Pause between two looks at the slaves that are not found, in nanoseconds.
+const FIND_POLL_NS: u64 = 50_000_000;
+/// Subindex of 0xF000 that each gateway has: the size of a PDO unit.
+const SIZE_UNIT: u8 = 17;
+
+/// The parts of an Adapter that is being configured.
+pub(super) struct BringUp<'a> {
+    pub(super) ecrt: &'a Ecrt,
+    pub(super) master: &'a mut Master,
+    pub(super) diagnostics: &'a Diagnostics,
+    pub(super) config: &'a AdapterConfig,
+    pub(super) startup: &'a mut StartupPlan,
+    /// Returns whether the application requests the end of calls that wait.
+    pub(super) should_stop: &'a dyn Fn() -> bool,
+}
+
+impl BringUp<'_> {
+    /// Finds, identifies and reads all slaves before the first one is configured.
+    pub(super) fn run(mut self) -> Result<Vec<Slave>, Error> {
+        let prepared = self.find_and_prepare_slaves()?;
+        for (slave, prepared) in prepared.iter().enumerate() {
+            self.startup.leave_out(slave, &prepared.missing);
+        }
+        let configure = |(slave, prepared)| {
+            Slave::configure(self.ecrt, self.master, self.config, self.startup, slave, prepared)
+        };
+        let slaves = prepared.into_iter().enumerate().map(configure);
+        let slaves = slaves.collect::<Result<Vec<Slave>, Error>>()?;
+        self.select_reference_clock(&slaves)?;
+        Ok(slaves)
+    }
+
+    /// A slave that was lost while it was read is looked for again.
+    fn find_and_prepare_slaves(&mut self) -> Result<Vec<Prepared>, Error> {
+        let clock = self.ecrt.clock().clone();
+        let deadline_ns = deadline_ns(clock.as_ref(), self.config.preop_timeout);
+        loop {
+            self.find_slaves()?;
+            self.check_stop()?;
+            match self.prepare_slaves() {
+                Err(error) if error.is_temporary() && clock.now_ns() < deadline_ns => {
+                    info!("slaves: search repeated ({error})");
+                    release(self.master, self.config.master_index)?;
+                    clock.sleep_until_ns(clock.now_ns() + FIND_POLL_NS);
+                }
+                result => return result,
+            }
+            self.check_stop()?;
+        }
+    }
+
+    fn check_stop(&self) -> Result<(), Error> {
+        if (self.should_stop)() { Err(Error::Stopped) } else { Ok(()) }
+    }
+
+    /// Waits until all slaves are on the bus in PREOP, and the master is reserved.
+    ///
+    /// A reserved master that is not active does not scan: a missing slave is waited for without the
+    /// reservation.
+    fn find_slaves(&mut self) -> Result<(), Error> {
+        let clock = self.ecrt.clock().clone();
+        let deadline_ns = deadline_ns(clock.as_ref(), self.config.preop_timeout);
+        loop {
+            self.check_stop()?;
+            match recognition::look_for_slaves(self.diagnostics, self.config) {
+                Ok(()) if self.master.is_reserved() => return Ok(()),
+                Ok(()) => {
+                    *self.master = Master::request(self.ecrt, self.config.master_index)?;
+                    continue;
+                }
+                Err(error) if clock.now_ns() >= deadline_ns => {
+                    return match error {
+                        // Without a link every slave is missing.
+                        Error::NoSuchSlave { .. } => {
+                            self.diagnostics.require_link().and(Err(error))
+                        }
+                        other => Err(other),
+                    };
+                }
+                Err(Error::NoSuchSlave { .. }) => release(self.master, self.config.master_index)?,
+                Err(_) => {}
+            }
+            clock.sleep_until_ns(clock.now_ns() + FIND_POLL_NS);
+        }
+    }
+
+    /// Reads every slave; in real time all of them at once, because the master serves the mailboxes
+    /// of its slaves in parallel.
+    fn prepare_slaves(&self) -> Result<Vec<Prepared>, Error> {
+        let slaves = 0..self.config.slaves.len();
+        if slaves.len() < 2 || !self.ecrt.clock().is_free_running() {
+            let prepare = |slave| {
+                self.check_stop()?;
+                prepare(self.diagnostics, self.config, self.startup, slave)
+            };
+            return slaves.map(prepare).collect();
+        }
+        let (config, startup) = (self.config, &*self.startup);
+        thread::scope(|scope| {
+            let workers: Vec<_> = slaves
+                .map(|slave| {
+                    let open = Diagnostics::opener(self.ecrt, config);
+                    scope.spawn(move || prepare(&open()?, config, startup, slave))
+                })
+                .collect();
+            let join = |worker: thread::ScopedJoinHandle<'_, _>| {
+                worker.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))
+            };
+            workers.into_iter().map(join).collect()
+        })
+    }
+
+    fn select_reference_clock(&mut self, slaves: &[Slave]) -> Result<(), Error> {
+        let Some(slave) = self.config.dc.and_then(|dc| dc.reference) else { return Ok(()) };
+        // On an attached Adapter the owner chooses.
+        if self.master.is_attached() {
+            return Ok(());
+        }
+        let config = slaves.get(slave).map(Slave::config);
+        self.master
+            .select_reference_clock(config)
+            .map_err(|e| Error::library("ecrt_master_select_reference_clock", Some(slave), e))
+    }
+}
+
+/// Releases the master, and with it a configuration that was never activated.
+pub(super) fn release(master: &mut Master, master_index: u32) -> Result<(), Error> {
+    if master.is_reserved() && !master.is_attached() {
+        *master = Master::open(&master.ecrt().clone(), master_index)?;
+    }
+    Ok(())
+}
+
+fn prepare(
+    diagnostics: &Diagnostics,
+    config: &AdapterConfig,
+    startup: &StartupPlan,
+    slave: usize,
+) -> Result<Prepared, Error> {
+    let settings = settings_of(config, slave)?;
+    let identified = recognition::identify(diagnostics, slave, settings)?;
+    let mut capabilities = identified.capabilities;
+    let steps = startup.preparation(config, slave);
+    diagnostics.run_startup_with(slave, &steps, &mut capabilities, |_| {})?;
+    let begun_ns = diagnostics.clock().now_ns();
+    diagnostics.sdo_upload_u32(slave, Capabilities::INDEX, SIZE_UNIT)?;
+    let sdo_time = Duration::from_nanos(diagnostics.clock().now_ns().saturating_sub(begun_ns));
+    let missing = find_missing(diagnostics, startup, slave)?;
+    let mapping = |direction, n| read_mapping(diagnostics, slave, direction, n);
+    Ok(Prepared {
+        identity: identified.identity,
+        capabilities,
+        rx_units: mapping(Direction::RxPdo, settings.rx_multiplier)?,
+        tx_units: mapping(Direction::TxPdo, settings.tx_multiplier)?,
+        sdo_time,
+        missing,
+    })
+}
+
+/// Reads an entry of each optional object of the startup, since a write that the slave rejects would end the startup.
+fn find_missing(
+    diagnostics: &Diagnostics,
+    startup: &StartupPlan,
+    slave: usize,
+) -> Result<Vec<OptionalObject>, Error> {
+    let mut missing = Vec::new();
+    for object in startup.optional_objects(slave) {
+        let (index, subindex) = object.probe();
+        match diagnostics.sdo_upload_u32(slave, index, subindex) {
+            Err(error) if error.is_missing_object() => {
+                let name = describe(index, subindex);
+                warn!(
+                    slave,
+                    "slave {slave}: the firmware does not have {name} (assumption H42): not configured, it keeps its \
+                     own behaviour"
+                );
+                missing.push(object);
+            }
+            // One that cannot be read can still be written.
+            Err(error @ Error::Sdo { abort_code: None, .. }) => return Err(error),
+            _ => {}
+        }
+    }
+    Ok(missing)
+}
