@@ -8,38 +8,31 @@ use ecan_canopen::{
 };
 use ecan_protocol::can::CanId;
 
-use super::answer_watch::AnswerWatch;
 use super::axis_state::AxisState;
-use super::command_error::CommandError;
 use super::config::{AxisConfig, target_kind};
 use super::drive_poll::DrivePoll;
 use super::drive_status::DriveStatus;
-use super::drive_units::ScaleSource;
-use super::further_data::FurtherData;
+use super::error::CommandError;
 use super::homing::HomingConfig;
 use super::host_loss::{HostLoss, StopOptions};
-use super::node_share::NodeShare;
 use super::pdo_layout::CommandLayout;
-use super::phase::{AxisError, AxisPhase};
-use super::power::FaultReset;
+use super::power::{FaultReset, StopCause};
 use super::procedure::{Procedure, Stage};
+use super::process_data::FurtherData;
 use super::ramp::RampLimits;
 use super::recovery::Recovery;
 use super::script::axis_script;
-use super::set_point::SetPoint;
-use super::setup::SetupState;
+use super::setup::{NodeShare, Reachability, SetupState, Verification};
 use super::setup_steps;
-use super::statistics::AxisStatistics;
-use super::stop::StopCause;
+use super::status::{AxisError, AxisPhase, AxisStatistics};
 use super::takeover::{Inspection, Takeover, TakeoverState};
+use super::target_path::{AnswerWatch, SetPoint, TargetTickets};
 use super::target_period::TargetPeriod;
 use super::target_source::TargetSource;
-use super::target_tickets::TargetTickets;
-use super::verification::{Reachability, Verification};
+use super::units::ScaleSource;
 use crate::guard::feed_forward::FeedForwardGuard;
-use crate::guard::input::HoldReason;
 use crate::guard::motion_guard::MotionGuard;
-use crate::guard::terms::{Decision, GuardState, TargetKind};
+use crate::guard::terms::{Decision, GuardState, HoldReason, TargetKind};
 
 /// Pause between two equal NMT commands to a node that does not report their effect; longer than
 /// its heartbeat takes to show the effect of the first one.

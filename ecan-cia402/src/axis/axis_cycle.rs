@@ -6,7 +6,6 @@ use ecan_canopen::{
 };
 use ecan_mcan_port::{Backpressure, SendError, SendTicket, TransmitReport};
 
-use super::answer_watch::TargetCheck;
 use super::axis::Axis;
 use super::axis_state::AxisState;
 use super::config::target_kind;
@@ -14,12 +13,13 @@ use super::pdo_layout::{CommandLayout, RpdoBytes};
 use super::power::PowerGoal;
 use super::procedure::Stage;
 use super::ramp::Ramp;
-use super::setup::SetupState;
+use super::setup::{Reachability, SetupState};
 use super::takeover::TakeoverState;
-use super::verification::Reachability;
+use super::target_path::TargetCheck;
 use crate::guard::gateway_watch::GatewayWatch;
-use crate::guard::input::{ChannelView, DriveView, GuardInput, HoldReason};
-use crate::guard::terms::{Decision, GuardState, TargetKind, WaitReason};
+use crate::guard::terms::{
+    ChannelView, Decision, DriveView, GuardInput, GuardState, HoldReason, TargetKind, WaitReason,
+};
 
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Outgoing {

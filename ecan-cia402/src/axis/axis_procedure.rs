@@ -10,12 +10,11 @@ use ecan_canopen::{
 use super::axis::Axis;
 use super::axis_state::AxisState;
 use super::homing::{HomingState, HomingWatch};
-use super::phase::AxisError;
-use super::power::PowerGoal;
+use super::power::{PowerGoal, StopCause};
 use super::procedure::{Procedure, Stage};
 use super::script::{Script, axis_script, mode_steps};
-use super::stop::StopCause;
-use super::verification::{RETRY_NS, Verification};
+use super::setup::{RETRY_NS, Verification};
+use super::status::AxisError;
 use crate::guard::terms::GuardState;
 
 /// Steps that compare a PDO mapping with its entries.

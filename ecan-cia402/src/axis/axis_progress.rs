@@ -2,17 +2,18 @@
 
 use std::time::Duration;
 
-use crate::guard::terms::GuardState;
+use ecan_canopen::{Network, OperatingMode, Statusword};
 
 use super::axis::Axis;
 use super::axis_state::AxisState;
 use super::homing::HomingState;
-use super::phase::{AxisPhase, AxisProgress};
-use super::power::PowerGoal;
+use super::power::{PowerGoal, StopCause};
 use super::procedure::Stage;
 use super::setup::SetupState;
-use super::stop::StopCause;
+use super::status::{AxisErrorKind, AxisPhase, AxisProgress, AxisStatus};
 use super::takeover::TakeoverState;
+use super::units::Scale;
+use crate::guard::terms::{Decision, GuardState, HoldReason};
 
 impl Axis {
     /// Returns the target of an axis that is running as before.
@@ -119,6 +120,58 @@ impl Axis {
                 _ => None,
             },
             error: self.error,
+        }
+    }
+
+    /// Returns whether a drive with its own trajectory has reached its target.
+    pub(crate) fn is_target_reached(&self) -> bool {
+        let is_rejected = matches!(self.decision, Decision::Reject(_));
+        if self.targets.requested.is_some_and(|new| self.target() != Some(new)) && !is_rejected {
+            return false;
+        }
+        let has_taken = match self.mode {
+            OperatingMode::ProfilePosition => {
+                self.target().is_some_and(|target| self.set_point.has_taken(target))
+            }
+            mode => !mode.is_cyclic() && self.target().is_some(),
+        };
+        has_taken && self.drive.has(Statusword::TARGET_REACHED)
+    }
+
+    pub(crate) fn hold_reason(&self) -> Option<HoldReason> {
+        match self.guard.state() {
+            GuardState::Holding { reason } => Some(reason),
+            _ => None,
+        }
+    }
+
+    pub(crate) fn status(&self, network: &Network, now_ns: u64) -> AxisStatus {
+        AxisStatus {
+            address: self.config.address,
+            phase: self.phase,
+            elapsed: Duration::from_nanos(now_ns.saturating_sub(self.phase_since_ns)),
+            error: self.error.map(AxisErrorKind::from),
+            mode: self.mode,
+            statusword: self.drive.statusword,
+            error_code: self.error_code(network),
+            nmt_state: network.nmt_state(self.node),
+            heartbeat: network.heartbeat(self.node),
+            actual: self.guard.actual(),
+            actual_age: self.guard.actual_age(),
+            target: self.target(),
+            inputs: self.further.inputs,
+            feed_forward: self.further.feed_forward.last(),
+            decision: self.decision,
+            hold_reason: self.hold_reason(),
+            stop_cause: self.state.stop().map(|stop| stop.cause),
+            is_configured: self.setup.is_complete(),
+            is_running: self.follows_application(),
+            is_at_rest: self.is_at_rest(),
+            is_target_reached: self.is_target_reached(),
+            is_stopped: self.is_stopped(now_ns),
+            is_recovering: self.recovery.is_some(),
+            scale: Scale::of_parts(self.config.scale.parts()),
+            range: self.config.range,
         }
     }
 }

@@ -4,10 +4,10 @@ use ecan_canopen::Network;
 
 use super::axis::Axis;
 use super::axis_state::AxisState;
-use super::phase::AxisError;
 use super::power::FaultReset;
 use super::recovery::Recovery;
 use super::setup::SetupState;
+use super::status::AxisError;
 
 /// Most attempts to enable: a hold on the path may occur again while the bus comes back.
 const ENABLE_ATTEMPTS: u8 = 3;

@@ -9,16 +9,15 @@ use ecan_canopen::{
 
 use super::axis::Axis;
 use super::axis_state::AxisState;
-use super::drive_limits::DriveLimits;
-use super::drive_units::{DriveUnits, ScaleFinding, ScaleSource};
 use super::host_loss::StopOptions;
-use super::input_object::AxisInputs;
-use super::node_axis::axis_index;
-use super::phase::AxisError;
-use super::setup::SetupState;
-use super::stop::StopCause;
+use super::limits::DriveLimits;
+use super::pdo_layout::AxisInputs;
+use super::power::StopCause;
+use super::script::axis_index;
+use super::setup::{SetupState, Verification};
+use super::status::AxisError;
 use super::takeover::TakeoverState;
-use super::verification::Verification;
+use super::units::{DriveUnits, ScaleFinding, ScaleSource};
 
 impl Axis {
     /// Prepares the steps of the configuration of the axes of its node, so that executing them does not

@@ -2,16 +2,15 @@
 
 use ecan_canopen::{Controlword, DriveState};
 
-use super::power::{FaultReset, PowerGoal};
+use super::power::{FaultReset, PowerGoal, Stop, StopCause};
 use super::script::Script;
-use super::stop::{Stop, StopCause};
 
 /// State of an axis: the command that its drive executes.
 ///
 /// In parallel with it, the [`SetupState`](super::setup::SetupState) states how much of the drive's
 /// configuration is known, the [`TakeoverState`](super::takeover::TakeoverState) what is known about
 /// a drive at the first contact, the [`MotionGuard`](super::MotionGuard) decides about targets, the
-/// [`Verification`](super::verification::Verification) checks the configuration after a connection
+/// [`Verification`](super::setup::Verification) checks the configuration after a connection
 /// loss, and a [`Procedure`](super::procedure::Procedure) (mode change or homing) issues commands
 /// as the application does.
 ///
@@ -142,7 +141,7 @@ impl AxisState {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::guard::input::HoldReason;
+    use crate::guard::terms::HoldReason;
     use ecan_canopen::Command;
 
     const HELD: StopCause = StopCause::Held(HoldReason::BusOff);

@@ -6,8 +6,8 @@ use ecan_canopen::{Configuring, DriveState, Network};
 
 use super::axis::Axis;
 use super::axis_state::AxisState;
-use super::phase::AxisError;
-use super::stop::StopCause;
+use super::power::StopCause;
+use super::status::AxisError;
 
 impl Axis {
     /// One step of everything that continues over cycles. Call once per cycle, after

@@ -7,13 +7,11 @@ use ecan_canopen::{Controlword, Network, Statusword, object};
 use super::axis::Axis;
 use super::axis_state::AxisState;
 use super::drive_poll::Round;
-use super::drive_status::is_energised;
-use super::phase::AxisError;
-use super::rest::REST_NS;
-use super::setup::SetupState;
-use super::stop::{DISABLE_NS, StopCause};
+use super::drive_status::{REST_NS, is_energised};
+use super::power::{DISABLE_NS, StopCause};
+use super::setup::{SetupState, Verification};
+use super::status::AxisError;
 use super::takeover::{ADOPT_NS, Inspection, Takeover, TakeoverState};
-use super::verification::Verification;
 
 /// Attempts without an answer after which a drive counts as absent or gone: 800 ms.
 const GONE_ATTEMPTS: u32 = 4;

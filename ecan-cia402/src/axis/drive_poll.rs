@@ -5,7 +5,7 @@ use ecan_canopen::{
     StepFault, object,
 };
 
-use super::node_axis::first_index;
+use super::script::first_index;
 use super::script::{Script, axis_script};
 
 /// Time for an answer before the request is repeated. A drive that was unreachable receives its stop

@@ -1,12 +1,9 @@
 //! One axis: configuration, state machine, targets, procedures.
 
-mod answer_watch;
 #[expect(clippy::module_inception, reason = "a file has the name of its main type")]
 pub(crate) mod axis;
 pub(crate) mod axis_cycle;
-pub(crate) mod axis_fault;
 mod axis_feed_forward;
-mod axis_limits;
 pub(crate) mod axis_path;
 mod axis_procedure;
 mod axis_progress;
@@ -15,63 +12,42 @@ mod axis_setup;
 pub(crate) mod axis_state;
 mod axis_step;
 mod axis_stop;
-pub(crate) mod command_error;
 pub(crate) mod config;
-pub(crate) mod drive_config;
-pub(crate) mod drive_limits;
 mod drive_poll;
 mod drive_status;
-pub(crate) mod drive_units;
-pub(crate) mod further_data;
+pub(crate) mod error;
 pub(crate) mod homing;
 pub(crate) mod host_loss;
-pub(crate) mod input_object;
-pub(crate) mod interpolation_time;
-pub(crate) mod motion_limits;
-pub(crate) mod node_axis;
-pub(crate) mod node_share;
-pub(crate) mod output_object;
-pub(crate) mod path_share;
-mod pdo_cob_ids;
+pub(crate) mod limits;
 pub(crate) mod pdo_layout;
-pub(crate) mod phase;
-mod power;
+pub(crate) mod power;
 mod procedure;
+pub(crate) mod process_data;
 pub(crate) mod ramp;
 mod recovery;
-mod rest;
 mod script;
-mod set_point;
 pub(crate) mod setup;
 pub(crate) mod setup_steps;
-pub(crate) mod statistics;
 pub(crate) mod status;
-pub(crate) mod stop;
 pub(crate) mod takeover;
+mod target_path;
 pub(crate) mod target_period;
 pub(crate) mod target_source;
-mod target_tickets;
-pub(crate) mod touch_probe;
 pub(crate) mod units;
-mod verification;
 
-pub use axis_fault::AxisFault;
-pub use command_error::CommandError;
-pub use config::AxisConfig;
-pub use drive_config::{DriveConfig, NodeReset, VlConfig};
-pub use drive_limits::DriveLimits;
-pub use drive_units::{DriveUnits, ScaleFinding, ScaleSource};
+pub use config::{AxisConfig, DriveConfig, NodeReset, PdoCobIds, VlConfig};
+pub use error::{AxisFault, CommandError};
 pub use homing::{HomingConfig, HomingState};
 pub use host_loss::{HostLoss, HostLossReaction, HostWatch, StopOptions, StopRamp};
-pub use input_object::{AxisInputs, InputObject};
-pub use motion_limits::{MotionLimit, MotionLimits};
-pub use output_object::{OutputObject, OutputValues};
-pub use pdo_cob_ids::PdoCobIds;
-pub use pdo_layout::{Feedback, PdoLayout, RpdoBytes, TargetObject};
-pub use phase::{AxisError, AxisPhase, AxisProgress};
-pub use statistics::AxisStatistics;
-pub use status::{AxisErrorKind, AxisStatus};
-pub use stop::StopCause;
+pub use limits::DriveLimits;
+pub use pdo_layout::{
+    AxisInputs, Feedback, InputObject, OutputObject, OutputValues, PdoLayout, RpdoBytes,
+    TargetObject,
+};
+pub use power::StopCause;
+pub use process_data::ProbeState;
+pub use status::{AxisError, AxisErrorKind, AxisPhase, AxisProgress, AxisStatistics, AxisStatus};
 pub use takeover::Takeover;
-pub use touch_probe::ProbeState;
-pub use units::{Scale, UnitError};
+pub use units::{
+    DriveUnits, MotionLimit, MotionLimits, Scale, ScaleFinding, ScaleSource, UnitError,
+};

@@ -2,9 +2,7 @@
 
 use ecan_canopen::{Controlword, MappingEntry, OperatingMode, Statusword, object};
 
-use super::input_object::{AxisInputs, InputObject};
-use super::node_axis::axis_index;
-use super::output_object::{OutputObject, OutputValues};
+use super::script::axis_index;
 
 /// Most bytes of a PDO on classic CAN.
 const MAX_BYTES: usize = 8;
@@ -323,6 +321,212 @@ fn fill(to: &mut [u8], from: &[u8]) -> usize {
     from.len()
 }
 
+ecan_protocol::text_enum! {
+    /// Object that the TPDOs of an axis carry, beyond statusword and actual position, see
+    /// [`AxisConfig::inputs`](crate::AxisConfig::inputs).
+    pub enum InputObject: u8;
+    /// Actual velocity 0x606C, I32, in units of the drive's velocity.
+    Velocity = 0, "actual velocity 0x606C";
+    /// Actual torque 0x6077, I16, in thousandths of the rated torque.
+    Torque = 1, "actual torque 0x6077";
+    /// Error code 0x603F, U16.
+    ErrorCode = 2, "error code 0x603F";
+    /// Digital inputs 0x60FD, U32.
+    DigitalInputs = 3, "digital inputs 0x60FD";
+    /// Mode display 0x6061, I8.
+    ModeDisplay = 4, "mode display 0x6061";
+    /// Following error 0x60F4 by the drive, I32, in steps.
+    FollowingError = 5, "following error 0x60F4";
+    /// Touch probe status 0x60B9, U16.
+    ProbeStatus = 6, "touch probe status 0x60B9";
+    /// Position at the positive edge of touch probe 1, 0x60BA, I32, in steps.
+    Probe1Positive = 7, "touch probe 1 position 0x60BA";
+    /// Position at the negative edge of touch probe 1, 0x60BB, I32, in steps.
+    Probe1Negative = 8, "touch probe 1 position 0x60BB";
+    /// Position at the positive edge of touch probe 2, 0x60BC, I32, in steps.
+    Probe2Positive = 9, "touch probe 2 position 0x60BC";
+    /// Position at the negative edge of touch probe 2, 0x60BD, I32, in steps.
+    Probe2Negative = 10, "touch probe 2 position 0x60BD";
+    /// Actual velocity of the velocity mode, 0x6044, I16.
+    VlVelocity = 11, "actual velocity 0x6044";
+}
+
+/// Number of the objects.
+const COUNT: usize = 12;
+
+impl InputObject {
+    /// Entry of a PDO mapping, of the first axis of a node.
+    pub fn entry(self) -> MappingEntry {
+        let (index, bits) = match self {
+            Self::Velocity => (object::VELOCITY_ACTUAL, 32),
+            Self::Torque => (object::TORQUE_ACTUAL, 16),
+            Self::ErrorCode => (object::ERROR_CODE, 16),
+            Self::DigitalInputs => (object::DIGITAL_INPUTS, 32),
+            Self::ModeDisplay => (object::MODE_DISPLAY, 8),
+            Self::FollowingError => (object::FOLLOWING_ERROR, 32),
+            Self::ProbeStatus => (object::PROBE_STATUS, 16),
+            Self::Probe1Positive => (object::PROBE_1_POSITIVE, 32),
+            Self::Probe1Negative => (object::PROBE_1_NEGATIVE, 32),
+            Self::Probe2Positive => (object::PROBE_2_POSITIVE, 32),
+            Self::Probe2Negative => (object::PROBE_2_NEGATIVE, 32),
+            Self::VlVelocity => (object::VL_VELOCITY_ACTUAL, 16),
+        };
+        MappingEntry::new(index, 0, bits)
+    }
+
+    /// The value of these bits, with the sign of the object's type.
+    fn value(self, raw: u32) -> i32 {
+        match self {
+            Self::Torque | Self::VlVelocity => (raw as u16).cast_signed().into(),
+            Self::ErrorCode | Self::ProbeStatus => (raw as u16).into(),
+            Self::ModeDisplay => (raw as u8).cast_signed().into(),
+            _ => raw.cast_signed(),
+        }
+    }
+}
+
+/// Values of the last TPDOs of a drive. A value is `None` if its object is not in
+/// [`AxisConfig::inputs`](crate::AxisConfig::inputs), or if no TPDO with it has arrived since the
+/// configuration.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct AxisInputs {
+    values: [i32; COUNT],
+    /// A bit per object.
+    present: u16,
+}
+
+impl AxisInputs {
+    pub(crate) fn set(&mut self, object: InputObject, raw: u32) {
+        let nth = usize::from(object.raw());
+        if let Some(value) = self.values.get_mut(nth) {
+            *value = object.value(raw);
+            self.present |= 1 << nth;
+        }
+    }
+
+    /// Value of an object; an unsigned one of 32 bits has the bits of the number. Real-time safe.
+    pub fn get(&self, object: InputObject) -> Option<i32> {
+        let nth = usize::from(object.raw());
+        self.values.get(nth).copied().filter(|_| self.present & 1 << nth != 0)
+    }
+
+    /// Actual velocity 0x606C, in units of the drive's velocity.
+    pub fn velocity(&self) -> Option<i32> {
+        self.get(InputObject::Velocity)
+    }
+
+    /// Actual torque 0x6077, in thousandths of the rated torque.
+    pub fn torque(&self) -> Option<i32> {
+        self.get(InputObject::Torque)
+    }
+
+    /// Error code 0x603F.
+    pub fn error_code(&self) -> Option<u16> {
+        self.get(InputObject::ErrorCode).map(|value| value as u16)
+    }
+
+    /// Digital inputs 0x60FD.
+    pub fn digital_inputs(&self) -> Option<u32> {
+        self.get(InputObject::DigitalInputs).map(i32::cast_unsigned)
+    }
+
+    /// Mode display 0x6061, as the drive reports it.
+    pub fn mode_display(&self) -> Option<i8> {
+        self.get(InputObject::ModeDisplay).map(|value| value as i8)
+    }
+
+    /// Following error 0x60F4 by the drive, in steps.
+    pub fn following_error(&self) -> Option<i32> {
+        self.get(InputObject::FollowingError)
+    }
+
+    /// Touch probe status 0x60B9.
+    pub fn probe_status(&self) -> Option<u16> {
+        self.get(InputObject::ProbeStatus).map(|value| value as u16)
+    }
+
+    /// Values and presence as words of a snapshot.
+    pub(crate) fn parts(&self) -> (&[i32; COUNT], u16) {
+        (&self.values, self.present)
+    }
+
+    pub(crate) fn of_parts(values: [i32; COUNT], present: u16) -> Self {
+        Self { values, present }
+    }
+}
+
+ecan_protocol::text_enum! {
+    /// Object that the RPDOs of an axis carry, beyond controlword and target, see
+    /// [`AxisConfig::outputs`](crate::AxisConfig::outputs).
+    pub enum OutputObject: u8;
+    /// Velocity offset 0x60B1, I32, in units of the drive's velocity: feed-forward in CSP.
+    VelocityOffset = 0, "velocity offset 0x60B1";
+    /// Torque offset 0x60B2, I16, in thousandths of the rated torque: feed-forward in CSP and CSV.
+    TorqueOffset = 1, "torque offset 0x60B2";
+    /// Touch probe function 0x60B8, U16.
+    ProbeFunction = 2, "touch probe function 0x60B8";
+    /// Digital outputs 0x60FE:01, U32. The configuration writes the mask 0x60FE:02.
+    DigitalOutputs = 3, "digital outputs 0x60FE:01";
+    /// Mode of operation 0x6060, I8: the mode of the axis. It is in the RPDO of the controlword.
+    Mode = 4, "mode of operation 0x6060";
+}
+
+impl OutputObject {
+    /// Entry of a PDO mapping, of the first axis of a node.
+    pub fn entry(self) -> MappingEntry {
+        match self {
+            Self::VelocityOffset => MappingEntry::new(object::VELOCITY_OFFSET, 0, 32),
+            Self::TorqueOffset => MappingEntry::new(object::TORQUE_OFFSET, 0, 16),
+            Self::ProbeFunction => MappingEntry::new(object::PROBE_FUNCTION, 0, 16),
+            Self::DigitalOutputs => MappingEntry::new(object::DIGITAL_OUTPUTS, 1, 32),
+            Self::Mode => MappingEntry::new(object::MODE_OF_OPERATION, 0, 8),
+        }
+    }
+
+    /// Returns whether a drive uses the object in a mode.
+    pub fn serves(self, mode: OperatingMode) -> bool {
+        match self {
+            Self::VelocityOffset => mode == OperatingMode::CyclicPosition,
+            Self::TorqueOffset => {
+                matches!(mode, OperatingMode::CyclicPosition | OperatingMode::CyclicVelocity)
+            }
+            Self::ProbeFunction | Self::DigitalOutputs | Self::Mode => true,
+        }
+    }
+
+    /// Returns whether the object is a feed-forward.
+    pub fn is_feed_forward(self) -> bool {
+        matches!(self, Self::VelocityOffset | Self::TorqueOffset)
+    }
+}
+
+/// Values of the RPDOs after the first.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct OutputValues {
+    /// Velocity offset 0x60B1.
+    pub velocity_offset: i32,
+    /// Torque offset 0x60B2.
+    pub torque_offset: i16,
+    /// Touch probe function 0x60B8.
+    pub probe_function: u16,
+    /// Digital outputs 0x60FE:01.
+    pub digital_outputs: u32,
+}
+
+impl OutputValues {
+    /// Bytes of an object, little-endian; the first ones count.
+    pub(crate) fn bytes(&self, object: OutputObject) -> [u8; 4] {
+        match object {
+            OutputObject::VelocityOffset => self.velocity_offset.to_le_bytes(),
+            OutputObject::TorqueOffset => i32::from(self.torque_offset).to_le_bytes(),
+            OutputObject::ProbeFunction => u32::from(self.probe_function).to_le_bytes(),
+            OutputObject::DigitalOutputs => self.digital_outputs.to_le_bytes(),
+            // In the first RPDO, by the mode of the axis.
+            OutputObject::Mode => [0; 4],
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -419,5 +623,22 @@ mod tests {
         for length in 0..6 {
             assert_eq!(PdoLayout::default().decode(&data[..length]), None);
         }
+    }
+
+    #[test]
+    fn values_have_the_sign_of_their_type() {
+        assert_eq!(InputObject::ALL.len(), COUNT);
+        let mut inputs = AxisInputs::default();
+        assert!(InputObject::ALL.iter().all(|object| inputs.get(*object).is_none()));
+        for &object in InputObject::ALL {
+            inputs.set(object, 0xFFFF_FFFE);
+        }
+        assert_eq!((inputs.velocity(), inputs.torque()), (Some(-2), Some(-2)));
+        assert_eq!((inputs.error_code(), inputs.probe_status()), (Some(0xFFFE), Some(0xFFFE)));
+        assert_eq!(inputs.digital_inputs(), Some(0xFFFF_FFFE));
+        assert_eq!(inputs.mode_display(), Some(-2));
+        assert_eq!(inputs.get(InputObject::VlVelocity), Some(-2));
+        let (values, present) = inputs.parts();
+        assert_eq!(AxisInputs::of_parts(*values, present), inputs);
     }
 }

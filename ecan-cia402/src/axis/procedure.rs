@@ -5,9 +5,9 @@ use std::time::Duration;
 use ecan_canopen::OperatingMode;
 
 use super::homing::{HomingConfig, HomingWatch};
-use super::phase::AxisError;
 use super::script::{Script, axis_script, mode_steps};
-use crate::guard::input::HoldReason;
+use super::status::AxisError;
+use crate::guard::terms::HoldReason;
 
 /// Stages of a mode change and of homing, in order. The mode is only changed while the drive is
 /// not enabled: an enabled drive would go from the target of one mode to an old one of the other.

@@ -7,14 +7,14 @@ use ecan_canopen::{
 };
 
 use super::config::{AxisConfig, LAST_PDO};
-use super::drive_config::{DriveConfig, NodeReset};
-use super::drive_limits::DriveLimits;
-use super::drive_units::{DriveUnits, ScaleSource};
+use super::config::{DriveConfig, NodeReset};
 use super::host_loss::StopOptions;
-use super::interpolation_time::interpolation_time;
-use super::node_axis::axis_step;
-use super::output_object::OutputObject;
+use super::limits::DriveLimits;
+use super::pdo_layout::OutputObject;
 use super::pdo_layout::TargetObject;
+use super::script::axis_step;
+use super::target_period::interpolation_time;
+use super::units::{DriveUnits, ScaleSource};
 
 /// Device profile of a drive in the low half of the device type.
 const PROFILE_402: Expectation = Expectation::Masked { value: 402, mask: 0xFFFF };

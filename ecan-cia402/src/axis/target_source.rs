@@ -1,6 +1,5 @@
 //! Source of the targets of an axis: the application, or the host's own ramp.
 
-use super::path_share::PathShare;
 use super::ramp::{FRACTION_BITS, Profile, Ramp, RampLimits};
 use crate::guard::feed_forward::FeedForward;
 use crate::guard::terms::{GuardLimits, TargetKind};
@@ -214,10 +213,30 @@ impl TargetSource {
     }
 }
 
+/// Binary places of the profile that the axes have in common: its rate at the call is 2^44 units.
+pub(crate) const ONE_BITS: u32 = 44;
+
+/// Part of an axis in a stop on the path.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct PathShare {
+    /// Rate of the axis at the call, in units.
+    pub(crate) rate: i128,
+    /// Rate of the common profile in this cycle; `None` if no axis moves in it.
+    pub(crate) step: Option<Profile>,
+}
+
+impl PathShare {
+    /// The profile of the axis at one of the common profile.
+    pub(crate) fn of(&self, common: Profile) -> Profile {
+        let share = |common: i128| (self.rate * common) >> ONE_BITS;
+        Profile { rate: share(common.rate), change: share(common.change) }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::guard::position_range::PositionRange;
+    use crate::guard::terms::PositionRange;
 
     const ONE: i128 = 1 << FRACTION_BITS;
 

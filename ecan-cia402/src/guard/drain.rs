@@ -4,7 +4,7 @@
 //! more frames wait than were confirmed *after* the last target, the target is not among them.
 //! That needs no pause of the channel: SYNC, SDO and heartbeats may go on.
 
-use super::input::{ChannelView, PathStatus};
+use super::terms::{ChannelView, PathStatus};
 
 /// Value at which the gateway's count of waiting frames saturates.
 const SATURATED: u8 = 7;

@@ -12,7 +12,7 @@ use ecan_mcan_port::{ChannelStatistics, CycleReport, ImageReport, Port, Transmit
 use ecan_protocol::image::{ChannelState, ChannelStatus, ImageFault};
 use ecan_protocol::mapping::CHANNELS;
 
-use super::input::{Actual, ChannelView, PathStatus, PositionUnavailable};
+use super::terms::{Actual, ChannelView, PathStatus, PositionUnavailable};
 
 /// Value at which the count of waiting frames in a channel's status saturates (manual 7).
 const SATURATED: u8 = 7;

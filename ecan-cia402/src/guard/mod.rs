@@ -3,22 +3,19 @@
 mod drain;
 pub(crate) mod feed_forward;
 pub(crate) mod gateway_watch;
-pub(crate) mod input;
 pub(crate) mod motion_guard;
-pub(crate) mod position_range;
 pub(crate) mod terms;
 
 pub use feed_forward::{FeedForward, FeedForwardGuard, FeedForwardLimits};
-pub use input::{
-    Actual, ChannelView, DriveView, GuardInput, HoldReason, PathStatus, PositionUnavailable,
-};
 pub use motion_guard::MotionGuard;
-pub use position_range::PositionRange;
-pub use terms::{Decision, GuardLimits, GuardState, TargetKind, TargetRejection, WaitReason};
+pub use terms::{
+    Actual, ChannelView, Decision, DriveView, GuardInput, GuardLimits, GuardState, HoldReason,
+    PathStatus, PositionRange, PositionUnavailable, TargetKind, TargetRejection, WaitReason,
+};
 
 #[cfg(test)]
-mod path_model;
+mod motion_guard_tests;
 #[cfg(test)]
-mod properties;
+mod path_model_tests;
 #[cfg(test)]
-mod tests;
+mod property_tests;

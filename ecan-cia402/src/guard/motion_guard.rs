@@ -3,9 +3,10 @@
 use ecan_canopen::DriveState;
 
 use super::drain::Drain;
-use super::input::{Actual, ChannelView, GuardInput, HoldReason, PositionUnavailable};
-use super::position_range::PositionRange;
-use super::terms::{Decision, GuardLimits, GuardState, TargetKind, TargetRejection, WaitReason};
+use super::terms::{
+    Actual, ChannelView, Decision, GuardInput, GuardLimits, GuardState, HoldReason, PositionRange,
+    PositionUnavailable, TargetKind, TargetRejection, WaitReason,
+};
 
 /// Positions at rest before the one that ends `Reading`. Each may be one cycle older than it could
 /// be.

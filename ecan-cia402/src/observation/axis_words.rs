@@ -7,12 +7,11 @@ use ecan_canopen::{Network, NodeAddress, NodeId, NodeStatus, OperatingMode, Stat
 use super::codes;
 use crate::axis::axis::Axis;
 use crate::axis::config::AxisConfig;
-use crate::axis::input_object::AxisInputs;
+use crate::axis::pdo_layout::AxisInputs;
 use crate::axis::status::{AxisErrorKind, AxisStatus};
 use crate::axis::units::Scale;
 use crate::guard::feed_forward::FeedForward;
-use crate::guard::position_range::PositionRange;
-use crate::guard::terms::{Decision, TargetRejection};
+use crate::guard::terms::{Decision, PositionRange, TargetRejection};
 
 /// Words that do not change: address, scale and range.
 pub(super) const FIXED_WORDS: usize = 4;

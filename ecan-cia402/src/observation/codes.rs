@@ -3,10 +3,9 @@
 use ecan_canopen::{DriveState, Heartbeat, NmtState, OperatingMode};
 
 use crate::axis::homing::HomingState;
-use crate::axis::phase::AxisPhase;
-use crate::axis::stop::StopCause;
-use crate::guard::input::{HoldReason, PositionUnavailable};
-use crate::guard::terms::{GuardState, WaitReason};
+use crate::axis::power::StopCause;
+use crate::axis::status::AxisPhase;
+use crate::guard::terms::{GuardState, HoldReason, PositionUnavailable, WaitReason};
 
 /// Number of "none" where 0 is a value.
 const NONE: u8 = 0xFF;

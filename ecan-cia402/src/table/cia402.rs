@@ -7,21 +7,19 @@ use ecan_host::QuickStops;
 use ecan_mcan_port::{NotSchedulable, Port, SendOptions};
 use ecan_protocol::image::Schedule;
 
-use super::axis_owner::STOP_TIME;
-use super::check::checked;
 use super::error::{Cia402Error, ScheduleError};
 use super::load::{BusLoad, process_data};
 use super::lookup::AxisLookup;
 use super::path_stop::{PathProfile, PathStop};
 use super::shared_node::SharedNode;
-use super::shutdown::{Shutdown, ShutdownDeadline};
-use super::table_config::{Cia402Config, target_cycles};
+use super::shutdown::{STOP_TIME, Shutdown, ShutdownDeadline};
+use super::table_config::{Cia402Config, checked, target_cycles};
 use crate::axis::axis::Axis;
-use crate::axis::command_error::CommandError;
 use crate::axis::config::AxisConfig;
-use crate::axis::interpolation_time::interpolation_time;
+use crate::axis::error::CommandError;
 use crate::axis::setup_steps::{self, BusConfig};
 use crate::axis::target_period::TargetPeriod;
+use crate::axis::target_period::interpolation_time;
 use crate::guard::gateway_watch::GatewayWatch;
 use crate::observation;
 

@@ -11,7 +11,7 @@ use super::lookup::AxisLookup;
 use crate::axis::axis::Axis;
 use crate::axis::axis_cycle::TargetTurn;
 use crate::axis::pdo_layout::RpdoBytes;
-use crate::axis::stop::StopCause;
+use crate::axis::power::StopCause;
 use crate::guard::gateway_watch::GatewayWatch;
 use crate::guard::terms::{Decision, WaitReason};
 use crate::observation::AxesWriter;

@@ -8,9 +8,9 @@ use ecan_host::CycleError;
 use ecan_mcan_port::NotSchedulable;
 use thiserror::Error;
 
-use crate::axis::axis_fault::AxisFault;
-use crate::axis::command_error::CommandError;
-use crate::axis::phase::AxisProgress;
+use crate::axis::error::AxisFault;
+use crate::axis::error::CommandError;
+use crate::axis::status::AxisProgress;
 
 /// Reason for which targets or SYNC cannot be scheduled at a phase of Sync0.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]

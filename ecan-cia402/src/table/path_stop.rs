@@ -3,8 +3,8 @@
 use std::fmt;
 
 use crate::axis::axis::Axis;
-use crate::axis::path_share::ONE_BITS;
 use crate::axis::ramp::{Profile, RampLimits};
+use crate::axis::target_source::ONE_BITS;
 
 /// Rate of the common profile at the call.
 const ONE: i128 = 1 << ONE_BITS;

@@ -3,9 +3,8 @@
 use ecan_canopen::Network;
 
 use crate::axis::axis::Axis;
-use crate::axis::node_share::NodeShare;
-use crate::axis::phase::AxisError;
-use crate::axis::setup::SetupState;
+use crate::axis::setup::{NodeShare, SetupState};
+use crate::axis::status::AxisError;
 
 /// A node with several axes in the table.
 #[derive(Debug)]

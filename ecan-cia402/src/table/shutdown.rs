@@ -7,7 +7,10 @@ use ecan_canopen::{Network, NmtCommand};
 
 use crate::axis::axis::Axis;
 use crate::axis::axis_state::AxisState;
-use crate::axis::stop::StopCause;
+use crate::axis::power::StopCause;
+
+/// Default of [`Cia402::stop_time`].
+pub(super) const STOP_TIME: Duration = Duration::from_secs(10);
 
 /// Longest time of a stage; then the next one begins.
 const REST_NS: u64 = 5_000_000_000;

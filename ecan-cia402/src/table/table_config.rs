@@ -1,10 +1,20 @@
-//! Configuration that all axes share.
+//! Configuration of a table of axes, and its check.
 
+use std::ops::Range;
 use std::time::Duration;
 
 use ecan_canopen::{HostHeartbeat, NetworkConfig, NodeConfig, SyncConfig};
+use ecan_mcan_port::Port;
+use ecan_protocol::can::CanId;
+use ecan_protocol::config::TxMode;
+use ecan_protocol::mapping::{CHANNELS, Direction};
 
+use super::error::AxisFaults;
+use crate::axis::config::AxisConfig;
+use crate::axis::error::AxisFault;
+use crate::axis::ramp::RampLimits;
 use crate::axis::takeover::Takeover;
+use crate::axis::target_period::interpolation_time;
 
 /// Configuration that all axes of a bus share.
 #[derive(Debug, Clone, PartialEq)]
@@ -49,6 +59,144 @@ impl Default for Cia402Config {
             sync: SyncConfig::default(),
             motion_div: 1,
             takeover: Takeover::default(),
+        }
+    }
+}
+
+/// Faults of axes on a Port, each with the index of its axis in the table, in this order.
+///
+/// [`Cia402::new`](super::Cia402::new) rejects a table with any of them.
+pub fn axis_faults<'a>(
+    port: &Port,
+    axes: impl IntoIterator<Item = (usize, &'a AxisConfig)>,
+    config: &Cia402Config,
+) -> Vec<(usize, AxisFault)> {
+    let mut faults = Vec::new();
+    examine(port, axes, config, &mut faults);
+    faults
+}
+
+/// The axes with their limits in increments of a target period.
+pub(super) fn checked(
+    port: &Port,
+    axes: Vec<AxisConfig>,
+    config: &Cia402Config,
+) -> Result<Vec<(AxisConfig, RampLimits)>, AxisFaults> {
+    let mut faults = Vec::new();
+    let axes = examine(port, axes.iter().enumerate(), config, &mut faults);
+    if faults.is_empty() { Ok(axes) } else { Err(AxisFaults { faults }) }
+}
+
+fn examine<'a>(
+    port: &Port,
+    axes: impl IntoIterator<Item = (usize, &'a AxisConfig)>,
+    config: &Cia402Config,
+    faults: &mut Vec<(usize, AxisFault)>,
+) -> Vec<(AxisConfig, RampLimits)> {
+    let cycle_ns = u64::from(port.adapter().config().cycle_ns());
+    let period_ns = cycle_ns * u64::from(config.target_cycles());
+    let has_period = interpolation_time(period_ns).is_some();
+    let mut earlier: Vec<(usize, &AxisConfig)> = Vec::new();
+    let mut limited = Vec::new();
+    for (index, axis) in axes {
+        let before = faults.len();
+        let mut report = |fault| faults.push((index, fault));
+        axis.check(&mut report);
+        if axis.needs_interpolation_time() && !has_period {
+            report(AxisFault::TargetPeriod { period_ns });
+        }
+        check_address(port, axis, &mut report);
+        axis_conflicts(axis, &earlier, &mut report);
+        let address = axis.address;
+        if config.network.host_heartbeat.is_some_and(|host| host.node == address.node) {
+            report(AxisFault::HostNode { address });
+        }
+        earlier.push((index, axis));
+        // The increments of faulty limits have no meaning.
+        if faults.len() == before {
+            let period = Duration::from_nanos(period_ns);
+            limited.push(axis.at_period(period, &mut |fault| faults.push((index, fault))));
+        }
+    }
+    limited
+}
+
+/// Reports the faults of an axis with earlier ones of its table, each with its index: the same axis of a
+/// node, different settings of a node, PDO numbers of a node and COB-IDs of a channel that are used twice.
+/// [`axis_faults`] reports these, too; for tools that have no Port.
+pub fn axis_conflicts(
+    axis: &AxisConfig,
+    earlier: &[(usize, &AxisConfig)],
+    report: &mut dyn FnMut(AxisFault),
+) {
+    let address = axis.address;
+    let of_node = || earlier.iter().filter(|(_, earlier)| earlier.address == address);
+    if let Some((other, _)) = of_node().find(|(_, it)| it.node_axis == axis.node_axis) {
+        report(AxisFault::SameNode { address, other: *other });
+    } else if let Some((other, _)) = of_node().find(|(_, it)| !it.shares_node_settings(axis)) {
+        report(AxisFault::NodeSettings { address, other: *other });
+    }
+    for (other, earlier) in earlier {
+        let channel = |axis: &AxisConfig| (axis.address.slave, axis.address.channel);
+        if channel(earlier) == channel(axis)
+            && (earlier.address, earlier.node_axis) != (address, axis.node_axis)
+            && let Some(cob_id) = pdo_ids(axis).find(|id| pdo_ids(earlier).any(|it| it == *id))
+        {
+            return report(AxisFault::SameCobId { cob_id, other: *other });
+        }
+    }
+    for (other, earlier) in of_node().filter(|(_, it)| it.node_axis != axis.node_axis) {
+        if let Some(number) = first_common(rpdos(axis), rpdos(earlier))
+            .or_else(|| first_common(tpdos(axis), tpdos(earlier)))
+        {
+            return report(AxisFault::SamePdo { number, other: *other });
+        }
+    }
+}
+
+/// Numbers of the RPDOs of an axis, from the first to one beyond the last.
+fn rpdos(axis: &AxisConfig) -> Range<usize> {
+    let first = usize::from(axis.pdo_number);
+    first..first + axis.layout().rpdo_count()
+}
+
+/// As [`rpdos`], of the TPDOs.
+fn tpdos(axis: &AxisConfig) -> Range<usize> {
+    let first = usize::from(axis.pdo_number);
+    first..first + axis.layout().tpdo_count()
+}
+
+fn first_common(one: Range<usize>, other: Range<usize>) -> Option<u16> {
+    let first = one.start.max(other.start);
+    let is_common = first < one.end.min(other.end);
+    u16::try_from(first).ok().filter(|_| is_common)
+}
+
+/// CAN IDs of the PDOs of an axis.
+fn pdo_ids(axis: &AxisConfig) -> impl Iterator<Item = CanId> + '_ {
+    let layout = axis.layout();
+    let received = (0..layout.rpdo_count()).map(|nth| axis.rpdo_id(nth));
+    received.chain((0..layout.tpdo_count()).map(|nth| axis.tpdo_id(nth)))
+}
+
+/// Checks that the Port has the channel of an axis, in both directions and in order.
+fn check_address(port: &Port, axis: &AxisConfig, report: &mut impl FnMut(AxisFault)) {
+    let (slave, channel) = (axis.address.slave, axis.address.channel);
+    let Some(gateway) = port.config().gateways.get(slave) else {
+        return report(AxisFault::NoSuchSlave { slave, slaves: port.slave_count() });
+    };
+    if usize::from(channel) >= CHANNELS {
+        return;
+    }
+    let enabled = gateway.channels.get(usize::from(channel)).and_then(Option::as_ref);
+    match enabled.map(|enabled| enabled.can.ram.tx_mode) {
+        None => return report(AxisFault::ChannelNotEnabled { slave, channel }),
+        Some(TxMode::Queue) => report(AxisFault::TransmitQueue { slave, channel }),
+        Some(TxMode::Fifo) => {}
+    }
+    for direction in Direction::ALL {
+        if !gateway.carries(direction, channel) {
+            report(AxisFault::ChannelDirection { slave, channel, direction });
         }
     }
 }

@@ -10,9 +10,9 @@ use std::collections::VecDeque;
 use ecan_canopen::DriveState;
 use proptest::prelude::*;
 
-use super::input::{Actual, ChannelView, DriveView, GuardInput, PathStatus, PositionUnavailable};
 use super::motion_guard::MotionGuard;
-use super::position_range::PositionRange;
+use super::terms::PositionRange;
+use super::terms::{Actual, ChannelView, DriveView, GuardInput, PathStatus, PositionUnavailable};
 use super::terms::{Decision, GuardLimits, GuardState, TargetKind};
 
 const STEP: i32 = 50;

@@ -4,9 +4,9 @@
 use ecan_canopen::DriveState;
 use proptest::prelude::*;
 
-use super::input::{Actual, ChannelView, DriveView, GuardInput, PathStatus, PositionUnavailable};
 use super::motion_guard::MotionGuard;
-use super::position_range::PositionRange;
+use super::terms::PositionRange;
+use super::terms::{Actual, ChannelView, DriveView, GuardInput, PathStatus, PositionUnavailable};
 use super::terms::{Decision, GuardLimits, GuardState, TargetKind, WaitReason};
 
 /// What happens in one cycle.

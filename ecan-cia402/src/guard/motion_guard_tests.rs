@@ -2,11 +2,11 @@
 
 use ecan_canopen::DriveState;
 
-use super::input::{
+use super::motion_guard::MotionGuard;
+use super::terms::PositionRange;
+use super::terms::{
     Actual, ChannelView, DriveView, GuardInput, HoldReason, PathStatus, PositionUnavailable,
 };
-use super::motion_guard::MotionGuard;
-use super::position_range::PositionRange;
 use super::terms::{Decision, GuardLimits, GuardState, TargetKind, TargetRejection, WaitReason};
 
 const LIMITS: GuardLimits = GuardLimits {

@@ -1,4 +1,70 @@
-//! Answers of a drive to SYNC: missing ones show that targets may be lost.
+//! Path of a target to the drive.
+
+use ecan_canopen::Controlword;
+use ecan_mcan_port::SendTicket;
+
+/// Hands one position after the other to a drive in profile position mode.
+///
+/// The drive takes a position with the rising edge of controlword bit 4 and says so with
+/// statusword bit 12; only after both have fallen can the next be handed over.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct SetPoint {
+    /// The position that the drive has taken, or that needs no taking.
+    taken: Option<i32>,
+    /// Bit 4 is up with this position.
+    offered: Option<i32>,
+}
+
+impl SetPoint {
+    /// The drive stands at `position` and need not be told to go there.
+    pub fn start(&mut self, position: i32) {
+        *self = Self { taken: Some(position), offered: None };
+    }
+
+    /// The bits of the controlword and the target for this cycle. `acknowledged` is statusword
+    /// bit 12. Real-time safe.
+    pub fn step(&mut self, requested: i32, acknowledged: bool) -> (u16, i32) {
+        if let Some(offered) = self.offered {
+            if !acknowledged {
+                return (Controlword::MODE_4 | Controlword::MODE_5, offered);
+            }
+            self.taken = Some(offered);
+            self.offered = None;
+        } else if !acknowledged && self.taken != Some(requested) {
+            self.offered = Some(requested);
+            return (Controlword::MODE_4 | Controlword::MODE_5, requested);
+        }
+        (Controlword::MODE_5, self.taken.unwrap_or(requested))
+    }
+
+    /// Returns whether the drive has taken this position.
+    pub fn has_taken(&self, position: i32) -> bool {
+        self.taken == Some(position) && self.offered.is_none()
+    }
+}
+
+/// Most pending results; older ones are forgotten.
+const CAPACITY: usize = 8;
+
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct TargetTickets {
+    tickets: [Option<SendTicket>; CAPACITY],
+    next: usize,
+}
+
+impl TargetTickets {
+    pub(crate) fn insert(&mut self, ticket: SendTicket) {
+        if let Some(slot) = self.tickets.get_mut(self.next) {
+            *slot = Some(ticket);
+        }
+        self.next = (self.next + 1) % CAPACITY;
+    }
+
+    pub(crate) fn remove(&mut self, ticket: SendTicket) -> bool {
+        let slot = self.tickets.iter_mut().find(|slot| **slot == Some(ticket));
+        slot.is_some_and(|slot| slot.take().is_some())
+    }
+}
 
 /// SYNC periods without a TPDO after which the last target may be lost. With one, it may only be late.
 const MISSED_PERIODS: u32 = 2;
@@ -77,6 +143,33 @@ impl AnswerWatch {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    const UP: u16 = 0x30;
+    const DOWN: u16 = 0x20;
+
+    #[test]
+    fn position_is_offered_until_the_drive_accepts_it() {
+        let mut point = SetPoint::default();
+        point.start(5);
+        assert_eq!(point.step(5, false), (DOWN, 5), "it is there");
+        assert_eq!(point.step(900, false), (UP, 900));
+        assert_eq!(point.step(900, false), (UP, 900));
+        assert_eq!(point.step(900, true), (DOWN, 900));
+        assert_eq!(point.step(900, true), (DOWN, 900));
+        assert_eq!(point.step(900, false), (DOWN, 900));
+        assert!(point.has_taken(900));
+    }
+
+    #[test]
+    fn new_position_waits_for_the_handshake() {
+        let mut point = SetPoint::default();
+        point.start(0);
+        assert_eq!(point.step(100, false), (UP, 100));
+        assert_eq!(point.step(200, false), (UP, 100), "what is offered stays");
+        assert_eq!(point.step(200, true), (DOWN, 100));
+        assert_eq!(point.step(200, true), (DOWN, 100), "no edge while bit 12 is up");
+        assert_eq!(point.step(200, false), (UP, 200));
+    }
 
     fn after(answers: &[bool], cycles_per_sync: u32) -> AnswerWatch {
         let mut watch = AnswerWatch::default();
