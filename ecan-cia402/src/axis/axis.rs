@@ -10,7 +10,7 @@ use ecan_protocol::can::CanId;
 
 use super::axis_state::AxisState;
 use super::config::{AxisConfig, target_kind};
-use super::drive_poll::DrivePoll;
+use super::drive_status::DrivePoll;
 use super::drive_status::DriveStatus;
 use super::error::CommandError;
 use super::homing::HomingConfig;

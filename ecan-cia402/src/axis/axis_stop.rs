@@ -6,7 +6,7 @@ use ecan_canopen::{Controlword, Network, Statusword, object};
 
 use super::axis::Axis;
 use super::axis_state::AxisState;
-use super::drive_poll::Round;
+use super::drive_status::Round;
 use super::drive_status::{REST_NS, is_energised};
 use super::power::{DISABLE_NS, StopCause};
 use super::setup::{SetupState, Verification};

@@ -13,7 +13,6 @@ pub(crate) mod axis_state;
 mod axis_step;
 mod axis_stop;
 pub(crate) mod config;
-mod drive_poll;
 mod drive_status;
 pub(crate) mod error;
 pub(crate) mod homing;
