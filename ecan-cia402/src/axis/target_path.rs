@@ -5,7 +5,7 @@ use ecan_mcan_port::SendTicket;
 
 /// Hands one position after the other to a drive in profile position mode.
 ///
-/// The drive takes a position with the rising edge of controlword bit 4 and says so with
+/// The drive takes a position with the rising edge of controlword bit 4 and reports this by
 /// statusword bit 12; only after both have fallen can the next be handed over.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct SetPoint {

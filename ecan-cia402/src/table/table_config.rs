@@ -140,7 +140,8 @@ pub fn axis_conflicts(
         let channel = |axis: &AxisConfig| (axis.address.slave, axis.address.channel);
         if channel(earlier) == channel(axis)
             && (earlier.address, earlier.node_axis) != (address, axis.node_axis)
-            && let Some(cob_id) = pdo_ids(axis).find(|id| pdo_ids(earlier).any(|it| it == *id))
+            && let Some(cob_id) =
+                pdo_ids(axis).find(|id| pdo_ids(earlier).any(|other| other == *id))
         {
             return report(AxisFault::SameCobId { cob_id, other: *other });
         }
