@@ -293,7 +293,7 @@ mod tests {
         let faults = |cycle_us, watchdog_us| {
             let config = AdapterConfig::new(1).with_cycle(us(cycle_us));
             let checked = config.with_watchdog(us(watchdog_us)).check();
-            checked.err().map_or(Vec::new(), |it| it.0)
+            checked.err().map_or(Vec::new(), |faults| faults.0)
         };
         assert_eq!(faults(1_000, 2_000), []);
         assert_eq!(faults(1_000, 6_553_500), []);

@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use ecan_protocol::device::{AlState, AlStatusCode, Recognition, assumed_value};
 use ecan_protocol::mapping::{Direction, SyncManagerLayout};
-use ecan_protocol::object::{AbortCode, describe, lookup};
+use ecan_protocol::object::{AbortCode, describe};
 use ecan_protocol::sequence::Expectation;
 use ecrt_sys::Errno;
 use thiserror::Error;
@@ -15,6 +15,7 @@ use crate::config::{Faults, Identity};
 use crate::config_check::ConfigFault;
 use crate::exchange::{CycleError, Phase};
 use crate::master::OpenError;
+use crate::sdo_text::{contradicted_assumption, expected_text, is_missing, sdo_cause, value_text};
 
 /// Direction of an SDO transfer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -386,42 +387,6 @@ fn for_slave(slave: Option<usize>) -> String {
     slave.map_or_else(String::new, |s| format!(" for slave {s}"))
 }
 
-fn is_missing(code: AbortCode) -> bool {
-    [AbortCode::NO_OBJECT, AbortCode::NO_SUBINDEX].contains(&code)
-}
-
-fn sdo_cause(
-    (index, subindex): (u16, u8),
-    abort_code: Option<AbortCode>,
-    errno: Errno,
-    attempts: u32,
-) -> String {
-    match abort_code {
-        Some(code) if is_missing(code) && lookup(index, subindex).is_some() => {
-            format!("aborted: {code} (assumption H42: the firmware lacks it)")
-        }
-        Some(code) => format!("aborted: {code}"),
-        None if attempts > 1 => format!("failed {attempts} times: {errno}"),
-        None => format!("failed: {errno}"),
-    }
-}
-
-fn expected_text(index: u16, subindex: u8, expected: Expectation) -> String {
-    match expected {
-        Expectation::Equals(value) => value_text(index, subindex, value as u32),
-        other => other.to_string(),
-    }
-}
-
-/// A value with its meaning from the object dictionary, if it has one.
-pub fn value_text(index: u16, subindex: u8, value: u32) -> String {
-    match lookup(index, subindex).and_then(|(_, entry)| entry.meaning(value)) {
-        Some(meaning) => format!("{value} ({meaning})"),
-        None if value > 9 => format!("{value} (0x{value:X})"),
-        None => value.to_string(),
-    }
-}
-
 /// State of a slave that is not in OP.
 #[derive(Debug)]
 pub struct SlaveReport {
@@ -600,26 +565,6 @@ fn is_of_process_data(code: AlStatusCode) -> bool {
 
 pub(crate) fn is_preop(al_state: u8) -> bool {
     AlState::from_status(al_state.into()) == Some(AlState::PreOp)
-}
-
-/// Assumption that an unexpected value may contradict, and the remedy, as an appendix of a message; empty
-/// without one.
-#[must_use]
-pub fn contradicted_assumption(index: u16, subindex: u8, found: u32) -> &'static str {
-    match (index, subindex, found) {
-        (0x8001..=0x8004, 2, 1) => {
-            " (assumption H38: in OP the firmware may reject a configuration; apply it in PREOP)"
-        }
-        (0x8001..=0x8004, 2, 3) => {
-            " (assumption H43: the firmware may find no bit timing for the sample point, H11: or no delay \
-             compensation; set the bit timing by hand, or another sample point)"
-        }
-        (0x8001..=0x8004, 2, 4) => {
-            " (assumption H13: its Message RAM may have less than 8192 bytes; configure fewer or smaller \
-             elements)"
-        }
-        _ => "",
-    }
 }
 
 #[cfg(test)]

@@ -27,6 +27,7 @@ mod master;
 mod observer;
 mod plan;
 mod real_time;
+mod sdo_text;
 mod startup;
 
 pub use adapter::Adapter;
@@ -53,9 +54,7 @@ pub use datagrams::{
     BYTE_NS, DATAGRAM_OVERHEAD_BYTES, Datagram, DatagramUse, DomainLayout, EthernetFrame,
     FRAME_OVERHEAD_BYTES, LogicalCommand, MAX_DATAGRAM_BYTES, MAX_PLAIN_MULTIPLIER,
 };
-pub use error::{
-    Error, NotOperational, SdoDirection, SlaveReport, contradicted_assumption, value_text,
-};
+pub use error::{Error, NotOperational, SdoDirection, SlaveReport};
 
 pub use exchange::{CycleError, Delivery, DomainReport, Phase};
 pub use master::{
@@ -75,6 +74,7 @@ pub use real_time::{
     MAX_STACK_PREFAULT_BYTES, Need, Privilege, PrivilegeError, PrivilegeOutcome, RealTimeConfig,
     RealTimeError, RealTimeFault, RealTimeReport,
 };
+pub use sdo_text::{contradicted_assumption, value_text};
 pub use startup::StartupPlan;
 
 pub use ecan_protocol::sequence::Expectation;

@@ -2,9 +2,8 @@
 
 use std::fmt;
 
-use thiserror::Error;
-
 use ecan_protocol::mapping::CHANNELS;
+use thiserror::Error;
 
 /// A gateway of a Port, from [`Port::gateway`](crate::Port::gateway).
 ///

@@ -6,8 +6,9 @@ use ecan_protocol::image::{OptionFlags, ProfileError};
 use ecan_protocol::mapping::{CHANNELS, Direction};
 use thiserror::Error;
 
-use crate::plan::{PortPlanError, budget};
-use crate::port_config::{GatewayConfig, MAX_GATEWAYS, PortConfig, Traffic};
+use crate::config::{Config, GatewayConfig, MAX_GATEWAYS, PortConfig, Traffic};
+use crate::plan::finding;
+use crate::plan::finding::PortPlanError;
 
 /// One thing that is wrong with the configuration of a Port.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
@@ -124,6 +125,22 @@ pub enum PortConfigFault {
     },
 }
 
+impl Config {
+    /// Checks the configuration without accessing the bus.
+    ///
+    /// # Errors
+    /// Every fault of both parts.
+    pub fn check(&self) -> Result<(), Faults<PortConfigFault>> {
+        let mut faults =
+            self.port.check(&self.adapter).err().map_or_else(Vec::new, |faults| faults.0);
+        if self.excess > 0 {
+            let count = MAX_GATEWAYS + self.excess;
+            faults.push(PortConfigFault::TooManyGateways { count });
+        }
+        Faults::check(faults)
+    }
+}
+
 impl PortConfig {
     /// Checks this configuration together with the Adapter's, without touching the bus.
     ///
@@ -193,7 +210,7 @@ fn check_channels(
             .data_path
             .check(&mut |fault| faults.push(PortConfigFault::DataPath { slave, channel, fault }));
         let Traffic { received, sent } = settings.traffic;
-        let unserved = budget::rejection((slave, channel), received.into(), sent.into());
+        let unserved = finding::rejection((slave, channel), received.into(), sent.into());
         faults.extend(unserved.map(PortConfigFault::Plan));
         check_filters(
             &settings.can,

@@ -6,8 +6,7 @@ use thiserror::Error;
 use crate::address::AddressError;
 use crate::config_check::PortConfigFault;
 use crate::session::machine::Session;
-use crate::session::pending_step::PendingStep;
-use crate::session::verification::VerificationFault;
+use crate::session::verification::{PendingStep, VerificationFault};
 
 /// Errors of the Port outside the cycle.
 #[derive(Debug, Error)]
@@ -64,7 +63,7 @@ fn details(
     waiting_for: Option<PendingStep>,
     last_fault: Option<VerificationFault>,
 ) -> String {
-    let mut text = waiting_for.map_or_else(String::new, |it| format!("; it waits for {it}"));
+    let mut text = waiting_for.map_or_else(String::new, |step| format!("; it waits for {step}"));
     if let Some(fault) = last_fault
         && session != Session::Failed(fault)
     {

@@ -7,11 +7,10 @@ use ecan_protocol::image::{ChannelStatus, ImageReader, ImageWriter, OptionFlags}
 use ecan_protocol::mapping::{CHANNELS, Direction};
 
 use crate::al_watch::{AlWatch, Proof};
-use crate::port_config::GatewayConfig;
-use crate::receive::receiver::Receiver;
-use crate::schedule::config::ScheduleConfig;
-use crate::schedule::fault::ScheduleFault;
-use crate::schedule::margin::ScheduleTimes;
+use crate::config::{GatewayConfig, ScheduleConfig};
+use crate::receiver::Receiver;
+use crate::schedule::account::ScheduleFault;
+use crate::schedule::margin::{NotSchedulable, ScheduleMargin, ScheduleTimes};
 use crate::schedule::result_codes::ResultCodes;
 use crate::schedule::watch::{ScheduleWatch, WatchResult};
 use crate::session::machine::{Event, Session, SessionMachine};
@@ -36,7 +35,7 @@ pub(crate) struct Gateway {
     /// Channels that frames can be sent to.
     rx_mask: u8,
     fd_mask: u8,
-    pub(crate) can_schedule: bool,
+    can_schedule: bool,
     pub(crate) is_paced: bool,
     hold_limit: u16,
     input_limit: u16,
@@ -135,6 +134,16 @@ impl Gateway {
     pub(crate) fn accepts(&self, channel: u8, frame: FrameRef<'_>) -> bool {
         let mask = if frame.is_fd() { self.rx_mask & self.fd_mask } else { self.rx_mask };
         usize::from(channel) < CHANNELS && mask >> channel & 1 == 1 && self.session.is_ready()
+    }
+
+    /// Margin of a Sync0 phase.
+    pub(crate) fn schedule_margin(&self, offset_ns: u32) -> Result<ScheduleMargin, NotSchedulable> {
+        let margin = self.schedule_times.margin(offset_ns);
+        match margin {
+            Err(NotSchedulable::NoSync0) => margin,
+            _ if !self.can_schedule => Err(NotSchedulable::NotSupported),
+            _ => margin,
+        }
     }
 
     /// Start of the cycle `number`. `since_first_ns` is the application time since the first cycle, if known.

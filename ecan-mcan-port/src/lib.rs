@@ -23,51 +23,51 @@ mod al_watch;
 mod config;
 mod config_check;
 mod cycle;
+mod cycle_state;
 mod error;
 mod gateway;
-mod measured_on;
+mod image_stream;
 mod plan;
 mod port;
-mod port_config;
-mod receive;
+mod received;
+mod receiver;
 mod schedule;
 mod session;
-mod sharing;
 mod snapshot;
 mod statistics;
 mod transmit;
+mod transmit_queue;
 mod wait;
+mod word_ring;
 
 pub use address::{AddressError, ChannelHandle, GatewayHandle};
-pub use config::Config;
+pub use config::{
+    AcceptanceFilter, ChannelConfig, ChannelFilter, Config, GatewayConfig, MAX_FILTERS,
+    MAX_GATEWAYS, MarginCheck, MeasuredOn, PortConfig, ScheduleConfig, Traffic,
+};
 pub use config_check::PortConfigFault;
-pub use cycle::{Cycle, CycleSummary, MAX_FAILED_CYCLES};
+pub use cycle::{Cycle, MAX_FAILED_CYCLES};
+pub use cycle_state::CycleSummary;
 pub use error::PortError;
-pub use measured_on::MeasuredOn;
-pub use plan::{
-    ChannelLoad, ChannelPlan, CpuCost, Elements, FrameRate, FrameRoute, FrameStream, GatewayPlan,
-    ImageFill, ImagePlan, PortPlan, PortPlanError, PortWarning, SettingWarning,
-};
+pub use image_stream::{ImageEvent, ImageRecord, ImageStream, QueuedFrames};
+pub use plan::finding::{Elements, PortPlanError, PortWarning, SettingWarning};
+pub use plan::image::{CpuCost, ImageFill, ImagePlan};
+pub use plan::load::{ChannelLoad, FrameRate, FrameRoute, FrameStream};
+pub use plan::{ChannelPlan, GatewayPlan, PortPlan};
 pub use port::Port;
-pub use port_config::{
-    AcceptanceFilter, ChannelConfig, ChannelFilter, GatewayConfig, MAX_FILTERS, MAX_GATEWAYS,
-    PortConfig, Traffic,
+pub use received::{
+    ReceiveSource, Received, ReceivedFrame, ReceivedItems, ReceivedView, TransmitReport,
 };
-pub use receive::items::ReceivedItems;
-pub use receive::received::{ReceiveSource, Received, ReceivedFrame, ReceivedView, TransmitReport};
-pub use receive::report::{CycleReport, ImageReport};
-pub use schedule::account::ScheduleAccount;
-pub use schedule::config::{MarginCheck, ScheduleConfig};
-pub use schedule::diagnostics::{ChannelDrops, ScheduleDiagnostics};
-pub use schedule::fault::ScheduleFault;
+pub use receiver::{CycleReport, ImageReport};
+pub use schedule::account::{ScheduleAccount, ScheduleFault};
 pub use schedule::margin::{NotSchedulable, RECOMMENDED_OFFSET_NS, ScheduleMargin, THIN_MARGIN_NS};
+pub use schedule::result_codes::{ChannelDrops, ScheduleDiagnostics};
 pub use session::machine::Session;
-pub use session::pending_step::PendingStep;
-pub use session::verification::{SdoTransfer, VerificationFault};
-pub use sharing::image_stream::{ImageEvent, ImageRecord, ImageStream, QueuedFrames};
-pub use sharing::transmit_queue::{QueueError, TransmitQueues};
+pub use session::verification::{PendingStep, SdoTransfer, VerificationFault};
 pub use snapshot::{PortSnapshot, SessionState};
-pub use statistics::{ChannelStatistics, SlaveStatistics};
-pub use transmit::error::{Backpressure, OkOrTemporary, SendError};
-pub use transmit::options::{SendOptions, SendTicket, TransmitFrame, TransmitHint};
+pub use statistics::{ChannelStatistics, Counter, SlaveStatistics};
+pub use transmit::options::{
+    Backpressure, OkOrTemporary, SendError, SendOptions, SendTicket, TransmitFrame, TransmitHint,
+};
 pub use transmit::send::Batch;
+pub use transmit_queue::{QueueError, TransmitQueues};

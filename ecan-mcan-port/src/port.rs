@@ -1,28 +1,24 @@
 //! The Port: opening, reconfiguration and the state of its gateways.
 
-use ecan_host::{Adapter, CycleError, Ecrt, Phase};
+use ecan_host::{Adapter, Ecrt, Phase};
 use ecan_protocol::device::Capabilities;
 use ecan_protocol::image::{ChannelStatus, ParseDiagnosis};
 use ecan_protocol::mapping::CHANNELS;
 
 use crate::address::{AddressError, ChannelHandle, GatewayHandle};
-use crate::config::Config;
+use crate::config::{Config, GatewayConfig, PortConfig};
+use crate::cycle_state::CycleState;
 use crate::error::PortError;
 use crate::gateway::Gateway;
-use crate::port_config::{GatewayConfig, PortConfig};
-use crate::receive::report::CycleReport;
-use crate::schedule::account::ScheduleAccount;
-use crate::schedule::diagnostics::ScheduleDiagnostics;
-use crate::schedule::fault::ScheduleFault;
+use crate::image_stream::{ImageStream, image_stream};
+use crate::receiver::CycleReport;
+use crate::schedule::account::{ScheduleAccount, ScheduleFault};
 use crate::schedule::margin::{NotSchedulable, ScheduleMargin};
-use crate::schedule::sync0_phase::Sync0Phase;
+use crate::schedule::result_codes::ScheduleDiagnostics;
 use crate::session::machine::Session;
-use crate::session::pending_step::PendingStep;
-use crate::session::verification::VerificationFault;
-use crate::sharing::image_stream::ImageRecorder;
-use crate::sharing::transmit_queue::CycleQueues;
-use crate::snapshot;
+use crate::session::verification::{PendingStep, VerificationFault};
 use crate::statistics::SlaveStatistics;
+use crate::transmit_queue::{TransmitQueues, transmit_queues};
 
 /// CAN and CAN FD through the gateways of one Adapter (manual 15.1, "MCAN Port").
 ///
@@ -31,29 +27,8 @@ use crate::statistics::SlaveStatistics;
 #[derive(Debug)]
 pub struct Port {
     pub(crate) adapter: Adapter,
-    pub(crate) gateways: Vec<Gateway>,
-    /// Number of the section of the snapshots.
-    pub(crate) snapshot_reservation: u64,
-    pub(crate) is_cycle_open: bool,
-    /// All gateways were ready at one time.
-    pub(crate) has_been_ready: bool,
-    /// Of the last cycle that has begun.
-    pub(crate) cycle_number: u64,
-    /// Deadline of the running cycle; `None` without a wait for the cycle.
-    pub(crate) deadline_ns: Option<u64>,
-    pub(crate) sync0_phase: Sync0Phase,
-    /// Application time of the running cycle since the first one.
-    pub(crate) since_first_ns: u64,
-    /// Error with which the running cycle began, and deadlines missed before it.
-    pub(crate) receive_error: Option<CycleError>,
-    pub(crate) skipped: u64,
-    /// Failed cycles in a row.
-    pub(crate) failed_cycles: u32,
-    /// For another thread, if one has a stream.
-    pub(crate) recorder: Option<ImageRecorder>,
-    /// Of another thread, if it has queues. Boxed, as the configuration: a Port is moved by value when
-    /// it is opened.
-    pub(crate) queues: Option<Box<CycleQueues>>,
+    pub(crate) state: CycleState,
+    /// Boxed: a Port is moved by value when it is opened.
     config: Box<PortConfig>,
 }
 
@@ -106,27 +81,11 @@ impl Port {
             .and_then(|()| build_gateways(&mut adapter, &config));
         match built {
             Ok(gateways) => {
-                let snapshot_reservation = snapshot::reserve(&adapter, gateways.len());
                 if let Some(warning) = config.sync0_warning(adapter.config()) {
                     tracing::warn!("{warning}");
                 }
-                let port = Self {
-                    adapter,
-                    gateways,
-                    snapshot_reservation,
-                    is_cycle_open: false,
-                    has_been_ready: false,
-                    cycle_number: 0,
-                    deadline_ns: None,
-                    sync0_phase: Sync0Phase::default(),
-                    since_first_ns: 0,
-                    receive_error: None,
-                    skipped: 0,
-                    failed_cycles: 0,
-                    recorder: None,
-                    queues: None,
-                    config: Box::new(config),
-                };
+                let state = CycleState::new(&adapter, gateways);
+                let port = Self { adapter, state, config: Box::new(config) };
                 for warning in port.profile_warnings() {
                     tracing::warn!("{warning}");
                 }
@@ -152,24 +111,18 @@ impl Port {
             // The Adapter rejected it before it changed anything.
             return result.map_err(PortError::from);
         }
-        self.gateways.clear();
-        self.is_cycle_open = false;
-        self.deadline_ns = None;
-        self.sync0_phase = Sync0Phase::default();
+        self.state.remove_gateways();
         result?;
-        self.gateways = build_gateways(&mut self.adapter, &config.port)?;
+        let gateways = build_gateways(&mut self.adapter, &config.port)?;
         *self.config = config.port;
-        self.snapshot_reservation = snapshot::reserve(&self.adapter, self.gateways.len());
-        if let Some(queues) = &self.queues {
-            queues.set_accepted(&self.gateways);
-        }
+        self.state.set_gateways(&self.adapter, gateways);
         Ok(())
     }
 
     /// Takes over what concerns the host only from another configuration of the same gateways: `paced`,
     /// `hold_limit` and `input_limit`. All else needs [`reconfigure`](Self::reconfigure). Real-time safe.
     pub fn set_limits(&mut self, config: &PortConfig) {
-        let gateways = self.gateways.iter_mut().zip(&mut *self.config.gateways);
+        let gateways = self.state.gateways.iter_mut().zip(&mut *self.config.gateways);
         for ((gateway, active), new) in gateways.zip(&config.gateways) {
             active.set_limits(new);
             gateway.set_limits(active);
@@ -209,7 +162,7 @@ impl Port {
 
     /// Number of gateways.
     pub fn slave_count(&self) -> usize {
-        self.gateways.len()
+        self.state.gateways.len()
     }
 
     /// Checks the index of a slave, once.
@@ -217,7 +170,7 @@ impl Port {
     /// # Errors
     /// [`AddressError::Slave`].
     pub fn gateway(&self, slave: usize) -> Result<GatewayHandle, AddressError> {
-        match self.gateways.len() {
+        match self.state.gateways.len() {
             count if slave < count => Ok(GatewayHandle::new(slave)),
             count => Err(AddressError::Slave { slave, count }),
         }
@@ -229,48 +182,35 @@ impl Port {
     /// [`AddressError`]: no such slave, no such channel, or a channel that is not enabled.
     #[inline]
     pub fn channel(&self, slave: usize, channel: u8) -> Result<ChannelHandle, AddressError> {
-        match self.gateways.get(slave) {
+        match self.state.gateways.get(slave) {
             Some(gateway) if gateway.has_channel(channel) => Ok(ChannelHandle::new(slave, channel)),
-            _ => Err(self.wrong_address(slave, channel)),
-        }
-    }
-
-    #[cold]
-    pub(crate) fn wrong_address(&self, slave: usize, channel: u8) -> AddressError {
-        match self.gateways.len() {
-            count if slave >= count => AddressError::Slave { slave, count },
-            _ if usize::from(channel) >= CHANNELS => AddressError::Channel { slave, channel },
-            _ => AddressError::Disabled { slave, channel },
+            _ => Err(self.state.wrong_address(slave, channel)),
         }
     }
 
     /// All gateways, in the order of the slaves.
     pub fn gateways(&self) -> impl Iterator<Item = GatewayHandle> + use<> {
-        (0..self.gateways.len()).map(GatewayHandle::new)
+        (0..self.state.gateways.len()).map(GatewayHandle::new)
     }
 
     /// All enabled channels, in the order of slaves and channels.
     pub fn channels(&self) -> impl Iterator<Item = ChannelHandle> {
-        self.gateways.iter().enumerate().flat_map(|(slave, gateway)| {
+        self.state.gateways.iter().enumerate().flat_map(|(slave, gateway)| {
             let channels = (0..CHANNELS as u8).filter(|channel| gateway.has_channel(*channel));
             channels.map(move |channel| ChannelHandle::new(slave, channel))
         })
     }
 
-    fn find(&self, gateway: GatewayHandle) -> Option<&Gateway> {
-        self.gateways.get(gateway.slave())
-    }
-
     /// State of a gateway's session; real-time safe.
     pub fn session(&self, gateway: GatewayHandle) -> Session {
-        self.find(gateway).map_or(Session::Waiting, |gateway| gateway.session.state())
+        self.state.find(gateway).map_or(Session::Waiting, |gateway| gateway.session.state())
     }
 
     /// Step that a gateway waits for until it is ready; real-time safe. `None` for one that is
     /// ready. A gateway that the Port does not have, since a reconfiguration failed or left it out,
     /// waits for [`PendingStep::Configuration`].
     pub fn waiting_for(&self, gateway: GatewayHandle) -> Option<PendingStep> {
-        match self.find(gateway) {
+        match self.state.find(gateway) {
             Some(gateway) => gateway.session.awaited(&self.adapter),
             None => Some(PendingStep::Configuration),
         }
@@ -287,23 +227,23 @@ impl Port {
 
     /// Fault of the last verification that failed, until one succeeds; real-time safe.
     pub fn last_verification_fault(&self, gateway: GatewayHandle) -> Option<VerificationFault> {
-        self.find(gateway)?.session.last_fault()
+        self.state.find(gateway)?.session.last_fault()
     }
 
     /// Returns whether every gateway is ready; real-time safe.
     pub fn is_ready(&self) -> bool {
-        !self.gateways.is_empty() && self.gateways.iter().all(|g| g.session.is_ready())
+        self.state.is_ready()
     }
 
     /// Returns whether one gateway is ready, so that frames can be sent; real-time safe.
     pub fn gateway_is_ready(&self, gateway: GatewayHandle) -> bool {
-        self.find(gateway).is_some_and(|gateway| gateway.session.is_ready())
+        self.state.find(gateway).is_some_and(|gateway| gateway.session.is_ready())
     }
 
     /// Status word of a channel from the last TxPDO image (manual 7); real-time safe. All zero,
     /// "disabled", before the first image.
     pub fn channel_status(&self, channel: ChannelHandle) -> ChannelStatus {
-        let gateway = self.gateways.get(channel.slave());
+        let gateway = self.state.gateways.get(channel.slave());
         gateway
             .and_then(|gateway| gateway.receiver.status().get(usize::from(channel.channel())))
             .copied()
@@ -312,23 +252,23 @@ impl Port {
 
     /// Counters of a gateway and its channels; real-time safe.
     pub fn statistics(&self, gateway: GatewayHandle) -> SlaveStatistics {
-        self.find(gateway).map_or_else(SlaveStatistics::default, Gateway::statistics)
+        self.state.find(gateway).map_or_else(SlaveStatistics::default, Gateway::statistics)
     }
 
     /// Last fault of a TxPDO image (manual 16.2); real-time safe.
     pub fn last_diagnosis(&self, gateway: GatewayHandle) -> Option<ParseDiagnosis> {
-        self.find(gateway)?.receiver.last_diagnosis()
+        self.state.find(gateway)?.receiver.last_diagnosis()
     }
 
     /// Exchange with a gateway in the current cycle; real-time safe.
     pub fn cycle_report(&self, gateway: GatewayHandle) -> CycleReport {
         let slave = gateway.slave();
-        let Some(gateway) = self.find(gateway) else { return CycleReport::default() };
+        let Some(gateway) = self.state.find(gateway) else { return CycleReport::default() };
         CycleReport {
             domain: self.adapter.domain_report(slave),
             image: gateway.receiver.report(),
             is_unconfirmed: gateway.transmitter.is_unconfirmed(),
-            cycle: self.cycle_number,
+            cycle: self.state.number(),
             ready_since: gateway.ready_since,
             frames: gateway.receiver.frames(&gateway.statistics),
         }
@@ -337,14 +277,14 @@ impl Port {
     /// Capabilities of a gateway (0xF000, manual 13.8), read when the Port was opened. `None` for
     /// a gateway that a reconfiguration removed.
     pub fn capabilities(&self, gateway: GatewayHandle) -> Option<&Capabilities> {
-        self.find(gateway).map(|gateway| &gateway.capabilities)
+        self.state.find(gateway).map(|gateway| &gateway.capabilities)
     }
 
     /// Warnings about gateways that differ from those on which their settings were measured
     /// ([`GatewayConfig::measured_on`](crate::GatewayConfig::measured_on)). Opening logs them.
     /// Allocates; not for the cycle.
     pub fn profile_warnings(&self) -> Vec<String> {
-        let gateways = self.config.gateways.iter().zip(&self.gateways);
+        let gateways = self.config.gateways.iter().zip(&self.state.gateways);
         let warning = |(slave, (config, gateway)): (usize, (&GatewayConfig, &Gateway))| {
             let difference = config.measured_on?.difference(&gateway.capabilities)?;
             Some(format!(
@@ -358,7 +298,7 @@ impl Port {
     /// Bytes left in the RxPDO image that is being filled; a packet needs 4 to 78 of them (manual
     /// 8.3). Real-time safe.
     pub fn image_room(&self, gateway: GatewayHandle) -> usize {
-        self.find(gateway).map_or(0, |gateway| gateway.transmitter.room())
+        self.state.find(gateway).map_or(0, |gateway| gateway.transmitter.room())
     }
 
     /// Discards every frame that is not known to have reached the gateway, and returns their
@@ -366,7 +306,8 @@ impl Port {
     /// as unknown, the others as discarded.
     /// Real-time safe.
     pub fn discard_pending(&mut self, gateway: GatewayHandle) -> usize {
-        self.gateways
+        self.state
+            .gateways
             .get_mut(gateway.slave())
             .map_or(0, |gateway| gateway.transmitter.discard(&mut gateway.statistics))
     }
@@ -383,13 +324,7 @@ impl Port {
         gateway: GatewayHandle,
         offset_ns: u32,
     ) -> Result<ScheduleMargin, NotSchedulable> {
-        let gateway = self.find(gateway).ok_or(NotSchedulable::NotSupported)?;
-        let margin = gateway.schedule_times.margin(offset_ns);
-        match margin {
-            Err(NotSchedulable::NoSync0) => margin,
-            _ if !gateway.can_schedule => Err(NotSchedulable::NotSupported),
-            _ => margin,
-        }
+        self.state.find(gateway).ok_or(NotSchedulable::NotSupported)?.schedule_margin(offset_ns)
     }
 
     /// Results of a channel's scheduled frames, as reported by the gateway; real-time safe.
@@ -398,7 +333,8 @@ impl Port {
     /// flags of 0xB000:06 report losses: frames count as sent until a flag is set, and as unknown
     /// from then on.
     pub fn schedule_account(&self, channel: ChannelHandle) -> ScheduleAccount {
-        self.gateways
+        self.state
+            .gateways
             .get(channel.slave())
             .map(|gateway| gateway.transmitter.accounts().account(channel.channel()))
             .unwrap_or_default()
@@ -408,14 +344,14 @@ impl Port {
     /// real-time safe. They are read every [`watch_ms`](crate::ScheduleConfig::watch_ms) after the
     /// first scheduled frame.
     pub fn schedule_diagnostics(&self, gateway: GatewayHandle) -> Option<ScheduleDiagnostics> {
-        self.find(gateway)?.watch.last().copied()
+        self.state.find(gateway)?.watch.last().copied()
     }
 
     /// Reason for which the account of this gateway counts accepted frames as unknown, by the last reading
     /// of its flags; real-time safe. A change is also logged. `None` while the results are certain, and
     /// before the first reading.
     pub fn schedule_fault(&self, gateway: GatewayHandle) -> Option<ScheduleFault> {
-        self.find(gateway)?.schedule_fault
+        self.state.find(gateway)?.schedule_fault
     }
 
     /// Requests the gateway to clear the flags of 0xB000:06 and its other runtime diagnostics
@@ -423,9 +359,30 @@ impl Port {
     /// every frame unknown that has no transmit result. Frames without a result when the flags are
     /// cleared count as unknown. Codes of TX_RESULT that were contradicted are verified again.
     pub fn clear_schedule_flags(&mut self, gateway: GatewayHandle) {
-        if let Some(gateway) = self.gateways.get_mut(gateway.slave()) {
+        if let Some(gateway) = self.state.gateways.get_mut(gateway.slave()) {
             gateway.watch.want_clear();
         }
+    }
+
+    /// Starts to copy the images of all gateways into a ring of at least `capacity_bytes`, and returns
+    /// its reading end, for one other thread. Allocates; not for the cycle.
+    ///
+    /// An earlier stream is closed. The stream continues over [`reconfigure`](Self::reconfigure).
+    pub fn image_stream(&mut self, capacity_bytes: usize) -> ImageStream {
+        let (recorder, stream) = image_stream(capacity_bytes);
+        self.state.set_recorder(recorder);
+        stream
+    }
+
+    /// Creates queues of at least `depth` frames for each channel of every gateway, filled by one other
+    /// thread. Allocates; not for the cycle.
+    ///
+    /// Earlier queues are closed. The queues remain over [`reconfigure`](Self::reconfigure), for the
+    /// gateways that existed when they were created.
+    pub fn transmit_queues(&mut self, depth: usize) -> TransmitQueues {
+        let (of_cycle, queues) = transmit_queues(&self.state.gateways, depth);
+        self.state.set_queues(of_cycle);
+        queues
     }
 }
 

@@ -8,7 +8,7 @@ use ecan_protocol::mapping::CHANNELS;
 
 use crate::gateway::Gateway;
 use crate::session::machine::Session;
-use crate::session::pending_step::PendingStep;
+use crate::session::verification::PendingStep;
 use crate::statistics::{ChannelStatistics, SlaveStatistics};
 
 /// State of a gateway's session in a snapshot: a [`Session`] without the fault.
@@ -47,62 +47,10 @@ impl fmt::Display for SessionState {
     }
 }
 
-/// Conversion of counters to words and back: those that change in most cycles, and the others, which
-/// are written only if their sum has changed, since they only grow.
-macro_rules! counter_words {
-    (
-        $name:ident; $($excluded:ident)?;
-        frequent [$frequent_words:ident = $frequent_count:literal] $($frequent:ident)*;
-        rare [$rare_words:ident = $rare_count:literal] $($rare:ident)*
-    ) => {
-        const $frequent_words: usize = $frequent_count;
-        const $rare_words: usize = $rare_count;
-
-        impl $name {
-            #[inline(always)]
-            fn frequent(&self) -> [u64; $frequent_words] {
-                // Names every field.
-                let Self { $($frequent,)* $($rare: _,)* $($excluded: _,)? } = *self;
-                [$($frequent),*]
-            }
-
-            #[inline(always)]
-            fn rare(&self) -> [u64; $rare_words] {
-                [$(self.$rare),*]
-            }
-
-            #[inline(always)]
-            fn rare_sum(&self) -> u64 {
-                0_u64 $(.wrapping_add(self.$rare))*
-            }
-
-            fn of_words(
-                [$($frequent),*]: [u64; $frequent_words],
-                [$($rare),*]: [u64; $rare_words],
-            ) -> Self {
-                Self { $($frequent,)* $($rare,)* $($excluded: Default::default(),)? }
-            }
-        }
-    };
-}
-
-counter_words! { ChannelStatistics; frames_pending;
-    frequent [CHANNEL_FREQUENT = 6]
-        frames_accepted frames_sent frames_confirmed frames_delivered frames_received results_ok;
-    rare [CHANNEL_RARE = 10]
-        frames_lost frames_discarded frames_unknown frames_not_taken rejected_image_full
-        rejected_queue_full rejected_bus_off results_failed bus_off_images not_running_images
-}
-
-counter_words! { SlaveStatistics; channels;
-    frequent [SLAVE_FREQUENT = 3]
-        cycles rxpdo_published txpdo_received;
-    rare [SLAVE_RARE = 16]
-        incomplete_cycles rxpdo_repeated rxpdo_discarded txpdo_repeated txpdo_lost txpdo_discarded
-        txpdo_unknown txpdo_torn txpdo_incomplete txpdo_layout_changes parse_errors
-        unmatched_results sessions sessions_lost verification_failures startup_requests
-}
-
+const CHANNEL_FREQUENT: usize = ChannelStatistics::FREQUENT;
+const CHANNEL_RARE: usize = ChannelStatistics::RARE;
+const SLAVE_FREQUENT: usize = SlaveStatistics::FREQUENT;
+const SLAVE_RARE: usize = SlaveStatistics::RARE;
 const STATUS_BITS: usize = 16;
 /// Positions in the word of the session.
 const MASK_SHIFT: u32 = 8;
@@ -136,7 +84,7 @@ pub(crate) fn publish(adapter: &Adapter, gateways: &[Gateway], reservation: u64)
             Session::Failed(_) => 3,
         };
         let [first, second, third, fourth] =
-            gateway.receiver.status().map(|it| u64::from(it.raw()));
+            gateway.receiver.status().map(|status| u64::from(status.raw()));
         let status: u64 = first | second << 16 | third << 32 | fourth << 48;
         let pending = match gateway.session.is_ready() {
             true => 0,

@@ -30,98 +30,190 @@
 use ecan_protocol::image::{ChannelState, ChannelStatus};
 use ecan_protocol::mapping::CHANNELS;
 
-/// Counters of one channel.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-pub struct ChannelStatistics {
-    /// Frames that a send accepted.
-    pub frames_accepted: u64,
-    /// Frames of RxPDO images that were published.
-    pub frames_sent: u64,
-    /// Frames of images that the slave controller took, by the working counter: of those that are
-    /// delivered, pending or unknown.
-    pub frames_confirmed: u64,
-    /// Frames that the gateway took in OP. It may have dropped some of them afterwards, see
-    /// `results_failed`.
-    pub frames_delivered: u64,
-    /// Frames of published images that the gateway certainly did not take.
-    pub frames_lost: u64,
-    /// Frames that never left the host: discarded by the application or after a lost session, or
-    /// withdrawn because their phase had passed.
-    pub frames_discarded: u64,
-    /// Frames that the gateway may have taken: of images whose delivery is not known, or that it may
-    /// have taken outside OP.
-    pub frames_unknown: u64,
-    /// Frames without a known result so far; not a counter.
-    pub frames_pending: u64,
-    /// Frames taken out of TxPDO images.
-    pub frames_received: u64,
-    /// Frames that arrived and that the application did not take: left in their cycle, or while the
-    /// gateway was not ready.
-    pub frames_not_taken: u64,
-    /// Frames rejected because the image was full.
-    pub rejected_image_full: u64,
-    /// Frames rejected because the gateway's transmit queue might not hold them.
-    pub rejected_queue_full: u64,
-    /// Frames rejected because the channel is bus-off.
-    pub rejected_bus_off: u64,
-    /// Transmit results that reported success: code 0 or 1 (manual 10).
-    pub results_ok: u64,
-    /// Transmit results that reported a failure. Results that no part of the application took are
-    /// counted, too.
-    pub results_failed: u64,
-    /// TxPDO images that reported the channel as bus-off.
-    pub bus_off_images: u64,
-    /// TxPDO images that reported the channel as not running, without bus-off.
-    pub not_running_images: u64,
+/// A counter of [`ChannelStatistics`] or [`SlaveStatistics`].
+#[derive(Debug, Clone, Copy)]
+pub struct Counter<T> {
+    /// Name of the field.
+    pub name: &'static str,
+    /// Name of the metric that the service serves.
+    pub metric: &'static str,
+    /// Text of the metric: one sentence.
+    pub help: &'static str,
+    /// Returns the value.
+    pub value: fn(&T) -> u64,
 }
 
-/// Counters of one gateway.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-pub struct SlaveStatistics {
+/// Declares a struct of counters, with their metrics and their words in a snapshot.
+///
+/// A `frequent` counter changes in most cycles: its word is always written. A `rare` one is written only
+/// if the sum of the rare ones has changed, since they only grow. A `derived` value is no counter: it has
+/// neither a word nor a metric, as the field after the last counter.
+macro_rules! counters {
+    (
+        $(#[$meta:meta])* $name:ident, $prefix:literal;
+        $( $(#[$doc:meta])* $kind:ident $field:ident $($help:literal)?; )+
+        $(; $(#[$other_doc:meta])* $other:ident: $other_type:ty )?
+    ) => {
+        $(#[$meta])*
+        #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+        #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+        pub struct $name {
+            $( $(#[$doc])* pub $field: u64, )+
+            $( $(#[$other_doc])* pub $other: $other_type, )?
+        }
+
+        impl $name {
+            /// The counters, in the order of the fields.
+            pub const COUNTERS: &'static [Counter<Self>] = &[$( $( Counter {
+                name: stringify!($field),
+                metric: concat!($prefix, stringify!($field), "_total"),
+                help: $help,
+                value: |counters| counters.$field,
+            }, )? )+];
+        }
+
+        counter_words! { $name [] [] [$($other)?]; $($kind $field)+ }
+    };
+}
+
+/// Sorts the counters of a struct by their kind, and converts them to words and back.
+macro_rules! counter_words {
+    ($name:ident [$($f:ident)*] $rare:tt $other:tt; frequent $next:ident $($rest:tt)*) => {
+        counter_words! { $name [$($f)* $next] $rare $other; $($rest)* }
+    };
+    ($name:ident $frequent:tt [$($r:ident)*] $other:tt; rare $next:ident $($rest:tt)*) => {
+        counter_words! { $name $frequent [$($r)* $next] $other; $($rest)* }
+    };
+    ($name:ident $frequent:tt $rare:tt [$($o:ident)*]; derived $next:ident $($rest:tt)*) => {
+        counter_words! { $name $frequent $rare [$($o)* $next]; $($rest)* }
+    };
+    ($name:ident [$($frequent:ident)*] [$($rare:ident)*] [$($other:ident)*];) => {
+        impl $name {
+            /// Numbers of words.
+            pub(crate) const FREQUENT: usize = [$(stringify!($frequent)),*].len();
+            pub(crate) const RARE: usize = [$(stringify!($rare)),*].len();
+
+            #[inline(always)]
+            pub(crate) fn frequent(&self) -> [u64; $name::FREQUENT] {
+                [$(self.$frequent),*]
+            }
+
+            #[inline(always)]
+            pub(crate) fn rare(&self) -> [u64; $name::RARE] {
+                [$(self.$rare),*]
+            }
+
+            #[inline(always)]
+            pub(crate) fn rare_sum(&self) -> u64 {
+                0_u64 $(.wrapping_add(self.$rare))*
+            }
+
+            pub(crate) fn of_words(
+                [$($frequent),*]: [u64; $name::FREQUENT],
+                [$($rare),*]: [u64; $name::RARE],
+            ) -> Self {
+                Self { $($frequent,)* $($rare,)* $($other: Default::default(),)* }
+            }
+        }
+    };
+}
+
+counters! {
+    /// Counters of one channel.
+    ChannelStatistics, "ecan_channel_";
+    /// Frames that a send accepted.
+    frequent frames_accepted "Frames that a send accepted.";
+    /// Frames of RxPDO images that were published.
+    frequent frames_sent "Frames of RxPDO images that were published.";
+    /// Frames of images that the slave controller took, by the working counter: of those that are
+    /// delivered, pending or unknown.
+    frequent frames_confirmed "Frames of images that the slave controller took.";
+    /// Frames that the gateway took in OP. It may have dropped some of them afterwards, see
+    /// `results_failed`.
+    frequent frames_delivered "Frames that the gateway took in OP.";
+    /// Frames of published images that the gateway certainly did not take.
+    rare frames_lost "Frames of published images that the gateway certainly did not take.";
+    /// Frames that never left the host: discarded by the application or after a lost session, or
+    /// withdrawn because their phase had passed.
+    rare frames_discarded "Frames that never left the host.";
+    /// Frames that the gateway may have taken: of images whose delivery is not known, or that it may
+    /// have taken outside OP.
+    rare frames_unknown "Frames that the gateway may have taken.";
+    /// Frames without a known result so far; not a counter.
+    derived frames_pending;
+    /// Frames taken out of TxPDO images.
+    frequent frames_received "Frames taken out of TxPDO images.";
+    /// Frames that arrived and that the application did not take: left in their cycle, or while the
+    /// gateway was not ready.
+    rare frames_not_taken "Frames that arrived and that the application did not take.";
+    /// Frames rejected because the image was full.
+    rare rejected_image_full "Frames rejected because the image was full.";
+    /// Frames rejected because the gateway's transmit queue might not hold them.
+    rare rejected_queue_full
+        "Frames rejected because the transmit queue of the gateway might not hold them.";
+    /// Frames rejected because the channel is bus-off.
+    rare rejected_bus_off "Frames rejected because the channel was bus-off.";
+    /// Transmit results that reported success: code 0 or 1 (manual 10).
+    frequent results_ok "Transmit results that reported success.";
+    /// Transmit results that reported a failure. Results that no part of the application took are
+    /// counted, too.
+    rare results_failed "Transmit results that reported a failure.";
+    /// TxPDO images that reported the channel as bus-off.
+    rare bus_off_images "TxPDO images that reported the channel as bus-off.";
+    /// TxPDO images that reported the channel as not running, without bus-off.
+    rare not_running_images
+        "TxPDO images that reported the channel as not running, without bus-off.";
+}
+
+counters! {
+    /// Counters of one gateway.
+    SlaveStatistics, "ecan_slave_";
     /// Cycles since the gateway was ready for the first time.
-    pub cycles: u64,
+    frequent cycles "Cycles since the gateway was ready for the first time.";
     /// Those of them whose working counter was not complete.
-    pub incomplete_cycles: u64,
+    rare incomplete_cycles
+        "Those of ecan_slave_cycles_total whose working counter was not complete.";
     /// RxPDO images published with a new sequence.
-    pub rxpdo_published: u64,
+    frequent rxpdo_published "RxPDO images published with a new sequence.";
     /// Cycles in which an unconfirmed image was sent again.
-    pub rxpdo_repeated: u64,
+    rare rxpdo_repeated "Cycles in which an unconfirmed image was sent again.";
     /// RxPDO images with frames that were withdrawn before their delivery was confirmed.
-    pub rxpdo_discarded: u64,
+    rare rxpdo_discarded
+        "RxPDO images with frames that were withdrawn before their delivery was confirmed.";
     /// TxPDO images with new content.
-    pub txpdo_received: u64,
+    frequent txpdo_received "TxPDO images with new content.";
     /// Cycles without a new TxPDO image.
-    pub txpdo_repeated: u64,
+    rare txpdo_repeated "Cycles without a new TxPDO image.";
     /// TxPDO images that did not arrive, or damaged, by the gaps in the sequence.
-    pub txpdo_lost: u64,
+    rare txpdo_lost "TxPDO images that did not arrive, or damaged.";
     /// TxPDO images that arrived while the gateway was not ready. Their frames are not handed out
     /// and count as `frames_not_taken`.
-    pub txpdo_discarded: u64,
+    rare txpdo_discarded "TxPDO images that arrived while the gateway was not ready.";
     /// Most TxPDO images that can have been lost in outages after which the gateway started its
     /// sequence again.
-    pub txpdo_unknown: u64,
+    rare txpdo_unknown "Most TxPDO images that can have been lost in outages.";
     /// TxPDO images that were being written while they were read.
-    pub txpdo_torn: u64,
+    rare txpdo_torn "TxPDO images that were being written while they were read.";
     /// TxPDO images that the gateway marked as incomplete: frames were left out or lost.
-    pub txpdo_incomplete: u64,
+    rare txpdo_incomplete "TxPDO images that the gateway marked as incomplete.";
     /// TxPDO images with another layout than the configured one.
-    pub txpdo_layout_changes: u64,
+    rare txpdo_layout_changes "TxPDO images with another layout than the configured one.";
     /// TxPDO images or packets with a fault: bad CRC, bad header, bad packet.
-    pub parse_errors: u64,
+    rare parse_errors "TxPDO images or packets with a fault: bad CRC, bad header, bad packet.";
     /// Transmit results that match no send.
-    pub unmatched_results: u64,
+    rare unmatched_results "Transmit results that match no send.";
     /// Times that the gateway became ready.
-    pub sessions: u64,
+    rare sessions "Times that the gateway became ready.";
     /// Times that the gateway was lost while it was ready; a loss during its verification is none.
-    pub sessions_lost: u64,
+    rare sessions_lost "Times that the gateway was lost while it was ready.";
     /// Verifications that failed.
-    pub verification_failures: u64,
+    rare verification_failures "Verifications of the gateway that failed.";
     /// Requests of another startup because the gateway stayed in one state below OP.
-    pub startup_requests: u64,
+    rare startup_requests
+        "Requests of another startup because the gateway stayed in a state below OP.";
+    ;
     /// Per channel.
-    pub channels: [ChannelStatistics; CHANNELS],
+    channels: [ChannelStatistics; CHANNELS]
 }
 
 impl ChannelStatistics {

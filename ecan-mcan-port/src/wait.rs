@@ -75,12 +75,12 @@ impl Port {
             }
             if is_operational {
                 let waited_ms = (clock.now_ns() - start) / 1_000_000;
-                let mut sessions = self.gateways.iter().map(|gateway| &gateway.session);
+                let mut sessions = self.state.gateways.iter().map(|gateway| &gateway.session);
                 if u128::from(waited_ms) > timeout.as_millis()
                     || sessions.any(|session| session.fails_for_good())
                 {
-                    let error = self.not_ready(waited_ms);
-                    self.stop_not_listening(|port| drop(cycle(port)));
+                    let error = not_ready(self, waited_ms);
+                    stop_not_listening(self, |port| drop(cycle(port)));
                     return Err(error.into());
                 }
                 continue;
@@ -115,79 +115,11 @@ impl Port {
     /// its bus (assumption H32): a failure is logged.
     pub fn stop_channels_not_listening(&mut self) -> Option<PortError> {
         let is_wrong = |gateway: &Gateway| is_not_listening(gateway.session.last_fault());
-        self.gateways.iter().any(is_wrong).then(|| {
-            let error = self.not_ready(0);
-            self.stop_not_listening(|port| drop(empty_cycle(port)));
+        self.state.gateways.iter().any(is_wrong).then(|| {
+            let error = not_ready(self, 0);
+            stop_not_listening(self, |port| drop(empty_cycle(port)));
             error
         })
-    }
-
-    fn stop_not_listening(&mut self, mut cycle: impl FnMut(&mut Self)) {
-        let mut channels = Vec::new();
-        for (slave, gateway) in self.gateways.iter().enumerate() {
-            if !is_not_listening(gateway.session.last_fault()) {
-                continue;
-            }
-            let settings = self.config().gateways.get(slave).map(|it| it.channels);
-            for (channel, settings) in (0..).zip(settings.iter().flatten()) {
-                if settings.is_some_and(|it| it.can.node_mode == NodeMode::Listen) {
-                    channels.push((slave, channel));
-                }
-            }
-        }
-        if channels.is_empty() {
-            return;
-        }
-        let stop = |diagnostics: &Diagnostics| {
-            for (slave, channel) in channels {
-                let controller = CanController::new(diagnostics, slave, channel);
-                let mode = match controller.mode() {
-                    Ok(ControllerMode::Listen) => continue,
-                    Ok(mode) => mode.text(),
-                    Err(_) => "not readable",
-                };
-                match controller.leave_bus() {
-                    Ok(()) => tracing::warn!(
-                        slave,
-                        channel,
-                        "slave {slave} channel {channel}: taken off its bus (mode: {mode})"
-                    ),
-                    Err(error) => tracing::error!(
-                        slave,
-                        channel,
-                        "slave {slave} channel {channel}: still on its bus (mode: {mode}); restart the \
-                         gateway: {error}"
-                    ),
-                }
-            }
-        };
-        let stopped = self.diagnose_with(
-            |port| {
-                cycle(port);
-                Ok::<(), PortError>(())
-            },
-            stop,
-        );
-        if let Err(error) = stopped {
-            tracing::error!("channels that are not listen-only are still on their buses: {error}");
-        }
-    }
-
-    /// Error for the first gateway that is not ready.
-    fn not_ready(&self, waited_ms: u64) -> PortError {
-        let position = |is_cause: fn(&Gateway) -> bool| self.gateways.iter().position(is_cause);
-        let slave = position(|gateway| gateway.session.fails_for_good())
-            .or(position(|gateway| !gateway.session.is_ready()))
-            .unwrap_or_default();
-        let gateway = GatewayHandle::new(slave);
-        let is_final = self.gateways.get(slave).is_some_and(|it| it.session.fails_for_good());
-        PortError::NotReady {
-            slave,
-            session: self.session(gateway),
-            waiting_for: self.waiting_for(gateway).filter(|_| !is_final),
-            last_fault: self.last_verification_fault(gateway),
-            waited_ms,
-        }
     }
 
     /// Time to allow for the startup of all gateways: see
@@ -227,5 +159,75 @@ impl Port {
             self.wait_next_cycle();
             let _ = cycle(self);
         })?)
+    }
+}
+
+/// Takes the channels that should only listen off their buses, with `cycle` as the cycle.
+fn stop_not_listening(port: &mut Port, mut cycle: impl FnMut(&mut Port)) {
+    let mut channels = Vec::new();
+    for (slave, gateway) in port.state.gateways.iter().enumerate() {
+        if !is_not_listening(gateway.session.last_fault()) {
+            continue;
+        }
+        let settings = port.config().gateways.get(slave).map(|gateway| gateway.channels);
+        for (channel, settings) in (0..).zip(settings.iter().flatten()) {
+            if settings.is_some_and(|channel| channel.can.node_mode == NodeMode::Listen) {
+                channels.push((slave, channel));
+            }
+        }
+    }
+    if channels.is_empty() {
+        return;
+    }
+    let stop = |diagnostics: &Diagnostics| {
+        for (slave, channel) in channels {
+            let controller = CanController::new(diagnostics, slave, channel);
+            let mode = match controller.mode() {
+                Ok(ControllerMode::Listen) => continue,
+                Ok(mode) => mode.text(),
+                Err(_) => "not readable",
+            };
+            match controller.leave_bus() {
+                Ok(()) => tracing::warn!(
+                    slave,
+                    channel,
+                    "slave {slave} channel {channel}: taken off its bus (mode: {mode})"
+                ),
+                Err(error) => tracing::error!(
+                    slave,
+                    channel,
+                    "slave {slave} channel {channel}: still on its bus (mode: {mode}); restart the \
+                     gateway: {error}"
+                ),
+            }
+        }
+    };
+    let stopped = port.diagnose_with(
+        |port| {
+            cycle(port);
+            Ok::<(), PortError>(())
+        },
+        stop,
+    );
+    if let Err(error) = stopped {
+        tracing::error!("channels that are not listen-only are still on their buses: {error}");
+    }
+}
+
+/// Error for the first gateway that is not ready.
+fn not_ready(port: &Port, waited_ms: u64) -> PortError {
+    let position = |is_cause: fn(&Gateway) -> bool| port.state.gateways.iter().position(is_cause);
+    let slave = position(|gateway| gateway.session.fails_for_good())
+        .or(position(|gateway| !gateway.session.is_ready()))
+        .unwrap_or_default();
+    let gateway = GatewayHandle::new(slave);
+    let is_final =
+        port.state.gateways.get(slave).is_some_and(|gateway| gateway.session.fails_for_good());
+    PortError::NotReady {
+        slave,
+        session: port.session(gateway),
+        waiting_for: port.waiting_for(gateway).filter(|_| !is_final),
+        last_fault: port.last_verification_fault(gateway),
+        waited_ms,
     }
 }

@@ -45,10 +45,10 @@ fn channel_outside_the_rx_mask_only_receives() {
         cycle.send_can(0, 0, id(0x22), &[2]).unwrap();
     });
     let received = frames_of(&fixture.idle(6));
-    let seen: Vec<_> = received.iter().map(|it| (it.channel, it.frame)).collect();
+    let seen: Vec<_> = received.iter().map(|frame| (frame.channel, frame.frame)).collect();
     assert_eq!(seen, [(1, frame(0x22, &[2]))]);
     let statistics = fixture.port.statistics(fixture.port.gw(0));
-    assert_eq!(statistics.channels.map(|it| it.frames_accepted), [1, 0, 0, 0]);
+    assert_eq!(statistics.channels.map(|channel| channel.frames_accepted), [1, 0, 0, 0]);
 }
 
 #[test]
@@ -59,7 +59,7 @@ fn channel_outside_the_tx_mask_only_sends() {
         cycle.send_can(0, 1, id(0x22), &[2]).unwrap();
     });
     let received = frames_of(&fixture.idle(6));
-    let seen: Vec<_> = received.iter().map(|it| (it.channel, it.frame)).collect();
+    let seen: Vec<_> = received.iter().map(|frame| (frame.channel, frame.frame)).collect();
     assert_eq!(seen, [(1, frame(0x11, &[1]))], "what channel 1 sent reaches channel 0 only");
     assert_eq!(fixture.port.statistics(fixture.port.gw(0)).parse_errors, 0);
 }

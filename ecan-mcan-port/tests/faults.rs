@@ -545,7 +545,7 @@ fn f29_an_interrupted_call_of_the_library_loses_and_repeats_nothing() {
     // In 1.5 the calls return nothing.
     let versions = [EcrtVersion::V1_5, EcrtVersion::V1_6];
     for (call, version) in
-        LibraryCall::ALL.into_iter().flat_map(|call| versions.map(|it| (call, it)))
+        LibraryCall::ALL.into_iter().flat_map(|call| versions.map(|version| (call, version)))
     {
         for multiplier in [3, 8] {
             let mut scenario = ecan_sim::echo(1);

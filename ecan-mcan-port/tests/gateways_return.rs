@@ -134,7 +134,7 @@ fn until(fixture: &mut Fixture, limit: usize, done: impl Fn(&Port) -> bool) {
     let states: Vec<_> = fixture
         .port
         .gateways()
-        .map(|it| (fixture.port.session(it), fixture.port.waiting_for(it)))
+        .map(|gateway| (fixture.port.session(gateway), fixture.port.waiting_for(gateway)))
         .collect();
     panic!("{states:#?}");
 }

@@ -211,7 +211,10 @@ fn port_has_the_margins_of_the_plan() {
                 _ => panic!("{:?}", plan.rejections),
             };
             assert_eq!(sent, Some(expected), "shift {shift_us} us, offset {offset_ns} ns");
-            assert_eq!(plan.rejections.is_empty(), planned.is_ok_and(|it| it.is_sufficient()));
+            assert_eq!(
+                plan.rejections.is_empty(),
+                planned.is_ok_and(|margin| margin.is_sufficient())
+            );
         }
     }
 }

@@ -302,7 +302,7 @@ fn no_frame_leaves_before_its_phase_or_a_period_behind_it() {
         let (frames, counters) = check(&mut fixture);
         lost += frames.scheduled - counters.frames_released;
         let frames = fixture.simulation.with_world(|world| world.take_recorded());
-        for frame in frames.iter().filter(|it| it.is_from_channel) {
+        for frame in frames.iter().filter(|frame| frame.is_from_channel) {
             let due_ns = u64::from_le_bytes(*frame.frame.data().first_chunk().unwrap());
             let after_ns = i128::from(frame.start_ns) - i128::from(due_ns);
             // The echo of the frame before may still be on the bus.

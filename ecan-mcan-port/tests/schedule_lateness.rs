@@ -228,7 +228,7 @@ fn only_the_cycle_with_the_pulse_can_miss_it() {
     assert_eq!((frames.scheduled, frames.withdrawn, frames.sent), (400, 100, 300));
     assert_eq!(counters.frames_released, 300);
     let frames = fixture.simulation.with_world(|world| world.take_recorded());
-    for frame in frames.iter().filter(|it| it.is_from_channel) {
+    for frame in frames.iter().filter(|frame| frame.is_from_channel) {
         let point_ns = u64::from_le_bytes(*frame.frame.data().first_chunk().unwrap());
         let waited_ns = frame.start_ns - point_ns;
         // Three share a pulse, and the bus with their echoes.

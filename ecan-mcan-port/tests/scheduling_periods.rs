@@ -45,7 +45,7 @@ fn errors(offset_ns: Option<u32>, spin_ns: u64) -> Distribution {
     }
     fixture.idle(500);
     let frames = fixture.simulation.with_world(|world| world.take_recorded());
-    let sent: Vec<_> = frames.iter().filter(|it| it.is_from_channel).collect();
+    let sent: Vec<_> = frames.iter().filter(|frame| frame.is_from_channel).collect();
     assert_eq!(sent.len() as u64, FRAMES, "every frame was on the bus");
     if offset_ns.is_some() {
         let account = fixture.port.schedule_account(fixture.port.ch(0, 0));

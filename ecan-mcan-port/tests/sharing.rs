@@ -131,12 +131,12 @@ fn queued_frames_follow_those_of_the_application_and_keep_their_order() {
         recorded.drain(&mut stream);
     }
     reports +=
-        fixture.idle(20).iter().filter(|it| matches!(it, Received::TransmitReport(_))).count();
+        fixture.idle(20).iter().filter(|item| matches!(item, Received::TransmitReport(_))).count();
     recorded.drain(&mut stream);
     assert_eq!(reports, 40, "results of queued frames are not those of the application");
     assert_eq!(recorded.results, 160);
     let queued: Vec<_> =
-        recorded.published.iter().filter(|it| it.2).map(|it| it.1.id().raw()).collect();
+        recorded.published.iter().filter(|image| image.2).map(|image| image.1.id().raw()).collect();
     assert_eq!(queued, (0x200..0x200 + 120).collect::<Vec<_>>());
     assert_eq!(queues.taken(0, 2), 120);
     assert_eq!(fixture.port.statistics(fixture.port.gateway(0).unwrap()).unmatched_results, 0);

@@ -328,7 +328,7 @@ mod tests {
         }
 
         fn upload(&self, slave: usize, subindex: u8) -> Result<u32, PrivilegeError> {
-            let at = Recognition::SUBINDICES.iter().position(|it| *it == subindex).unwrap();
+            let at = Recognition::SUBINDICES.iter().position(|known| *known == subindex).unwrap();
             self.0[slave].answer.map(|values| values[at])
         }
 

@@ -9,7 +9,7 @@ mod snapshot;
 pub(crate) use snapshot::CycleRecord;
 
 pub use commands::{CommandTicket, NoSuchAxis};
-pub use handle::{Observer, Publisher};
+pub use handle::Observer;
 pub use quick_stops::{QuickStop, QuickStops};
 pub use ring::{Section, SectionWriter, WordGroup, WordGroups};
-pub use snapshot::{ObserverError, Snapshot};
+pub use snapshot::{ObserverError, Publisher, Snapshot};

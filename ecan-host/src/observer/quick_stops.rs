@@ -178,7 +178,10 @@ mod tests {
         drop(second);
         assert_eq!(commands.axis_count(), 3);
         assert_eq!(executed(&mut first), [QuickStop::All]);
-        assert!(!has_executed(&shared, early) && lost.iter().all(|it| !has_executed(&shared, *it)));
+        assert!(
+            !has_executed(&shared, early)
+                && lost.iter().all(|ticket| !has_executed(&shared, *ticket))
+        );
         let given = [commands.quick_stop(2).unwrap(), commands.quick_stop_all()];
         assert!(given.iter().all(|ticket| !has_executed(&shared, *ticket)));
         assert_eq!(executed(&mut first), [QuickStop::All, QuickStop::Axis(2)]);

@@ -1,15 +1,18 @@
-//! Snapshot of one cycle, and the Adapter's part of it.
+//! Snapshot of one cycle: its publisher, its reader, and the Adapter's part of it.
 
-use std::sync::Arc;
+use std::sync::atomic::Ordering;
+use std::sync::{Arc, PoisonError};
 
 use thiserror::Error;
 
 use super::commands::{CommandTicket, Executed};
-use super::handle::{Observer, Publisher};
+use super::handle::Observer;
 use super::ring::{Ring, Section, SectionWriter};
 use crate::cycle_timing::CycleStart;
 use crate::exchange::{Delivery, DomainReport};
 use crate::master::WcState;
+use crate::observer::handle::Shared;
+use crate::observer::quick_stops::QuickStops;
 
 /// Words of the cycle, and of each slave.
 const CYCLE_WORDS: usize = 12;
@@ -263,7 +266,90 @@ impl Snapshot {
     }
 }
 
+/// Writes the snapshots of an Adapter, one version per cycle. Its methods are for the layers of the SDK.
+#[derive(Debug)]
+pub struct Publisher {
+    shared: Arc<Shared>,
+    ring: Arc<Ring>,
+    /// Of the last version that was begun.
+    number: u64,
+    is_begun: bool,
+}
+
+impl Default for Publisher {
+    fn default() -> Self {
+        let shared = Arc::new(Shared::default());
+        Self { ring: shared.first_ring(), shared, number: 0, is_begun: false }
+    }
+}
+
 impl Publisher {
+    pub(crate) fn observer(&self) -> Observer {
+        Observer::new(Arc::clone(&self.shared))
+    }
+
+    /// The quick stops that observers command, for a table of axes that executes them from now on.
+    /// Allocates; not for the cycle.
+    pub fn quick_stops(&self, axis_count: usize) -> QuickStops {
+        QuickStops::new(Arc::clone(&self.shared), axis_count)
+    }
+
+    pub(crate) fn is_stop_requested(&self) -> bool {
+        self.shared.commands.is_stop_requested()
+    }
+
+    pub(crate) fn clear_stop_request(&self) {
+        self.shared.commands.clear_stop_request();
+    }
+
+    pub(crate) fn executed(&self) -> Executed {
+        self.shared.commands.executed()
+    }
+
+    /// Reserves a section of the snapshots, with the words that the cycle does not write. Returns a
+    /// number that no other reservation has. Allocates; not for the cycle.
+    pub fn reserve(&self, section: Section, initial: &[u64]) -> u64 {
+        let mut first = self.shared.first_ring.lock().unwrap_or_else(PoisonError::into_inner);
+        let last = self.ring.last();
+        if last.layout().initial_of(section) != initial {
+            last.append(last.layout().with(section, initial));
+        }
+        // Earlier rings end here, if no snapshot uses them.
+        *first = Arc::clone(&self.ring);
+        self.shared.reservations.fetch_add(1, Ordering::Relaxed) + 1
+    }
+
+    /// Begins a version unless one is begun; nothing without an observer.
+    pub(crate) fn begin(&mut self) {
+        if self.is_begun || self.shared.observers.load(Ordering::Relaxed) == 0 {
+            return;
+        }
+        while let Some(next) = self.ring.next() {
+            // The earlier one stays alive in `first_ring`: nothing is freed here.
+            self.ring = Arc::clone(next);
+        }
+        self.number += 1;
+        self.ring.begin(self.number);
+        self.is_begun = true;
+    }
+
+    /// The writer of a section in the snapshot of this cycle; `None` without an observer. Real-time safe.
+    #[inline]
+    pub fn section(&self, section: Section) -> Option<SectionWriter<'_>> {
+        if !self.is_begun {
+            return None;
+        }
+        let (number, words) = self.ring.section(self.number, section).split_first()?;
+        number.store(self.number, Ordering::Relaxed);
+        Some(SectionWriter::new(words))
+    }
+
+    pub(crate) fn complete(&mut self) {
+        if std::mem::take(&mut self.is_begun) {
+            self.ring.complete(self.number);
+        }
+    }
+
     pub(crate) fn reserve_cycle(&self, slave_count: usize) {
         self.reserve(Section::Adapter, &vec![0; CYCLE_WORDS + slave_count * SLAVE_WORDS]);
     }
@@ -291,6 +377,12 @@ impl Publisher {
             write(&mut writer, record, reports);
             self.complete();
         }
+    }
+}
+
+impl Drop for Publisher {
+    fn drop(&mut self) {
+        self.shared.is_closed.store(true, Ordering::Release);
     }
 }
 

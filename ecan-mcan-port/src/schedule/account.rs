@@ -6,11 +6,14 @@
 //! begins after their phase; if it shows a problem, they count as unknown. The readings also verify the
 //! codes of the results: until then, late frames wait for a reading as well.
 
+use std::fmt;
+
 use ecan_protocol::image::{ChannelStatus, ResultCode};
 use ecan_protocol::mapping::CHANNELS;
 
-use crate::schedule::diagnostics::ScheduleDiagnostics;
-use crate::schedule::result_codes::{CodeDecision, ResultCodeCheck, ResultCodes};
+use super::result_codes::{
+    CodeDecision, Object, ResultCodeCheck, ResultCodes, ScheduleDiagnostics,
+};
 
 /// Results of a channel's scheduled frames. Counters only grow, except `open`.
 ///
@@ -295,6 +298,53 @@ impl ScheduleAccounts {
     pub(crate) fn reset(&mut self) {
         self.flags_lost();
         self.is_used = false;
+    }
+}
+
+/// Reason for which the [`ScheduleAccount`](crate::ScheduleAccount) of a gateway cannot name the results of
+/// accepted frames: they count as unknown.
+///
+/// The text names the row of docs/ASSUMPTIONS.md that does not hold and what to do.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum ScheduleFault {
+    /// The codes 1 and 2 of TX_RESULT contradict the flag SCHED_LATE_DROP of 0xB000:06.
+    CodesContradicted,
+    /// SCHED_LATE_DROP was set before a reading could verify the codes of TX_RESULT.
+    CodesUnverified,
+    /// An object that decides on accepted frames cannot be read.
+    Unreadable {
+        /// Its index.
+        index: u16,
+        /// Its subindex.
+        subindex: u8,
+    },
+}
+
+impl ScheduleFault {
+    pub(crate) fn unreadable((index, subindex): Object) -> Self {
+        Self::Unreadable { index, subindex }
+    }
+}
+
+impl fmt::Display for ScheduleFault {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::CodesContradicted => f.write_str(
+                "TX_RESULT codes 1 and 2 of scheduled frames contradict the flag SCHED_LATE_DROP (0xB000:06 bit 6), \
+                 assumption H23; the frames count as unknown; disable TX_RESULT: then the flags alone decide",
+            ),
+            Self::CodesUnverified => f.write_str(
+                "SCHED_LATE_DROP (0xB000:06 bit 6) was set before the TX_RESULT codes of scheduled frames were \
+                 verified (assumption H23, or assumption H24: the frames may count from another pulse); the frames count as \
+                 unknown; clear the flags, or disable TX_RESULT: then the flags alone decide",
+            ),
+            Self::Unreadable { index, subindex } => write!(
+                f,
+                "0x{index:04X}:{subindex:02} cannot be read (assumption H42: the firmware may lack it); accepted \
+                 scheduled frames count as unknown; read the object with `ecan sdo`, update the firmware"
+            ),
+        }
     }
 }
 

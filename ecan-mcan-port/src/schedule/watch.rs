@@ -2,8 +2,8 @@
 
 use ecan_host::{Adapter, DcSync, Error, RequestState, SdoRequestId};
 
-use crate::schedule::config::ScheduleConfig;
-use crate::schedule::diagnostics::{Object, ScheduleDiagnostics, decisive_objects, other_objects};
+use super::result_codes::{Object, ScheduleDiagnostics, decisive_objects, other_objects};
+use crate::config::ScheduleConfig;
 
 /// Object and value that clear the diagnostics and legacy flags (manual 13.7).
 const MAINTENANCE_COMMAND: Object = (0xB000, 4);

@@ -1,7 +1,9 @@
-//! Frames of the last images, to match transmit results with them (manual 10).
+//! Published images and their frames, until it is known what the gateway did with them.
 
 use ecan_protocol::image::TxResult;
-use ecan_protocol::mapping::MAX_PACKETS;
+use ecan_protocol::mapping::{CHANNELS, MAX_PACKETS};
+
+use crate::statistics::SlaveStatistics;
 
 /// Number of images stored. Results arrive one or two images later, later under back pressure.
 const DEPTH: usize = 16;
@@ -145,10 +147,124 @@ impl SentImage {
     }
 }
 
+/// Frames per channel in an image.
+pub(crate) type Counts = [u8; CHANNELS];
+
+/// Number of images that are stored one by one; older ones are proven together.
+const UNPROVEN_DEPTH: usize = 16;
+
+#[derive(Debug, Clone, Copy, Default)]
+struct Image {
+    /// 0 for none.
+    number: u64,
+    frames: [u64; CHANNELS],
+}
+
+impl Image {
+    fn add(&mut self, other: &Self) {
+        self.number = self.number.max(other.number);
+        for (sum, frames) in self.frames.iter_mut().zip(other.frames) {
+            *sum += frames;
+        }
+    }
+}
+
+/// Images are numbered in the order of their publication, from 1.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct UnprovenFrames {
+    images: [Image; UNPROVEN_DEPTH],
+    next: usize,
+    /// Sum of the images before these, with the number of the last one.
+    older: Image,
+    /// Last image that is proven.
+    proven: u64,
+}
+
+impl UnprovenFrames {
+    /// Adds a delivered image.
+    #[inline]
+    pub(crate) fn add(&mut self, number: u64, counts: &Counts) {
+        if *counts == [0; CHANNELS] {
+            return;
+        }
+        let frames = counts.map(u64::from);
+        if let Some(image) = self.images.get_mut(self.next) {
+            let replaced = std::mem::replace(image, Image { number, frames });
+            if replaced.number != 0 {
+                self.older.add(&replaced);
+            }
+        }
+        self.next = (self.next + 1) % UNPROVEN_DEPTH;
+    }
+
+    /// Removes the frames of all images up to `number` and returns their numbers per channel.
+    #[inline]
+    pub(crate) fn prove(&mut self, number: u64) -> [u64; CHANNELS] {
+        if number <= self.proven {
+            return [0; CHANNELS];
+        }
+        self.proven = number;
+        self.take(|image| image.number <= number)
+    }
+
+    /// Removes all frames and returns their numbers per channel.
+    pub(crate) fn take_all(&mut self) -> [u64; CHANNELS] {
+        self.take(|_| true)
+    }
+
+    /// Number of frames per channel.
+    pub(crate) fn frames(&self) -> [u64; CHANNELS] {
+        let mut sum = self.older;
+        self.images.iter().for_each(|image| sum.add(image));
+        sum.frames
+    }
+
+    fn take(&mut self, matches: impl Fn(&Image) -> bool) -> [u64; CHANNELS] {
+        let mut sum = Image::default();
+        for image in self.images.iter_mut().chain([&mut self.older]) {
+            if matches(image) {
+                sum.add(&std::mem::take(image));
+            }
+        }
+        sum.frames
+    }
+}
+
+/// State of frames that the host does not send any more.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Withdrawn {
+    /// Their image was not published.
+    Discarded,
+    /// The gateway did not take their image.
+    Lost,
+    /// It may have taken it.
+    Unknown,
+}
+
+/// Counts the frames of a withdrawn image and returns their number.
+pub(crate) fn count_withdrawn(
+    counts: &Counts,
+    state: Withdrawn,
+    statistics: &mut SlaveStatistics,
+) -> usize {
+    let frames: usize = counts.iter().map(|n| usize::from(*n)).sum();
+    statistics.rxpdo_discarded += u64::from(frames > 0);
+    for (channel, count) in statistics.channels.iter_mut().zip(counts) {
+        let counter = match state {
+            Withdrawn::Discarded => &mut channel.frames_discarded,
+            Withdrawn::Lost => &mut channel.frames_lost,
+            Withdrawn::Unknown => &mut channel.frames_unknown,
+        };
+        *counter += u64::from(*count);
+    }
+    frames
+}
+
 #[cfg(test)]
 mod tests {
-    use super::*;
     use ecan_protocol::image::ResultCode;
+
+    use super::*;
 
     fn result(sequence: u16, frame_index: u8, channel: u8) -> TxResult {
         TxResult { channel, sequence, frame_index, code: ResultCode::Ok }
@@ -222,5 +338,30 @@ mod tests {
         history.frame_added(21, 0, 1, Some(1));
         history.reset(|channel| closed.push(channel));
         assert_eq!(closed, [3, 1]);
+    }
+
+    #[test]
+    fn images_up_to_the_number_are_proven_once() {
+        let mut unproven = UnprovenFrames::default();
+        unproven.add(1, &[1, 0, 0, 0]);
+        unproven.add(2, &[0; CHANNELS]);
+        unproven.add(3, &[2, 5, 0, 0]);
+        assert_eq!(unproven.prove(2), [1, 0, 0, 0]);
+        assert_eq!(unproven.prove(2), [0; CHANNELS]);
+        assert_eq!(unproven.frames(), [2, 5, 0, 0]);
+        assert_eq!(unproven.prove(9), [2, 5, 0, 0]);
+        assert_eq!(unproven.take_all(), [0; CHANNELS]);
+    }
+
+    #[test]
+    fn old_images_are_proven_together() {
+        let mut unproven = UnprovenFrames::default();
+        for number in 1..=40 {
+            unproven.add(number, &[1, 0, 0, 0]);
+        }
+        assert_eq!(unproven.frames()[0], 40);
+        assert_eq!(unproven.prove(20)[0], 0, "24 images are one sum");
+        assert_eq!(unproven.prove(30)[0], 30);
+        assert_eq!(unproven.take_all()[0], 10);
     }
 }

@@ -1,9 +1,11 @@
-//! Options of a sent frame, and the ticket that identifies it.
+//! Options, tickets and errors of sending.
 
-use ecan_protocol::can::CanFrame;
+use ecan_protocol::can::{CanFrame, FrameError};
 use ecan_protocol::image::Schedule;
+use thiserror::Error;
 
-use crate::address::ChannelHandle;
+use crate::address::{AddressError, ChannelHandle};
+use crate::schedule::margin::NotSchedulable;
 
 /// Identifies a sent frame; its transmit result carries the same ticket (manual 10).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -71,5 +73,110 @@ impl TransmitFrame {
     /// A frame that is sent at once.
     pub fn new(to: ChannelHandle, frame: CanFrame) -> Self {
         Self { to, frame, options: SendOptions::default() }
+    }
+}
+
+/// Reason for which a frame must wait.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Backpressure {
+    /// The RxPDO image of this cycle is full: its bytes or its 255 packets.
+    Image,
+    /// The channel's transmit queue in the gateway may be full, by its status.
+    Queue,
+    /// The channel is bus-off: the gateway would drop the frame.
+    BusOff,
+    /// Phase of a scheduled frame: this cycle began too late for it, or an unconfirmed image is sent
+    /// before.
+    Phase,
+}
+
+/// Error of a frame that was not sent.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
+#[non_exhaustive]
+pub enum SendError {
+    /// The frame must wait; temporary.
+    #[error(
+        "slave {slave} channel {channel}: no room for a frame: {}; retry in a later cycle",
+        match what {
+            Backpressure::Image => "the image of this cycle is full",
+            Backpressure::Queue => "the gateway's transmit queue is full",
+            Backpressure::BusOff => "the channel is bus-off",
+            Backpressure::Phase => "this cycle is too late for its Sync0 phase",
+        }
+    )]
+    Backpressure {
+        /// Slave index.
+        slave: usize,
+        /// Channel.
+        channel: u8,
+        /// Reason.
+        what: Backpressure,
+    },
+    /// The gateway is not ready; temporary.
+    #[error("slave {slave} is not ready (not in OP or not verified); retry in a later cycle")]
+    NotReady {
+        /// Slave index.
+        slave: usize,
+    },
+    /// The channel does not exist or is not enabled.
+    #[error(transparent)]
+    Address(#[from] AddressError),
+    /// A channel that only receives.
+    #[error(
+        "slave {slave} channel {channel} only receives: it is not in the channel mask of the RxPDO \
+         (0x8011:04); add it to the mask in the gateway's configuration"
+    )]
+    ReceiveOnly {
+        /// Slave index.
+        slave: usize,
+        /// Channel.
+        channel: u8,
+    },
+    /// A CAN FD frame for a classic channel.
+    #[error("slave {slave} channel {channel} is configured for classic CAN only")]
+    NotFd {
+        /// Slave index.
+        slave: usize,
+        /// Channel.
+        channel: u8,
+    },
+    /// A schedule that the configuration or the gateway does not support.
+    #[error("slave {slave} cannot schedule a frame at {offset_ns} ns: {reason}")]
+    NotSchedulable {
+        /// Slave index.
+        slave: usize,
+        /// Phase of the frame, in nanoseconds.
+        offset_ns: u32,
+        /// Reason.
+        reason: NotSchedulable,
+    },
+    /// The data are not a valid CAN frame.
+    #[error(transparent)]
+    Frame(#[from] FrameError),
+}
+
+impl SendError {
+    /// Returns whether the cause passes by itself, so that the frame can be sent in a later cycle.
+    pub fn is_temporary(&self) -> bool {
+        matches!(self, Self::Backpressure { .. } | Self::NotReady { .. })
+    }
+}
+
+/// Ignores temporary errors of sending.
+pub trait OkOrTemporary<T> {
+    /// Returns `Ok(None)` for a [temporary](SendError::is_temporary) error: the frame was not sent.
+    ///
+    /// # Errors
+    /// Every other [`SendError`].
+    fn ok_or_temporary(self) -> Result<Option<T>, SendError>;
+}
+
+impl<T> OkOrTemporary<T> for Result<T, SendError> {
+    fn ok_or_temporary(self) -> Result<Option<T>, SendError> {
+        match self {
+            Ok(value) => Ok(Some(value)),
+            Err(error) if error.is_temporary() => Ok(None),
+            Err(error) => Err(error),
+        }
     }
 }

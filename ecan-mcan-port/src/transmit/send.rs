@@ -1,15 +1,15 @@
 //! Sending CAN frames in a cycle: at once or at a phase of the next Sync0 period.
 
+use ecan_host::Adapter;
 use ecan_protocol::can::FrameRef;
 use ecan_protocol::image::PushError;
 
-use super::error::{Backpressure, SendError};
-use super::options::{SendOptions, SendTicket, TransmitFrame};
+use super::options::{Backpressure, SendError, SendOptions, SendTicket, TransmitFrame};
 use crate::address::{AddressError, ChannelHandle};
+use crate::config::MarginCheck;
 use crate::cycle::Cycle;
+use crate::cycle_state::CycleState;
 use crate::gateway::Gateway;
-use crate::port::Port;
-use crate::schedule::config::MarginCheck;
 use crate::schedule::margin::NotSchedulable;
 
 /// Result of a batch.
@@ -35,7 +35,7 @@ impl Cycle<'_> {
         frame: impl Into<FrameRef<'f>>,
     ) -> Result<SendTicket, SendError> {
         let (head, data) = frame.into().into_parts();
-        self.port.send_now(to, head, data)
+        self.port.state.send_now(&mut self.port.adapter, to, head, data)
     }
 
     /// As [`send`](Self::send), to a channel that was not checked before, and inlined: for the C
@@ -52,7 +52,7 @@ impl Cycle<'_> {
         reject: impl FnOnce(SendError) -> E,
     ) -> Result<SendTicket, E> {
         let to = ChannelHandle::new(slave, channel);
-        self.port.put(to, frame, SendOptions::default(), true, reject)
+        self.port.state.put(&mut self.port.adapter, to, frame, SendOptions::default(), true, reject)
     }
 
     /// As [`send`](Self::send), with a hint or a schedule.
@@ -66,7 +66,7 @@ impl Cycle<'_> {
         frame: impl Into<FrameRef<'f>>,
         options: SendOptions,
     ) -> Result<SendTicket, SendError> {
-        self.port.send_with(to, frame.into(), options)
+        self.port.state.send_with(&mut self.port.adapter, to, frame.into(), options)
     }
 
     /// Sends frames in order and stops at the first error, for all channels, so that the rest can be
@@ -81,20 +81,22 @@ impl Cycle<'_> {
     }
 }
 
-impl Port {
+impl CycleState {
     /// Sends the frame of these parts ([`FrameRef::into_parts`]).
     fn send_now(
         &mut self,
+        adapter: &mut Adapter,
         to: ChannelHandle,
         head: u64,
         data: &[u8],
     ) -> Result<SendTicket, SendError> {
         let frame = FrameRef::from_parts(head, data);
-        self.put(to, frame, SendOptions::default(), true, |error| error)
+        self.put(adapter, to, frame, SendOptions::default(), true, |error| error)
     }
 
     fn send_with(
         &mut self,
+        adapter: &mut Adapter,
         to: ChannelHandle,
         frame: FrameRef<'_>,
         options: SendOptions,
@@ -102,11 +104,11 @@ impl Port {
         let has_margin = match options.schedule {
             Some(schedule) => {
                 self.check_channel(to, frame.is_fd())?;
-                self.check_phase(to, schedule.offset_ns)?
+                self.check_phase(adapter, to, schedule.offset_ns)?
             }
             None => true,
         };
-        self.put(to, frame, options, has_margin, |error| error)
+        self.put(adapter, to, frame, options, has_margin, |error| error)
     }
 
     /// Writes a frame into the image; the phase of a schedule was checked before. Inlined into both
@@ -114,6 +116,7 @@ impl Port {
     #[inline(always)]
     fn put<E>(
         &mut self,
+        adapter: &mut Adapter,
         to: ChannelHandle,
         frame: FrameRef<'_>,
         options: SendOptions,
@@ -126,9 +129,9 @@ impl Port {
             _ => return Err(reject(self.reject_channel(to, frame.is_fd()))),
         };
         if gateway.is_paced && !gateway.transmitter.window(channel).accepts_frames() {
-            return Err(reject(gateway.reject_paced(to)));
+            return Err(reject(reject_paced(gateway, to)));
         }
-        let image = self.adapter.rx_pdo_mut(slave);
+        let image = adapter.rx_pdo_mut(slave);
         let id_aux = options.hint as u8;
         match gateway.transmitter.push(image, channel, id_aux, frame, options.schedule) {
             Ok((sequence, index)) => {
@@ -138,7 +141,7 @@ impl Port {
                 }
                 Ok(SendTicket { slave, sequence, index })
             }
-            Err(error) => Err(reject(gateway.reject_push(to, error))),
+            Err(error) => Err(reject(reject_push(gateway, to, error))),
         }
     }
 
@@ -171,14 +174,19 @@ impl Port {
     }
 
     /// Checks that this cycle can meet a phase; returns whether its margin suffices.
-    fn check_phase(&mut self, to: ChannelHandle, offset_ns: u32) -> Result<bool, SendError> {
+    fn check_phase(
+        &mut self,
+        adapter: &Adapter,
+        to: ChannelHandle,
+        offset_ns: u32,
+    ) -> Result<bool, SendError> {
         let (slave, channel) = (to.slave(), to.channel());
         let reject = |reason| SendError::NotSchedulable { slave, offset_ns, reason };
-        let margin = self.schedule_margin(to.gateway(), offset_ns);
-        let begun_ns = self.deadline_ns.map(|_| self.adapter.cycle_start().late_ns);
+        let (begun_ns, since_first_ns) = (self.begun_ns(adapter), self.since_first_ns());
         let Some(gateway) = self.gateways.get_mut(slave) else {
             return Err(self.wrong_address(slave, channel).into());
         };
+        let margin = gateway.schedule_margin(offset_ns);
         let accounts = gateway.transmitter.accounts_mut();
         accounts.asked(channel);
         let margin = margin.map_err(reject)?;
@@ -189,7 +197,7 @@ impl Port {
         }
         // Frames sent while an image is unconfirmed leave in a later cycle.
         let is_late =
-            begun_ns.is_some_and(|ns| gateway.schedule_times.misses_pulse(self.since_first_ns, ns));
+            begun_ns.is_some_and(|ns| gateway.schedule_times.misses_pulse(since_first_ns, ns));
         if is_late || gateway.transmitter.is_unconfirmed() {
             gateway.transmitter.accounts_mut().rejected_late(channel);
             return Err(SendError::Backpressure { slave, channel, what: Backpressure::Phase });
@@ -198,33 +206,31 @@ impl Port {
     }
 }
 
-impl Gateway {
-    /// Counts a frame that a paced channel rejects, and returns the reason.
-    #[cold]
-    #[inline(never)]
-    fn reject_paced(&mut self, to: ChannelHandle) -> SendError {
-        let (slave, channel) = (to.slave(), to.channel());
-        let statistics = self.statistics.channel(channel);
-        let what = if self.transmitter.window(channel).is_bus_off() {
-            statistics.rejected_bus_off += 1;
-            Backpressure::BusOff
-        } else {
-            statistics.rejected_queue_full += 1;
-            Backpressure::Queue
-        };
-        SendError::Backpressure { slave, channel, what }
-    }
+/// Counts a frame that a paced channel rejects, and returns the reason.
+#[cold]
+#[inline(never)]
+fn reject_paced(gateway: &mut Gateway, to: ChannelHandle) -> SendError {
+    let (slave, channel) = (to.slave(), to.channel());
+    let statistics = gateway.statistics.channel(channel);
+    let what = if gateway.transmitter.window(channel).is_bus_off() {
+        statistics.rejected_bus_off += 1;
+        Backpressure::BusOff
+    } else {
+        statistics.rejected_queue_full += 1;
+        Backpressure::Queue
+    };
+    SendError::Backpressure { slave, channel, what }
+}
 
-    #[cold]
-    #[inline(never)]
-    fn reject_push(&mut self, to: ChannelHandle, error: PushError) -> SendError {
-        let (slave, channel) = (to.slave(), to.channel());
-        match error {
-            PushError::NoRoom { .. } | PushError::TooManyPackets | PushError::Buffer { .. } => {
-                self.statistics.channel(channel).rejected_image_full += 1;
-                SendError::Backpressure { slave, channel, what: Backpressure::Image }
-            }
-            _ => AddressError::Disabled { slave, channel }.into(),
+#[cold]
+#[inline(never)]
+fn reject_push(gateway: &mut Gateway, to: ChannelHandle, error: PushError) -> SendError {
+    let (slave, channel) = (to.slave(), to.channel());
+    match error {
+        PushError::NoRoom { .. } | PushError::TooManyPackets | PushError::Buffer { .. } => {
+            gateway.statistics.channel(channel).rejected_image_full += 1;
+            SendError::Backpressure { slave, channel, what: Backpressure::Image }
         }
+        _ => AddressError::Disabled { slave, channel }.into(),
     }
 }

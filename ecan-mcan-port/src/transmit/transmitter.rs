@@ -11,12 +11,11 @@ use ecan_protocol::image::{
 };
 use ecan_protocol::mapping::{CHANNELS, Direction, HEADER_BYTES};
 
+use super::history::{Counts, UnprovenFrames, Withdrawn, count_withdrawn};
 use crate::schedule::account::{ScheduleAccounts, ScheduledFrameState};
 use crate::statistics::SlaveStatistics;
 use crate::transmit::history::{OpenFrame, TransmitHistory};
-use crate::transmit::unproven::{Counts, UnprovenFrames};
 use crate::transmit::window::TransmitWindow;
-use crate::transmit::withdrawn::{Withdrawn, count_withdrawn};
 
 #[derive(Debug)]
 pub(crate) struct Transmitter {
@@ -319,7 +318,7 @@ impl Transmitter {
         let sequence = self.writer.next_sequence();
         self.window(channel).frame_added();
         self.filling_scheduled += u8::from(schedule.is_some());
-        self.history.frame_added(sequence, index, channel, schedule.map(|it| it.tag));
+        self.history.frame_added(sequence, index, channel, schedule.map(|record| record.tag));
         Ok((sequence, index))
     }
 

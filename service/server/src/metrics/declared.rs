@@ -7,27 +7,22 @@ use super::metric::{Metric, Source};
 
 const NS_PER_S: f64 = 1e9;
 
-/// Declares one counter for each field of a struct, in the form that names every field.
-macro_rules! counters {
-    (
-        $declared:ident: $prefix:literal, $source:path, $owner:ident { $($other:ident),* };
-        $( $field:ident $help:literal; )+
-    ) => {
-        pub(super) static $declared: &[Metric] = &[$(
-            Metric::new(
-                concat!($prefix, stringify!($field), "_total"),
-                $help,
-                $source(|counters| {
-                    let $owner { $field, .. } = counters;
-                    *$field
-                }),
-            ),
-        )+];
-
-        const _: fn($owner) = |counters| {
-            let $owner { $($field: _,)+ $($other: _,)* } = counters;
+/// Makes a metric of each counter of a struct.
+macro_rules! counter_metrics {
+    ($owner:ident, $source:path) => {{
+        const COUNT: usize = $owner::COUNTERS.len();
+        const METRICS: [Metric; COUNT] = {
+            let mut metrics = [const { Metric::new("", "", Source::Build) }; COUNT];
+            let mut at = 0;
+            while at < COUNT {
+                let counter = &$owner::COUNTERS[at];
+                metrics[at] = Metric::new(counter.metric, counter.help, $source(counter.value));
+                at += 1;
+            }
+            metrics
         };
-    };
+        &METRICS
+    }};
 }
 
 fn flag(is_set: bool) -> f64 {
@@ -184,28 +179,7 @@ static SLAVE: &[Metric] = &[
     ),
 ];
 
-counters! {
-    SLAVE_COUNTERS: "ecan_slave_", Source::SlaveCount, SlaveStatistics { channels };
-    cycles "Cycles since the gateway was ready for the first time.";
-    incomplete_cycles "Those of ecan_slave_cycles_total whose working counter was not complete.";
-    rxpdo_published "RxPDO images published with a new sequence.";
-    rxpdo_repeated "Cycles in which an unconfirmed image was sent again.";
-    rxpdo_discarded "RxPDO images with frames that were withdrawn before their delivery was confirmed.";
-    txpdo_received "TxPDO images with new content.";
-    txpdo_repeated "Cycles without a new TxPDO image.";
-    txpdo_lost "TxPDO images that did not arrive, or damaged.";
-    txpdo_discarded "TxPDO images that arrived while the gateway was not ready.";
-    txpdo_unknown "Most TxPDO images that can have been lost in outages.";
-    txpdo_torn "TxPDO images that were being written while they were read.";
-    txpdo_incomplete "TxPDO images that the gateway marked as incomplete.";
-    txpdo_layout_changes "TxPDO images with another layout than the configured one.";
-    parse_errors "TxPDO images or packets with a fault: bad CRC, bad header, bad packet.";
-    unmatched_results "Transmit results that match no send.";
-    sessions "Times that the gateway became ready.";
-    sessions_lost "Times that the gateway was lost while it was ready.";
-    verification_failures "Verifications of the gateway that failed.";
-    startup_requests "Requests of another startup because the gateway stayed in a state below OP.";
-}
+static SLAVE_COUNTERS: &[Metric] = counter_metrics!(SlaveStatistics, Source::SlaveCount);
 
 static CHANNEL: &[Metric] = &[
     Metric::new(
@@ -242,25 +216,7 @@ static CHANNEL: &[Metric] = &[
     ),
 ];
 
-counters! {
-    CHANNEL_COUNTERS: "ecan_channel_", Source::ChannelCount, ChannelStatistics { frames_pending };
-    frames_accepted "Frames that a send accepted.";
-    frames_sent "Frames of RxPDO images that were published.";
-    frames_confirmed "Frames of images that the slave controller took.";
-    frames_delivered "Frames that the gateway took in OP.";
-    frames_lost "Frames of published images that the gateway certainly did not take.";
-    frames_discarded "Frames that never left the host.";
-    frames_unknown "Frames that the gateway may have taken.";
-    frames_received "Frames taken out of TxPDO images.";
-    frames_not_taken "Frames that arrived and that the application did not take.";
-    rejected_image_full "Frames rejected because the image was full.";
-    rejected_queue_full "Frames rejected because the transmit queue of the gateway might not hold them.";
-    rejected_bus_off "Frames rejected because the channel was bus-off.";
-    results_ok "Transmit results that reported success.";
-    results_failed "Transmit results that reported a failure.";
-    bus_off_images "TxPDO images that reported the channel as bus-off.";
-    not_running_images "TxPDO images that reported the channel as not running, without bus-off.";
-}
+static CHANNEL_COUNTERS: &[Metric] = counter_metrics!(ChannelStatistics, Source::ChannelCount);
 
 /// Declares a value of an object of a channel.
 const fn object(

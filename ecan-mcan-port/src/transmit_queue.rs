@@ -3,16 +3,15 @@
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
 
-use thiserror::Error;
-
 use ecan_protocol::can::{CanFrame, CanId, Dlc, FrameKind, FrameRef};
 use ecan_protocol::image::PushError;
 use ecan_protocol::mapping::CHANNELS;
+use thiserror::Error;
 
-use super::image_stream::QueuedFrames;
-use super::word_ring::{RingReader, RingWriter, ring};
 use crate::address::AddressError;
 use crate::gateway::Gateway;
+use crate::image_stream::{QueuedFrames, RejectedFrames};
+use crate::word_ring::{RingReader, RingWriter, ring};
 
 /// Words of a frame in a ring: its CAN ID, kind and DLC, its expiry, and the data.
 const FRAME_WORDS: usize = 2 + 8;
@@ -176,7 +175,7 @@ impl TransmitQueues {
     /// them; 0 for a wrong address.
     pub fn taken(&self, slave: usize, channel: u8) -> u64 {
         let shared = self.shared.gateways.get(slave);
-        let taken = shared.and_then(|it| it.taken.get(usize::from(channel)));
+        let taken = shared.and_then(|slave| slave.taken.get(usize::from(channel)));
         taken.map_or(0, |taken| taken.load(Ordering::Acquire))
     }
 }
@@ -265,17 +264,6 @@ impl CycleQueues {
             }
         }
     }
-}
-
-/// Frames in a row that the cycle took from the queue of a channel and did not send.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct RejectedFrames {
-    pub(crate) channel: u8,
-    pub(crate) frames: u32,
-    /// Frames that were taken from the queue since the start, up to the last of these.
-    pub(crate) taken: u64,
-    /// The frames expired; otherwise the gateway is not ready, or the channel was reconfigured.
-    pub(crate) is_expired: bool,
 }
 
 /// Result of a waiting frame in this cycle.

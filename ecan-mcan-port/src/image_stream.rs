@@ -5,8 +5,7 @@ use std::fmt;
 use ecan_protocol::image::{Header, PdoProfile};
 use ecan_protocol::mapping::{CHANNELS, CHUNK_BYTES, HEADER_BYTES, MAX_MULTIPLIER};
 
-use super::transmit_queue::RejectedFrames;
-use super::word_ring::{RingReader, RingWriter, ring};
+use crate::word_ring::{RingReader, RingWriter, ring};
 
 /// Words of a record before the image: kind and address, cycle, time, lost records, profile, and the
 /// frames taken from the queues.
@@ -256,4 +255,15 @@ fn packets(image: &[u8]) -> u32 {
 fn used(image: &[u8]) -> &[u8] {
     let payload = header(image).map_or(0, |header| usize::from(header.payload_len));
     image.get(..HEADER_BYTES + payload).unwrap_or(image)
+}
+
+/// Frames in a row that the cycle took from the queue of a channel and did not send.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct RejectedFrames {
+    pub(crate) channel: u8,
+    pub(crate) frames: u32,
+    /// Frames that were taken from the queue since the start, up to the last of these.
+    pub(crate) taken: u64,
+    /// The frames expired; otherwise the gateway is not ready, or the channel was reconfigured.
+    pub(crate) is_expired: bool,
 }

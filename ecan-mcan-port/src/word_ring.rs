@@ -49,7 +49,7 @@ impl Ring {
 
 /// Writing end. Dropping it closes the ring.
 #[derive(Debug)]
-pub(super) struct RingWriter {
+pub(crate) struct RingWriter {
     ring: Arc<Ring>,
     position: u64,
     /// Position of the reader when it was last looked at.
@@ -58,7 +58,7 @@ pub(super) struct RingWriter {
 
 /// Reading end. Dropping it closes the ring.
 #[derive(Debug)]
-pub(super) struct RingReader {
+pub(crate) struct RingReader {
     ring: Arc<Ring>,
     position: u64,
     /// End of the record that was looked at; the position if there was none.
@@ -66,7 +66,7 @@ pub(super) struct RingReader {
 }
 
 /// Creates a ring of at least `words` words, for records of any length below that. Allocates.
-pub(super) fn ring(words: usize) -> (RingWriter, RingReader) {
+pub(crate) fn ring(words: usize) -> (RingWriter, RingReader) {
     let words = words.max(2).next_power_of_two();
     let ring = Arc::new(Ring {
         words: (0..words).map(|_| AtomicU64::new(0)).collect(),
@@ -81,18 +81,18 @@ pub(super) fn ring(words: usize) -> (RingWriter, RingReader) {
 
 impl RingWriter {
     /// Returns whether the reader is gone.
-    pub(super) fn is_closed(&self) -> bool {
+    pub(crate) fn is_closed(&self) -> bool {
         self.ring.is_closed.load(Ordering::Relaxed)
     }
 
     /// Returns whether the reader takes records.
-    pub(super) fn is_wanted(&self) -> bool {
+    pub(crate) fn is_wanted(&self) -> bool {
         !self.ring.is_paused.load(Ordering::Acquire) && !self.is_closed()
     }
 
     /// Writes a record: `head`, then `bytes` with zeros up to a whole word. Returns false if it does not
     /// fit; nothing is written then. Real-time safe.
-    pub(super) fn write(&mut self, head: &[u64], bytes: &[u8]) -> bool {
+    pub(crate) fn write(&mut self, head: &[u64], bytes: &[u8]) -> bool {
         let count = 1 + head.len() + bytes.len().div_ceil(8);
         let needed = self.position + count as u64;
         let capacity = self.ring.words.len() as u64;
@@ -120,14 +120,14 @@ impl RingWriter {
 
 impl RingReader {
     /// Returns whether the writer is gone; what it wrote before can still be read.
-    pub(super) fn is_closed(&self) -> bool {
+    pub(crate) fn is_closed(&self) -> bool {
         self.ring.is_closed.load(Ordering::Acquire)
     }
 
     /// Copies the first record into `record`; returns its length in words, 0 if there is none. `record`
     /// must be as long as the longest record. It stays in the ring until [`remove`](Self::remove).
     /// Real-time safe.
-    pub(super) fn peek(&mut self, record: &mut [u64]) -> usize {
+    pub(crate) fn peek(&mut self, record: &mut [u64]) -> usize {
         self.end = self.position;
         if self.position == self.ring.written.0.load(Ordering::Acquire) {
             return 0;
@@ -141,18 +141,18 @@ impl RingReader {
     }
 
     /// Sets whether the writer shall pause.
-    pub(super) fn set_paused(&self, is_paused: bool) {
+    pub(crate) fn set_paused(&self, is_paused: bool) {
         self.ring.is_paused.store(is_paused, Ordering::Release);
     }
 
     /// Removes all records that were written so far.
-    pub(super) fn clear(&mut self) {
+    pub(crate) fn clear(&mut self) {
         self.end = self.ring.written.0.load(Ordering::Acquire);
         self.remove();
     }
 
     /// Removes the record that was looked at last, if there was one. Real-time safe.
-    pub(super) fn remove(&mut self) {
+    pub(crate) fn remove(&mut self) {
         self.position = self.end;
         // The writer that sees this position may overwrite the words before it.
         self.ring.read.0.store(self.position, Ordering::Release);
