@@ -1,4 +1,4 @@
-//! The screens in docs/TOOL.md and in the pages of docs/guide are what the program prints.
+//! The screens in screens/tool.txt, in docs/TOOL.md and in the pages of docs/guide are what the program prints.
 //!
 //! In a block of kind `console` a line that begins with `$ ` is a command, the lines after it are its
 //! output and its error messages. A line `...` stands for any number of lines, `...` in a line for any
@@ -138,6 +138,15 @@ fn run_document(document: &Path, wrong: &mut String) -> usize {
 
 fn docs() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs")
+}
+
+#[test]
+fn screens_of_each_command_match_the_program() {
+    let screens = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/cli/screens/tool.txt");
+    let mut wrong = String::new();
+    let count = run_document(&screens, &mut wrong);
+    assert!(count > 80, "{count} screens");
+    assert!(wrong.is_empty(), "the program prints:\n{wrong}");
 }
 
 #[test]
