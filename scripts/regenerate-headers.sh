@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# Generates the C headers in include/ and the table of API.md. With --check it only reports stale files
-# and exported functions that a version script does not list.
+# Generates the C headers in include/. With --check it only reports stale files and exported functions
+# that a version script does not list.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 exec cargo run --quiet --locked -p ecan-headers -- "$@"

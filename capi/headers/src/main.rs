@@ -1,12 +1,11 @@
-//! Generates the C headers in `include/` and the table of functions in `API.md` from the sources of
-//! `capi/`, and checks that every exported function is listed in a version script and has a `@usage`.
+//! Generates the C headers in `include/` from the sources of `capi/`, and checks that every exported
+//! function is listed in a version script and has a `@usage`.
 //!
 //! ```text
 //! scripts/regenerate-headers.sh           writes the headers
 //! scripts/regenerate-headers.sh --check   reports stale or missing parts
 //! ```
 
-mod api_table;
 mod audit;
 mod expand;
 mod manifest;
@@ -54,7 +53,6 @@ fn run(arguments: &Arguments) -> Result<Vec<String>, String> {
     for header in manifest::HEADERS {
         files.push((root.join("include").join(header.name), render::header(root, header)?));
     }
-    files.push((root.join("API.md"), api_table::api(root)?));
     for (path, text) in files {
         if read(&path).is_ok_and(|found| found == text) {
             continue;

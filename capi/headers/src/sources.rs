@@ -26,7 +26,7 @@ pub fn functions(root: &Path, header: &Header) -> Result<Vec<Function>, String> 
     Ok(sections.collect::<Result<Vec<_>, _>>()?.into_iter().flatten().collect())
 }
 
-pub fn functions_of(root: &Path, name: &str) -> Result<Vec<Function>, String> {
+fn functions_of(root: &Path, name: &str) -> Result<Vec<Function>, String> {
     let mut found = Vec::new();
     let text = section(root, name)?;
     let mut comment = Vec::new();
