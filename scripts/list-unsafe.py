@@ -1,8 +1,7 @@
 #!/usr/bin/env python3
-"""Writes docs/UNSAFE.md: each unsafe block, function, impl and trait with its reason.
+"""Prints each unsafe block, function, impl and trait with its reason, as Markdown.
 
-scripts/list-unsafe.py writes the page; with --check it fails if the page is out of date. Both fail for
-an unsafe item without a reason.
+Fails for an unsafe item without a reason.
 """
 
 import re
@@ -12,7 +11,6 @@ from collections import Counter, defaultdict
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
-PAGE = ROOT / "docs/UNSAFE.md"
 GENERATED = "ecrt-sys/src/bindings.rs"
 
 # Checks that execute the unsafe code of a path, by scripts/check-undefined-behaviour.sh (Miri, ASan) and
@@ -246,7 +244,7 @@ def render(rows, tests, bindings):
     out = [
         "# Unsafe code",
         "",
-        "Written by `scripts/list-unsafe.py` from the sources; do not edit. A reason is the SAFETY comment of a",
+        "Printed by `scripts/list-unsafe.py` from the sources. A reason is the SAFETY comment of a",
         "block or an impl, or the section Safety of a function. `check` names checkers that run code of the folder:",
         "Miri and AddressSanitizer (ASan) by `scripts/check-undefined-behaviour.sh`, valgrind by `scripts/check-c.sh`.",
         "",
@@ -273,14 +271,7 @@ def main():
     rows, tests, missing, bindings = page()
     if missing:
         sys.exit("\n".join(missing) + "\nlist-unsafe.py: write a SAFETY comment or a section # Safety")
-    text = render(rows, tests, bindings)
-    if sys.argv[1:] == ["--check"]:
-        if not PAGE.exists() or PAGE.read_text() != text:
-            sys.exit("list-unsafe.py: docs/UNSAFE.md is out of date; run scripts/list-unsafe.py")
-    elif sys.argv[1:]:
-        sys.exit(f"list-unsafe.py: unknown argument {sys.argv[1]!r}; allowed: --check")
-    else:
-        PAGE.write_text(text)
+    print(render(rows, tests, bindings), end="")
 
 
 main()
