@@ -1,18 +1,19 @@
 #!/usr/bin/env bash
-# Runs the benchmarks, prints one table of ratios, and writes it with the details, the machine and
-# the date into docs/PERFORMANCE.md. The hand-written part of that file, from "## Remarks" on, is kept.
+# Runs the benchmarks, prints one table of ratios, and writes it with the machine and the date between the
+# marks of docs/PERFORMANCE.md. The details and the method of each row are written to target/performance.txt.
 # Other load on the machine distorts the figures.
 #
 #     scripts/measure-performance.sh
 #
 # OTHER_SIMULATOR="--other IFACE" compares the turnaround of ecan-sim wire with that of another slave
-# simulator, which answers at the other end of the veth pair IFACE (docs/PERFORMANCE.md, Turnaround).
+# simulator, which answers at the other end of the veth pair IFACE (target/performance.txt, Turnaround).
 #
 # Needs a C compiler for the plain C codec, and for the wake-up rows cyclictest and permission for
 # SCHED_FIFO.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 document=docs/PERFORMANCE.md
+details=target/performance.txt
 
 bench() { cargo bench --quiet --locked -p "$1" --bench "$2" -- "${@:3}"; }
 # Benchmarks mark table rows with "= ".
@@ -69,32 +70,19 @@ $wake_up
 $(rows "$c_face")"
 echo "$table"
 
-remarks=$(sed -n '/^## Remarks/,$p' "$document" 2>/dev/null || true)
 of_cpu() { lscpu | sed -n "s/^$1: *//p" | head -1; }
 
+measured=$(mktemp)
+trap 'rm -f "$measured"' EXIT
 {
-    cat <<TEXT
-# Performance
+    echo "$(date -u +%F), $(of_cpu 'Model name') family $(of_cpu 'CPU family') model $(of_cpu 'Model'), $(nproc) cores," \
+        "last-level cache $(of_cpu 'L3 cache' | sed 's/ (.*//'), $(uname -sr), $(rustc --version)," \
+        "$(gcc --version | head -1), load (1 and 5 minutes) before the run $load_before:"
+    printf '\n%s\n' "$table"
+} >"$measured"
+sed -i -e "/^<!-- measured -->\$/,/^<!-- end of measured -->\$/{//!d}" -e "/^<!-- measured -->\$/r $measured" "$document"
 
-Written by \`scripts/measure-performance.sh\` on $(date -u +%F).
-
-| Machine | |
-|---|---|
-| CPU | $(of_cpu 'Model name'), family $(of_cpu 'CPU family'), model $(of_cpu 'Model') |
-| Cores | $(nproc) |
-| Last-level cache | $(of_cpu 'L3 cache' | sed 's/ (.*//') |
-| Kernel | $(uname -sr) |
-| rustc | $(rustc --version) |
-| gcc | $(gcc --version | head -1) |
-| Load average (1 and 5 minutes) before the run | $load_before |
-
-All figures are ratios; smaller is better, except for the simulator. The two sides alternate in one
-process; each round gives a ratio, and the figure is the median of 3001 rounds (301 with cold caches).
-The accelerated kernel computes the CRC by carry-less multiplication (two blocks at once if the processor
-supports it), the portable one by tables. Two goals are those of the accelerated and the portable kernel.
-
-$table
-
+cat >"$details" <<TEXT
 ## PDO image codec
 
 Time of this codec relative to a plain C codec (\`ecan-protocol/benches/baseline\`: CRC by a table of
@@ -211,8 +199,3 @@ $(details "$c_face")
 
     cargo bench -p ecan-igh-host --bench c_face
 TEXT
-    if [ -n "$remarks" ]; then
-        printf '\n%s\n' "$remarks"
-    fi
-} >"$document.new"
-mv "$document.new" "$document"

@@ -1,5 +1,5 @@
 #!/bin/sh
-# Writes the table of docs/SYNC0.md: stable points of the manual, usable shifts of the simulator and of the
+# Writes the table of Sync0 shifts in docs/PERFORMANCE.md: stable points of the manual, usable shifts of the simulator and of the
 # plan. With --check nothing is written; the exit status shows whether the table is up to date.
 set -eu
 cd "$(dirname "$0")/.."

@@ -1,5 +1,5 @@
 //! The stable points of manual 15.6.1 and the usable shifts of the simulator: the table of
-//! docs/SYNC0.md, which `scripts/regenerate-sync0.sh` writes.
+//! docs/PERFORMANCE.md, which `scripts/regenerate-sync0.sh` writes.
 #![allow(missing_docs)]
 
 use std::fmt;
@@ -16,7 +16,7 @@ use ecan_mcan_port::{GatewayConfig, Port, PortConfig, PortError};
 use ecan_protocol::image::{OptionFlags, Schedule};
 use ecan_protocol::mapping::CHUNK_BYTES;
 
-const DOCUMENT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../docs/SYNC0.md");
+const DOCUMENT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../docs/PERFORMANCE.md");
 const BEGIN: &str = "<!-- begin of the generated table -->\n";
 const END: &str = "<!-- end of the generated table -->\n";
 /// The test writes the table if this environment variable is set.

@@ -5,7 +5,7 @@
 //! cargo run --release -p ecan-scale -- --output docs
 //! ```
 //!
-//! Writes the tables of `SCALE.md` and its pictures. Simulated times are the same in each run; the times of the host
+//! Writes tables of docs/PERFORMANCE.md and their pictures. Simulated times are the same in each run; the times of the host
 //! are not.
 #![forbid(unsafe_code)]
 
@@ -25,11 +25,11 @@ use page::Page;
 
 type Fallible<T> = Result<T, Box<dyn std::error::Error>>;
 
-/// Measure how cost grows with gateways, axes, frames and clients, and write docs/SCALE.md
+/// Measure how cost grows with gateways, axes, frames and clients, and write docs/PERFORMANCE.md
 #[derive(Debug, Parser)]
 #[command(name = "ecan-scale", version)]
 struct Arguments {
-    /// Directory with SCALE.md, and with the folder of its pictures
+    /// Directory with PERFORMANCE.md, and with the folder of its pictures
     #[arg(long, value_name = "DIRECTORY", default_value = "docs")]
     output: PathBuf,
 }

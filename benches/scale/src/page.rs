@@ -1,4 +1,4 @@
-//! The page: its tables are replaced between their marks, its pictures are written to their folder.
+//! The page: its tables are replaced between their marks, the pictures of all sections are written to their folder.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -28,7 +28,7 @@ pub struct Page {
 
 impl Page {
     pub fn open(directory: &Path) -> Fallible<Self> {
-        let path = directory.join("SCALE.md");
+        let path = directory.join("PERFORMANCE.md");
         let text = fs::read_to_string(&path)
             .map_err(|error| format!("cannot read {}: {error}", path.display()))?;
         Ok(Self { directory: directory.to_owned(), text })
@@ -37,12 +37,15 @@ impl Page {
     pub fn put(&mut self, section: Section) -> Fallible<()> {
         let Section { name, title, x_label, panels, is_simulated, header, rows } = section;
         let (begin, end) = (format!("<!-- {name} -->\n"), format!("<!-- end of {name} -->"));
-        let from = self.text.find(&begin).ok_or(format!("SCALE.md has no {begin}"))? + begin.len();
-        let to = self.text.find(&end).ok_or(format!("SCALE.md has no {end}"))?;
         let line = |cells: &[String]| format!("| {} |\n", cells.join(" | "));
         let rule = line(&vec!["---".to_owned(); header.len()]);
         let table: String = rows.iter().map(|row| line(row)).collect();
-        self.text.replace_range(from..to, &format!("{}{rule}{table}", line(&header)));
+        // The page has tables of some sections only.
+        if let Some(begin_at) = self.text.find(&begin) {
+            let from = begin_at + begin.len();
+            let to = self.text.find(&end).ok_or(format!("PERFORMANCE.md has no {end}"))?;
+            self.text.replace_range(from..to, &format!("{}{rule}{table}", line(&header)));
+        }
         let figure = TimeFigure {
             heading: Heading::new(title).simulated(is_simulated),
             x_label: x_label.to_owned(),
@@ -53,7 +56,7 @@ impl Page {
     }
 
     pub fn write(&self) -> Fallible<()> {
-        Ok(new_file::write(&self.directory.join("SCALE.md"), &self.text)?)
+        Ok(new_file::write(&self.directory.join("PERFORMANCE.md"), &self.text)?)
     }
 }
 
