@@ -188,7 +188,7 @@ fn metrics_remedy(source: &io::Error) -> &'static str {
     if source.raw_os_error() == Some(rustix::io::Errno::AFNOSUPPORT.raw_os_error()) {
         // The unit of `ecan serve` permits Unix sockets only.
         "a unit of systemd denies TCP by RestrictAddressFamilies: install the drop-in metrics-tcp.conf \
-         (docs/METRICS.md), or set unix:PATH"
+         (docs/SERVICE.md), or set unix:PATH"
     } else {
         "set another address"
     }

@@ -1,4 +1,4 @@
-//! Metrics of a service for Prometheus (docs/METRICS.md).
+//! Metrics of a service for Prometheus (docs/SERVICE.md).
 
 mod cycle_sample;
 mod declared;
