@@ -44,7 +44,7 @@ function(ecan_rust_flags output)
 endfunction()
 ecan_rust_flags(ECAN_RUST_FLAGS)
 
-# Before 1.0 each minor version may be incompatible (docs/ABI.md).
+# Before 1.0 each minor version may be incompatible (docs/VERSIONS.md).
 if(PROJECT_VERSION_MAJOR EQUAL 0)
     set(ECAN_SOVERSION ${PROJECT_VERSION_MAJOR}.${PROJECT_VERSION_MINOR})
 else()

@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Runs the acceptance list of the SDK on an EtherCAT master (docs/ACCEPTANCE.md):
+# Runs the acceptance list of the SDK on an EtherCAT master (docs/TESTING.md):
 #
 #     scripts/acceptance.sh --library PATH --ethercat PATH --interface IF [--gateways N] [--quick]
 #     scripts/acceptance.sh --library PATH --ethercat PATH --device [--gateways N] [--quick]

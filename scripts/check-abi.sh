@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Compares the binary interface of the C libraries with the stored one of the last release, or of the
-# version in preparation: capi/abi. docs/ABI.md says which differences are allowed. Needs gcc and
+# version in preparation: capi/abi. docs/VERSIONS.md says which differences are allowed. Needs gcc and
 # abigail-tools.
 #
 #     scripts/check-abi.sh [--headers DIRECTORY]     reports the differences
@@ -84,7 +84,7 @@ compare() {
 stored=$(find capi/abi -mindepth 1 -maxdepth 1 -type d | sort -V | tail -1)
 if [ -n "$stored" ]; then compare "$stored"; fi
 if ((removed)) && [ "$stored" = "capi/abi/$version" ] && [ -z "$prepared" ]; then
-    echo "version $version is released; these changes need a new minor version: docs/ABI.md" >&2
+    echo "version $version is released; these changes need a new minor version: docs/VERSIONS.md" >&2
     exit 1
 fi
 if [ "$mode" = update ]; then
@@ -92,7 +92,7 @@ if [ "$mode" = update ]; then
     cp "$work/ecan.abi" "$work/constants" "$work/symbols" "capi/abi/$version"
     echo "capi/abi/$version written"
 elif ((differs)); then
-    echo "compare these changes with docs/ABI.md, then run scripts/check-abi.sh --update" >&2
+    echo "compare these changes with docs/VERSIONS.md, then run scripts/check-abi.sh --update" >&2
     exit 1
 else
     echo "the interface is that of $stored"

@@ -1,5 +1,5 @@
 //! The program `ecan-acceptance`: runs the programs of the SDK on an EtherCAT master and checks what
-//! they do. `scripts/acceptance.sh` finds or builds the programs and starts it; docs/ACCEPTANCE.md
+//! they do. `scripts/acceptance.sh` finds or builds the programs and starts it; docs/TESTING.md
 //! describes it.
 //!
 //! ```text

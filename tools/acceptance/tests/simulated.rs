@@ -175,18 +175,3 @@ fn contradicting_options_are_rejected() {
         assert!(message.contains(expected), "{arguments:?}: {message}");
     }
 }
-
-#[test]
-fn page_describes_every_group() {
-    let page = include_str!("../../../docs/ACCEPTANCE.md");
-    let output = output(Command::new(env!("CARGO_BIN_EXE_ecan-acceptance")).arg("--list"));
-    let mut groups: Vec<String> = Vec::new();
-    for line in text(&output.stdout).lines() {
-        groups.push(line.split('/').next().unwrap().to_owned());
-    }
-    groups.dedup();
-    assert!(!groups.is_empty());
-    for group in groups {
-        assert!(page.contains(&format!("| `{group}` |")), "{group}");
-    }
-}
