@@ -97,7 +97,6 @@ scripts/build-book.sh "$work/$name-docs"
 archive "$output/$name-docs.tar.gz" "$work" "$name-docs"
 
 step "licences of the dependencies"
-scripts/regenerate-licenses.sh --check
 scripts/third-party-licenses.sh >"$output/THIRD-PARTY-LICENSES"
 
 step "SBOM"
