@@ -1,205 +1,141 @@
-//! One axis in the cycle: input to the guard, and the frame to send.
+//! One axis in the cycle: input to the guard, and the frames to send.
 
 use ecan_canopen::{
-    Command, Controlword, DriveState, Heartbeat, Network, NmtState, NodeStatus, OperatingMode,
-    Statusword,
+    Command, Controlword, DriveState, Heartbeat, Network, NodeStatus, OperatingMode, Statusword,
 };
 use ecan_mcan_port::{Backpressure, SendError, SendTicket, TransmitReport};
 
 use super::axis::Axis;
-use super::axis_state::AxisState;
-use super::config::target_kind;
-use super::pdo_layout::{CommandLayout, RpdoBytes};
+use super::drive_link::has_left_operational;
+use super::pdo_layout::CommandLayout;
 use super::power::PowerGoal;
-use super::procedure::Stage;
-use super::ramp::Ramp;
-use super::setup::{Reachability, SetupState};
-use super::takeover::TakeoverState;
-use super::target_path::TargetCheck;
+use super::setup::SetupState;
+use super::status::AxisError;
+use super::target_path::{FeedForwardStep, Outgoing, TargetTurn};
+use super::task::{AxisState, StateEvent};
+use crate::guard::feed_forward::FeedForward;
 use crate::guard::gateway_watch::GatewayWatch;
-use crate::guard::terms::{
-    ChannelView, Decision, DriveView, GuardInput, GuardState, HoldReason, TargetKind, WaitReason,
-};
-
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Outgoing {
-    pub(crate) rpdo: RpdoBytes,
-    /// A command that stops or resets, instead of the target of the guard's decision.
-    pub(crate) command: Option<Controlword>,
-    /// The host's own ramp, if it makes the target.
-    pub(crate) ramp: Option<Ramp>,
-}
-
-/// Whether a cycle carries targets of running axes.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum TargetTurn {
-    /// A target period begins in this cycle, and a SYNC follows.
-    Due,
-    NotDue,
-    /// A target period begins, but the gateway's last image is unconfirmed, so that no SYNC is sent.
-    NoSync,
-    /// The status of the axes is not of this cycle.
-    NotReceived,
-}
+use crate::guard::terms::{Decision, DriveView, GuardInput, WaitReason};
 
 impl Axis {
-    // In
+    // Input
 
     pub(crate) fn begin_cycle(&mut self) {
-        self.drive.arrived = None;
-        self.target_period.begin_cycle();
+        self.link.begin_cycle();
+        self.path.begin_cycle();
     }
 
-    /// Takes a TPDO, 0 is the first.
-    pub(crate) fn take_tpdo(&mut self, nth: usize, data: &[u8]) {
+    /// Stores the data of a received TPDO. `nth` counts the TPDOs of the axis from 0.
+    pub(crate) fn on_tpdo(&mut self, nth: usize, data: &[u8]) {
+        let statistics = &mut self.report.statistics;
         if nth == 0 {
             match CommandLayout::decode(data) {
                 Some(feedback) => {
-                    self.drive.arrived = Some(feedback);
-                    self.statistics.tpdo_received();
+                    self.link.store_feedback(feedback);
+                    statistics.count_tpdo();
                 }
-                None => self.statistics.malformed_tpdos += 1,
+                None => statistics.malformed_tpdos += 1,
             }
         }
-        if !(self.is_extended && self.setup.is_complete()) {
-            return;
-        }
-        let further = &mut *self.further;
-        if !further.layout.decode_inputs(nth, data, &mut further.inputs) {
-            self.statistics.malformed_tpdos += u64::from(nth > 0);
-        } else if further.probe_tpdo == Some(nth)
-            && let Some(status) = further.inputs.probe_status()
+        if self.plan.is_extended
+            && self.setup.is_complete()
+            && !self.data.store_tpdo(&self.plan, nth, data)
         {
-            further.probes.take(status);
+            statistics.malformed_tpdos += u64::from(nth > 0);
         }
     }
 
-    pub(crate) fn take_report(&mut self, report: &TransmitReport) {
-        if let Some(ticket) = report.ticket
-            && self.tickets.remove(ticket)
-            && !report.code.is_success()
-        {
-            self.target_lost = true;
-            self.statistics.targets_lost += 1;
-        }
+    pub(crate) fn on_report(&mut self, report: &TransmitReport) {
+        self.report.statistics.targets_lost += u64::from(self.path.on_report(report));
     }
 
+    /// Evaluates the status of the drive and of its path in this cycle.
     pub(crate) fn observe(&mut self, watch: &GatewayWatch, network: &Network, now_ns: u64) {
-        let channel = self.config.address.channel;
-        let actual = watch.actual(channel, self.drive.arrived.map(|feedback| feedback.position));
-        self.statistics.observed(actual, self.drive.arrived.is_some());
-        let was_in_fault = self.drive.is_in_fault();
-        if self.setup.has_process_data() || matches!(self.setup, SetupState::SettingMode(_)) {
-            self.drive.update(self.config.range, self.config.standstill, now_ns);
+        let channel = self.plan.config.address.channel;
+        let drive = self.link.drive();
+        let has_tpdo = drive.arrived.is_some();
+        let actual = watch.actual(channel, drive.arrived.map(|feedback| feedback.position));
+        self.report.statistics.count_position(actual, has_tpdo);
+        let was_in_fault = drive.is_in_fault();
+        let setup = self.setup.state();
+        if setup.has_process_data() || matches!(setup, SetupState::SettingMode(_)) {
+            self.link.update(&self.plan, now_ns);
         }
-        let target_lost = std::mem::take(&mut self.target_lost);
-        let status = network.status(self.node);
+        let is_target_lost = self.path.take_lost_target();
+        let status = network.status(self.plan.node);
         let input = GuardInput {
-            path: watch.path(channel, target_lost),
+            path: watch.path(channel, is_target_lost),
             drive: self.drive_view(status.as_ref()),
             actual,
         };
-        if self.has_auxiliary {
-            self.further.is_path_clear = input.path.is_clear();
+        if self.plan.has_auxiliary {
+            self.data.set_path_clear(input.path.is_clear());
         }
-        let before = std::mem::replace(&mut self.reachability, Reachability::of(&input));
-        let may_have_restarted = if self.setup.is_running() {
+        let is_lost = self.link.update_reachability(&input);
+        let may_have_restarted = if self.setup.state().is_running() {
             // The configuration itself ends Operational. A restart that the host does not see loses
             // the first steps.
             watch.lacks_image()
         } else {
-            self.reachability.is_lost_since(before)
+            is_lost
         };
         if may_have_restarted {
-            self.require_verification();
+            self.setup.require_verification();
         }
-        let held = self.guard.observe(&input).or_else(|| self.check_last_target(&input, now_ns));
-        if let Some(reason) = held {
-            self.held(reason, now_ns);
+        if let Some(reason) = self.path.observe(&self.plan, &self.link, &input, now_ns) {
+            self.on_hold(reason, now_ns);
         }
         if let Some(status) = status {
-            if self.drive.arrived.is_some() || status.nmt_state.is_some() {
-                self.appeared();
+            if has_tpdo || status.nmt_state.is_some() {
+                self.link.on_life_sign(self.setup.state().is_pending());
             }
-            self.statistics.emergencies = status.emcy_count;
-            self.check_restart(&status);
+            self.report.statistics.emergencies = status.emcy_count;
+            if self.setup.is_complete() && self.setup.has_restarted(&status) {
+                // The drive restarted, without power and without its configuration.
+                self.lose_setup();
+                self.task.apply(StateEvent::Restarted, now_ns);
+            }
+            if *self.setup.state() == SetupState::Unconfigured {
+                self.setup.note_boot_ups(&status);
+                self.report.statistics.restart_tpdo_count();
+            }
         }
         self.update_statistics();
-        if self.drive.is_in_fault() && !was_in_fault {
-            self.faulted(network, now_ns);
+        if self.link.drive().is_in_fault() && !was_in_fault {
+            self.on_fault(network, now_ns);
         }
-    }
-
-    /// Missing TPDOs, and no target for some periods: the drive must be at its last target before it gets
-    /// another one, since the next would make the steps of those that were lost, too.
-    fn check_last_target(&mut self, input: &GuardInput, now_ns: u64) -> Option<HoldReason> {
-        self.answers.observe(self.drive.arrived.is_some(), self.cycles_per_sync);
-        let Some(target) = self.target().filter(|_| self.answers.has_missed()) else {
-            self.answers.end_check();
-            return None;
-        };
-        let follows_positions = target_kind(self.mode) == TargetKind::Position;
-        if !(follows_positions && self.target_period.is_paused(now_ns)) {
-            return None;
-        }
-        let can_show = input.path.is_clear() && input.path.channel != ChannelView::NotSeen;
-        let position = self.drive.arrived.map(|feedback| feedback.position);
-        let is_there =
-            position.filter(|_| can_show && self.drive_is_at_rest(now_ns)).map(|position| {
-                let distance = self.config.range.distance(target, position).unsigned_abs();
-                distance <= 2 * u64::from(self.config.standstill)
-            });
-        (self.answers.check(is_there, now_ns) == TargetCheck::Failed)
-            .then(|| self.guard.lose_target())
     }
 
     fn drive_view(&self, status: Option<&NodeStatus>) -> DriveView {
+        let (drive, mode) = (self.link.drive(), self.path.mode());
+        let is_mode_due = self.setup.mode_due().is_some() && !self.path.is_running();
         DriveView {
-            state: self.drive.state,
-            heartbeat_lost: status.is_some_and(|s| s.heartbeat == Heartbeat::TimedOut),
-            not_operational: status.is_some_and(|s| self.is_not_operational(s)),
-            unverified: !self.is_verified() || self.mode_due.is_some() && !self.is_running(),
-            follows: !self.mode.is_cyclic() || self.drive.has(Statusword::MODE_12),
-            following_error: self.mode == OperatingMode::CyclicPosition
-                && self.drive.has(Statusword::MODE_13),
-        }
-    }
-
-    /// A node with a heartbeat reports its state; of another one, and before the first heartbeat,
-    /// only the last command is known.
-    fn is_not_operational(&self, status: &NodeStatus) -> bool {
-        let restarted = status.boot_ups != self.boot_ups;
-        let state = match status.heartbeat {
-            Heartbeat::Unconfigured | Heartbeat::Unknown => status.expected_nmt_state,
-            Heartbeat::Active | Heartbeat::TimedOut => status.nmt_state,
-        };
-        restarted || state.is_some_and(|state| state != NmtState::Operational)
-    }
-
-    fn check_restart(&mut self, status: &NodeStatus) {
-        if self.setup.is_complete() && status.boot_ups != self.boot_ups {
-            self.restarted();
-        }
-        if self.setup == SetupState::Unconfigured {
-            self.boot_ups = status.boot_ups;
-            self.statistics.restart_tpdo_count();
+            state: drive.state,
+            heartbeat_lost: status.is_some_and(|node| node.heartbeat == Heartbeat::TimedOut),
+            not_operational: status
+                .is_some_and(|node| self.setup.has_restarted(node) || has_left_operational(node)),
+            unverified: !self.setup.is_verified() || is_mode_due,
+            follows: !mode.is_cyclic() || drive.has(Statusword::MODE_12),
+            following_error: mode == OperatingMode::CyclicPosition
+                && drive.has(Statusword::MODE_13),
         }
     }
 
     fn update_statistics(&mut self) {
-        if self.drive.is_enabled() {
-            let gap = self.guard.actual_age().min(u16::MAX - 1);
-            self.statistics.longest_gap = self.statistics.longest_gap.max(gap);
+        let (guard, statistics) = (self.path.guard(), &mut self.report.statistics);
+        if self.link.drive().is_enabled() {
+            let gap = guard.actual_age().min(u16::MAX - 1);
+            statistics.longest_gap = statistics.longest_gap.max(gap);
         }
-        if let (Some(target), Some(position)) = (self.target(), self.guard.actual())
-            && target_kind(self.mode) == TargetKind::Position
+        if let (Some(target), Some(position)) = (self.path.target(), guard.actual())
+            && self.path.follows_positions()
         {
-            let error = self.config.range.distance(target, position).unsigned_abs();
-            self.statistics.max_following_error = self.statistics.max_following_error.max(error);
+            let error = self.plan.config.range.distance(target, position).unsigned_abs();
+            statistics.max_following_error = statistics.max_following_error.max(error);
         }
     }
 
-    // Out
+    // Output
 
     /// Returns the frame to send in this cycle. `stepping` makes the host's own steps, `turn` states
     /// whether this cycle carries targets. The actual position of an axis that is being enabled is
@@ -211,204 +147,151 @@ impl Axis {
         repeats_commands: bool,
         now_ns: u64,
     ) -> Option<Outgoing> {
-        self.decision = Decision::Closed;
-        if let TakeoverState::Adopting(_) = self.takeover {
-            return self.adoption_frame(repeats_commands);
+        self.path.close();
+        if self.link.contact().is_adopting() {
+            let frame = self.link.contact().adoption_frame(&self.plan, repeats_commands);
+            return frame.map(|(word, target)| self.command(word, target));
         }
-        let is_stopping = self.state.is_stopping() && self.setup.has_process_data();
+        let is_stopping = self.task.is_stopping() && self.setup.state().has_process_data();
         if !(self.setup.is_complete() || is_stopping) {
             return None;
         }
-        let drive = self.drive.state;
-        let command = self.state.controlword(drive, self.drive_is_at_rest(now_ns));
-        let is_driven = self.state.power_goal() == PowerGoal::Enabled;
+        let (state, drive) = (self.task.state(), self.link.drive().state);
+        let command = state.controlword(drive, self.link.is_at_rest(now_ns));
+        let is_driven = state.power_goal() == PowerGoal::Enabled;
         if let Some(word) = command
             && (!is_driven || drive == Some(DriveState::QuickStopActive))
         {
             // The guard never delays it, and it moves nothing. Repeated in each short cycle, the commands of
             // several axes and their SYNC would occupy the bus.
-            let target = self.guard.resting_target()?;
-            let is_new = self.last_command != Some(word)
-                || matches!(self.state, AxisState::ResettingFault(_));
-            let rpdo = self.command_layout.encode(word, target, self.mode);
-            return (is_new || repeats_commands).then_some(Outgoing {
-                rpdo,
-                command: Some(word),
-                ramp: None,
-            });
+            let target = self.path.guard().resting_target()?;
+            let is_reset = matches!(state, AxisState::ResettingFault(_));
+            let is_due = is_reset || self.path.must_send(word, repeats_commands);
+            return is_due.then(|| self.command(word, target));
         }
-        self.last_command = None;
-        if !(is_driven || self.state == AxisState::Resuming) {
-            return None;
-        }
-        if is_driven && self.coasts(now_ns)
-            || self.has_auxiliary && self.awaits_end_of_feed_forward()
+        let may_move = is_driven || *state == AxisState::Resuming;
+        self.path.forget_command();
+        let is_running = self.path.is_running();
+        if !may_move
+            || is_driven && self.link.coasts(now_ns)
+            // The drive has a feed-forward although the axis gets no targets.
+            || self.plan.has_auxiliary && self.data.has_offsets() && !is_running
         {
             return None;
         }
-        if let Some(reason) = self.delay(turn) {
-            self.decision = Decision::Wait(reason);
-            self.statistics.decided(self.decision, self.is_running());
-            return None;
+        let own_step = stepping.then_some(self.plan.config.target_step);
+        let ramp = self.path.decide(turn, own_step, now_ns);
+        let decision = self.path.decision();
+        self.report.statistics.count_decision(decision, is_running);
+        if decision == Decision::Wait(WaitReason::HoldsOldTarget) {
+            // When switched off, the drive drops the target. An axis that resumes by itself is not switched off.
+            if *self.task.state() == AxisState::Resuming {
+                self.path.release();
+            }
+            self.task.apply(StateEvent::OldTarget, now_ns);
         }
-        if self.is_running() && self.targets.waits_for_path() {
-            self.decision = Decision::Wait(WaitReason::Together);
-            self.statistics.decided(self.decision, true);
-            return None;
-        }
-        self.rest_after_pause(now_ns);
-        let (requested, ramp) = self.wanted_target(stepping);
-        self.decision = self.guard.decide(requested);
-        self.statistics.decided(self.decision, self.is_running());
-        if self.decision == Decision::Wait(WaitReason::HoldsOldTarget) {
-            self.old_target_found();
-        }
-        if matches!(self.decision, Decision::Reject(_)) && ramp.is_some() {
-            // The host's own motion ends at a bound, or at a motor that does not follow.
-            self.targets.stop();
-        }
-        let target = self.decision.target()?;
-        let word = match self.decision {
+        let target = decision.target()?;
+        let word = match decision {
             Decision::Track(_) => command?,
             _ => Controlword::of(Command::EnableOperation),
         };
-        if matches!(self.decision, Decision::First(_)) {
-            self.set_point.start(target);
-        }
-        let (bits, target) = self.mode_bits(target);
-        let rpdo = self.command_layout.encode(word.with(bits), target, self.mode);
+        let procedure = self.task.procedure.as_ref();
+        let is_homing = procedure.is_some_and(|procedure| procedure.has_started_homing());
+        let (bits, target) = self.path.mode_bits(target, self.link.drive(), is_homing);
+        let rpdo = self.plan.command_layout.encode(word.with(bits), target, self.path.mode());
         Some(Outgoing { rpdo, command: None, ramp })
     }
 
-    /// Returns whether a target of the axis is due.
-    pub(crate) fn is_due(&self, turn: TargetTurn) -> bool {
-        self.delay(turn).is_none()
+    /// Frame with a command, and a target that moves nothing.
+    fn command(&self, word: Controlword, target: i32) -> Outgoing {
+        let rpdo = self.plan.command_layout.encode(word, target, self.path.mode());
+        Outgoing { rpdo, command: Some(word), ramp: None }
     }
 
-    /// The drive is off and its motor was not seen at rest: two positions of a short cycle do not show a
-    /// slow motion.
-    fn coasts(&self, now_ns: u64) -> bool {
-        self.drive.state == Some(DriveState::SwitchOnDisabled)
-            && !self.drive.rest.is_empty()
-            && !self.drive_is_at_rest(now_ns)
-    }
-
-    /// Reason for which this cycle carries no target of an active axis.
-    fn delay(&self, turn: TargetTurn) -> Option<WaitReason> {
-        match (self.guard.state(), turn) {
-            (GuardState::Armed { .. } | GuardState::Running { .. }, TargetTurn::NotReceived) => {
-                Some(WaitReason::NotReceived)
-            }
-            (GuardState::Running { .. }, TargetTurn::NoSync) => Some(WaitReason::ImageUnconfirmed),
-            (GuardState::Running { .. }, TargetTurn::NotDue) => Some(WaitReason::NotDue),
-            (GuardState::Running { .. }, TargetTurn::Due) if !self.target_period.is_over() => {
-                Some(WaitReason::NotDue)
-            }
-            (GuardState::Running { .. }, _) if self.answers.is_checking() => {
-                Some(WaitReason::NoFreshPosition)
-            }
-            _ => None,
-        }
-    }
-
-    /// An axis that rests since a pause is not moved at its last speed again.
-    fn rest_after_pause(&mut self, now_ns: u64) {
-        let follows_positions = target_kind(self.mode) == TargetKind::Position;
-        if self.target_period.is_paused(now_ns) && follows_positions && !self.targets.is_in_path() {
-            self.targets.stop();
-        }
-    }
-
-    fn wanted_target(&self, stepping: bool) -> (Option<i32>, Option<Ramp>) {
-        let Some(last) = self.target() else { return (None, None) };
-        let own_step = stepping.then_some(self.config.target_step);
-        self.targets.next(self.guard.limits(), last, own_step)
-    }
-
-    /// Bits of the controlword that belong to the mode, and the target to send with them.
-    fn mode_bits(&mut self, target: i32) -> (u16, i32) {
-        let halts = self.targets.is_halted && !self.mode.is_cyclic();
-        let halt = if halts { Controlword::HALT } else { 0 };
-        match self.mode {
-            OperatingMode::ProfilePosition if self.drive.is_enabled() => {
-                let acknowledged = self.drive.has(Statusword::MODE_12);
-                let (bits, target) = self.set_point.step(target, acknowledged);
-                (bits | halt, target)
-            }
-            OperatingMode::InterpolatedPosition if self.drive.is_enabled() => {
-                (Controlword::MODE_4, target)
-            }
-            OperatingMode::Velocity if self.drive.is_enabled() => {
-                let ramp = Controlword::MODE_4 | Controlword::MODE_5 | Controlword::MODE_6;
-                (ramp | halt, target)
-            }
-            OperatingMode::Homing => {
-                let stage = self.procedure.map(|procedure| procedure.stage);
-                let is_started = matches!(stage, Some(Stage::Homing(_)));
-                (if is_started { Controlword::MODE_4 } else { 0 }, target)
-            }
-            _ => (halt, target),
-        }
-    }
-
-    pub(crate) fn sent(&mut self, outgoing: &Outgoing, ticket: SendTicket) {
-        if let AxisState::ResettingFault(reset) = &mut self.state {
-            reset.sent();
-        }
-        self.last_command = outgoing.command;
-        if outgoing.command.is_some() {
-            self.takeover.frame_sent();
+    /// Notes that the Port accepted the frame.
+    pub(crate) fn on_sent(&mut self, outgoing: &Outgoing, ticket: SendTicket, now_ns: u64) {
+        self.task.count_reset_frame();
+        if let Some(command) = outgoing.command {
+            self.path.on_command_sent(command);
+            self.link.count_frame();
             return;
         }
-        let before = self.target();
-        self.guard.sent();
-        self.answers.restart();
-        self.target_period.target_sent();
-        self.tickets.insert(ticket);
-        match self.decision {
-            Decision::First(_) => self.activated(),
-            Decision::Target(target) => {
-                self.statistics.targets_sent += 1;
-                // The host's ramp continues from any motion.
-                let step = match target_kind(self.mode) {
-                    TargetKind::Rate => target.into(),
-                    _ => before.map_or(0, |before| self.config.range.distance(before, target)),
-                };
-                self.targets.sent(outgoing.ramp, step);
+        self.path.on_target_sent(&self.plan, outgoing, ticket);
+        match self.path.decision() {
+            Decision::First(_) => {
+                tracing::info!(axis = self.plan.index, "axis {}: active", self.plan.index);
+                self.report.statistics.activations += 1;
+                self.report.statistics.targets_sent += 1;
+                self.task.apply(StateEvent::FirstTarget, now_ns);
+                if matches!(self.report.error, Some(AxisError::Held(_))) {
+                    self.report.error = None;
+                }
             }
+            Decision::Target(_) => self.report.statistics.targets_sent += 1,
             _ => {}
         }
     }
 
-    /// After the decision of a cycle: a position axis for which a target was due, but not sent.
-    pub(crate) fn count_gap(&mut self) {
-        let is_missed = match self.decision {
-            Decision::Wait(reason) => !matches!(reason, WaitReason::NotDue | WaitReason::Spent),
-            Decision::Reject(_) => true,
-            _ => false,
-        };
-        if is_missed && self.is_running() && self.guard.limits().kind == TargetKind::Position {
-            self.targets.missed();
-        }
-    }
-
-    /// The Port rejected the frame. Returns whether the channel's queue is full.
-    pub(crate) fn not_sent(&mut self, outgoing: &Outgoing, error: &SendError) -> bool {
+    /// Notes that the Port rejected the frame. Returns whether the channel's queue is full.
+    pub(crate) fn on_rejected(&mut self, outgoing: &Outgoing, error: &SendError) -> bool {
         match outgoing.command {
-            None => self.skipped(),
-            Some(_) => self.last_command = None,
+            None => self.skip(),
+            Some(_) => self.path.forget_command(),
         }
         matches!(error, SendError::Backpressure { what: Backpressure::Queue, .. })
     }
 
-    /// Nothing can be sent in this cycle: a frame of this axis or of one before it on the channel
+    /// Notes that nothing can be sent in this cycle: a frame of this axis or of one before it on the channel
     /// was rejected, or an image is repeated.
-    pub(crate) fn skipped(&mut self) {
-        self.last_command = None;
-        if self.decision.target().is_some() {
-            self.decision = Decision::Wait(WaitReason::Rejected);
-            self.statistics.decided(self.decision, self.is_running());
+    pub(crate) fn skip(&mut self) {
+        let is_running = self.path.is_running();
+        if self.path.skip() {
+            self.report.statistics.count_decision(self.path.decision(), is_running);
         }
-        self.guard.rejected();
+    }
+
+    /// Notes the SYNC period of a cycle. `is_sent` states whether SYNC was sent on the channel of the axis,
+    /// `is_gateway_ready` whether its TPDO can arrive.
+    pub(crate) fn note_sync(&mut self, is_sent: bool, is_gateway_ready: bool, now_ns: u64) {
+        if is_sent {
+            self.path.note_sync(now_ns);
+            self.link.note_sync();
+        }
+        let counts =
+            self.setup.is_complete() && self.link.reachability().operational && is_gateway_ready;
+        if !counts {
+            self.report.statistics.restart_tpdo_count();
+        } else if is_sent {
+            self.report.statistics.count_sync();
+        }
+    }
+
+    // RPDOs after the first
+
+    /// Takes the feed-forward of the target of the first RPDO, and returns whether the
+    /// other RPDOs are to be sent. `is_own_motion` states whether the host made the target.
+    ///
+    /// They go out with each target, and in the same cycles while the axis gets none, so that an
+    /// output that was lost arrives. A feed-forward ends with the targets, at once.
+    pub(crate) fn prepare_auxiliary(&mut self, turn: TargetTurn, is_own_motion: bool) -> bool {
+        if self.data.step_offsets(&self.plan, turn) {
+            self.path.restart_activation();
+            self.link.restart_rest();
+        }
+        let before = self.data.feed_forward();
+        let step = self.path.take_feed_forward(is_own_motion);
+        if step == FeedForwardStep::Wait {
+            return false;
+        }
+        let is_limited = self.data.step_feed_forward(step);
+        self.report.statistics.feed_forwards_limited += u64::from(is_limited);
+        self.data.update_outputs();
+        let has_ended =
+            before != FeedForward::NONE && self.data.feed_forward() == FeedForward::NONE;
+        (turn == TargetTurn::Due || has_ended)
+            && self.setup.is_complete()
+            && self.data.is_path_clear()
+            && self.setup.is_verified()
+            && self.link.reachability().operational
     }
 }

@@ -535,6 +535,23 @@ impl PdoCobIds {
     }
 }
 
+/// Treatment of a drive that is enabled when a [`Cia402`](crate::Cia402) begins to command it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Takeover {
+    /// The drive is quick-stopped, and switched off at rest.
+    #[default]
+    Stop,
+    /// The drive remains enabled if it is at rest, displays the configured mode, has the process data of the
+    /// configuration, and obeys a target that keeps it at standstill: velocity 0 in CSV, PV and VL, a
+    /// set-point at its position in PP, in CSP the target that it has. The target in CSP and the demand (0x6062) in PP
+    /// must be within the step limit of the position. The target is read back by SDO
+    /// before and after the first SYNC. Only then the axis counts as configured, and no target of an
+    /// earlier owner is in force. Otherwise, and in the torque modes and IP, the drive is stopped; also one with a quick
+    /// stop option (0x605A) above 4, which a frame of the adoption would enable again after a quick stop of its own. A
+    /// drive that watches the host's heartbeat must be adopted within its consumer time (0x1016).
+    Adopt,
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -5,6 +5,7 @@ use ecan_canopen::{
     SdoFault, Statusword, Step, StepFault, object,
 };
 
+use super::homing::HomingState;
 use super::pdo_layout::Feedback;
 use super::script::{Script, axis_script, first_index};
 use crate::guard::terms::PositionRange;
@@ -23,15 +24,15 @@ pub(crate) struct DriveStatus {
 }
 
 impl DriveStatus {
-    /// Takes the TPDO of this cycle. `standstill` is the noise of an axis at rest.
+    /// Evaluates the TPDO of this cycle. `standstill` is the noise of an axis at rest.
     pub(crate) fn update(&mut self, range: PositionRange, standstill: u32, now_ns: u64) {
         if let Some(feedback) = self.arrived {
-            self.statusword_received(feedback.statusword, now_ns);
+            self.store_statusword(feedback.statusword, now_ns);
             self.rest.observe(feedback.position, range, standstill, now_ns);
         }
     }
 
-    pub(crate) fn statusword_received(&mut self, statusword: Statusword, now_ns: u64) {
+    pub(crate) fn store_statusword(&mut self, statusword: Statusword, now_ns: u64) {
         self.statusword = Some(statusword);
         self.state = statusword.state();
         self.heard_ns = Some(now_ns);
@@ -55,6 +56,10 @@ impl DriveStatus {
 
     pub(crate) fn has(&self, bits: u16) -> bool {
         self.statusword.is_some_and(|status| status.has(bits))
+    }
+
+    pub(crate) fn homing_state(&self) -> HomingState {
+        self.statusword.map_or(HomingState::Waiting, HomingState::of)
     }
 
     pub(crate) fn is_enabled(&self) -> bool {
@@ -152,6 +157,9 @@ impl RestDetector {
             && now_ns.saturating_sub(self.last_ns) <= longest_ns
     }
 }
+
+/// Attempts without an answer after which a drive counts as absent or gone: 800 ms.
+pub(crate) const GONE_ATTEMPTS: u32 = 4;
 
 /// Time for an answer before the request is repeated. A drive that was unreachable receives its stop
 /// that soon after its return.

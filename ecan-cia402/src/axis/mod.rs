@@ -3,22 +3,17 @@
 #[expect(clippy::module_inception, reason = "a file has the name of its main type")]
 pub(crate) mod axis;
 pub(crate) mod axis_cycle;
-mod axis_feed_forward;
-pub(crate) mod axis_path;
-mod axis_procedure;
-mod axis_progress;
-mod axis_recovery;
-mod axis_setup;
-pub(crate) mod axis_state;
 mod axis_step;
-mod axis_stop;
 pub(crate) mod config;
+pub(crate) mod drive_link;
 mod drive_status;
 pub(crate) mod error;
+mod event;
 pub(crate) mod homing;
 pub(crate) mod host_loss;
 pub(crate) mod limits;
 pub(crate) mod pdo_layout;
+pub(crate) mod plan;
 pub(crate) mod power;
 mod procedure;
 pub(crate) mod process_data;
@@ -28,13 +23,14 @@ mod script;
 pub(crate) mod setup;
 pub(crate) mod setup_steps;
 pub(crate) mod status;
-pub(crate) mod takeover;
-mod target_path;
+mod takeover;
+pub(crate) mod target_path;
 pub(crate) mod target_period;
 pub(crate) mod target_source;
+pub(crate) mod task;
 pub(crate) mod units;
 
-pub use config::{AxisConfig, DriveConfig, NodeReset, PdoCobIds, VlConfig};
+pub use config::{AxisConfig, DriveConfig, NodeReset, PdoCobIds, Takeover, VlConfig};
 pub use error::{AxisFault, CommandError};
 pub use homing::{HomingConfig, HomingState};
 pub use host_loss::{HostLoss, HostLossReaction, HostWatch, StopOptions, StopRamp};
@@ -46,7 +42,6 @@ pub use pdo_layout::{
 pub use power::StopCause;
 pub use process_data::ProbeState;
 pub use status::{AxisError, AxisErrorKind, AxisPhase, AxisProgress, AxisStatistics, AxisStatus};
-pub use takeover::Takeover;
 pub use units::{
     DriveUnits, MotionLimit, MotionLimits, Scale, ScaleFinding, ScaleSource, UnitError,
 };

@@ -244,6 +244,11 @@ impl Stop {
         }
     }
 
+    /// Returns this stop with a command to enable that waits for its end.
+    pub(crate) fn then_enable(self, now_ns: u64) -> Self {
+        Self { enable_since_ns: Some(now_ns), ..self }
+    }
+
     /// The drive does not remain in Quick Stop Active.
     pub(crate) fn switch_off_at_rest(&mut self) {
         self.off = true;

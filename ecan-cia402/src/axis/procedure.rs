@@ -2,12 +2,18 @@
 
 use std::time::Duration;
 
-use ecan_canopen::OperatingMode;
+use ecan_canopen::{Configuring, DriveState, Network, OperatingMode};
 
-use super::homing::{HomingConfig, HomingWatch};
+use super::drive_status::DriveStatus;
+use super::event::AxisEvent;
+use super::homing::{HomingConfig, HomingState, HomingWatch};
+use super::plan::AxisPlan;
 use super::script::{Script, axis_script, mode_steps};
 use super::status::AxisError;
 use crate::guard::terms::HoldReason;
+
+/// Longest time in which an axis must come to rest, and its drive switch off.
+const REST_TIMEOUT: Duration = Duration::from_secs(30);
 
 /// Stages of a mode change and of homing, in order. The mode is only changed while the drive is
 /// not enabled: an enabled drive would go from the target of one mode to an old one of the other.
@@ -27,54 +33,279 @@ pub(crate) enum Stage {
     Restoring(Script),
 }
 
+/// A mode change, or a homing that returns to the mode before it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Procedure {
     /// Mode in force at the end.
-    pub(crate) mode: OperatingMode,
-    pub(crate) mode_before: OperatingMode,
-    /// Homing, before that.
-    pub(crate) homing: Option<HomingConfig>,
+    mode: OperatingMode,
+    mode_before: OperatingMode,
+    homing: Option<HomingConfig>,
     /// True if the axis followed targets before and is enabled again afterwards.
-    pub(crate) then_enable: bool,
-    pub(crate) stage: Stage,
-    pub(crate) error: Option<AxisError>,
+    then_enable: bool,
+    stage: Stage,
+    error: Option<AxisError>,
     stage_since_ns: u64,
 }
 
-impl Procedure {
-    /// Creates a change from one mode to another, or, with homing, back to the same.
-    pub(crate) fn new(
-        (mode_before, mode): (OperatingMode, OperatingMode),
-        homing: Option<HomingConfig>,
-        then_enable: bool,
-        now_ns: u64,
-    ) -> Self {
-        let (stage, stage_since_ns) = (Stage::Disabling, now_ns);
-        Self { mode, mode_before, homing, then_enable, stage, error: None, stage_since_ns }
+/// Situation of an axis in a cycle of a procedure.
+#[derive(Debug)]
+pub(crate) struct ProcedureSituation<'a> {
+    pub(crate) plan: &'a AxisPlan,
+    pub(crate) drive: &'a DriveStatus,
+    pub(crate) is_running: bool,
+    pub(crate) is_at_rest: bool,
+    pub(crate) is_enabling: bool,
+    pub(crate) is_stopping: bool,
+    pub(crate) is_stopped: bool,
+    /// The drive may be moving and has no present status.
+    pub(crate) is_silent: bool,
+    pub(crate) error: Option<AxisError>,
+    pub(crate) now_ns: u64,
+}
+
+/// Result of a cycle of a procedure: the event is applied first.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct ProcedureStep {
+    pub(crate) event: Option<AxisEvent>,
+    pub(crate) has_ended: bool,
+}
+
+impl ProcedureStep {
+    const CONTINUE: Self = Self { event: None, has_ended: false };
+    const END: Self = Self { event: None, has_ended: true };
+
+    fn event(event: AxisEvent) -> Self {
+        Self { event: Some(event), has_ended: false }
     }
 
-    /// Steps for an axis of the node.
-    pub(crate) fn script(&self, axis: u8) -> Script {
-        match &self.homing {
-            Some(homing) => homing.script(axis),
-            None => axis_script(axis, mode_steps(self.mode)),
+    fn last_event(event: AxisEvent) -> Self {
+        Self { event: Some(event), has_ended: true }
+    }
+}
+
+impl Procedure {
+    /// Creates a mode change from `mode_before` to `mode`.
+    pub(crate) fn change_mode(mode_before: OperatingMode, mode: OperatingMode) -> Self {
+        Self {
+            mode,
+            mode_before,
+            homing: None,
+            then_enable: false,
+            stage: Stage::Disabling,
+            error: None,
+            stage_since_ns: 0,
         }
     }
 
-    pub(crate) fn enter(&mut self, stage: Stage, now_ns: u64) {
-        self.stage = stage;
-        self.stage_since_ns = now_ns;
+    /// Creates a homing that returns to `mode`.
+    pub(crate) fn home(mode: OperatingMode, homing: HomingConfig) -> Self {
+        Self { homing: Some(homing), ..Self::change_mode(mode, mode) }
     }
 
-    /// The axis holds. Before the drive is off, this ends the procedure: later it could enable a drive
+    /// Begins. `then_enable` states whether the axis is enabled at the end.
+    pub(crate) fn begin(mut self, then_enable: bool, now_ns: u64) -> Self {
+        self.then_enable = then_enable;
+        self.stage_since_ns = now_ns;
+        self
+    }
+
+    /// Mode in force at the end.
+    pub(crate) fn mode(&self) -> OperatingMode {
+        self.mode
+    }
+
+    pub(crate) fn is_homing(&self) -> bool {
+        self.homing.is_some()
+    }
+
+    /// Returns whether the drive is to execute the homing.
+    pub(crate) fn has_started_homing(&self) -> bool {
+        matches!(self.stage, Stage::Homing(_))
+    }
+
+    pub(crate) fn error(&self) -> Option<AxisError> {
+        self.error
+    }
+
+    /// Returns whether the axis is enabled after a procedure without an error.
+    pub(crate) fn enables_at_end(&self) -> bool {
+        self.then_enable
+    }
+
+    /// Cancels the transfers. Returns the mode that is to be written again, if the procedure has begun to
+    /// write one.
+    pub(crate) fn cancel(&self, plan: &AxisPlan, network: &mut Network) -> Option<OperatingMode> {
+        if let Stage::Writing(script) | Stage::Restoring(script) = self.stage {
+            script.cancel(network, plan.node);
+        }
+        (self.stage != Stage::Disabling).then_some(self.mode_before)
+    }
+
+    /// Notes a hold. Before the drive is off, this ends the procedure: later it could enable a drive
     /// that stopped without a command.
-    pub(crate) fn held(&mut self, reason: HoldReason) {
+    pub(crate) fn on_hold(&mut self, reason: HoldReason) {
         if self.stage == Stage::Disabling {
             self.error = Some(AxisError::Held(reason));
         }
     }
 
-    pub(crate) fn waited(&self, now_ns: u64) -> Duration {
+    fn enter(&mut self, stage: Stage, now_ns: u64) {
+        self.stage = stage;
+        self.stage_since_ns = now_ns;
+    }
+
+    fn waited(&self, now_ns: u64) -> Duration {
         Duration::from_nanos(now_ns.saturating_sub(self.stage_since_ns))
+    }
+
+    fn restore(&mut self, plan: &AxisPlan, now_ns: u64) {
+        let script = axis_script(plan.config.node_axis, mode_steps(self.mode_before));
+        self.enter(Stage::Restoring(script), now_ns);
+    }
+
+    /// Continues the procedure in a cycle.
+    pub(crate) fn step(
+        &mut self,
+        situation: &ProcedureSituation<'_>,
+        network: &mut Network,
+    ) -> ProcedureStep {
+        match self.stage {
+            Stage::Disabling => self.step_disabling(situation),
+            Stage::Writing(_) => self.step_writing(situation, network),
+            Stage::Enabling => self.step_enabling(situation),
+            Stage::Homing(_) => self.step_homing(situation),
+            Stage::Ending => self.step_ending(situation),
+            Stage::Restoring(_) => self.step_restoring(situation, network),
+        }
+    }
+
+    /// Brings the axis to rest by the ramp, then switches power off. A hold, or a drive that is out of
+    /// reach, ends the procedure.
+    fn step_disabling(&mut self, situation: &ProcedureSituation<'_>) -> ProcedureStep {
+        let ProcedureSituation { plan, drive, now_ns, .. } = *situation;
+        if situation.is_stopping && situation.is_silent {
+            let not_disabled = AxisError::NotDisabled { state: drive.state };
+            self.error = self.error.or(Some(not_disabled));
+        }
+        if self.error.is_some() {
+            return ProcedureStep::END;
+        }
+        let is_moving = situation.is_running && !situation.is_at_rest;
+        let is_late = self.waited(now_ns) > REST_TIMEOUT;
+        if is_moving && !is_late {
+            return ProcedureStep::CONTINUE;
+        }
+        match drive.state {
+            Some(DriveState::Fault) => {
+                self.error = Some(AxisError::Fault { error_code: 0 });
+                ProcedureStep::END
+            }
+            Some(DriveState::SwitchOnDisabled) if situation.is_stopped => {
+                let axis = plan.config.node_axis;
+                let script = match &self.homing {
+                    Some(homing) => homing.script(axis),
+                    None => axis_script(axis, mode_steps(self.mode)),
+                };
+                self.enter(Stage::Writing(script), now_ns);
+                ProcedureStep::CONTINUE
+            }
+            state if is_late => {
+                self.error = Some(AxisError::NotDisabled { state });
+                ProcedureStep::END
+            }
+            _ => ProcedureStep::event(AxisEvent::SwitchOff),
+        }
+    }
+
+    fn step_writing(
+        &mut self,
+        situation: &ProcedureSituation<'_>,
+        network: &mut Network,
+    ) -> ProcedureStep {
+        let ProcedureSituation { plan, now_ns, .. } = *situation;
+        let Stage::Writing(script) = &mut self.stage else { return ProcedureStep::END };
+        match script.advance(network, plan.node, now_ns, |_, _, _| {}) {
+            Configuring::Running => ProcedureStep::CONTINUE,
+            Configuring::Done if self.homing.is_some() => {
+                self.enter(Stage::Enabling, now_ns);
+                ProcedureStep::event(AxisEvent::HomingSet)
+            }
+            Configuring::Done => ProcedureStep::last_event(AxisEvent::ModeSet(self.mode)),
+            Configuring::Failed(failure) => {
+                self.error = Some(AxisError::Mode(failure));
+                self.restore(plan, now_ns);
+                ProcedureStep::CONTINUE
+            }
+        }
+    }
+
+    fn step_enabling(&mut self, situation: &ProcedureSituation<'_>) -> ProcedureStep {
+        if situation.is_running {
+            self.enter(Stage::Homing(HomingWatch::default()), situation.now_ns);
+        } else if !situation.is_enabling {
+            // Timeout, hold or fault; the error is set.
+            self.error = situation.error;
+            self.enter(Stage::Ending, situation.now_ns);
+        }
+        ProcedureStep::CONTINUE
+    }
+
+    fn step_homing(&mut self, situation: &ProcedureSituation<'_>) -> ProcedureStep {
+        let ProcedureSituation { drive, now_ns, .. } = *situation;
+        let waited = self.waited(now_ns);
+        let Stage::Homing(watch) = &mut self.stage else { return ProcedureStep::END };
+        let result = drive.arrived.and_then(|feedback| watch.step(feedback.statusword));
+        let limit = self.homing.map_or(Duration::ZERO, |homing| homing.timeout);
+        self.error = if !situation.is_running {
+            situation.error.or(Some(AxisError::Homing(HomingState::Waiting)))
+        } else {
+            match result {
+                Some(HomingState::Attained) => None,
+                Some(state) => Some(AxisError::Homing(state)),
+                None if waited > limit => {
+                    let state = drive.homing_state();
+                    Some(AxisError::HomingTimedOut { state, waited })
+                }
+                None => return ProcedureStep::CONTINUE,
+            }
+        };
+        self.enter(Stage::Ending, now_ns);
+        ProcedureStep::CONTINUE
+    }
+
+    /// Switches power off after homing, with any result; a drive that is still homing stops with
+    /// it.
+    fn step_ending(&mut self, situation: &ProcedureSituation<'_>) -> ProcedureStep {
+        let ProcedureSituation { plan, drive, now_ns, .. } = *situation;
+        let is_off = situation.is_stopped && drive.is_off();
+        let is_late = self.waited(now_ns) > REST_TIMEOUT;
+        // The axis is stopped by the event in any case.
+        if !is_off && (is_late || situation.is_silent) {
+            let not_disabled = AxisError::NotDisabled { state: drive.state };
+            self.error = self.error.or(Some(not_disabled));
+        }
+        if is_off || is_late {
+            self.restore(plan, now_ns);
+        }
+        let event = (!is_off).then_some(AxisEvent::SwitchOff);
+        ProcedureStep { event, has_ended: false }
+    }
+
+    fn step_restoring(
+        &mut self,
+        situation: &ProcedureSituation<'_>,
+        network: &mut Network,
+    ) -> ProcedureStep {
+        let ProcedureSituation { plan, now_ns, .. } = *situation;
+        let Stage::Restoring(script) = &mut self.stage else { return ProcedureStep::END };
+        match script.advance(network, plan.node, now_ns, |_, _, _| {}) {
+            Configuring::Running => ProcedureStep::CONTINUE,
+            Configuring::Done => ProcedureStep::last_event(AxisEvent::ModeSet(self.mode_before)),
+            Configuring::Failed(failure) => {
+                // The drive's mode is unknown: it must be configured again.
+                self.error = self.error.or(Some(AxisError::Mode(failure)));
+                ProcedureStep::last_event(AxisEvent::SetupFailed(failure))
+            }
+        }
     }
 }

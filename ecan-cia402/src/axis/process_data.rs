@@ -3,58 +3,202 @@
 use ecan_canopen::{Probe, ProbeStatus, ProbeTrigger};
 use ecan_protocol::can::CanId;
 
-use super::config::AxisConfig;
-use super::limits::DriveLimits;
-use super::pdo_layout::{AxisInputs, InputObject, OutputValues, PdoLayout};
-use super::units::{DriveUnits, ScaleFinding};
-use crate::guard::feed_forward::FeedForwardGuard;
+use super::pdo_layout::{AxisInputs, InputObject, OutputObject, OutputValues, RpdoBytes};
+use super::plan::AxisPlan;
+use super::target_path::{FeedForwardStep, TargetTurn};
+use crate::guard::feed_forward::{FeedForward, FeedForwardGuard};
 
-/// Further process data of an axis, apart from what every axis needs in every cycle.
-#[derive(Debug)]
-pub(crate) struct FurtherData {
-    pub(crate) layout: PdoLayout,
-    /// CAN IDs of the RPDOs after the first.
-    pub(crate) auxiliary: Vec<CanId>,
-    /// Values of the further objects of the TPDOs.
-    pub(crate) inputs: AxisInputs,
-    /// Values of the RPDOs after the first.
-    pub(crate) outputs: OutputValues,
-    pub(crate) feed_forward: FeedForwardGuard,
-    /// The drive may have a feed-forward that was sent.
-    pub(crate) offsets_in_force: bool,
-    /// The drive was in Operation Enabled by its last status.
-    pub(crate) was_enabled: bool,
-    /// Cycles with a clear path since a frame without feed-forward was sent, that one included.
-    pub(crate) cleared_cycles: u32,
-    /// The path has no known fault in this cycle. Only with RPDOs after the first.
-    pub(crate) is_path_clear: bool,
-    pub(crate) probes: TouchProbes,
-    /// Limits and units of the drive, as they were read.
-    pub(crate) limits: Option<DriveLimits>,
-    pub(crate) units: Option<DriveUnits>,
-    pub(crate) scale_finding: Option<ScaleFinding>,
-    /// The TPDO with the status of the touch probes.
-    pub(crate) probe_tpdo: Option<usize>,
+/// Cycles with a clear path after a frame without feed-forward until the drive certainly has it, with SYNC in every
+/// cycle and frames that are sent at once.
+const CLEARED_CYCLES: u32 = 4;
+
+/// Command of the application to an output of a drive.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) enum OutputCommand {
+    DigitalOutputs(u32),
+    ArmProbe(Probe, ProbeTrigger),
+    DisarmProbe(Probe),
 }
 
-impl FurtherData {
-    pub(crate) fn new(config: &AxisConfig) -> Self {
-        let layout = config.layout();
+impl OutputCommand {
+    /// Object that must be mapped.
+    pub(crate) fn object(self) -> OutputObject {
+        match self {
+            Self::DigitalOutputs(_) => OutputObject::DigitalOutputs,
+            Self::ArmProbe(..) | Self::DisarmProbe(_) => OutputObject::ProbeFunction,
+        }
+    }
+}
+
+/// Further process data of an axis, apart from what every axis needs in every cycle: the further objects of its
+/// TPDOs, and the RPDOs after the first, with feed-forward and outputs.
+#[derive(Debug)]
+pub(crate) struct ProcessData {
+    /// CAN IDs of the RPDOs after the first.
+    auxiliary: Vec<CanId>,
+    /// Values of the further objects of the TPDOs.
+    inputs: AxisInputs,
+    /// Values of the RPDOs after the first.
+    outputs: OutputValues,
+    feed_forward: FeedForwardGuard,
+    /// The drive may have a feed-forward that was sent.
+    has_offsets: bool,
+    /// The drive was in Operation Enabled by its last status.
+    was_enabled: bool,
+    /// Cycles with a clear path since a frame without feed-forward was sent, that one included.
+    cleared_cycles: u32,
+    /// The path has no known fault in this cycle. Only with RPDOs after the first.
+    is_path_clear: bool,
+    probes: TouchProbes,
+    /// The TPDO with the status of the touch probes.
+    probe_tpdo: Option<usize>,
+}
+
+impl ProcessData {
+    pub(crate) fn new(plan: &AxisPlan) -> Self {
+        let rpdos = 1..plan.layout.rpdo_count();
         Self {
-            auxiliary: (1..layout.rpdo_count()).map(|nth| config.rpdo_id(nth)).collect(),
-            probe_tpdo: layout.tpdo_of(InputObject::ProbeStatus),
-            layout,
+            auxiliary: rpdos.map(|nth| plan.config.rpdo_id(nth)).collect(),
             inputs: AxisInputs::default(),
             outputs: OutputValues::default(),
-            feed_forward: FeedForwardGuard::new(config.feed_forward),
-            offsets_in_force: false,
+            feed_forward: FeedForwardGuard::new(plan.config.feed_forward),
+            has_offsets: false,
             was_enabled: false,
             cleared_cycles: 0,
             is_path_clear: false,
             probes: TouchProbes::default(),
-            limits: None,
-            units: None,
-            scale_finding: None,
+            probe_tpdo: plan.layout.tpdo_of(InputObject::ProbeStatus),
+        }
+    }
+
+    pub(crate) fn inputs(&self) -> &AxisInputs {
+        &self.inputs
+    }
+
+    /// The feed-forward that was sent last.
+    pub(crate) fn feed_forward(&self) -> FeedForward {
+        self.feed_forward.last()
+    }
+
+    /// Applies the limits of the feed-forward again.
+    pub(crate) fn restart_feed_forward(&mut self, plan: &AxisPlan) {
+        self.feed_forward = FeedForwardGuard::new(plan.config.feed_forward);
+    }
+
+    pub(crate) fn set_output(&mut self, output: OutputCommand) {
+        match output {
+            OutputCommand::DigitalOutputs(outputs) => self.outputs.digital_outputs = outputs,
+            OutputCommand::ArmProbe(probe, trigger) => self.probes.arm(probe, trigger),
+            OutputCommand::DisarmProbe(probe) => self.probes.disarm(probe),
+        }
+    }
+
+    pub(crate) fn probe(&self, probe: Probe) -> ProbeState {
+        self.probes.state(probe, &self.inputs)
+    }
+
+    /// Stores the further objects of a TPDO. `nth` counts the TPDOs of the axis from 0. Returns whether the
+    /// TPDO is long enough for them.
+    pub(crate) fn store_tpdo(&mut self, plan: &AxisPlan, nth: usize, data: &[u8]) -> bool {
+        if !plan.layout.decode_inputs(nth, data, &mut self.inputs) {
+            return false;
+        }
+        if self.probe_tpdo == Some(nth)
+            && let Some(status) = self.inputs.probe_status()
+        {
+            self.probes.update(status);
+        }
+        true
+    }
+
+    pub(crate) fn set_path_clear(&mut self, is_clear: bool) {
+        self.is_path_clear = is_clear;
+    }
+
+    pub(crate) fn is_path_clear(&self) -> bool {
+        self.is_path_clear
+    }
+
+    /// Forgets what belongs to another configuration of the drive.
+    pub(crate) fn forget_drive(&mut self) {
+        self.inputs = AxisInputs::default();
+        self.feed_forward.end();
+        self.has_offsets = false;
+        self.cleared_cycles = 0;
+    }
+
+    /// Notes that an adopted drive may have a feed-forward of an earlier owner.
+    pub(crate) fn adopt(&mut self, plan: &AxisPlan) {
+        self.has_offsets = plan.has_auxiliary;
+    }
+
+    /// Returns whether the drive may have a feed-forward.
+    pub(crate) fn has_offsets(&self) -> bool {
+        self.has_offsets
+    }
+
+    /// Returns whether the drive left Operation Enabled while it may have had a feed-forward. A drive that stops drops
+    /// it: the motor, which may have been at rest without being at its target, moves there.
+    pub(crate) fn drops_offsets(&mut self, is_enabled: bool) -> bool {
+        let has_left = std::mem::replace(&mut self.was_enabled, is_enabled) && !is_enabled;
+        has_left && self.has_offsets
+    }
+
+    /// Returns whether the drive certainly has no feed-forward any more, once after its end.
+    ///
+    /// A motor with a feed-forward is not where its position controller leads it: the position of the
+    /// first target is read after the end of the feed-forward, and only later positions show standstill.
+    pub(crate) fn step_offsets(&mut self, plan: &AxisPlan, turn: TargetTurn) -> bool {
+        // The drive takes a frame over with a SYNC, which these cycles do not have.
+        let has_no_sync = matches!(turn, TargetTurn::NotReceived | TargetTurn::NoSync);
+        if !self.is_path_clear {
+            self.cleared_cycles = 0;
+        } else if self.cleared_cycles > 0 && !has_no_sync {
+            self.cleared_cycles += 1;
+            let until_sync = plan.cycles_per_sync.saturating_sub(1);
+            let in_schedule = u32::from(plan.schedule_images);
+            if self.cleared_cycles > CLEARED_CYCLES + until_sync + in_schedule {
+                self.has_offsets = false;
+                self.cleared_cycles = 0;
+                return true;
+            }
+        }
+        false
+    }
+
+    /// Takes the next step of the feed-forward. Returns whether a limit changed it.
+    pub(crate) fn step_feed_forward(&mut self, step: FeedForwardStep) -> bool {
+        match step {
+            FeedForwardStep::Follow(requested) => self.feed_forward.follow(requested),
+            FeedForwardStep::Return => self.feed_forward.follow(None),
+            FeedForwardStep::Wait => false,
+            FeedForwardStep::End => {
+                self.feed_forward.end();
+                false
+            }
+        }
+    }
+
+    /// Sets the values of the RPDOs after the first.
+    pub(crate) fn update_outputs(&mut self) {
+        let FeedForward { velocity, torque } = self.feed_forward.last();
+        self.outputs.velocity_offset = velocity;
+        self.outputs.torque_offset = torque;
+        self.outputs.probe_function = self.probes.function();
+    }
+
+    /// RPDOs after the first.
+    pub(crate) fn frames(&self, plan: &AxisPlan) -> impl Iterator<Item = (CanId, RpdoBytes)> {
+        self.auxiliary.iter().copied().zip(plan.layout.encode_auxiliary(&self.outputs))
+    }
+
+    /// Notes that the RPDOs after the first were sent; the last ones were not unless `is_complete`.
+    pub(crate) fn on_sent(&mut self, is_complete: bool) {
+        if self.feed_forward.last() != FeedForward::NONE {
+            self.has_offsets = true;
+            self.cleared_cycles = 0;
+        } else if self.has_offsets && is_complete && self.cleared_cycles == 0 {
+            self.cleared_cycles = 1;
         }
     }
 }
@@ -67,7 +211,8 @@ pub struct ProbeState {
     /// Position at a positive edge since the probe was armed, in steps; `None` if none was stored, or
     /// its object is not in the [inputs](crate::AxisConfig::inputs).
     pub positive: Option<i32>,
-    /// Position at a negative edge, likewise.
+    /// Position at a negative edge since the probe was armed, in steps; `None` if none was stored, or
+    /// its object is not in the [inputs](crate::AxisConfig::inputs).
     pub negative: Option<i32>,
 }
 
@@ -77,7 +222,7 @@ pub struct ProbeState {
 /// the last time is never taken for a new one. A position counts after two reports of the drive
 /// in a row that it is stored: it may be in another TPDO than the status.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub(crate) struct TouchProbes {
+struct TouchProbes {
     /// Functions to enable when the drive reports the probe as disabled.
     pending: [Option<u8>; 2],
     /// Functions that are sent.
@@ -88,14 +233,14 @@ pub(crate) struct TouchProbes {
 }
 
 impl TouchProbes {
-    pub(crate) fn arm(&mut self, probe: Probe, trigger: ProbeTrigger) {
+    fn arm(&mut self, probe: Probe, trigger: ProbeTrigger) {
         self.disarm(probe);
         if let Some(pending) = self.pending.get_mut(probe.byte()) {
             *pending = Some(trigger.byte());
         }
     }
 
-    pub(crate) fn disarm(&mut self, probe: Probe) {
+    fn disarm(&mut self, probe: Probe) {
         if let (Some(pending), Some(function)) =
             (self.pending.get_mut(probe.byte()), self.functions.get_mut(probe.byte()))
         {
@@ -104,8 +249,8 @@ impl TouchProbes {
         }
     }
 
-    /// Takes a status that the drive reported.
-    pub(crate) fn take(&mut self, status: u16) {
+    /// Evaluates a status that the drive reported.
+    fn update(&mut self, status: u16) {
         self.confirmed = status & self.last;
         self.last = status;
         for probe in Probe::ALL {
@@ -122,11 +267,11 @@ impl TouchProbes {
     }
 
     /// The value of 0x60B8.
-    pub(crate) fn function(&self) -> u16 {
+    fn function(&self) -> u16 {
         u16::from_le_bytes(self.functions)
     }
 
-    pub(crate) fn state(&self, probe: Probe, inputs: &AxisInputs) -> ProbeState {
+    fn state(&self, probe: Probe, inputs: &AxisInputs) -> ProbeState {
         let is_wanted = self.functions.get(probe.byte()).is_some_and(|function| *function != 0);
         let status = ProbeStatus(self.confirmed);
         if !is_wanted || !status.is_enabled(probe) {
@@ -163,12 +308,12 @@ mod tests {
         let mut probes = TouchProbes::default();
         probes.arm(Probe::One, TRIGGER);
         assert_eq!(probes.function(), 0, "the drive has not reported that it is disabled");
-        probes.take(0);
+        probes.update(0);
         assert_eq!(probes.function(), 0x11);
         for (status, is_armed, position) in
             [(1, false, None), (1, true, None), (3, true, None), (3, true, Some(7))]
         {
-            probes.take(status);
+            probes.update(status);
             let state = probes.state(Probe::One, &inputs(7));
             assert_eq!((state.is_armed, state.positive), (is_armed, position));
         }
@@ -179,16 +324,16 @@ mod tests {
         let mut probes = TouchProbes::default();
         probes.arm(Probe::One, TRIGGER);
         for status in [0, 3, 3] {
-            probes.take(status);
+            probes.update(status);
         }
         assert_eq!(probes.state(Probe::One, &inputs(7)).positive, Some(7));
         probes.arm(Probe::One, TRIGGER);
         assert_eq!(probes.function(), 0);
         for status in [3, 3] {
-            probes.take(status);
+            probes.update(status);
             assert_eq!(probes.state(Probe::One, &inputs(7)), ProbeState::default(), "old");
         }
-        probes.take(0);
+        probes.update(0);
         assert_eq!(probes.function(), 0x11);
         assert_eq!(probes.state(Probe::Two, &inputs(7)), ProbeState::default());
     }

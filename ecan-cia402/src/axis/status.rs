@@ -192,7 +192,7 @@ pub struct AxisStatistics {
 }
 
 impl AxisStatistics {
-    pub(crate) fn sync_sent(&mut self) {
+    pub(crate) fn count_sync(&mut self) {
         self.outstanding += 1;
         if self.outstanding > IN_FLIGHT {
             self.outstanding -= 1;
@@ -200,7 +200,7 @@ impl AxisStatistics {
         }
     }
 
-    pub(crate) fn tpdo_received(&mut self) {
+    pub(crate) fn count_tpdo(&mut self) {
         self.tpdos += 1;
         self.outstanding = self.outstanding.saturating_sub(1);
     }
@@ -210,16 +210,16 @@ impl AxisStatistics {
         self.outstanding = 0;
     }
 
-    pub(crate) fn observed(&mut self, actual: Actual, had_tpdo: bool) {
+    pub(crate) fn count_position(&mut self, actual: Actual, had_tpdo: bool) {
         self.unusable_positions += u64::from(had_tpdo && matches!(actual, Actual::None(_)));
     }
 
-    pub(crate) fn held(&mut self, reason: HoldReason) {
+    pub(crate) fn count_hold(&mut self, reason: HoldReason) {
         self.holds += 1;
         self.last_hold = Some(reason);
     }
 
-    pub(crate) fn decided(&mut self, decision: Decision, is_running: bool) {
+    pub(crate) fn count_decision(&mut self, decision: Decision, is_running: bool) {
         match decision {
             Decision::Reject(rejection) => {
                 self.targets_rejected += 1;
@@ -451,6 +451,53 @@ impl fmt::Display for AxisProgress {
     }
 }
 
+/// Report of an axis: its counters, its phase, and the failure of its last command.
+#[derive(Debug)]
+pub(crate) struct AxisReport {
+    pub(crate) statistics: AxisStatistics,
+    pub(crate) error: Option<AxisError>,
+    phase: AxisPhase,
+    phase_since_ns: u64,
+}
+
+impl AxisReport {
+    pub(crate) fn new() -> Self {
+        Self {
+            statistics: AxisStatistics::default(),
+            error: None,
+            phase: AxisPhase::NotConfigured,
+            phase_since_ns: 0,
+        }
+    }
+
+    pub(crate) fn phase(&self) -> AxisPhase {
+        self.phase
+    }
+
+    pub(crate) fn phase_since_ns(&self) -> u64 {
+        self.phase_since_ns
+    }
+
+    /// Time since the phase began.
+    pub(crate) fn elapsed(&self, now_ns: u64) -> Duration {
+        Duration::from_nanos(now_ns.saturating_sub(self.phase_since_ns))
+    }
+
+    /// Stores the phase of the axis with this index.
+    pub(crate) fn set_phase(&mut self, axis: usize, phase: AxisPhase, now_ns: u64) {
+        if phase == self.phase {
+            return;
+        }
+        let is_uncontrolled = |phase| matches!(phase, AxisPhase::Uncontrolled(_));
+        if is_uncontrolled(phase) && !is_uncontrolled(self.phase) {
+            self.statistics.uncontrolled += 1;
+            tracing::warn!(axis, "axis {axis}: {phase}");
+        }
+        self.phase = phase;
+        self.phase_since_ns = now_ns;
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -460,15 +507,15 @@ mod tests {
     fn missing_tpdo_is_counted_once() {
         let mut statistics = AxisStatistics::default();
         for n in 0..100 {
-            statistics.sync_sent();
+            statistics.count_sync();
             // Two cycles late, and the one of cycle 50 is lost.
             if n >= 2 && n != 52 {
-                statistics.tpdo_received();
+                statistics.count_tpdo();
             }
         }
         assert_eq!(statistics.lost_tpdos, 0, "it may still be under way");
         for _ in 0..IN_FLIGHT {
-            statistics.sync_sent();
+            statistics.count_sync();
         }
         assert_eq!(statistics.lost_tpdos, 3, "two under way and the lost one");
     }

@@ -6,32 +6,21 @@ use ecan_canopen::{
     Command, Configuring, Controlword, Expectation, Network, OperatingMode, Statusword, Step,
     object,
 };
-
-use super::axis::Axis;
-use super::axis_cycle::Outgoing;
-use super::pdo_layout::TargetObject;
-use super::script::{Script, axis_script};
 use ecan_protocol::sequence::{Action, SdoValue};
 
-/// Longest time in which an enabled drive must show that it is at rest, to be adopted.
-pub(crate) const ADOPT_NS: u64 = 200_000_000;
+use super::config::Takeover;
+use super::drive_status::{DrivePoll, DriveStatus, GONE_ATTEMPTS};
+use super::event::AxisEvent;
+use super::pdo_layout::TargetObject;
+use super::plan::AxisPlan;
+use super::script::{Script, axis_script};
 
-/// Treatment of a drive that is enabled when a [`Cia402`](crate::Cia402) begins to command it.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum Takeover {
-    /// The drive is quick-stopped, and switched off at rest.
-    #[default]
-    Stop,
-    /// The drive remains enabled if it is at rest, displays the configured mode, has the process data of the
-    /// configuration, and obeys a target that keeps it at standstill: velocity 0 in CSV, PV and VL, a
-    /// set-point at its position in PP, in CSP the target that it has. The target in CSP and the demand (0x6062) in PP
-    /// must be within the step limit of the position. The target is read back by SDO
-    /// before and after the first SYNC. Only then the axis counts as configured, and no target of an
-    /// earlier owner is in force. Otherwise, and in the torque modes and IP, the drive is stopped; also one with a quick
-    /// stop option (0x605A) above 4, which a frame of the adoption would enable again after a quick stop of its own. A
-    /// drive that watches the host's heartbeat must be adopted within its consumer time (0x1016).
-    Adopt,
-}
+/// Attempts without an answer after which a drive that was enabled at the first contact counts as gone: until
+/// then its channel gets no heartbeat, so that its own watch stops it.
+const TAKEOVER_ATTEMPTS: u32 = 24;
+
+/// Longest time in which an enabled drive must show that it is at rest, to be adopted.
+const ADOPT_NS: u64 = 200_000_000;
 
 /// State of the first contact.
 ///
@@ -47,7 +36,7 @@ pub enum Takeover {
 /// | `Done` | a drive that never answered appears; its configuration differs | `Waiting` |
 #[expect(clippy::large_enum_variant, reason = "a box would allocate in the cycle")]
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub(crate) enum TakeoverState {
+enum TakeoverState {
     #[default]
     Waiting,
     Inspecting {
@@ -71,7 +60,7 @@ const OPERATION_ENABLED: Expectation = Expectation::Masked { value: 0x27, mask: 
 
 /// Adoption of an enabled drive.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) struct Adoption {
+struct Adoption {
     stage: AdoptionStage,
     /// Target that keeps the drive at standstill, in the units of its mode.
     target: i32,
@@ -91,41 +80,18 @@ enum AdoptionStage {
     Confirming(Script),
 }
 
-impl TakeoverState {
-    pub(crate) fn begin_adoption(verification: Script, target: i32) -> Self {
-        Self::Adopting(Adoption { stage: AdoptionStage::Verifying(verification), target })
-    }
-
-    /// A frame of [`Axis::adoption_frame`] was sent.
-    pub(crate) fn frame_sent(&mut self) {
-        if let Self::Adopting(Adoption { stage: AdoptionStage::Sending { cycles, .. }, .. }) = self
-        {
-            *cycles = cycles.saturating_add(1);
-        }
-    }
-
-    /// A SYNC was sent on the channel of the axis.
-    pub(crate) fn sync_sent(&mut self) {
-        if let Self::Adopting(Adoption { stage: AdoptionStage::Sending { has_sync, .. }, .. }) =
-            self
-        {
-            *has_sync = true;
-        }
-    }
-}
-
 /// What a drive reported at the first contact, for its adoption.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub(crate) struct Inspection {
+struct Inspection {
     mode: Option<i8>,
-    /// Position of [`kept_position`](Axis::kept_position).
+    /// Position of [`AxisPlan::kept_position`].
     kept: Option<i32>,
     quick_stop: Option<i16>,
 }
 
 impl Inspection {
-    /// Takes the value of an object.
-    pub(crate) fn note(&mut self, index: u16, value: u64) {
+    /// Stores the value of an object.
+    fn note(&mut self, index: u16, value: u64) {
         match index {
             object::MODE_DISPLAY => self.mode = Some(value as i8),
             object::TARGET_POSITION | object::POSITION_DEMAND => self.kept = Some(value as i32),
@@ -140,66 +106,230 @@ impl Inspection {
     }
 }
 
-impl Axis {
-    /// Object with the position that a drive keeps at rest: its target in CSP, its demand in PP.
-    pub(crate) fn kept_position(&self) -> Option<u16> {
-        match self.config.mode {
-            OperatingMode::CyclicPosition => Some(object::TARGET_POSITION),
-            OperatingMode::ProfilePosition => Some(object::POSITION_DEMAND),
+/// First contact with a drive. The channel of an axis gets neither SYNC nor heartbeats until it is
+/// complete.
+#[derive(Debug)]
+pub(crate) struct FirstContact {
+    state: TakeoverState,
+    inspection: Inspection,
+    is_uninspected: bool,
+}
+
+/// Situation of an axis in a cycle of the first contact.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Situation {
+    pub(crate) reaches_gateway: bool,
+    /// The drive answered a round of SDO transfers in this cycle.
+    pub(crate) is_answered: bool,
+    pub(crate) is_stopping: bool,
+    pub(crate) is_setup_pending: bool,
+    pub(crate) now_ns: u64,
+}
+
+impl Default for FirstContact {
+    fn default() -> Self {
+        Self {
+            state: TakeoverState::Waiting,
+            inspection: Inspection::default(),
+            is_uninspected: true,
+        }
+    }
+}
+
+impl FirstContact {
+    /// Returns whether the drive is inspected, and adopted or stopped if it was enabled.
+    pub(crate) fn is_done(&self) -> bool {
+        self.state == TakeoverState::Done
+    }
+
+    pub(crate) fn is_inspecting(&self) -> bool {
+        matches!(self.state, TakeoverState::Inspecting { .. })
+    }
+
+    pub(crate) fn is_adopting(&self) -> bool {
+        matches!(self.state, TakeoverState::Adopting(_))
+    }
+
+    /// Returns whether the channel of the axis gets neither SYNC nor heartbeats.
+    pub(crate) fn is_uninspected(&self) -> bool {
+        self.is_uninspected
+    }
+
+    /// Begins again: the state of the drive is to be read.
+    pub(crate) fn restart(&mut self) {
+        self.state = TakeoverState::Waiting;
+    }
+
+    pub(crate) fn begin_adoption(&mut self, verification: Script, target: i32) {
+        let stage = AdoptionStage::Verifying(verification);
+        self.state = TakeoverState::Adopting(Adoption { stage, target });
+    }
+
+    /// Counts a sent frame of [`adoption_frame`](Self::adoption_frame).
+    pub(crate) fn count_frame(&mut self) {
+        if let Some(AdoptionStage::Sending { cycles, .. }) = self.adoption_stage() {
+            *cycles = cycles.saturating_add(1);
+        }
+    }
+
+    /// Notes a SYNC on the channel of the axis.
+    pub(crate) fn note_sync(&mut self) {
+        if let Some(AdoptionStage::Sending { has_sync, .. }) = self.adoption_stage() {
+            *has_sync = true;
+        }
+    }
+
+    fn adoption_stage(&mut self) -> Option<&mut AdoptionStage> {
+        match &mut self.state {
+            TakeoverState::Adopting(adoption) => Some(&mut adoption.stage),
             _ => None,
         }
     }
 
+    /// Stores the value of an object that was read for the inspection.
+    pub(crate) fn note_object(&mut self, index: u16, value: u64) {
+        self.inspection.note(index, value);
+    }
+
+    /// Continues the first contact. `next_verification` returns the script that reads the next PDOs after
+    /// those that were verified.
+    pub(crate) fn step(
+        &mut self,
+        plan: &AxisPlan,
+        situation: Situation,
+        drive: &mut DriveStatus,
+        poll: &DrivePoll,
+        network: &mut Network,
+        next_verification: impl FnOnce() -> Option<Script>,
+    ) -> Option<AxisEvent> {
+        let Situation { is_stopping, now_ns, .. } = situation;
+        match &mut self.state {
+            TakeoverState::Waiting => {
+                if situation.reaches_gateway {
+                    self.inspection = Inspection::default();
+                    drive.rest.restart();
+                    self.state = TakeoverState::Inspecting { since_ns: now_ns };
+                }
+                None
+            }
+            TakeoverState::Inspecting { since_ns } => {
+                let since_ns = *since_ns;
+                let is_absent = poll.unanswered() >= GONE_ATTEMPTS;
+                // Of an attempt that was not answered to its end, the statusword may have arrived.
+                let needs_stop = !poll.is_running() && !drive.is_off_or_unknown();
+                if situation.is_answered || needs_stop {
+                    return self.inspect(plan, situation, drive, since_ns);
+                }
+                if is_absent {
+                    self.state = TakeoverState::Done;
+                }
+                None
+            }
+            TakeoverState::Adopting(_) => {
+                if is_stopping {
+                    self.cancel_adoption(plan, network);
+                    self.state = TakeoverState::Stopping;
+                    return None;
+                }
+                self.step_adoption(plan, network, now_ns, next_verification)
+            }
+            TakeoverState::Stopping => {
+                if !is_stopping || poll.unanswered() >= TAKEOVER_ATTEMPTS {
+                    self.state = TakeoverState::Done;
+                }
+                None
+            }
+            TakeoverState::Done => {
+                self.is_uninspected = false;
+                None
+            }
+        }
+    }
+
+    /// Decides about a drive that has answered: it is off, is adopted, or is stopped.
+    fn inspect(
+        &mut self,
+        plan: &AxisPlan,
+        situation: Situation,
+        drive: &DriveStatus,
+        since_ns: u64,
+    ) -> Option<AxisEvent> {
+        let Situation { is_stopping, is_setup_pending, now_ns, .. } = situation;
+        let is_at_rest = drive.is_at_rest(now_ns, plan.fresh_ns);
+        if is_stopping {
+            self.state = TakeoverState::Stopping;
+        } else if drive.is_off_or_unknown() {
+            self.state = TakeoverState::Done;
+        } else if plan.takeover == Takeover::Stop || is_setup_pending {
+            return self.stop();
+        } else if is_at_rest && let Some(target) = self.adoptable_target(plan, drive) {
+            return Some(AxisEvent::Adopt { target });
+        } else if is_at_rest || now_ns.saturating_sub(since_ns) > ADOPT_NS {
+            return self.stop();
+        }
+        None
+    }
+
+    fn stop(&mut self) -> Option<AxisEvent> {
+        self.state = TakeoverState::Stopping;
+        Some(AxisEvent::EnabledDriveFound)
+    }
+
     /// The target that keeps the drive at standstill; `None` if it cannot be adopted.
-    pub(crate) fn adoptable_target(&self) -> Option<i32> {
+    fn adoptable_target(&self, plan: &AxisPlan, drive: &DriveStatus) -> Option<i32> {
         let Inspection { mode, kept, .. } = self.inspection;
         // An axis at rest may hold a load by its torque, which the first target would take away.
         // In IP the last set-point is not in 0x607A.
-        let is_excluded = self.config.mode == OperatingMode::Homing
+        let is_excluded = plan.config.mode == OperatingMode::Homing
             || self.inspection.may_stay_in_quick_stop()
             || matches!(
-                self.command_layout.target(),
+                plan.command_layout.target(),
                 TargetObject::Torque | TargetObject::InterpolationData
             );
-        if !self.drive.is_enabled() || mode != Some(self.config.mode.raw()) || is_excluded {
+        if !drive.is_enabled() || mode != Some(plan.config.mode.raw()) || is_excluded {
             return None;
         }
-        if self.kept_position().is_none() {
+        if plan.kept_position().is_none() {
             return Some(0);
         }
         // A blocked motor would go there as soon as it is free.
-        let (kept, position) = (kept?, self.drive.rest.position()?);
-        let distance = self.config.range.distance(kept, position).unsigned_abs();
-        let target = match self.config.mode {
+        let (kept, position) = (kept?, drive.rest.position()?);
+        let distance = plan.config.range.distance(kept, position).unsigned_abs();
+        let target = match plan.config.mode {
             OperatingMode::ProfilePosition => position,
             _ => kept,
         };
-        (distance <= u64::from(self.config.step_limit)).then_some(target)
+        (distance <= u64::from(plan.config.step_limit)).then_some(target)
     }
 
-    /// Continues an adoption. Returns whether it failed.
-    pub(crate) fn step_adoption(&mut self, network: &mut Network, now_ns: u64) -> bool {
-        let TakeoverState::Adopting(Adoption { mut stage, target }) = self.takeover else {
-            return false;
+    fn step_adoption(
+        &mut self,
+        plan: &AxisPlan,
+        network: &mut Network,
+        now_ns: u64,
+        next_verification: impl FnOnce() -> Option<Script>,
+    ) -> Option<AxisEvent> {
+        let TakeoverState::Adopting(Adoption { mut stage, target }) = self.state else {
+            return None;
         };
         let next = match &mut stage {
             AdoptionStage::Sending { cycles, has_sync } => {
-                let least = CYCLES_BEFORE_SYNC.saturating_add(self.schedule_images);
+                let least = CYCLES_BEFORE_SYNC.saturating_add(plan.schedule_images);
                 self.is_uninspected = *cycles < least && !*has_sync;
-                has_sync.then(|| AdoptionStage::Confirming(self.confirming_script(target)))
+                has_sync.then(|| AdoptionStage::Confirming(confirming_script(plan, target)))
             }
             AdoptionStage::Verifying(script)
             | AdoptionStage::Replacing(script)
             | AdoptionStage::Confirming(script) => {
-                match script.advance(network, self.node, now_ns, |_, _, _| {}) {
+                match script.advance(network, plan.node, now_ns, |_, _, _| {}) {
                     Configuring::Running => None,
                     Configuring::Failed(failure) => {
-                        tracing::warn!(axis = self.index, "axis {}: {failure}", self.index);
-                        return true;
+                        tracing::warn!(axis = plan.index, "axis {}: {failure}", plan.index);
+                        return self.stop();
                     }
                     Configuring::Done => match stage {
-                        AdoptionStage::Verifying(_) => Some(self.next_verification().map_or_else(
-                            || AdoptionStage::Replacing(self.replacing_script(target)),
+                        AdoptionStage::Verifying(_) => Some(next_verification().map_or_else(
+                            || AdoptionStage::Replacing(replacing_script(plan, target)),
                             AdoptionStage::Verifying,
                         )),
                         AdoptionStage::Replacing(_) => {
@@ -207,34 +337,39 @@ impl Axis {
                         }
                         AdoptionStage::Sending { .. } => None,
                         AdoptionStage::Confirming(_) => {
-                            self.adopt(network);
-                            self.takeover = TakeoverState::Done;
-                            return false;
+                            self.state = TakeoverState::Done;
+                            return Some(AxisEvent::Adopted);
                         }
                     },
                 }
             }
         };
-        self.takeover = TakeoverState::Adopting(Adoption { stage: next.unwrap_or(stage), target });
-        false
+        let stage = next.unwrap_or(stage);
+        self.state = TakeoverState::Adopting(Adoption { stage, target });
+        None
     }
 
-    pub(crate) fn cancel_adoption(&mut self, network: &mut Network) {
+    fn cancel_adoption(&self, plan: &AxisPlan, network: &mut Network) {
         if let TakeoverState::Adopting(Adoption {
             stage:
                 AdoptionStage::Verifying(script)
                 | AdoptionStage::Replacing(script)
                 | AdoptionStage::Confirming(script),
             ..
-        }) = self.takeover
+        }) = self.state
         {
-            script.cancel(network, self.node);
+            script.cancel(network, plan.node);
         }
     }
 
-    /// The frame that keeps a drive at standstill while it is adopted; `repeats` as for commands.
-    pub(crate) fn adoption_frame(&self, repeats: bool) -> Option<Outgoing> {
-        let TakeoverState::Adopting(Adoption { stage, target }) = self.takeover else {
+    /// Controlword and target of the frame that keeps a drive at standstill while it is adopted. `repeats`
+    /// states whether this cycle carries a repetition of a command.
+    pub(crate) fn adoption_frame(
+        &self,
+        plan: &AxisPlan,
+        repeats: bool,
+    ) -> Option<(Controlword, i32)> {
+        let TakeoverState::Adopting(Adoption { stage, target }) = self.state else {
             return None;
         };
         let is_due = match stage {
@@ -242,97 +377,94 @@ impl Axis {
             AdoptionStage::Sending { has_sync, .. } => !has_sync || repeats,
             AdoptionStage::Confirming(_) => repeats,
         };
-        let word = Controlword::of(Command::EnableOperation).with(match self.config.mode {
+        let word = Controlword::of(Command::EnableOperation).with(match plan.config.mode {
             OperatingMode::ProfilePosition => Controlword::MODE_5,
             OperatingMode::Velocity => {
                 Controlword::MODE_4 | Controlword::MODE_5 | Controlword::MODE_6
             }
             _ => 0,
         });
-        let rpdo = self.command_layout.encode(word, target, self.config.mode);
-        is_due.then_some(Outgoing { rpdo, command: Some(word), ramp: None })
+        is_due.then_some((word, target))
     }
+}
 
-    /// Replaces the target that is in force in the drive.
-    fn replacing_script(&self, target: i32) -> Script {
-        let axis = self.config.node_axis;
-        let replace = |index, value: SdoValue| {
-            let write = Step::write(index, 0, value).named("standstill");
-            [write, Step::expect(index, 0, value).named("standstill")]
-        };
-        match self.config.mode {
-            OperatingMode::Velocity => {
-                // infallible: it is 0
-                axis_script(axis, replace(object::VL_TARGET_VELOCITY, (target as i16).into()))
-            }
-            OperatingMode::ProfileVelocity => {
-                axis_script(axis, replace(object::TARGET_VELOCITY, target.into()))
-            }
-            OperatingMode::CyclicVelocity => {
-                // With an offset, velocity 0 is not standstill.
-                let offset = Step::expect(object::VELOCITY_OFFSET, 0, 0_i32).if_present();
-                let velocity = replace(object::TARGET_VELOCITY, target.into());
-                axis_script(axis, [offset].into_iter().chain(velocity))
-            }
-            OperatingMode::ProfilePosition => {
-                let enabled = Controlword::of(Command::EnableOperation);
-                let write = |bits| {
-                    let word = enabled.with(bits);
-                    Step::write(object::CONTROLWORD, 0, word.0).named("set-point at standstill")
-                };
-                let acknowledged = |value: u16| Action::Await {
-                    index: object::STATUSWORD,
-                    subindex: 0,
-                    expected: Expectation::Masked {
-                        value: value.into(),
-                        mask: Statusword::MODE_12.into(),
-                    },
-                    timeout: HANDSHAKE,
-                };
-                // The halt keeps an earlier set-point from being continued until the new one replaces it at once.
-                axis_script(
-                    axis,
-                    [
-                        write(Controlword::HALT | Controlword::MODE_5),
-                        Step::write(object::TARGET_POSITION, 0, target).named("standstill"),
-                        acknowledged(0).into(),
-                        write(Controlword::MODE_4 | Controlword::MODE_5),
-                        acknowledged(Statusword::MODE_12).into(),
-                        write(Controlword::MODE_5),
-                    ],
-                )
-            }
-            _ => axis_script(axis, [Step::expect(object::TARGET_POSITION, 0, target)]),
+/// Replaces the target that is in force in the drive.
+fn replacing_script(plan: &AxisPlan, target: i32) -> Script {
+    let axis = plan.config.node_axis;
+    let replace = |index, value: SdoValue| {
+        let write = Step::write(index, 0, value).named("standstill");
+        [write, Step::expect(index, 0, value).named("standstill")]
+    };
+    match plan.config.mode {
+        OperatingMode::Velocity => {
+            // infallible: it is 0
+            axis_script(axis, replace(object::VL_TARGET_VELOCITY, (target as i16).into()))
         }
+        OperatingMode::ProfileVelocity => {
+            axis_script(axis, replace(object::TARGET_VELOCITY, target.into()))
+        }
+        OperatingMode::CyclicVelocity => {
+            // With an offset, velocity 0 is not standstill.
+            let offset = Step::expect(object::VELOCITY_OFFSET, 0, 0_i32).if_present();
+            let velocity = replace(object::TARGET_VELOCITY, target.into());
+            axis_script(axis, [offset].into_iter().chain(velocity))
+        }
+        OperatingMode::ProfilePosition => {
+            let enabled = Controlword::of(Command::EnableOperation);
+            let write = |bits| {
+                let word = enabled.with(bits);
+                Step::write(object::CONTROLWORD, 0, word.0).named("set-point at standstill")
+            };
+            let acknowledged = |value: u16| Action::Await {
+                index: object::STATUSWORD,
+                subindex: 0,
+                expected: Expectation::Masked {
+                    value: value.into(),
+                    mask: Statusword::MODE_12.into(),
+                },
+                timeout: HANDSHAKE,
+            };
+            // The halt keeps an earlier set-point from being continued until the new one replaces it at once.
+            axis_script(
+                axis,
+                [
+                    write(Controlword::HALT | Controlword::MODE_5),
+                    Step::write(object::TARGET_POSITION, 0, target).named("standstill"),
+                    acknowledged(0).into(),
+                    write(Controlword::MODE_4 | Controlword::MODE_5),
+                    acknowledged(Statusword::MODE_12).into(),
+                    write(Controlword::MODE_5),
+                ],
+            )
+        }
+        _ => axis_script(axis, [Step::expect(object::TARGET_POSITION, 0, target)]),
     }
+}
 
-    /// Reads state and target of the drive after a SYNC.
-    fn confirming_script(&self, target: i32) -> Script {
-        let state = Step::expect_that(object::STATUSWORD, 0, OPERATION_ENABLED);
-        let await_zero = |index, zero: SdoValue| {
-            Step::await_value(index, 0, zero, DEMAND).named("demand at standstill").if_present()
-        };
-        let (in_force, demand) = match self.config.mode {
-            OperatingMode::Velocity => {
-                let demand = await_zero(object::VL_VELOCITY_DEMAND, 0_i16.into());
-                // infallible: it is 0
-                (Step::expect(object::VL_TARGET_VELOCITY, 0, target as i16), Some(demand))
-            }
-            OperatingMode::ProfileVelocity => {
-                let demand = await_zero(object::VELOCITY_DEMAND, 0_i32.into());
-                (Step::expect(object::TARGET_VELOCITY, 0, target), Some(demand))
-            }
-            OperatingMode::CyclicVelocity => {
-                (Step::expect(object::TARGET_VELOCITY, 0, target), None)
-            }
-            OperatingMode::ProfilePosition => {
-                let demand = Step::await_value(object::POSITION_DEMAND, 0, target, DEMAND);
-                let demand = demand.named("demand at standstill").if_present();
-                (Step::expect(object::TARGET_POSITION, 0, target), Some(demand))
-            }
-            _ => (Step::expect(object::TARGET_POSITION, 0, target), None),
-        };
-        let in_force = in_force.named("target of this owner");
-        axis_script(self.config.node_axis, [in_force].into_iter().chain(demand).chain([state]))
-    }
+/// Reads state and target of the drive after a SYNC.
+fn confirming_script(plan: &AxisPlan, target: i32) -> Script {
+    let state = Step::expect_that(object::STATUSWORD, 0, OPERATION_ENABLED);
+    let await_zero = |index, zero: SdoValue| {
+        Step::await_value(index, 0, zero, DEMAND).named("demand at standstill").if_present()
+    };
+    let (in_force, demand) = match plan.config.mode {
+        OperatingMode::Velocity => {
+            let demand = await_zero(object::VL_VELOCITY_DEMAND, 0_i16.into());
+            // infallible: it is 0
+            (Step::expect(object::VL_TARGET_VELOCITY, 0, target as i16), Some(demand))
+        }
+        OperatingMode::ProfileVelocity => {
+            let demand = await_zero(object::VELOCITY_DEMAND, 0_i32.into());
+            (Step::expect(object::TARGET_VELOCITY, 0, target), Some(demand))
+        }
+        OperatingMode::CyclicVelocity => (Step::expect(object::TARGET_VELOCITY, 0, target), None),
+        OperatingMode::ProfilePosition => {
+            let demand = Step::await_value(object::POSITION_DEMAND, 0, target, DEMAND);
+            let demand = demand.named("demand at standstill").if_present();
+            (Step::expect(object::TARGET_POSITION, 0, target), Some(demand))
+        }
+        _ => (Step::expect(object::TARGET_POSITION, 0, target), None),
+    };
+    let in_force = in_force.named("target of this owner");
+    axis_script(plan.config.node_axis, [in_force].into_iter().chain(demand).chain([state]))
 }

@@ -56,8 +56,8 @@ impl<'a> AxesWriter<'a> {
         for (axis, to) in axes.iter_mut().zip(self.cycle.iter()) {
             // Both in one pass, since the checks are the same.
             let target = axis.update_phase(now_ns);
-            if axis.is_extended
-                && let Some(to) = self.extensions.get(axis.index)
+            if axis.plan.is_extended
+                && let Some(to) = self.extensions.get(axis.plan.index)
             {
                 to.write(encode_extension(axis));
             }
@@ -67,7 +67,7 @@ impl<'a> AxesWriter<'a> {
             }
             let (words, rejection) = encode_any(axis, network, now_ns);
             to.write(words);
-            if let Some((to, words)) = self.rejections.get(axis.index).zip(rejection) {
+            if let Some((to, words)) = self.rejections.get(axis.plan.index).zip(rejection) {
                 to.write(words);
             }
         }

@@ -127,7 +127,7 @@ fn decision_number(reason: u8, value: i32) -> u64 {
 /// Word of the decision, and of the age of the actual position.
 #[inline(always)]
 fn decision_word(axis: &Axis, decision: u64) -> u64 {
-    decision | u64::from(axis.guard.actual_age()) << 48
+    decision | u64::from(axis.path.guard().actual_age()) << 48
 }
 
 /// Word of what the drive and its node reported, with flags of the axis and the kind of the decision.
@@ -155,14 +155,14 @@ fn error_word(node: &NodeStatus, error: u8, hold: u16) -> u64 {
 /// The words of the further objects of process data.
 #[inline(never)]
 pub(super) fn encode_extension(axis: &Axis) -> [u64; EXTENSION_WORDS] {
-    let (values, present) = axis.further.inputs.parts();
-    let FeedForward { velocity, torque } = axis.further.feed_forward.last();
+    let (values, present) = axis.data.inputs().parts();
+    let FeedForward { velocity, torque } = axis.data.feed_forward();
     let torque = u64::from(torque.cast_unsigned());
     let mut words = [0; EXTENSION_WORDS];
     let [first, scale, rest @ ..] = &mut words;
     *first =
         u64::from(present) | HAS_SCALE | torque << 16 | u64::from(velocity.cast_unsigned()) << 32;
-    *scale = axis.config.scale.parts().0.to_bits();
+    *scale = axis.plan.config.scale.parts().0.to_bits();
     for (word, values) in rest.iter_mut().zip(values.as_chunks().0) {
         let [low, high] = *values;
         *word = pair(low, high);
@@ -191,24 +191,24 @@ pub(super) fn encode_running(
     network: &Network,
 ) -> Option<[u64; CYCLE_WORDS]> {
     // First, since it may call.
-    let (kind, decision) = match axis.decision {
+    let (kind, decision) = match axis.path.decision() {
         Decision::Target(target) => (DECISION_TARGET, decision_number(0, target)),
         _ => (DECISION_WAIT, waiting_number(axis)?),
     };
-    if let OperatingMode::CyclicPosition = axis.mode
-        && let None = axis.error
-        && let None = axis.recovery
-        && let Some(actual) = axis.guard.actual()
-        && let Some(statusword) = axis.drive.statusword
+    if let OperatingMode::CyclicPosition = axis.path.mode()
+        && let None = axis.report.error
+        && let None = axis.task.recovery
+        && let Some(actual) = axis.path.guard().actual()
+        && let Some(statusword) = axis.link.drive().statusword
     {
-        let node = network.status(axis.node)?;
+        let node = network.status(axis.plan.node)?;
         let flags = HAS_ACTUAL | HAS_TARGET | HAS_STATUSWORD | CONFIGURED | RUNNING;
-        let at_rest = flag(axis.targets.is_at_rest(), AT_REST);
+        let at_rest = flag(axis.path.targets.is_at_rest(), AT_REST);
         return Some([
             pair(actual, target),
             decision_word(axis, decision),
             report_word(flags | at_rest, kind, &node, statusword.0),
-            axis.phase_since_ns,
+            axis.report.phase_since_ns(),
             phase_word(codes::PHASE_RUNNING, 0, OperatingMode::CyclicPosition),
             error_word(&node, 0, 0),
         ]);
@@ -219,7 +219,7 @@ pub(super) fn encode_running(
 /// Apart from the kind of the usual decision, which one comparison then finds.
 #[inline(never)]
 fn waiting_number(axis: &Axis) -> Option<u64> {
-    match axis.decision {
+    match axis.path.decision() {
         Decision::Wait(reason) => Some(decision_number(reason as u8, 0)),
         _ => None,
     }
@@ -234,31 +234,31 @@ pub(super) fn encode_any(
     now_ns: u64,
 ) -> ([u64; CYCLE_WORDS], Option<[u64; REJECTION_WORDS]>) {
     // infallible: the network has the node of each axis
-    let Some(node) = network.status(axis.node) else { return ([0; CYCLE_WORDS], None) };
-    let (actual, target) = (axis.guard.actual(), axis.target());
-    let statusword = axis.drive.statusword;
+    let Some(node) = network.status(axis.plan.node) else { return ([0; CYCLE_WORDS], None) };
+    let (actual, target) = (axis.path.guard().actual(), axis.path.target());
+    let statusword = axis.link.drive().statusword;
     let flags = flag(actual.is_some(), HAS_ACTUAL)
         | flag(target.is_some(), HAS_TARGET)
         | flag(statusword.is_some(), HAS_STATUSWORD)
         | flag(axis.setup.is_complete(), CONFIGURED)
-        | flag(axis.follows_application(), RUNNING)
+        | flag(axis.path.follows_application(), RUNNING)
         | flag(axis.is_at_rest(), AT_REST)
-        | flag(axis.is_target_reached(), TARGET_REACHED)
+        | flag(axis.path.is_target_reached(axis.link.drive()), TARGET_REACHED)
         | flag(axis.is_stopped(now_ns), STOPPED)
-        | flag(axis.recovery.is_some(), RECOVERING);
-    let error = axis.error.map_or(0, |error| AxisErrorKind::from(error).raw());
-    let stop = codes::stop_number(axis.state.stop().map(|stop| stop.cause));
-    let hold = codes::hold_number(axis.hold_reason());
-    let (kind, reason, value) = decision_parts(axis.decision);
+        | flag(axis.task.recovery.is_some(), RECOVERING);
+    let error = axis.report.error.map_or(0, |error| AxisErrorKind::from(error).raw());
+    let stop = codes::stop_number(axis.task.state().stop().map(|stop| stop.cause));
+    let hold = codes::hold_number(axis.path.hold_reason());
+    let (kind, reason, value) = decision_parts(axis.path.decision());
     let words = [
         pair(actual.unwrap_or(0), target.unwrap_or(0)),
         decision_word(axis, decision_number(reason, value)),
         report_word(flags, kind, &node, statusword.map_or(0, |word| word.0)),
-        axis.phase_since_ns,
-        phase_word(codes::phase_number(axis.phase), stop, axis.mode),
+        axis.report.phase_since_ns(),
+        phase_word(codes::phase_number(axis.report.phase()), stop, axis.path.mode()),
         error_word(&node, error, hold),
     ];
-    match axis.decision {
+    match axis.path.decision() {
         Decision::Reject(rejection) => (words, Some(rejection_words(rejection).1)),
         _ => (words, None),
     }

@@ -14,10 +14,10 @@ use super::cia402::Cia402;
 use super::error::{AxisTimeout, BootTimeout, Cia402Error};
 use super::shutdown::{Shutdown, ShutdownDeadline};
 use crate::axis::axis::Axis;
-use crate::axis::axis_state::AxisState;
 use crate::axis::error::CommandError;
 use crate::axis::setup::SetupState;
 use crate::axis::status::AxisProgress;
+use crate::axis::task::AxisState;
 use crate::guard::terms::GuardState;
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -49,7 +49,7 @@ impl Cia402 {
         progress: impl FnMut(&AxisProgress),
     ) -> Result<(), Cia402Error> {
         self.configure_all()?;
-        self.wait(port, timeout, "configured", progress, |axis| match axis.setup {
+        self.wait(port, timeout, "configured", progress, |axis| match axis.setup.state() {
             SetupState::Requested { .. } | SetupState::Configuring | SetupState::SettingMode(_) => {
                 WaitStatus::Waiting
             }
@@ -69,10 +69,12 @@ impl Cia402 {
         progress: impl FnMut(&AxisProgress),
     ) -> Result<(), Cia402Error> {
         self.read_position_all()?;
-        self.wait(port, timeout, "at a known position", progress, |axis| match axis.guard.state() {
-            GuardState::Armed { .. } | GuardState::Running { .. } => WaitStatus::Reached,
-            GuardState::Draining | GuardState::Reading => WaitStatus::Waiting,
-            GuardState::Idle | GuardState::Holding { .. } => WaitStatus::Stuck,
+        self.wait(port, timeout, "at a known position", progress, |axis| {
+            match axis.path.guard().state() {
+                GuardState::Armed { .. } | GuardState::Running { .. } => WaitStatus::Reached,
+                GuardState::Draining | GuardState::Reading => WaitStatus::Waiting,
+                GuardState::Idle | GuardState::Holding { .. } => WaitStatus::Stuck,
+            }
         })
     }
 
@@ -89,10 +91,10 @@ impl Cia402 {
     ) -> Result<(), Cia402Error> {
         self.enable_all()?;
         self.wait(port, timeout, "enabled", progress, |axis| {
-            let is_enabling = axis.state.enabling_since_ns().is_some();
-            if axis.is_running() {
+            let is_enabling = axis.task.is_enabling();
+            if axis.path.is_running() {
                 WaitStatus::Reached
-            } else if is_enabling || axis.state == AxisState::Resuming {
+            } else if is_enabling || *axis.task.state() == AxisState::Resuming {
                 WaitStatus::Waiting
             } else {
                 WaitStatus::Stuck
@@ -128,9 +130,9 @@ impl Cia402 {
     ) -> Result<(), Cia402Error> {
         self.recover_all()?;
         self.wait(port, timeout, "recovered", progress, |axis| {
-            if axis.recovery.is_some() {
+            if axis.task.recovery.is_some() {
                 WaitStatus::Waiting
-            } else if axis.follows_application() {
+            } else if axis.path.follows_application() {
                 WaitStatus::Reached
             } else {
                 WaitStatus::Stuck
@@ -149,9 +151,9 @@ impl Cia402 {
         progress: impl FnMut(&AxisProgress),
     ) -> Result<(), Cia402Error> {
         self.wait(port, timeout, "done", progress, |axis| {
-            if axis.procedure.is_some() || axis.state.enabling_since_ns().is_some() {
+            if axis.task.procedure.is_some() || axis.task.is_enabling() {
                 WaitStatus::Waiting
-            } else if axis.error.is_none() {
+            } else if axis.report.error.is_none() {
                 WaitStatus::Reached
             } else {
                 WaitStatus::Stuck
@@ -359,6 +361,11 @@ impl Cia402 {
     }
 }
 
+/// Returns whether the drive of an axis reported something, and not that it has stopped.
+fn may_move(axis: &Axis, now_ns: u64) -> bool {
+    axis.link.has_reported() && !axis.is_stopped(now_ns)
+}
+
 /// Returns whether a boot-up does not continue.
 fn has_ended(phase: BootPhase) -> bool {
     matches!(phase, BootPhase::Booted | BootPhase::Failed)
@@ -367,7 +374,7 @@ fn has_ended(phase: BootPhase) -> bool {
 impl Cia402 {
     /// The node of an axis in [`network`](Self::network).
     pub fn node(&self, axis: usize) -> Option<NodeHandle> {
-        self.axes.get(axis).map(|axis| axis.node)
+        self.axes.get(axis).map(|axis| axis.plan.node)
     }
 
     /// Uploads an object of a drive, given by index and subindex, and waits; the axes remain at
@@ -487,7 +494,7 @@ impl Cia402 {
     /// Returns whether the drive of an axis may be moving or may begin to: it reported something, and not
     /// that it has stopped.
     pub fn may_move(&self, axis: usize) -> bool {
-        self.axis(axis).is_some_and(|axis| axis.may_move(self.now_ns))
+        self.axis(axis).is_some_and(|axis| may_move(axis, self.now_ns))
     }
 
     /// Stops the axes that may move, as [`stop_all_timeout`](Self::stop_all_timeout), at most for the
@@ -498,11 +505,11 @@ impl Cia402 {
     /// [`Cia402Error::AxisTimeout`] names the axes that may still move. On a master of another owner
     /// this call cannot run the cycle, and names them at once.
     pub fn stop_before_end(&mut self, port: &mut Port) -> Result<(), Cia402Error> {
-        if self.stop_time.is_zero() || !self.axes.iter().any(|axis| axis.may_move(self.now_ns)) {
+        if self.stop_time.is_zero() || !self.axes.iter().any(|axis| may_move(axis, self.now_ns)) {
             return Ok(());
         }
         if port.adapter().is_attached() {
-            let axes = self.progress_of(|axis| axis.may_move(self.now_ns));
+            let axes = self.progress_of(|axis| may_move(axis, self.now_ns));
             let (what, waited) = (AxisTimeout::STOPPED, Duration::ZERO);
             return Err(AxisTimeout { what, waited, axes, cycle_error: None }.into());
         }

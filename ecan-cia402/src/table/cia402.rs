@@ -17,6 +17,7 @@ use super::table_config::{Cia402Config, checked, target_cycles};
 use crate::axis::axis::Axis;
 use crate::axis::config::AxisConfig;
 use crate::axis::error::CommandError;
+use crate::axis::plan::{AxisPlan, SyncPeriod};
 use crate::axis::setup_steps::{self, BusConfig};
 use crate::axis::target_period::TargetPeriod;
 use crate::axis::target_period::interpolation_time;
@@ -178,13 +179,13 @@ impl Cia402 {
             lookup.insert(address, (0..tpdos).map(|nth| axis.tpdo_id(nth)), number);
             // Until the state of the drive is known, nothing keeps it running.
             network.set_paused(slave, channel, true);
-            let periods = (cycles_per_sync, sync_period_ns);
-            let takeover = config.takeover;
-            table.push(Axis::new(index, (axis, ramp), handle, periods, target_period, takeover));
+            let sync = SyncPeriod { cycles: cycles_per_sync, ns: sync_period_ns };
+            let plan = AxisPlan::new(index, axis, handle, sync, config.takeover);
+            table.push(Axis::new(plan, ramp, target_period));
         }
         let shared_nodes = SharedNode::find(&mut table);
         load_steps(&mut table, &mut network, &bus)?;
-        observation::reserve(port.adapter(), table.iter().map(|axis| &axis.config));
+        observation::reserve(port.adapter(), table.iter().map(|axis| &axis.plan.config));
         Ok(Self {
             quick_stops: port.adapter().publisher().quick_stops(table.len()),
             network,
@@ -244,32 +245,32 @@ impl Cia402 {
     /// [`CommandError::Configured`], [`CommandError::TargetPeriod`], or [`CommandError::Limit`] of
     /// [`MotionLimits`](crate::MotionLimits); nothing is changed.
     pub fn set_motion_div(&mut self, motion_div: u32) -> Result<(), CommandError> {
-        let is_in_use = |axis: &&Axis| axis.setup.is_complete() || axis.setup.is_pending();
+        let is_in_use = |axis: &&Axis| axis.setup.is_complete() || axis.setup.state().is_pending();
         if let Some(axis) = self.axes.iter().find(is_in_use) {
-            return Err(CommandError::Configured { axis: axis.index });
+            return Err(CommandError::Configured { axis: axis.plan.index });
         }
         let target_cycles = target_cycles(motion_div, self.sync.every_cycles);
         let period_ns = u64::from(self.cycle_ns) * u64::from(target_cycles);
         if interpolation_time(period_ns).is_none()
-            && let Some(axis) = self.axes.iter().find(|axis| axis.config.needs_interpolation_time())
+            && let Some(axis) =
+                self.axes.iter().find(|axis| axis.plan.config.needs_interpolation_time())
         {
-            return Err(CommandError::TargetPeriod { axis: axis.index, period_ns });
+            return Err(CommandError::TargetPeriod { axis: axis.plan.index, period_ns });
         }
         let target_period = Duration::from_nanos(period_ns);
         for axis in &self.axes {
             let mut fault = None;
-            axis.config.at_period(target_period, &mut |found| fault = fault.or(Some(found)));
+            axis.plan.config.at_period(target_period, &mut |found| fault = fault.or(Some(found)));
             if let Some(fault) = fault {
-                return Err(CommandError::Limit { axis: axis.index, fault });
+                return Err(CommandError::Limit { axis: axis.plan.index, fault });
             }
         }
         self.bus.target_period_ns = period_ns;
         self.target_cycles = target_cycles;
         self.syncs_to_target = 0;
         for axis in &mut self.axes {
-            let lead = axis.target_period.lead();
-            axis.target_period = TargetPeriod::new(target_cycles, period_ns).with_lead(lead);
-            axis.convert_limits(target_period);
+            let lead = axis.path.period().lead();
+            axis.set_target_period(TargetPeriod::new(target_cycles, period_ns).with_lead(lead));
         }
         // infallible: the same objects were mapped when the axes were created
         let _ = load_steps(&mut self.axes, &mut self.network, &self.bus);
@@ -301,8 +302,8 @@ impl Cia402 {
         target_offset_ns: Option<u32>,
         sync_offset_ns: Option<u32>,
     ) -> Result<(), ScheduleError> {
-        if let Some(axis) = self.axes.iter().find(|axis| axis.is_active()) {
-            return Err(ScheduleError::Active { axis: axis.index });
+        if let Some(axis) = self.axes.iter().find(|axis| axis.path.is_active()) {
+            return Err(ScheduleError::Active { axis: axis.plan.index });
         }
         for offset_ns in [target_offset_ns, sync_offset_ns].into_iter().flatten() {
             self.check_offset(port, offset_ns)?;
@@ -322,9 +323,7 @@ impl Cia402 {
         self.gateways.iter_mut().for_each(|gateway| gateway.schedule_images = longest);
         let lead = if self.is_sync_first() { self.sync.every_cycles.max(1) } else { 0 };
         for axis in &mut self.axes {
-            axis.target_period = axis.target_period.with_lead(lead);
-            axis.schedule_images = waits;
-            axis.set_mode(axis.mode);
+            axis.set_schedule(lead, waits);
         }
         Ok(())
     }
@@ -337,7 +336,7 @@ impl Cia402 {
 
     fn check_offset(&self, port: &Port, offset_ns: u32) -> Result<(), ScheduleError> {
         for axis in &self.axes {
-            let slave = axis.config.address.slave;
+            let slave = axis.plan.config.address.slave;
             port.gateway(slave)
                 .map_err(|_| NotSchedulable::NotSupported)
                 .and_then(|gateway| port.schedule_margin(gateway, offset_ns))
@@ -361,19 +360,23 @@ impl Cia402 {
 
     /// Load of each channel that has axes by the process data, at the bit rates of the Port. Allocates.
     pub fn bus_load(&self, port: &Port) -> Vec<BusLoad> {
-        let mut channels: Vec<(usize, u8)> =
-            self.axes.iter().map(|a| (a.config.address.slave, a.config.address.channel)).collect();
+        let mut channels: Vec<(usize, u8)> = self
+            .axes
+            .iter()
+            .map(|a| (a.plan.config.address.slave, a.plan.config.address.channel))
+            .collect();
         channels.sort_unstable();
         channels.dedup();
-        let axes = self.axes.iter().map(|axis| (&axis.config, &axis.further.layout));
+        let axes = self.axes.iter().map(|axis| (&axis.plan.config, &axis.plan.layout));
         let offset_ns = self.target_options.schedule.map(|schedule| schedule.offset_ns);
         let streams = process_data(axes, &self.sync, self.target_cycles, offset_ns);
         let cycle_ns = self.cycle_ns;
         let load = |address: (usize, u8)| {
             let gateway = port.config().gateways.get(address.0)?;
             let channel = gateway.channels.get(usize::from(address.1))?.as_ref()?;
-            let is_here =
-                |axis: &&Axis| (axis.config.address.slave, axis.config.address.channel) == address;
+            let is_here = |axis: &&Axis| {
+                (axis.plan.config.address.slave, axis.plan.config.address.channel) == address
+            };
             let axes = self.axes.iter().filter(is_here).count() as u32;
             Some(BusLoad::of(address, axes, &streams, &channel.can, cycle_ns))
         };
@@ -388,13 +391,18 @@ fn load_steps(
     bus: &BusConfig,
 ) -> Result<(), Cia402Error> {
     for index in 0..axes.len() {
-        let Some(first) = axes.get(index).filter(|axis| axis.node_share.is_first) else { continue };
-        let of_node: Vec<&AxisConfig> =
-            axes.iter().filter(|axis| axis.node == first.node).map(|axis| &axis.config).collect();
+        let Some(first) = axes.get(index).filter(|axis| axis.setup.node_share.is_first) else {
+            continue;
+        };
+        let of_node: Vec<&AxisConfig> = axes
+            .iter()
+            .filter(|axis| axis.plan.node == first.plan.node)
+            .map(|axis| &axis.plan.config)
+            .collect();
         let steps = setup_steps::steps(&of_node, bus)
             .map_err(|error| Cia402Error::Mapping { axis: index, error })?;
         if let Some(axis) = axes.get_mut(index) {
-            axis.load_steps(network, steps);
+            axis.setup.load_steps(&axis.plan, network, steps);
         }
     }
     Ok(())

@@ -4,15 +4,15 @@ use ecan_canopen::{DriveState, OperatingMode, Probe, ProbeTrigger, Statusword};
 
 use super::cia402::Cia402;
 use super::shutdown::Shutdown;
-use crate::axis::axis::Axis;
+use crate::axis::axis::{Axis, AxisCommand};
 use crate::axis::config::AxisConfig;
 use crate::axis::error::CommandError;
 use crate::axis::homing::HomingConfig;
 use crate::axis::host_loss::{HostLoss, StopOptions};
 use crate::axis::limits::DriveLimits;
-use crate::axis::pdo_layout::{AxisInputs, OutputObject};
+use crate::axis::pdo_layout::AxisInputs;
 use crate::axis::power::StopCause;
-use crate::axis::process_data::ProbeState;
+use crate::axis::process_data::{OutputCommand, ProbeState};
 use crate::axis::status::{AxisError, AxisPhase, AxisProgress, AxisStatistics, AxisStatus};
 use crate::axis::target_period::interpolation_time;
 use crate::axis::units::{DriveUnits, Scale, ScaleFinding, UnitError};
@@ -29,10 +29,14 @@ impl Cia402 {
         self.axes.get_mut(axis).ok_or(CommandError::NoSuchAxis { axis })
     }
 
-    fn cancel_procedure(&mut self, axis: usize) -> Result<&mut Axis, CommandError> {
-        let found = self.axes.get_mut(axis).ok_or(CommandError::NoSuchAxis { axis })?;
-        found.cancel_procedure(&mut self.network);
-        Ok(found)
+    pub(super) fn execute(
+        &mut self,
+        axis: usize,
+        command: AxisCommand,
+    ) -> Result<(), CommandError> {
+        let Self { axes, network, now_ns, .. } = self;
+        let found = axes.get_mut(axis).ok_or(CommandError::NoSuchAxis { axis })?;
+        found.execute(command, network, *now_ns)
     }
 
     /// Commands every axis, also after a rejection; returns the first rejection.
@@ -62,13 +66,17 @@ impl Cia402 {
     /// # Errors
     /// A [`CommandError`].
     pub fn configure(&mut self, axis: usize) -> Result<(), CommandError> {
-        let Self { shared_nodes, axes, network, now_ns, .. } = self;
-        let found = axes.get_mut(axis).ok_or(CommandError::NoSuchAxis { axis })?;
-        match shared_nodes.iter().find(|node| node.contains(axis)) {
-            Some(node) => node.for_each(axes, |axis| axis.configure(network, *now_ns)),
-            None => found.configure(network, *now_ns),
+        match self.shared_nodes.iter().find(|node| node.contains(axis)) {
+            Some(node) => {
+                let Self { axes, network, now_ns, .. } = self;
+                node.for_each(axes, |axis| {
+                    // infallible: any axis can be configured
+                    let _ = axis.execute(AxisCommand::Configure, network, *now_ns);
+                });
+                Ok(())
+            }
+            None => self.execute(axis, AxisCommand::Configure),
         }
-        Ok(())
     }
 
     /// Starts the configuration of every drive that is not configured.
@@ -77,7 +85,9 @@ impl Cia402 {
     /// The first [`CommandError`]; the other axes are configured nevertheless.
     pub fn configure_all(&mut self) -> Result<(), CommandError> {
         self.command_all(|table, axis| match table.axes.get(axis) {
-            Some(it) if !it.setup.is_complete() && !it.setup.is_pending() => table.configure(axis),
+            Some(found) if !found.setup.is_complete() && !found.setup.state().is_pending() => {
+                table.configure(axis)
+            }
             _ => Ok(()),
         })
     }
@@ -88,7 +98,7 @@ impl Cia402 {
     /// # Errors
     /// A [`CommandError`].
     pub fn read_position(&mut self, axis: usize) -> Result<(), CommandError> {
-        self.axis_mut(axis)?.read_position()
+        self.execute(axis, AxisCommand::ReadPosition)
     }
 
     /// Starts to establish the positions of all axes.
@@ -113,8 +123,7 @@ impl Cia402 {
     /// # Errors
     /// A [`CommandError`].
     pub fn enable(&mut self, axis: usize) -> Result<(), CommandError> {
-        let now_ns = self.now_ns;
-        self.axis_mut(axis)?.enable(now_ns)
+        self.execute(axis, AxisCommand::Enable)
     }
 
     /// Starts to enable all drives; active axes continue.
@@ -132,7 +141,7 @@ impl Cia402 {
     /// # Errors
     /// [`CommandError::NoSuchAxis`].
     pub fn disable(&mut self, axis: usize) -> Result<(), CommandError> {
-        self.stop(axis, StopCause::Disable)
+        self.execute(axis, AxisCommand::Stop(StopCause::Disable))
     }
 
     /// Switches all drives off.
@@ -149,7 +158,7 @@ impl Cia402 {
     /// # Errors
     /// [`CommandError::NoSuchAxis`].
     pub fn quick_stop(&mut self, axis: usize) -> Result<(), CommandError> {
-        self.stop(axis, StopCause::QuickStop)
+        self.execute(axis, AxisCommand::Stop(StopCause::QuickStop))
     }
 
     /// Commands a quick stop to all drives.
@@ -164,15 +173,10 @@ impl Cia402 {
         self.stop_every_axis(StopCause::StopAll);
     }
 
-    fn stop(&mut self, axis: usize, cause: StopCause) -> Result<(), CommandError> {
-        let now_ns = self.now_ns;
-        self.cancel_procedure(axis)?.stop(cause, now_ns);
-        Ok(())
-    }
-
     fn stop_every_axis(&mut self, cause: StopCause) {
+        let command = AxisCommand::Stop(cause);
         // infallible: the indices are those of axes
-        let _ = self.command_all(|table, axis| table.stop(axis, cause));
+        let _ = self.command_all(|table, axis| table.execute(axis, command));
     }
 
     /// Returns whether the drive of an axis is configured.
@@ -182,7 +186,7 @@ impl Cia402 {
 
     /// Cause of the stop that is pending or complete.
     pub fn stop_cause(&self, axis: usize) -> Option<StopCause> {
-        self.axis(axis)?.state.stop().map(|stop| stop.cause)
+        self.axis(axis)?.task.state().stop().map(|stop| stop.cause)
     }
 
     /// Whether an axis has stopped: its drive reported that it is off or at rest in Quick Stop Active,
@@ -204,7 +208,7 @@ impl Cia402 {
     /// # Errors
     /// A [`CommandError`].
     pub fn reset_fault(&mut self, axis: usize) -> Result<(), CommandError> {
-        self.axis_mut(axis)?.reset_fault()
+        self.execute(axis, AxisCommand::ResetFault)
     }
 
     /// Starts to bring an axis back to its targets, from a hold, a stop, a fault or a lost
@@ -227,7 +231,7 @@ impl Cia402 {
         if self.shutdown != Shutdown::None {
             return Err(CommandError::ShuttingDown { axis });
         }
-        self.axis_mut(axis)?.recover()
+        self.execute(axis, AxisCommand::Recover)
     }
 
     /// Starts to bring all axes back to their targets; axes that follow them continue.
@@ -240,7 +244,7 @@ impl Cia402 {
 
     /// Returns whether the recovery of an axis continues.
     pub fn is_recovering(&self, axis: usize) -> bool {
-        self.axis(axis).is_some_and(|axis| axis.recovery.is_some())
+        self.axis(axis).is_some_and(|axis| axis.task.recovery.is_some())
     }
 
     /// Starts an orderly end: every axis comes to rest by its ramp, is switched off and released:
@@ -282,8 +286,7 @@ impl Cia402 {
     /// # Errors
     /// [`CommandError::NoSuchAxis`].
     pub fn halt(&mut self, axis: usize) -> Result<(), CommandError> {
-        self.axis_mut(axis)?.halt();
-        Ok(())
+        self.execute(axis, AxisCommand::Halt)
     }
 
     /// Lets a halted axis follow the application's targets again.
@@ -291,8 +294,7 @@ impl Cia402 {
     /// # Errors
     /// [`CommandError::NoSuchAxis`].
     pub fn resume(&mut self, axis: usize) -> Result<(), CommandError> {
-        self.axis_mut(axis)?.targets.is_halted = false;
-        Ok(())
+        self.execute(axis, AxisCommand::Resume)
     }
 
     /// Returns whether a halted axis is at rest; true for an axis that is not running.
@@ -307,7 +309,7 @@ impl Cia402 {
     /// # Errors
     /// [`CommandError::NoSuchAxis`].
     pub fn set_target(&mut self, axis: usize, target: i32) -> Result<(), CommandError> {
-        self.axis_mut(axis)?.targets.request(Some(target), None);
+        self.axis_mut(axis)?.path.targets.request(Some(target), None);
         Ok(())
     }
 
@@ -334,8 +336,8 @@ impl Cia402 {
     ) -> Result<(), CommandError> {
         let axis = self.axis_mut(index)?;
         let target =
-            angle(&axis.config).map_err(|error| CommandError::Unit { axis: index, error })?;
-        axis.targets.request(Some(target), None);
+            angle(&axis.plan.config).map_err(|error| CommandError::Unit { axis: index, error })?;
+        axis.path.targets.request(Some(target), None);
         Ok(())
     }
 
@@ -345,8 +347,7 @@ impl Cia402 {
     /// [`CommandError::NoSuchAxis`]. The motion guard rejects a step beyond the limit when the
     /// ramp reaches it.
     pub fn set_target_step(&mut self, axis: usize, step: i32) -> Result<(), CommandError> {
-        self.axis_mut(axis)?.config.target_step = step;
-        Ok(())
+        self.execute(axis, AxisCommand::TargetStep(step))
     }
 
     // Modes
@@ -360,14 +361,14 @@ impl Cia402 {
     /// [`CommandError::ModeNotMapped`] for a mode whose target is not in the process data, and for
     /// homing; or another [`CommandError`].
     pub fn change_mode(&mut self, axis: usize, mode: OperatingMode) -> Result<(), CommandError> {
-        let (now_ns, period_ns) = (self.now_ns, self.bus.target_period_ns);
-        let found = self.axis_mut(axis)?;
+        let period_ns = self.bus.target_period_ns;
+        self.axis_mut(axis)?;
         let has_period =
             matches!(mode, OperatingMode::CyclicPosition | OperatingMode::InterpolatedPosition);
         if has_period && interpolation_time(period_ns).is_none() {
             return Err(CommandError::TargetPeriod { axis, period_ns });
         }
-        found.change_mode(mode, now_ns)
+        self.execute(axis, AxisCommand::ChangeMode(mode))
     }
 
     /// Starts homing: rest, power off, parameters and mode, power on, homing, power off, previous
@@ -378,20 +379,19 @@ impl Cia402 {
     /// # Errors
     /// A [`CommandError`].
     pub fn home(&mut self, axis: usize, homing: HomingConfig) -> Result<(), CommandError> {
-        let now_ns = self.now_ns;
-        self.axis_mut(axis)?.home(homing, now_ns)
+        self.execute(axis, AxisCommand::Home(homing))
     }
 
     /// Mode that the drive has confirmed; before that, the configured one.
     pub fn mode(&self, axis: usize) -> Option<OperatingMode> {
-        self.axis(axis).map(|axis| axis.mode)
+        self.axis(axis).map(|axis| axis.path.mode())
     }
 
     // Status
 
     /// Configuration of an axis.
     pub fn config(&self, axis: usize) -> Option<&AxisConfig> {
-        self.axis(axis).map(|axis| &axis.config)
+        self.axis(axis).map(|axis| &axis.plan.config)
     }
 
     /// Progress of an axis: phase, time in it, and error.
@@ -406,13 +406,13 @@ impl Cia402 {
 
     /// Phase of an axis.
     pub fn phase(&self, axis: usize) -> Option<AxisPhase> {
-        self.axis(axis).map(|axis| axis.phase)
+        self.axis(axis).map(|axis| axis.report.phase())
     }
 
     /// Stop behaviour of a drive, read back at the end of its configuration; `None` before that, and
     /// after the drive restarted.
     pub fn stop_options(&self, axis: usize) -> Option<StopOptions> {
-        self.axis(axis).and_then(|axis| axis.stop_options)
+        self.axis(axis).and_then(|axis| axis.setup.values().stop_options)
     }
 
     /// Reaction of a drive to the loss of the host (its end, `kill`, or the link), in the present
@@ -431,22 +431,22 @@ impl Cia402 {
 
     /// Failure of the last command to an axis.
     pub fn error(&self, axis: usize) -> Option<AxisError> {
-        self.axis(axis).and_then(|axis| axis.error)
+        self.axis(axis).and_then(|axis| axis.report.error)
     }
 
     /// The last statusword, however old; `None` before the first.
     pub fn statusword(&self, axis: usize) -> Option<Statusword> {
-        self.axis(axis).and_then(|axis| axis.drive.statusword)
+        self.axis(axis).and_then(|axis| axis.link.drive().statusword)
     }
 
     /// The state in the last statusword.
     pub fn drive_state(&self, axis: usize) -> Option<DriveState> {
-        self.axis(axis).and_then(|axis| axis.drive.state)
+        self.axis(axis).and_then(|axis| axis.link.drive().state)
     }
 
     /// Returns whether an axis follows the application's targets; false while it is halted.
     pub fn is_running(&self, axis: usize) -> bool {
-        self.axis(axis).is_some_and(Axis::follows_application)
+        self.axis(axis).is_some_and(|axis| axis.path.follows_application())
     }
 
     /// Returns whether all axes follow the application's targets; false without axes.
@@ -456,18 +456,18 @@ impl Cia402 {
 
     /// The last target sent to an axis that follows targets; the next is compared with it.
     pub fn target(&self, axis: usize) -> Option<i32> {
-        self.axis(axis).and_then(Axis::target)
+        self.axis(axis).and_then(|axis| axis.path.target())
     }
 
     /// The last usable actual position, in steps; `None` before the first.
     /// [`actual_age`](Self::actual_age) is its age.
     pub fn actual(&self, axis: usize) -> Option<i32> {
-        self.axis(axis).and_then(|axis| axis.guard.actual())
+        self.axis(axis).and_then(|axis| axis.path.guard().actual())
     }
 
     /// Age of the actual position in cycles; 0 is this cycle, 65535 is more or never.
     pub fn actual_age(&self, axis: usize) -> u16 {
-        self.axis(axis).map_or(u16::MAX, |axis| axis.guard.actual_age())
+        self.axis(axis).map_or(u16::MAX, |axis| axis.path.guard().actual_age())
     }
 
     /// The actual position in degrees by the axis's scale.
@@ -482,7 +482,7 @@ impl Cia402 {
 
     fn scaled(&self, axis: usize, scale: impl Fn(Scale, i32) -> f64) -> Option<f64> {
         let axis = self.axis(axis)?;
-        Some(scale(axis.config.scale, axis.guard.actual()?))
+        Some(scale(axis.plan.config.scale, axis.path.guard().actual()?))
     }
 
     /// Following error of a running axis in steps: target minus actual position, the shorter
@@ -490,14 +490,14 @@ impl Cia402 {
     /// the drive's own value is 0x60F4.
     pub fn following_error(&self, axis: usize) -> Option<i64> {
         let axis = self.axis(axis)?;
-        Some(axis.config.range.distance(axis.guard.actual()?, axis.target()?))
+        Some(axis.plan.config.range.distance(axis.path.guard().actual()?, axis.path.target()?))
     }
 
     /// Returns whether a drive has reached its target: in PP it has accepted the target in force and reports
     /// it as reached, in PV and PT it reports its speed or torque as reached (statusword bit 10).
     /// False in the cyclic modes, and while a new target is not sent yet.
     pub fn is_target_reached(&self, axis: usize) -> bool {
-        self.axis(axis).is_some_and(Axis::is_target_reached)
+        self.axis(axis).is_some_and(|axis| axis.path.is_target_reached(axis.link.drive()))
     }
 
     /// Status of an axis, complete. Real-time safe.
@@ -507,17 +507,17 @@ impl Cia402 {
 
     /// Decision about the target in the last [`send_targets_all`](Self::send_targets_all).
     pub fn decision(&self, axis: usize) -> Decision {
-        self.axis(axis).map_or(Decision::Closed, |axis| axis.decision)
+        self.axis(axis).map_or(Decision::Closed, |axis| axis.path.decision())
     }
 
     /// The motion guard of an axis.
     pub fn guard(&self, axis: usize) -> Option<&MotionGuard> {
-        self.axis(axis).map(|axis| &axis.guard)
+        self.axis(axis).map(|axis| axis.path.guard())
     }
 
     /// Counters of an axis.
     pub fn statistics(&self, axis: usize) -> AxisStatistics {
-        self.axis(axis).map(|axis| axis.statistics).unwrap_or_default()
+        self.axis(axis).map(|axis| axis.report.statistics).unwrap_or_default()
     }
 
     /// As [`set_target`](Self::set_target), with a feed-forward for this target, which the drive adds
@@ -540,18 +540,18 @@ impl Cia402 {
         target: i32,
         feed_forward: FeedForward,
     ) -> Result<(), CommandError> {
-        self.axis_mut(axis)?.targets.request(Some(target), Some(feed_forward));
+        self.axis_mut(axis)?.path.targets.request(Some(target), Some(feed_forward));
         Ok(())
     }
 
     /// The feed-forward that was sent last.
     pub fn feed_forward(&self, axis: usize) -> FeedForward {
-        self.axis(axis).map(|axis| axis.further.feed_forward.last()).unwrap_or_default()
+        self.axis(axis).map(|axis| axis.data.feed_forward()).unwrap_or_default()
     }
 
     /// Values of the further objects in the last TPDOs of a drive, see [`AxisConfig::inputs`](crate::AxisConfig::inputs).
     pub fn inputs(&self, axis: usize) -> Option<&AxisInputs> {
-        self.axis(axis).map(|axis| &axis.further.inputs)
+        self.axis(axis).map(|axis| axis.data.inputs())
     }
 
     /// Sets the digital outputs 0x60FE:01 of a drive, in every state of the axis. They are sent in
@@ -563,8 +563,7 @@ impl Cia402 {
     /// # Errors
     /// [`CommandError::NoSuchAxis`]; [`CommandError::NotMapped`] if the object is not mapped.
     pub fn set_digital_outputs(&mut self, axis: usize, outputs: u32) -> Result<(), CommandError> {
-        self.mapped(axis, OutputObject::DigitalOutputs)?.further.outputs.digital_outputs = outputs;
-        Ok(())
+        self.execute(axis, AxisCommand::Output(OutputCommand::DigitalOutputs(outputs)))
     }
 
     /// Arms a touch probe of a drive: it samples the actual position at edges of a signal. A probe that
@@ -580,8 +579,7 @@ impl Cia402 {
         probe: Probe,
         trigger: ProbeTrigger,
     ) -> Result<(), CommandError> {
-        self.mapped(axis, OutputObject::ProbeFunction)?.further.probes.arm(probe, trigger);
-        Ok(())
+        self.execute(axis, AxisCommand::Output(OutputCommand::ArmProbe(probe, trigger)))
     }
 
     /// Disables a touch probe.
@@ -589,39 +587,29 @@ impl Cia402 {
     /// # Errors
     /// [`CommandError::NoSuchAxis`]; [`CommandError::NotMapped`] if the object is not mapped.
     pub fn disarm_probe(&mut self, axis: usize, probe: Probe) -> Result<(), CommandError> {
-        self.mapped(axis, OutputObject::ProbeFunction)?.further.probes.disarm(probe);
-        Ok(())
+        self.execute(axis, AxisCommand::Output(OutputCommand::DisarmProbe(probe)))
     }
 
     /// State of a touch probe, with the positions that it has sampled since it was armed.
     pub fn probe(&self, axis: usize, probe: Probe) -> Option<ProbeState> {
-        self.axis(axis).map(|axis| axis.further.probes.state(probe, &axis.further.inputs))
-    }
-
-    fn mapped(&mut self, index: usize, output: OutputObject) -> Result<&mut Axis, CommandError> {
-        let axis = self.axis_mut(index)?;
-        if axis.further.layout.has_output(output) {
-            Ok(axis)
-        } else {
-            Err(CommandError::NotMapped { axis: index, output })
-        }
+        self.axis(axis).map(|axis| axis.data.probe(probe))
     }
 
     /// Limits of a drive, read at the end of its configuration if
     /// [`DriveConfig::use_limits`](crate::DriveConfig::use_limits) asks for it. The limits in force are
     /// those of its [`guard`](Self::guard).
     pub fn drive_limits(&self, axis: usize) -> Option<DriveLimits> {
-        self.axis(axis).and_then(|axis| axis.further.limits)
+        self.axis(axis).and_then(|axis| axis.setup.values().limits)
     }
 
     /// Units of a drive, read at the end of its configuration if [`AxisConfig::scale_source`](crate::AxisConfig::scale_source) asks for it.
     pub fn drive_units(&self, axis: usize) -> Option<DriveUnits> {
-        self.axis(axis).and_then(|axis| axis.further.units)
+        self.axis(axis).and_then(|axis| axis.setup.values().units)
     }
 
     /// Difference between the scale of an axis and the units of its drive, see
     /// [`AxisConfig::scale_source`](crate::AxisConfig::scale_source); also logged as a warning at the end of the configuration.
     pub fn scale_finding(&self, axis: usize) -> Option<ScaleFinding> {
-        self.axis(axis).and_then(|axis| axis.further.scale_finding)
+        self.axis(axis).and_then(|axis| axis.setup.values().scale_finding)
     }
 }

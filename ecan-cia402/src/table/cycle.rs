@@ -8,10 +8,10 @@ use ecan_protocol::mapping::CHANNELS;
 
 use super::cia402::Cia402;
 use super::lookup::AxisLookup;
-use crate::axis::axis::Axis;
-use crate::axis::axis_cycle::TargetTurn;
+use crate::axis::axis::{Axis, AxisCommand};
 use crate::axis::pdo_layout::RpdoBytes;
 use crate::axis::power::StopCause;
+use crate::axis::target_path::TargetTurn;
 use crate::guard::gateway_watch::GatewayWatch;
 use crate::guard::terms::{Decision, WaitReason};
 use crate::observation::AxesWriter;
@@ -79,7 +79,7 @@ impl Cia402 {
                         if let Some(gateway) = gateways.get_mut(frame.slave) {
                             gateway.take_tpdo(frame.channel);
                         }
-                        axis.take_tpdo(nth, frame.frame.data());
+                        axis.on_tpdo(nth, frame.frame.data());
                         return;
                     }
                 }
@@ -88,9 +88,9 @@ impl Cia402 {
                         gateway.take_report(report);
                     }
                     for axis in axes.iter_mut() {
-                        let address = axis.config.address;
+                        let address = axis.plan.config.address;
                         if (address.slave, address.channel) == (report.slave, report.channel) {
-                            axis.take_report(report);
+                            axis.on_report(report);
                         }
                     }
                 }
@@ -130,14 +130,15 @@ impl Cia402 {
             gateway.observe(cycle);
         }
         for axis in axes.iter_mut() {
-            if let Some(gateway) = gateways.get(axis.config.address.slave) {
+            if let Some(gateway) = gateways.get(axis.plan.config.address.slave) {
                 axis.observe(gateway, network, *now_ns);
             }
         }
         for gateway in gateways.iter() {
             let slave = gateway.slave;
-            let is_stale =
-                |axis: &Axis| axis.config.address.slave == slave && axis.guard.wants_discard();
+            let is_stale = |axis: &Axis| {
+                axis.plan.config.address.slave == slave && axis.path.guard().wants_discard()
+            };
             if axes.iter().any(is_stale) {
                 // The counter of discarded images tells every axis of the gateway next cycle.
                 if let Ok(gateway) = cycle.gateway(slave) {
@@ -151,10 +152,11 @@ impl Cia402 {
     fn resume_channels(&mut self) {
         self.is_paused = false;
         for axis in &self.axes {
-            let NodeAddress { slave, channel, .. } = axis.config.address;
+            let NodeAddress { slave, channel, .. } = axis.plan.config.address;
             let is_waiting = |other: &Axis| {
-                let address = other.config.address;
-                (address.slave, address.channel) == (slave, channel) && other.is_uninspected
+                let address = other.plan.config.address;
+                (address.slave, address.channel) == (slave, channel)
+                    && other.link.contact().is_uninspected()
             };
             let is_paused = self.axes.iter().any(is_waiting);
             self.network.set_paused(slave, channel, is_paused);
@@ -194,11 +196,11 @@ impl Cia402 {
             summary.syncs = self.send_sync(cycle, ChannelSet::default());
         }
         let path_turn = self.begin_path_turn(|table, axis| {
-            let gateway = table.gateways.get(axis.config.address.slave);
+            let gateway = table.gateways.get(axis.plan.config.address.slave);
             let begins = table.is_target_cycle;
             match target_turn(gateway, begins, || table.has_sync(cycle, axis)) {
                 TargetTurn::NotDue => None,
-                turn => Some(axis.is_due(turn) && gateway.is_some_and(GatewayWatch::is_open)),
+                turn => Some(axis.path.is_due(turn) && gateway.is_some_and(GatewayWatch::is_open)),
             }
         });
         let mut full = ChannelSet::default();
@@ -206,7 +208,8 @@ impl Cia402 {
         let mut commanded = ChannelSet::default();
         let is_sync_first = self.is_sync_first();
         for axis in &mut self.axes {
-            let (slave, channel) = (axis.config.address.slave, axis.config.address.channel);
+            let (slave, channel) =
+                (axis.plan.config.address.slave, axis.plan.config.address.channel);
             let gateway = self.gateways.get(slave);
             let has_sync = || has_sync(&self.network, cycle, (slave, channel), is_sync_first);
             let turn = target_turn(gateway, self.is_target_cycle, has_sync);
@@ -214,9 +217,9 @@ impl Cia402 {
             let outgoing = axis.prepare(stepping, turn, repeats, self.now_ns);
             if let Some(outgoing) = outgoing {
                 if !gateway.is_some_and(GatewayWatch::is_open) || full.contains((slave, channel)) {
-                    axis.skipped();
+                    axis.skip();
                 } else {
-                    let sent = FrameRef::classic(axis.rpdo, outgoing.rpdo.as_slice())
+                    let sent = FrameRef::classic(axis.plan.rpdo, outgoing.rpdo.as_slice())
                         .map_err(Into::into)
                         .and_then(|frame| {
                             let to = cycle.channel(slave, channel)?;
@@ -224,30 +227,30 @@ impl Cia402 {
                         });
                     match sent {
                         Ok(ticket) => {
-                            axis.sent(&outgoing, ticket);
+                            axis.on_sent(&outgoing, ticket, self.now_ns);
                             if outgoing.command.is_some() {
                                 commanded.insert((slave, channel));
                             }
                         }
                         Err(error) => {
-                            if axis.not_sent(&outgoing, &error) {
+                            if axis.on_rejected(&outgoing, &error) {
                                 full.insert((slave, channel));
                             }
                         }
                     }
                 }
             }
-            axis.count_gap();
-            if axis.has_auxiliary {
+            axis.path.count_gap();
+            if axis.plan.has_auxiliary {
                 let can_send =
                     gateway.is_some_and(GatewayWatch::is_open) && !full.contains((slave, channel));
-                let is_own_motion = outgoing.as_ref().is_some_and(|it| it.ramp.is_some());
+                let is_own_motion = outgoing.is_some_and(|frame| frame.ramp.is_some());
                 let options = self.target_options;
                 if !send_auxiliary(cycle, axis, (turn, is_own_motion, can_send), options) {
                     full.insert((slave, channel));
                 }
             }
-            summary.count(axis.decision);
+            summary.count(axis.path.decision());
         }
         self.end_path_turn(path_turn);
         summary.syncs += self.send_sync(cycle, commanded);
@@ -271,8 +274,8 @@ impl Cia402 {
     fn execute_quick_stops(&mut self) {
         let Self { quick_stops, axes, network, now_ns, .. } = self;
         let mut stop = |axis: &mut Axis| {
-            axis.cancel_procedure(network);
-            axis.stop(StopCause::QuickStop, *now_ns);
+            // infallible: any axis can be stopped
+            let _ = axis.execute(AxisCommand::Stop(StopCause::QuickStop), network, *now_ns);
         };
         quick_stops.execute(|command| match command {
             QuickStop::All => axes.iter_mut().for_each(&mut stop),
@@ -282,7 +285,7 @@ impl Cia402 {
 
     /// Returns whether the targets of an axis in this cycle have the SYNC that they need.
     fn has_sync(&self, cycle: &Cycle<'_>, axis: &Axis) -> bool {
-        let NodeAddress { slave, channel, .. } = axis.config.address;
+        let NodeAddress { slave, channel, .. } = axis.plan.config.address;
         has_sync(&self.network, cycle, (slave, channel), self.is_sync_first())
     }
 
@@ -302,21 +305,11 @@ impl Cia402 {
     /// A TPDO is due of every axis that is Operational and whose channel had a SYNC.
     fn note_sync(&mut self) {
         for axis in &mut self.axes {
-            let gateway = self.gateways.get(axis.config.address.slave);
-            let counts = axis.setup.is_complete()
-                && axis.reachability.operational
-                && gateway.is_some_and(|g| g.is_ready());
-            let address = axis.config.address;
-            let is_sent = self.network.has_sent_sync(address.slave, address.channel);
-            if is_sent {
-                axis.target_period.sync_sent(self.now_ns);
-                axis.takeover.sync_sent();
-            }
-            if !counts {
-                axis.statistics.restart_tpdo_count();
-            } else if is_sent {
-                axis.statistics.sync_sent();
-            }
+            let gateway = self.gateways.get(axis.plan.config.address.slave);
+            let is_ready = gateway.is_some_and(GatewayWatch::is_ready);
+            let NodeAddress { slave, channel, .. } = axis.plan.config.address;
+            let is_sent = self.network.has_sent_sync(slave, channel);
+            axis.note_sync(is_sent, is_ready, self.now_ns);
         }
     }
 }
@@ -333,14 +326,14 @@ fn send_auxiliary(
     if !(axis.prepare_auxiliary(turn, is_own_motion) && can_send) {
         return true;
     }
-    let NodeAddress { slave, channel, .. } = axis.config.address;
+    let NodeAddress { slave, channel, .. } = axis.plan.config.address;
     let mut send = |(id, rpdo): (CanId, RpdoBytes)| -> Result<(), SendError> {
         let frame = FrameRef::classic(id, rpdo.as_slice())?;
         let to = cycle.channel(slave, channel)?;
         cycle.send_with(to, frame, options).map(|_| ())
     };
-    let is_complete = axis.auxiliary_frames().all(|frame| send(frame).is_ok());
-    axis.auxiliary_sent(is_complete);
+    let is_complete = axis.data.frames(&axis.plan).all(|frame| send(frame).is_ok());
+    axis.data.on_sent(is_complete);
     is_complete
 }
 
@@ -379,8 +372,8 @@ fn target_turn(
 /// Returns whether a SYNC on a channel adds nothing to frames that wait in the gateway.
 fn may_sync(gateways: &[GatewayWatch], axes: &[Axis], (slave, channel): (usize, u8)) -> bool {
     let is_active = |axis: &Axis| {
-        let address = axis.config.address;
-        (address.slave, address.channel) == (slave, channel) && axis.is_active()
+        let address = axis.plan.config.address;
+        (address.slave, address.channel) == (slave, channel) && axis.path.is_active()
     };
     let gateway = gateways.get(slave);
     !gateway.is_some_and(|gateway| gateway.withholds_sync(channel, axes.iter().any(is_active)))

@@ -65,13 +65,13 @@ impl PathProfile {
         let (mut change, mut jerk, mut most) = (i128::MAX, i128::MAX, i128::MAX);
         let mut start = 0;
         for axis in axes {
-            let moving = axis.targets.motion().profile();
+            let moving = axis.path.targets.motion().profile();
             let rate = moving.rate.abs();
             if rate == 0 {
                 continue;
             }
             let share = |limit: i128| (limit << ONE_BITS) / rate;
-            let limits = axis.targets.limits;
+            let limits = axis.path.targets.limits;
             if share(limits.change()) < change {
                 change = share(limits.change());
                 start = (moving.change << ONE_BITS) / moving.rate;
@@ -79,7 +79,7 @@ impl PathProfile {
             if limits.jerk() > 0 {
                 jerk = jerk.min(share(limits.jerk()).max(1));
             }
-            most = most.min(share(axis.most_rate()));
+            most = most.min(share(axis.path.most_rate()));
         }
         let jerk = if jerk == i128::MAX { 0 } else { jerk };
         (change != i128::MAX).then(|| Self {

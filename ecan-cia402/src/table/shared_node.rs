@@ -35,8 +35,9 @@ impl SharedNode {
     pub(super) fn find(axes: &mut [Axis]) -> Vec<Self> {
         let mut nodes = Vec::new();
         for index in 0..axes.len() {
-            let Some(node) = axes.get(index).map(|axis| axis.node) else { continue };
-            let of_node = || axes.iter().filter(|axis| axis.node == node).map(|axis| axis.index);
+            let Some(node) = axes.get(index).map(|axis| axis.plan.node) else { continue };
+            let of_node =
+                || axes.iter().filter(|axis| axis.plan.node == node).map(|axis| axis.plan.index);
             let members: Vec<usize> = of_node().collect();
             if members.len() < 2 {
                 continue;
@@ -45,7 +46,7 @@ impl SharedNode {
             if let Some(axis) = axes.get_mut(index) {
                 let count = members.len();
                 let share = NodeShare::default();
-                axis.node_share = NodeShare { count, is_first, may_begin: false, ..share };
+                axis.setup.node_share = NodeShare { count, is_first, may_begin: false, ..share };
             }
             if is_first {
                 nodes.push(Self { axes: members, turn: Turn::default() });
@@ -70,39 +71,35 @@ impl SharedNode {
 
     /// Before the steps of the axes: gives the SDO client to one of them.
     pub(super) fn begin_cycle(&mut self, axes: &mut [Axis], now_ns: u64) {
-        let is_heard = self.members(axes).any(|axis| axis.is_fresh(now_ns));
-        let running = self.members(axes).position(|axis| axis.poll.is_running());
+        let is_heard = self.members(axes).any(|axis| axis.link.is_fresh(now_ns));
+        let running = self.members(axes).position(|axis| axis.link.is_polling());
         let nth = self.turn.holder(running, self.axes.len());
         let holder = self.axes.get(nth).copied();
         self.for_each(axes, |axis| {
-            axis.node_share.may_poll = Some(axis.index) == holder;
-            axis.node_share.is_heard = is_heard;
+            axis.setup.node_share.may_poll = Some(axis.plan.index) == holder;
+            axis.setup.node_share.is_heard = is_heard;
         });
     }
 
     /// After the steps of the axes: continues the configuration of the node.
     pub(super) fn end_cycle(&self, axes: &mut [Axis], network: &mut Network, now_ns: u64) {
-        if self.members(axes).any(|axis| axis.node_share.is_setup_wanted) {
-            let is_pending = self.members(axes).all(|axis| axis.setup.is_pending());
+        if self.members(axes).any(|axis| axis.setup.node_share.is_setup_wanted) {
+            let is_pending = self.members(axes).all(|axis| axis.setup.state().is_pending());
             self.for_each(axes, |axis| {
-                axis.node_share.is_setup_wanted = false;
+                axis.setup.node_share.is_setup_wanted = false;
                 if !is_pending {
                     axis.request_setup(network, now_ns);
                 }
             });
         }
-        if self.members(axes).all(Axis::is_ready_for_setup) {
-            return self.for_each(axes, |axis| axis.begin_setup(network));
+        if self.members(axes).all(is_ready_for_setup) {
+            return self.for_each(axes, |axis| axis.begin_setup(network, now_ns));
         }
-        let failed = self.members(axes).find(|axis| matches!(axis.setup, SetupState::Failed));
-        if let Some(error) = failed.map(|axis| axis.error) {
+        let failed =
+            self.members(axes).find(|axis| matches!(axis.setup.state(), SetupState::Failed));
+        if let Some(error) = failed.map(|axis| axis.report.error) {
             // One that could not be stopped keeps the others from their configuration.
-            self.for_each(axes, |axis| {
-                if matches!(axis.setup, SetupState::Requested { .. }) {
-                    axis.setup = SetupState::Failed;
-                    axis.error = error;
-                }
-            });
+            self.for_each(axes, |axis| axis.fail_requested_setup(error));
         }
         self.finish_steps(axes, network);
     }
@@ -111,28 +108,35 @@ impl SharedNode {
     fn finish_steps(&self, axes: &mut [Axis], network: &mut Network) {
         let Some((first, others)) = self.axes.split_first() else { return };
         let Some(first) = axes.get_mut(*first) else { return };
-        let (setup, error) = (first.setup, first.error);
+        let (setup, error) = (*first.setup.state(), first.report.error);
         if matches!(setup, SetupState::Configuring | SetupState::Requested { .. }) {
             return;
         }
-        let configurator = std::mem::take(&mut first.configurator);
+        let configurator = first.setup.take_configurator();
         for other in others {
             let Some(axis) = axes.get_mut(*other) else { continue };
-            if !matches!(axis.setup, SetupState::Configuring) {
+            if !matches!(axis.setup.state(), SetupState::Configuring) {
                 continue;
             }
             match (setup, error) {
                 (SetupState::SettingMode(_) | SetupState::Complete, _) => {
-                    axis.steps_done(network, &configurator);
+                    axis.finish_steps(network, &configurator);
                 }
-                (SetupState::Failed, Some(AxisError::Setup(failure))) => axis.setup_failed(failure),
-                _ => axis.setup = SetupState::Unconfigured,
+                (SetupState::Failed, Some(AxisError::Setup(failure))) => axis.fail_setup(failure),
+                _ => axis.setup.end(),
             }
         }
         if let Some(first) = self.axes.first().and_then(|first| axes.get_mut(*first)) {
-            first.configurator = configurator;
+            first.setup.return_configurator(configurator);
         }
     }
+}
+
+/// Returns whether an axis is ready for the configuration of its node.
+fn is_ready_for_setup(axis: &Axis) -> bool {
+    matches!(axis.setup.state(), SetupState::Requested { .. })
+        && axis.link.contact().is_done()
+        && !axis.task.is_stopping()
 }
 
 #[cfg(test)]

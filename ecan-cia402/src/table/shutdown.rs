@@ -6,8 +6,8 @@ use std::time::Duration;
 use ecan_canopen::{Network, NmtCommand};
 
 use crate::axis::axis::Axis;
-use crate::axis::axis_state::AxisState;
 use crate::axis::power::StopCause;
+use crate::axis::task::AxisState;
 
 /// Default of [`Cia402::stop_time`].
 pub(super) const STOP_TIME: Duration = Duration::from_secs(10);
@@ -78,8 +78,8 @@ impl Shutdown {
     pub(super) fn begin(axes: &mut [Axis], network: &mut Network, since_ns: u64) -> Self {
         for axis in axes {
             axis.cancel_procedure(network);
-            axis.recovery = None;
-            if axis.is_running() {
+            axis.task.recovery = None;
+            if axis.path.is_running() {
                 axis.halt();
             }
         }
@@ -115,7 +115,7 @@ impl Shutdown {
                     if node_is_stopped(axes, index, now_ns)
                         && let Some(axis) = axes.get_mut(index)
                     {
-                        axis.begin_release(has_host_heartbeat);
+                        axis.begin_release(has_host_heartbeat, now_ns);
                     }
                 }
                 Self::Releasing { since_ns: now_ns }
@@ -123,12 +123,12 @@ impl Shutdown {
             Self::Releasing { since_ns }
                 if axes.iter().all(is_released) || is_over(since_ns, RELEASE_NS, None) =>
             {
-                axes.iter_mut().for_each(|axis| axis.cancel_release(network));
+                axes.iter_mut().for_each(|axis| axis.cancel_release(network, now_ns));
                 for (index, axis) in axes.iter().enumerate() {
                     // A drive that has not stopped keeps the state in which it watches the host.
-                    if axis.node_share.is_first && node_is_stopped(axes, index, now_ns) {
+                    if axis.setup.node_share.is_first && node_is_stopped(axes, index, now_ns) {
                         // A full queue is not sent any more, either.
-                        let _ = network.nmt(axis.node, NmtCommand::EnterPreOperational);
+                        let _ = network.nmt(axis.plan.node, NmtCommand::EnterPreOperational);
                     }
                 }
                 Self::Done
@@ -140,10 +140,10 @@ impl Shutdown {
 
 /// Returns whether all axes of the node of an axis have stopped.
 fn node_is_stopped(axes: &[Axis], index: usize, now_ns: u64) -> bool {
-    let Some(node) = axes.get(index).map(|axis| axis.node) else { return false };
-    axes.iter().filter(|axis| axis.node == node).all(|axis| axis.is_stopped(now_ns))
+    let Some(node) = axes.get(index).map(|axis| axis.plan.node) else { return false };
+    axes.iter().filter(|axis| axis.plan.node == node).all(|axis| axis.is_stopped(now_ns))
 }
 
 fn is_released(axis: &Axis) -> bool {
-    !matches!(axis.state, AxisState::Releasing(_))
+    !matches!(axis.task.state(), AxisState::Releasing(_))
 }

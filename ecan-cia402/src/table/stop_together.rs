@@ -3,10 +3,9 @@
 use super::cia402::Cia402;
 use super::path_stop::{PathProfile, PathStop, PathTurn};
 use crate::axis::axis::Axis;
-use crate::axis::axis_path::PathStep;
-use crate::axis::config::target_kind;
+use crate::axis::target_path::PathStep;
 use crate::axis::target_source::MOST_GAP;
-use crate::guard::terms::{Decision, TargetKind};
+use crate::guard::terms::Decision;
 
 impl Cia402 {
     /// Brings all axes to rest and keeps them enabled, the CSP axes together on their path; targets
@@ -33,17 +32,17 @@ impl Cia402 {
     pub fn stop_together(&mut self) {
         let is_new = self.path_stop != PathStop::Decelerating;
         for axis in &mut self.axes {
-            let joins = is_new && axis.is_on_path();
+            let joins = is_new && is_on_path(axis);
             if joins {
-                axis.targets.join_path();
+                axis.path.targets.join_path();
             } else if is_new {
-                axis.targets.leave_path();
+                axis.path.targets.leave_path();
             }
             axis.halt();
         }
         if is_new {
             self.path_profile =
-                PathProfile::of(self.axes.iter().filter(|axis| axis.targets.is_in_path()));
+                PathProfile::of(self.axes.iter().filter(|axis| axis.path.targets.is_in_path()));
             self.path_stop = PathStop::Decelerating;
             if self.path_profile.is_none() {
                 self.end_path(PathStop::Done);
@@ -62,7 +61,7 @@ impl Cia402 {
         }
         self.path_stop = state;
         self.path_profile = None;
-        self.axes.iter_mut().for_each(|axis| axis.targets.leave_path());
+        self.axes.iter_mut().for_each(|axis| axis.path.targets.leave_path());
     }
 
     /// Before the targets of a cycle: decides for all axes of a stop together. `can_send` states
@@ -75,13 +74,13 @@ impl Cia402 {
             return PathTurn::NotDue;
         };
         let (mut due, mut waiting, mut left) = (false, None, None);
-        for axis in self.axes.iter().filter(|axis| axis.targets.is_in_path()) {
+        for axis in self.axes.iter().filter(|axis| axis.path.targets.is_in_path()) {
             let can_send = can_send(self, axis);
             due |= can_send.is_some();
-            match axis.path_step(profile) {
-                PathStep::Left => left = left.or(Some(axis.index)),
+            match axis.path.path_step(&axis.plan, profile) {
+                PathStep::Left => left = left.or(Some(axis.plan.index)),
                 PathStep::Ready if can_send == Some(true) => {}
-                PathStep::Ready | PathStep::Waits => waiting = waiting.or(Some(axis.index)),
+                PathStep::Ready | PathStep::Waits => waiting = waiting.or(Some(axis.plan.index)),
             }
         }
         if let Some(axis) = left {
@@ -94,7 +93,7 @@ impl Cia402 {
             None => PathTurn::Move(profile),
         };
         let part = if let PathTurn::Move(profile) = turn { Some(profile) } else { None };
-        self.axes.iter_mut().for_each(|axis| axis.targets.set_path_step(part));
+        self.axes.iter_mut().for_each(|axis| axis.path.targets.set_path_step(part));
         turn
     }
 
@@ -107,18 +106,19 @@ impl Cia402 {
                 path.waits = path.waits.saturating_add(1);
                 if path.waits > MOST_GAP {
                     tracing::warn!(axis, "axis {axis}: got no targets; all axes of the stop rest");
-                    let members = self.axes.iter_mut().filter(|axis| axis.targets.is_in_path());
-                    members.for_each(|axis| axis.targets.stop());
+                    let members =
+                        self.axes.iter_mut().filter(|axis| axis.path.targets.is_in_path());
+                    members.for_each(|axis| axis.path.targets.stop());
                     self.end_path(PathStop::Done);
                 }
             }
             PathTurn::Move(profile) => {
                 path.profile = profile;
                 path.waits = 0;
-                let has_moved = |axis: &&Axis| matches!(axis.decision, Decision::Target(_));
-                let mut members = self.axes.iter().filter(|axis| axis.targets.is_in_path());
+                let has_moved = |axis: &&Axis| matches!(axis.path.decision(), Decision::Target(_));
+                let mut members = self.axes.iter().filter(|axis| axis.path.targets.is_in_path());
                 if let Some(axis) = members.find(|axis| !has_moved(axis)) {
-                    self.end_path(PathStop::Split { axis: axis.index });
+                    self.end_path(PathStop::Split { axis: axis.plan.index });
                 } else if profile.rate == 0 {
                     self.end_path(PathStop::Done);
                 }
@@ -127,10 +127,9 @@ impl Cia402 {
     }
 }
 
-impl Axis {
-    /// Returns whether a stop on the path includes the axis.
-    fn is_on_path(&self) -> bool {
-        let is_position = target_kind(self.mode) == TargetKind::Position;
-        self.is_running() && is_position && !self.targets.is_halted && self.procedure.is_none()
-    }
+/// Returns whether a stop on the path includes the axis.
+fn is_on_path(axis: &Axis) -> bool {
+    axis.path.follows_application()
+        && axis.path.follows_positions()
+        && axis.task.procedure.is_none()
 }

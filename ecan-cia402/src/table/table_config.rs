@@ -10,10 +10,9 @@ use ecan_protocol::config::TxMode;
 use ecan_protocol::mapping::{CHANNELS, Direction};
 
 use super::error::AxisFaults;
-use crate::axis::config::AxisConfig;
+use crate::axis::config::{AxisConfig, Takeover};
 use crate::axis::error::AxisFault;
 use crate::axis::ramp::RampLimits;
-use crate::axis::takeover::Takeover;
 use crate::axis::target_period::interpolation_time;
 
 /// Configuration that all axes of a bus share.
