@@ -4,7 +4,8 @@
 //! moves the cursor or reprograms a terminal, a line break forges a line, a bidirectional override
 //! reorders what a reader sees.
 
-use core::fmt::{self, Display, Write};
+use core::fmt;
+use core::fmt::{Display, Write};
 
 /// Returns whether a character changes how a terminal shows the characters around it: C0 and C1
 /// controls, line and paragraph separators, bidirectional controls, and invisible format characters.

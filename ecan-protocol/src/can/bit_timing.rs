@@ -8,6 +8,12 @@
 //! 3. the sample point closest to the middle of the window, the later one of two.
 //!
 //! The jump width is the largest that phase segment 2 and the register allow.
+//!
+//! Bit timing that the public MCAN driver of the controller's vendor (HPMicro SDK) chooses from a
+//! sample point window.
+//!
+//! The manual does not state how the firmware chooses (13.4); it names this driver for the
+//! delay compensation only. The result is a hint, not a fact about the device.
 
 use core::fmt;
 
@@ -358,4 +364,130 @@ fn nearest_bitrates(phase: Phase, clock_hz: u32, bitrate: u32) -> BitTimingError
         }
     }
     BitTimingError::Bitrate { clock_hz, bitrate, below: below.filter(|&b| b > 0), above }
+}
+
+/// The sample point of the manual's example (5.4.3) and of most CAN nodes, in 0.1 %.
+const USUAL: u16 = 875;
+/// The smallest other one, in 0.1 %.
+const SMALLEST: u16 = 500;
+
+/// Sample point in 0.1 % to configure if that of the other nodes is not known: 87.5 %, or the next
+/// smaller one that the controller reaches at this clock (Hz) and bit rate (bit/s).
+///
+/// Preferred are those that [`vendor_driver_timing`] finds too, in the data phase with a prescaler
+/// that allows the transmitter delay compensation. `None` if the bit rate is not possible. Takes up
+/// to some milliseconds: not for the cycle.
+pub fn usual_sample_point(phase: Phase, is_fd: bool, clock_hz: u32, bitrate: u32) -> Option<u16> {
+    solve_bit_timing(phase, clock_hz, bitrate, 0, 1000).ok()?;
+    let solved = |permille: u16| {
+        let timing = solve_bit_timing(phase, clock_hz, bitrate, permille, permille).ok()?;
+        let is_found =
+            vendor_driver_timing(phase, is_fd, clock_hz, bitrate, permille, permille).is_some();
+        let is_compensable = phase == Phase::Nominal || timing.brp <= TDC_MAX_PRESCALER;
+        Some((is_found, is_compensable))
+    };
+    let mut best = None;
+    for permille in (SMALLEST..=USUAL).rev() {
+        match solved(permille) {
+            Some((true, true)) => return Some(permille),
+            Some(rank) if best.is_none_or(|(least, _)| rank > least) => {
+                best = Some((rank, permille));
+            }
+            _ => {}
+        }
+    }
+    best.map(|(_, permille)| permille)
+}
+
+/// Lowest and highest sample point that the firmware may choose from a window (0.1 %, bounds
+/// included) at a clock (Hz) and a bit rate (bit/s), by any rule.
+///
+/// # Errors
+/// As [`solve_bit_timing`].
+pub fn sample_point_range(
+    phase: Phase,
+    clock_hz: u32,
+    bitrate: u32,
+    min_permille: u16,
+    max_permille: u16,
+) -> Result<(SamplePoint, SamplePoint), BitTimingError> {
+    let solve = |min, max| solve_bit_timing(phase, clock_hz, bitrate, min, max);
+    let any = solve(min_permille, max_permille)?;
+    // A narrower window at each end: the first that has a timing.
+    let mut from_below = min_permille..=max_permille;
+    let mut from_above = (min_permille..=max_permille).rev();
+    let lowest = from_below.find_map(|to| solve(min_permille, to).ok()).unwrap_or(any);
+    let highest = from_above.find_map(|from| solve(from, max_permille).ok()).unwrap_or(any);
+    Ok((lowest.sample_point(), highest.sample_point()))
+}
+
+/// Timing that the driver chooses for a clock (Hz), a bit rate (bit/s) and a sample point window
+/// (0.1 %, bounds included): the lowest sample point that it finds. `is_fd` is the kind of the
+/// channel. `None` if the driver finds none, although another timing may exist.
+pub fn vendor_driver_timing(
+    phase: Phase,
+    is_fd: bool,
+    clock_hz: u32,
+    bitrate: u32,
+    min_permille: u16,
+    max_permille: u16,
+) -> Option<BitTiming> {
+    let limits = match phase {
+        Phase::Nominal if is_fd => &FD_NOMINAL,
+        Phase::Nominal => &CLASSIC,
+        Phase::Data => &DATA,
+    };
+    let clocks = clock_hz.checked_div(bitrate)?;
+    let timing = limits.timing(clocks, u32::from(min_permille), u32::from(max_permille));
+    timing.filter(|timing| timing.fits(phase))
+}
+
+/// Limits of the driver, in quanta.
+struct Limits {
+    quanta: u32,
+    /// Largest number before the sample point, the sync segment included.
+    before: u32,
+    /// Smallest and largest number after it.
+    after: (u32, u32),
+    /// Smallest surplus of the part before the sample point.
+    surplus: u32,
+    sjw: u32,
+}
+
+const CLASSIC: Limits = Limits { quanta: 384, before: 256, after: (2, 128), surplus: 2, sjw: 128 };
+const FD_NOMINAL: Limits =
+    Limits { quanta: 288, before: 256, after: (1, 32), surplus: 2, sjw: 128 };
+const DATA: Limits = Limits { quanta: 46, before: 31, after: (1, 15), surplus: 1, sjw: 15 };
+
+const SHORTEST: u32 = 8;
+const PRESCALER_MAX: u32 = 256;
+
+impl Limits {
+    /// The smallest prescaler that divides the bit time of `clocks`, with the first sample point in
+    /// the window from below. The driver tries the next prescaler if the registers cannot hold that,
+    /// but not if the point lies beyond the window.
+    fn timing(&self, clocks: u32, min: u32, max: u32) -> Option<BitTiming> {
+        let prescalers = (1..=PRESCALER_MAX).filter(|brp| clocks.is_multiple_of(*brp));
+        for brp in prescalers.skip_while(|brp| clocks / brp > self.quanta) {
+            let quanta = clocks / brp;
+            if quanta < SHORTEST {
+                break;
+            }
+            let widest = self.after.1.min((quanta - self.surplus) / 2);
+            let before = (quanta - widest).max((min * quanta).div_ceil(1000));
+            if before * 1000 / quanta > max {
+                break;
+            }
+            let after = quanta.saturating_sub(before);
+            if after >= self.after.0 && before <= self.before {
+                return Some(BitTiming {
+                    brp: brp as u16,
+                    tseg1: (before - 1) as u16,
+                    tseg2: after as u16,
+                    sjw: after.min(self.sjw) as u16,
+                });
+            }
+        }
+        None
+    }
 }

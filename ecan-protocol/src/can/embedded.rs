@@ -3,7 +3,7 @@
 use embedded_can::{ExtendedId, Frame, Id, StandardId};
 
 use super::can_id::CanId;
-use super::dlc::Dlc;
+use super::control::Dlc;
 use super::frame::CanFrame;
 
 /// Error: the CAN ID does not have the requested format.

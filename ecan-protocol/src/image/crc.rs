@@ -1,30 +1,27 @@
 //! CRC-16/CCITT-FALSE of the frame area (manual 5.4.4.1, 11).
 
+#[cfg(all(target_arch = "aarch64", target_feature = "neon"))]
+mod aarch64;
 #[cfg(any(
     all(target_arch = "x86_64", target_feature = "sse2"),
     all(target_arch = "aarch64", target_feature = "neon")
 ))]
 mod folding;
+#[cfg_attr(
+    not(any(
+        all(target_arch = "x86_64", target_feature = "sse2"),
+        all(target_arch = "aarch64", target_feature = "neon")
+    )),
+    allow(dead_code)
+)]
+mod shared;
+#[cfg(all(target_arch = "x86_64", target_feature = "sse2"))]
+mod wide;
+#[cfg(all(target_arch = "x86_64", target_feature = "sse2"))]
+mod x86_64;
 
-/// Of other processors no kernel is accelerated.
-#[cfg(not(any(
-    all(target_arch = "x86_64", target_feature = "sse2"),
-    all(target_arch = "aarch64", target_feature = "neon")
-)))]
-mod folding {
-    pub(super) fn crc16(_: &[u8]) -> Option<u16> {
-        None
-    }
+use shared::POLYNOMIAL;
 
-    pub(super) fn is_available() -> bool {
-        false
-    }
-
-    pub(super) fn pretend_absent(_: bool) {}
-}
-
-/// x^16 + x^12 + x^5 + 1 without its highest term.
-const POLYNOMIAL: u16 = 0x1021;
 const INITIAL: u16 = 0xFFFF;
 
 /// `TABLES[k][b]` is the CRC, from 0, of the byte `b` followed by `k` zero bytes.
@@ -67,7 +64,7 @@ fn entry(zeros: usize, byte: u8) -> u16 {
 /// Uses the fastest kernel of the processor; never allocates or blocks, real-time safe.
 #[inline]
 pub fn crc16(data: &[u8]) -> u16 {
-    folding::crc16(data).unwrap_or_else(|| crc16_portable(data))
+    accelerated::crc16(data).unwrap_or_else(|| crc16_portable(data))
 }
 
 /// The same CRC by table look-up only, 16 bytes per step. For processors without carry-less
@@ -102,7 +99,7 @@ fn step(crc: u16, bytes: &[u8]) -> u16 {
 
 /// True if [`crc16`] uses carry-less multiplication on this processor.
 pub fn crc16_is_accelerated() -> bool {
-    folding::is_available()
+    accelerated::is_available()
 }
 
 /// Makes [`crc16`] do without carry-less multiplication from now on, or take it up again where the
@@ -110,17 +107,140 @@ pub fn crc16_is_accelerated() -> bool {
 /// program was compiled for processors that always have it.
 #[doc(hidden)]
 pub fn crc16_use_portable(on: bool) {
-    folding::pretend_absent(on);
+    accelerated::pretend_absent(on);
+}
+
+/// The kernels of processors with carry-less multiplication.
+#[cfg(any(
+    all(target_arch = "x86_64", target_feature = "sse2"),
+    all(target_arch = "aarch64", target_feature = "neon")
+))]
+mod accelerated {
+    #[cfg(target_arch = "aarch64")]
+    use super::aarch64 as processor;
+    use super::folding::{DIRECT_BLOCKS, fold, long, over, short, sum_of};
+    use super::shared::{PRESENT, level};
+    #[cfg(target_arch = "x86_64")]
+    use super::{wide, x86_64 as processor};
+    use processor::{add, from_halves, load, polynomial_of, reduce};
+
+    pub(super) use super::shared::pretend_absent;
+
+    /// Shortest input, that of the smallest packet.
+    const MIN_BYTES: usize = 4;
+
+    /// From this many blocks after the first on it pays to take two at once.
+    #[cfg(target_arch = "x86_64")]
+    const WIDE_BLOCKS: usize = 3;
+
+    #[inline]
+    pub(super) fn is_available() -> bool {
+        processor::IS_CERTAIN || level(processor::detect) >= PRESENT
+    }
+
+    /// CRC-16/CCITT-FALSE of `data`, unless it is too short or the processor has no instructions for it.
+    #[inline]
+    pub(super) fn crc16(data: &[u8]) -> Option<u16> {
+        // SAFETY: the processor has the instructions, as just checked.
+        (data.len() >= MIN_BYTES && is_available()).then(|| unsafe { folded(data) })
+    }
+
+    /// The CRC of [`MIN_BYTES`] and more.
+    #[cfg_attr(target_arch = "x86_64", target_feature(enable = "pclmulqdq,ssse3"))]
+    #[cfg_attr(target_arch = "aarch64", target_feature(enable = "neon,aes"))]
+    fn folded(data: &[u8]) -> u16 {
+        let Some(first) = data.first_chunk::<16>() else {
+            return short(data);
+        };
+        // Zeros in front of a polynomial change nothing, so the odd bytes go first; the start value is
+        // added to the first two bytes of the message.
+        let odd = (data.len() - 1) % 16 + 1;
+        let opening = add(load(first), from_halves(0xFFFF, 0));
+        let mut head = polynomial_of(opening, odd);
+        let mut blocks = data.get(odd..).unwrap_or_default().as_chunks::<16>().0;
+        if odd == 1 {
+            // The start value reaches into the next block.
+            if let Some((next, rest)) = blocks.split_first() {
+                let next = add(load(next), from_halves(0xFF, 0));
+                head = fold(head, over::<1>(), polynomial_of(next, 16));
+                blocks = rest;
+            }
+        }
+        #[cfg(target_arch = "x86_64")]
+        if blocks.len() >= WIDE_BLOCKS && processor::is_wide() {
+            // SAFETY: the processor has the instructions, as just checked.
+            return unsafe {
+                if blocks.len() <= DIRECT_BLOCKS {
+                    wide::direct(head, blocks)
+                } else {
+                    wide::long(head, blocks)
+                }
+            };
+        }
+        if blocks.len() <= DIRECT_BLOCKS {
+            reduce(sum_of(head, blocks))
+        } else {
+            long(head, blocks)
+        }
+    }
+}
+
+/// Of other processors no kernel is accelerated.
+#[cfg(not(any(
+    all(target_arch = "x86_64", target_feature = "sse2"),
+    all(target_arch = "aarch64", target_feature = "neon")
+)))]
+mod accelerated {
+    pub(super) fn crc16(_: &[u8]) -> Option<u16> {
+        None
+    }
+
+    pub(super) fn is_available() -> bool {
+        false
+    }
+
+    pub(super) fn pretend_absent(_: bool) {}
 }
 
 #[cfg(test)]
 mod tests {
-    use super::{crc16, crc16_portable};
+    extern crate std;
+
+    use std::vec::Vec;
+
+    use super::*;
 
     #[test]
     fn crc_check_value() {
         assert_eq!(crc16(b"123456789"), 0x29B1);
         assert_eq!(crc16_portable(b"123456789"), 0x29B1);
         assert_eq!(crc16(b""), 0xFFFF);
+    }
+
+    /// A processor would otherwise use its best level only.
+    #[cfg(any(
+        all(target_arch = "x86_64", target_feature = "sse2"),
+        all(target_arch = "aarch64", target_feature = "neon")
+    ))]
+    #[test]
+    fn every_level_gives_the_same() {
+        #[cfg(target_arch = "aarch64")]
+        use aarch64 as processor;
+        use shared::with_each_level;
+        #[cfg(target_arch = "x86_64")]
+        use x86_64 as processor;
+
+        let data: Vec<u8> = (0..1000_u32).map(|i| ((i * i) >> 3) as u8).collect();
+        let is_available = accelerated::is_available();
+        // Miri takes seconds for each length.
+        let step = if cfg!(miri) { 61 } else { 1 };
+        let tested = with_each_level(processor::detect(), |level| {
+            for length in (0..data.len()).step_by(step) {
+                let data = &data[..length];
+                assert_eq!(crc16(data), crc16_portable(data), "level {level}, {length} bytes");
+            }
+        });
+        assert!(tested > usize::from(is_available), "{tested} levels");
+        assert_eq!(accelerated::is_available(), is_available);
     }
 }

@@ -5,14 +5,11 @@ use core::iter::FusedIterator;
 use super::diagnosis::{HeaderExcerpt, ImageFault, ParseDiagnosis, PdoError};
 use super::header::Header;
 use super::packet::{
-    CONTROL_BYTES, EXTENDED_AUX_SHIFT, FramePacket, Packet, STANDARD_AUX_SHIFT,
-    STANDARD_FIELD_BITS, TX_RESULT_BYTES, WINDOW_BYTES,
+    CONTROL_BYTES, EXTENDED_AUX_SHIFT, FramePacket, Packet, ResultCode, STANDARD_AUX_SHIFT,
+    STANDARD_FIELD_BITS, TX_RESULT_BYTES, Timestamp, TxResult, WINDOW_BYTES, format_size,
 };
-use super::timestamp::{Timestamp, format_size};
-use super::tx_result::{ResultCode, TxResult};
-use crate::can::CanId;
-use crate::can::FrameRef;
 use crate::can::control::{ControlWord, KIND_CAN_FRAME, KIND_TX_RESULT};
+use crate::can::{CanId, FrameRef};
 use crate::mapping::{Direction, HEADER_BYTES};
 
 /// Format rules of packets for a profile and direction.

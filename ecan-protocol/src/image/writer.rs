@@ -1,17 +1,17 @@
 //! Writing PDO images (manual 5.4.4.1, 8).
 
-use super::commit_fields::CommitFields;
 use super::crc::crc16;
-use super::header::{CRC_ALG_CCITT_FALSE, CRC_ALG_NONE, Header, HeaderFlags, VER_IHL};
-use super::packet::{EXTENDED_AUX_SHIFT, STANDARD_AUX_SHIFT, TX_RESULT_BYTES, WINDOW_BYTES};
-use super::push_error::PushError;
-use super::schedule::Schedule;
-use super::timestamp::{Timestamp, allowed_formats};
-use super::tx_result::TxResult;
+use super::header::{
+    CRC_ALG_CCITT_FALSE, CRC_ALG_NONE, ChannelStatus, Header, HeaderFlags, VER_IHL,
+};
+use super::packet::{
+    EXTENDED_AUX_SHIFT, STANDARD_AUX_SHIFT, Schedule, TX_RESULT_BYTES, Timestamp, TxResult,
+    WINDOW_BYTES, allowed_formats,
+};
 use crate::can::FrameRef;
 use crate::can::control::ControlWord;
 use crate::copy::{copy_data, copy_over, put};
-use crate::mapping::{Direction, HEADER_BYTES, MAX_PACKETS};
+use crate::mapping::{CHANNELS, Direction, HEADER_BYTES, MAX_PACKETS};
 use crate::object::pdo_profile::{OptionFlags, PdoProfile};
 
 /// Bytes of the largest packet without timestamp and window, padding included.
@@ -514,4 +514,60 @@ fn clear(bytes: &mut [u8]) {
     for byte in bytes {
         *byte = 0;
     }
+}
+
+/// Error: a packet was not added to the image. The image is unchanged.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum PushError {
+    /// The rest of the frame area is too small; packets are never split (manual 12).
+    #[error("no room: the packet needs {needed} bytes, {left} are left")]
+    NoRoom {
+        /// Bytes of the packet, padding included.
+        needed: u16,
+        /// Bytes left in the frame area.
+        left: u16,
+    },
+    /// The image already has 255 packets, the limit of its header.
+    #[error("no room: the image holds 255 packets already")]
+    TooManyPackets,
+    /// The channel does not exist or is not in the channel mask.
+    #[error("channel {channel} is not in the channel mask {mask:#04x}")]
+    Channel {
+        /// The channel.
+        channel: u8,
+        /// Channel mask of the profile.
+        mask: u8,
+    },
+    /// ID_AUX has three bits.
+    #[error("ID_AUX {0}, at most 7 is possible")]
+    IdAux(u8),
+    /// The timestamp does not belong to the profile or direction, or is not a valid schedule record.
+    #[error("timestamp format {format} not allowed by profile or direction, or no schedule record")]
+    Timestamp {
+        /// TSF code of the timestamp.
+        format: u8,
+    },
+    /// TX_RESULT in RxPDO, or without its option.
+    #[error("TX_RESULT needs TxPDO and its option")]
+    TxResult,
+    /// The buffer is smaller than the profile's image.
+    #[error("the buffer has {length} bytes, the image {needed}")]
+    Buffer {
+        /// Bytes of the buffer.
+        length: usize,
+        /// Bytes of the image.
+        needed: u16,
+    },
+}
+
+/// Header fields that the caller provides.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct CommitFields {
+    /// Flags to set. SEQ_WRAP, TX_RESULT_PRESENT and, with an overflow, OVERFLOW_SAT_VALID are
+    /// added if they apply; reserved bits are cleared.
+    pub flags: HeaderFlags,
+    /// `overflow_sat`.
+    pub overflow: u8,
+    /// Status of each channel; 0 in RxPDO.
+    pub channel_status: [ChannelStatus; CHANNELS],
 }

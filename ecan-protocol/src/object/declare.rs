@@ -1,8 +1,7 @@
-//! The declaration of a configuration object, and what every such configuration can do.
+//! The declaration of a configuration object, its SDO downloads, and what every such configuration can do.
 
-use super::describe::describe_field;
-use super::entry::Entry;
-use super::sdo_write::SdoWrite;
+use super::entry::{Entry, Object};
+use super::value::ObjectType;
 
 /// A configuration that is written to an object of the dictionary, field by field.
 ///
@@ -70,8 +69,7 @@ pub trait ConfigObject: Copy + Default {
 }
 
 /// A value that a field of a configuration object cannot have.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("invalid value {value} for {}", describe_field(*.index, *.subindex))]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct InvalidValue {
     /// Index of the object, or of the first object of a family.
     pub index: u16,
@@ -82,11 +80,7 @@ pub struct InvalidValue {
 }
 
 /// A field outside the range of its entry.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-#[error(
-    "{} = {value} is out of range; allowed: {min} to {max}",
-    describe_field(*.index, *.subindex)
-)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct RangeFault {
     /// Index of the object, or of the first object of a family.
     pub index: u16,
@@ -99,6 +93,10 @@ pub struct RangeFault {
     /// Largest allowed value.
     pub max: u32,
 }
+
+impl core::error::Error for InvalidValue {}
+
+impl core::error::Error for RangeFault {}
 
 /// Declares a configuration object once: from it follow the struct, its `DEVICE_DEFAULT`, its
 /// [`ConfigObject`] implementation and the rows of the object dictionary.
@@ -225,6 +223,54 @@ macro_rules! object {
             }
         }
     };
+}
+
+/// One SDO download.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct SdoWrite {
+    /// Object index.
+    pub index: u16,
+    /// Subindex.
+    pub subindex: u8,
+    /// The value; of a signed type its two's complement.
+    pub value: u32,
+    /// Its type, which sets the number of bytes.
+    pub ty: ObjectType,
+}
+
+/// 0 as U8 to 0x0000:00: the filler of an empty list, never sent.
+impl Default for SdoWrite {
+    fn default() -> Self {
+        Self::new(0, 0, ObjectType::U8, 0)
+    }
+}
+
+impl SdoWrite {
+    /// Creates a download of `value` as `ty`.
+    pub const fn new(index: u16, subindex: u8, ty: ObjectType, value: u32) -> Self {
+        Self { index, subindex, value, ty }
+    }
+
+    /// The download that applies what was written to a member of an object family: 1 to its apply
+    /// command.
+    pub(crate) const fn apply(object: &Object, instance: u8) -> Self {
+        let command = match object.apply {
+            Some(apply) => apply.command,
+            None => 0,
+        };
+        Self::new(object.first + instance as u16 * object.stride, command, ObjectType::U8, 1)
+    }
+
+    /// Returns the value as it is sent, little-endian, and the number of valid bytes.
+    pub const fn bytes(&self) -> ([u8; 4], usize) {
+        let size = match self.ty {
+            ObjectType::U8 => 1,
+            ObjectType::U16 => 2,
+            _ => 4,
+        };
+        (self.value.to_le_bytes(), size)
+    }
 }
 
 pub(crate) use object;

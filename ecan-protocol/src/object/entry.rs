@@ -1,7 +1,6 @@
 //! Rows of the object dictionary: objects and their entries.
 
-use super::object_type::{Access, ObjectType};
-use super::value::{KeyForm, ObjectValue};
+use super::value::{Access, KeyForm, ObjectType, ObjectValue};
 
 /// One subindex of an object.
 #[derive(Clone, Copy, Debug)]

@@ -3,11 +3,8 @@
 use core::ops::Deref;
 use core::time::Duration;
 
-use super::expectation::Expectation;
-use super::object_access::{ObjectAccess, Transfer};
-use super::sdo_value::SdoValue;
-use super::step::{Action, Step, Tolerance};
-use super::step_error::StepError;
+use super::step::{Action, Expectation, SdoValue, Step, StepError, Tolerance};
+use crate::object::AbortCode;
 
 /// State of a [`Sequence`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -256,15 +253,66 @@ fn is_tolerated<T: ObjectAccess>(tolerance: Tolerance, error: &StepError<T::Erro
     }
 }
 
+/// State of the transfer that was started last.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Transfer {
+    /// It is running.
+    Busy,
+    /// It succeeded; of an upload, the value without sign, of a download, any number.
+    Done(u64),
+    /// Its result is gone, because another part of the application used the client: the step
+    /// starts again.
+    Lost,
+}
+
+/// Object access of one device, by one client that executes one transfer at a time.
+///
+/// A blocking client executes the transfer in `start_…` and returns its result from
+/// [`poll`](Self::poll).
+pub trait ObjectAccess {
+    /// Device-specific action of a step; [`NoAction`] if there are none.
+    type Action: Copy;
+    /// Cause of the failure of a transfer or an action.
+    type Error;
+
+    /// Starts a download. Returns `false` if the client is busy; the sequence then retries.
+    ///
+    /// # Errors
+    /// The transfer cannot start, or failed.
+    fn start_write(&mut self, index: u16, subindex: u8, data: &[u8]) -> Result<bool, Self::Error>;
+
+    /// Starts an upload. Returns `false` if the client is busy; the sequence then retries.
+    ///
+    /// # Errors
+    /// The transfer cannot start, or failed.
+    fn start_read(&mut self, index: u16, subindex: u8) -> Result<bool, Self::Error>;
+
+    /// Returns the state of the transfer that was started last.
+    ///
+    /// # Errors
+    /// The transfer failed.
+    fn poll(&mut self) -> Result<Transfer, Self::Error>;
+
+    /// Executes a device-specific action, `elapsed` after its step began. Returns whether it is
+    /// complete.
+    ///
+    /// # Errors
+    /// The action failed.
+    fn act(&mut self, action: &Self::Action, elapsed: Duration) -> Result<bool, Self::Error>;
+
+    /// Returns the abort code of a transfer that the device aborted.
+    fn abort_code(error: &Self::Error) -> Option<AbortCode>;
+}
+
 #[cfg(test)]
 mod tests {
-    extern crate std;
-
     use std::vec;
     use std::vec::Vec;
 
     use super::*;
     use crate::object::AbortCode;
+
+    extern crate std;
 
     /// A device whose transfers take one call, with objects 0x2000 and upwards.
     #[derive(Default)]

@@ -1,12 +1,21 @@
-//! One step of a configuration.
+//! Steps of a configuration: actions, values, conditions, and the failure of a step.
 
 use core::fmt;
 use core::time::Duration;
 
-use super::expectation::Expectation;
-use super::object_access::NoAction;
-use super::sdo_value::SdoValue;
+use thiserror::Error;
+
 use crate::object::{AbortCode, SdoWrite};
+
+/// No device-specific action exists.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum NoAction {}
+
+impl fmt::Display for NoAction {
+    fn fmt(&self, _: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match *self {}
+    }
+}
 
 /// Failures that do not end the sequence.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -213,5 +222,189 @@ impl<A: fmt::Display> fmt::Display for Step<A> {
         } else {
             write!(f, "{} ({})", self.purpose, self.action)
         }
+    }
+}
+
+/// A value of up to eight bytes as SDO carries it, little-endian. Created from the integer type
+/// that the object has: `Step::write(0x6060, 0, 8i8)`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
+pub struct SdoValue {
+    bytes: [u8; 8],
+    length: u8,
+}
+
+impl SdoValue {
+    /// Takes the first eight of these little-endian bytes.
+    pub fn from_bytes(source: &[u8]) -> Self {
+        let mut bytes = [0; 8];
+        for (to, from) in bytes.iter_mut().zip(source) {
+            *to = *from;
+        }
+        Self { bytes, length: source.len().min(8) as u8 }
+    }
+
+    /// Bytes to send.
+    pub fn as_bytes(&self) -> &[u8] {
+        self.bytes.get(..usize::from(self.length)).unwrap_or_default()
+    }
+
+    /// Value without sign; missing bytes count as 0.
+    pub fn raw(&self) -> u64 {
+        u64::from_le_bytes(self.bytes)
+    }
+}
+
+/// Hexadecimal, with as many digits as the value has bytes: `0x000F`.
+impl fmt::Display for SdoValue {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let width = 2 + self.as_bytes().len() * 2;
+        write!(f, "{:#0width$X}", self.raw())
+    }
+}
+
+impl From<SdoWrite> for SdoValue {
+    fn from(write: SdoWrite) -> Self {
+        let (bytes, length) = write.bytes();
+        Self::from_bytes(bytes.get(..length).unwrap_or_default())
+    }
+}
+
+macro_rules! from_integer {
+    ($($integer:ty),*) => {$(
+        impl From<$integer> for SdoValue {
+            fn from(value: $integer) -> Self {
+                Self::from_bytes(&value.to_le_bytes())
+            }
+        }
+    )*};
+}
+
+from_integer!(u8, u16, u32, u64, i8, i16, i32, i64);
+
+/// Condition on the value of an object, read without sign.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub enum Expectation {
+    /// Exactly this value.
+    Equals(u64),
+    /// This value in the bits of the mask; other bits are ignored.
+    Masked {
+        /// Expected bits.
+        value: u64,
+        /// Bits that are compared.
+        mask: u64,
+    },
+    /// At least this value.
+    AtLeast(u64),
+    /// At most this value.
+    AtMost(u64),
+    /// All of these bits; other bits are ignored.
+    HasBits(u64),
+    /// At least one of these bits.
+    HasAny(u64),
+    /// One of these values. Not serializable.
+    #[cfg_attr(feature = "serde", serde(skip))]
+    OneOf(&'static [u64]),
+}
+
+impl Expectation {
+    /// Returns whether `value` meets the condition.
+    pub fn is_met_by(self, value: u64) -> bool {
+        match self {
+            Self::Equals(expected) => value == expected,
+            Self::Masked { value: expected, mask } => (value ^ expected) & mask == 0,
+            Self::AtLeast(least) => value >= least,
+            Self::AtMost(most) => value <= most,
+            Self::HasBits(bits) => value & bits == bits,
+            Self::HasAny(bits) => value & bits != 0,
+            Self::OneOf(values) => values.contains(&value),
+        }
+    }
+}
+
+/// Numbers are decimal, bits and masks hexadecimal; with `{:#}` all are hexadecimal.
+impl fmt::Display for Expectation {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let number = |f: &mut fmt::Formatter<'_>, prefix: &str, number: u64| {
+            f.write_str(prefix)?;
+            if f.alternate() { write!(f, "0x{number:X}") } else { write!(f, "{number}") }
+        };
+        match *self {
+            Self::Equals(expected) => number(f, "", expected),
+            Self::Masked { value, mask } => write!(f, "0x{value:X} in the bits 0x{mask:X}"),
+            Self::AtLeast(least) => number(f, "at least ", least),
+            Self::AtMost(most) => number(f, "at most ", most),
+            Self::HasBits(bits) => write!(f, "the bits 0x{bits:X}"),
+            Self::HasAny(bits) => write!(f, "one of the bits 0x{bits:X}"),
+            Self::OneOf(values) => write!(f, "one of {values:?}"),
+        }
+    }
+}
+
+/// Failure of one step; `E` is the error of the [`ObjectAccess`](super::ObjectAccess).
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
+#[non_exhaustive]
+pub enum StepError<E> {
+    /// The transfer or the action failed.
+    #[error(transparent)]
+    Access(#[from] E),
+    /// The object has another value.
+    #[error("value is 0x{found:X}, expected {expected:#}")]
+    Mismatch {
+        /// Value of the object.
+        found: u64,
+        /// Expected value.
+        expected: Expectation,
+    },
+    /// The object did not reach the value in time.
+    #[error("value is 0x{found:X} after {}, expected {expected:#}", Milliseconds(*waited))]
+    TimedOut {
+        /// Last value of the object.
+        found: u64,
+        /// Expected value.
+        expected: Expectation,
+        /// Waiting time.
+        waited: Duration,
+    },
+}
+
+struct Milliseconds(Duration);
+
+impl fmt::Display for Milliseconds {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} ms", self.0.as_millis())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::string::ToString as _;
+
+    use super::Expectation;
+
+    extern crate std;
+
+    #[test]
+    fn condition_accepts_and_rejects_values() {
+        let cases = [
+            (Expectation::Equals(3), 3, 2),
+            (Expectation::Masked { value: 0x12, mask: 0xF2 }, 0x1E, 0x22),
+            (Expectation::AtLeast(3), 3, 2),
+            (Expectation::AtMost(3), 3, 4),
+            (Expectation::HasBits(0x12), 0x1F, 0x02),
+            (Expectation::HasAny(0x12), 0x02, 0x01),
+            (Expectation::OneOf(&[1, 5]), 5, 2),
+        ];
+        for (expectation, accepted, rejected) in cases {
+            assert!(expectation.is_met_by(accepted), "{expectation} accepts {accepted}");
+            assert!(!expectation.is_met_by(rejected), "{expectation} rejects {rejected}");
+        }
+    }
+
+    #[test]
+    fn alternate_form_is_hexadecimal() {
+        let expectation = Expectation::AtLeast(128);
+        assert_eq!(expectation.to_string(), "at least 128");
+        assert_eq!(std::format!("{expectation:#}"), "at least 0x80");
     }
 }

@@ -7,7 +7,8 @@ use core::arch::x86_64::{
     _mm256_set_m128i, _mm256_setzero_si256, _mm256_shuffle_epi8, _mm256_xor_si256,
 };
 
-use super::{DIRECT_BLOCKS, POWERS, bring_down, fold, over, polynomial_of, reduce, sum_of};
+use super::folding::{DIRECT_BLOCKS, POWERS, fold, over, sum_of};
+use super::x86_64::{bring_down, load as load_block, polynomial_of, reduce};
 
 /// Pairs of remainders that run side by side.
 const LANES: usize = 4;
@@ -33,7 +34,7 @@ fn bring_down_pair(pair: __m256i, powers: __m256i) -> __m256i {
     _mm256_xor_si256(high, low)
 }
 
-/// As [`fold`](super::fold), both halves each for itself.
+/// As [`fold`], both halves each for itself.
 #[inline]
 #[target_feature(enable = "avx2,vpclmulqdq")]
 fn fold_pair(pair: __m256i, powers: __m128i, next: __m256i) -> __m256i {
@@ -47,7 +48,7 @@ pub(super) fn direct(head: __m128i, blocks: &[[u8; 16]]) -> u16 {
     // Where the number is odd, the head and the first block make a pair.
     let (first, blocks, powers) = match (blocks.split_first(), powers) {
         (Some((block, blocks)), [of_head, of_block, powers @ ..]) if blocks.len() % 2 == 0 => {
-            let pair = _mm256_set_m128i(polynomial_of(super::load(block), 16), head);
+            let pair = _mm256_set_m128i(polynomial_of(load_block(block), 16), head);
             (bring_down_pair(pair, both(&[*of_head, *of_block])), blocks, powers)
         }
         (_, [[low, high], powers @ ..]) => {

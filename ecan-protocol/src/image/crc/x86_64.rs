@@ -6,9 +6,7 @@ use core::arch::x86_64::{
     _mm_xor_si128, _xgetbv,
 };
 
-use super::super::POLYNOMIAL;
-use super::level::{ABSENT, PRESENT, level};
-use super::quotient;
+use super::shared::{ABSENT, POLYNOMIAL, PRESENT, level, quotient};
 
 /// 16 bytes, or a polynomial of degree 127 at most.
 pub(super) type Block = __m128i;
@@ -22,7 +20,7 @@ pub(super) const IS_CERTAIN: bool =
 
 #[inline]
 pub(super) fn is_wide() -> bool {
-    level() == WIDE
+    level(detect) == WIDE
 }
 
 pub(super) fn detect() -> u8 {

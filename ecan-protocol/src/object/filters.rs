@@ -3,12 +3,12 @@
 
 use core::iter;
 
-use crate::object::filter_window::{
+use super::filter_window::{
     ExtendedMatch, FilterAction, FilterCommand, FilterWindow, StandardMatch,
 };
-use crate::object::mcan_channel::{MCAN_CHANNEL, McanChannelConfig};
-use crate::object::message_ram::{EXTENDED_FILTERS_MAX, STANDARD_FILTERS_MAX};
-use crate::object::{ObjectType, SdoWrite};
+use super::mcan_channel::{MCAN_CHANNEL, McanChannelConfig};
+use super::message_ram::{EXTENDED_FILTERS_MAX, STANDARD_FILTERS_MAX};
+use super::{ObjectType, SdoWrite};
 
 /// An acceptance filter: a [`StandardFilter`] or an [`ExtendedFilter`]. Disabled by default.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

@@ -6,9 +6,7 @@ use core::arch::aarch64::{
     vreinterpretq_u8_u64, vreinterpretq_u64_u8, vsubq_u8,
 };
 
-use super::super::POLYNOMIAL;
-use super::level::{ABSENT, PRESENT};
-use super::quotient;
+use super::shared::{ABSENT, POLYNOMIAL, PRESENT, quotient};
 
 /// 16 bytes, or a polynomial of degree 127 at most, its lowest byte first.
 pub(super) type Block = uint8x16_t;

@@ -1,6 +1,77 @@
-//! Capabilities of a gateway from 0xF000 (manual 13.8).
+//! 0xF000 Device Objects: identity, capabilities and limits (manual 13.8), and the entries that a firmware
+//! may lack.
 
+use super::ObjectType::{U8, U16, U32};
+use super::diagnostic_test::TESTS;
+use super::entry::{Entry, Object};
+use super::pdo_profile::OptionFlags;
+use super::value::ObjectValue;
 use crate::mapping::{CHUNK_BYTES, HEADER_BYTES};
+
+pub(super) const DEVICE_OBJECTS: Object = Object::single(
+    0xF000,
+    "Device Objects",
+    "13.8",
+    &[
+        Entry::highest(32),
+        Entry::ro(1, "Device type", U8),
+        Entry::ro(2, "Channel count", U8).default(4),
+        Entry::ro(3, "Capability version", U16).default(1),
+        Entry::ro(4, "Hardware revision", U32),
+        Entry::ro(5, "Firmware version major", U16),
+        Entry::ro(6, "Firmware version minor", U16),
+        Entry::ro(7, "Serial number low", U32),
+        Entry::ro(8, "Serial number high", U32),
+        Entry::ro(9, "PDO header version mask", U16)
+            .default(0x0002)
+            .bits(&[(1, "header version 1")]),
+        Entry::ro(10, "PDO size multiplier min", U8).default(1),
+        Entry::ro(11, "PDO size multiplier max", U8).default(24),
+        Entry::ro(12, "Encapsulation profile mask", U32).default(0x33).bits(&[
+            (0, "profile 0: variable DLC, no timestamp"),
+            (1, "profile 1: variable DLC, delta16 allowed"),
+            (4, "profile 4: D64 allowed, no timestamp"),
+            (5, "profile 5: D64 allowed, delta16 allowed"),
+        ]),
+        Entry::ro(13, "Max PDO bytes", U16).default(3072).unit("bytes"),
+        Entry::ro(14, "Max CAN channels", U8).default(4),
+        Entry::ro(15, "PDO option flags mask", U8).default(0x1F).bits(OptionFlags::BITS),
+        Entry::ro(16, "PDO feature flags", U32).default(0x1F3B).bits(&[
+            (0, "TX_RESULT"),
+            (1, "TSF_DELTA16"),
+            (2, "TSF_DELTA32"),
+            (3, "TSF_FULL64"),
+            (4, "D64"),
+            (5, "ALIGN4"),
+            (6, "STREAM_CRC32"),
+            (8, "RX_TSF_SCHEDULE_TX"),
+            (9, "NO_CRC16"),
+            (10, "APP_BYPASS"),
+            (11, "PAYLOAD_ONLY"),
+            (12, "FINE_BYPASS"),
+        ]),
+        Entry::ro(17, "PDO size unit bytes", U16).default(128).unit("bytes"),
+        Entry::ro(18, "PDO fixed header bytes", U16).default(24).unit("bytes"),
+        Entry::ro(19, "Device service flags", U32).default(0x15).bits(&[
+            (0, "FoE firmware update"),
+            (2, "configuration persistence"),
+            (4, "access levels"),
+        ]),
+        Entry::ro(20, "Object extension set", U16).default(1),
+        Entry::ro(21, "Data path extension set", U16).default(1),
+        Entry::ro(22, "Diagnostic extension set", U16).default(1),
+        Entry::ro(23, "Reserved capability pad", U16).default(0),
+        Entry::ro(24, "Data path feature flags", U32).default(0x1F).bits(TESTS),
+        Entry::ro(25, "Diagnostic feature flags", U32).default(0x1F).bits(TESTS),
+        Entry::ro(26, "Runtime option flags mask", U32).default(0),
+        Entry::ro(27, "Diagnostic option flags mask", U32).default(0),
+        Entry::ro(28, "MCAN RX cache max depth", U16).default(32).unit("frames"),
+        Entry::ro(29, "MCAN TX cache max depth", U16).default(64).unit("frames"),
+        Entry::ro(30, "Max service budget us", U16).default(1000).unit("us"),
+        Entry::ro(31, "Reserved capability0", U16).default(0),
+        Entry::ro(32, "Reserved capability1", U32).default(0),
+    ],
+);
 
 const INDEX: u16 = 0xF000;
 
@@ -203,5 +274,90 @@ impl Capabilities {
     /// True if frames can be scheduled to a Sync0 phase.
     pub const fn has_scheduled_tx(&self) -> bool {
         self.features.contains(FeatureFlags::SCHEDULED_TX)
+    }
+}
+
+/// Value that the SDK assumes for an entry that the firmware does not have, or `None` if it needs the entry.
+///
+/// Of 0xF000 only :17 and :18 are needed: they identify an ECAN-Lite. Limits are those of the manual's table (13.8),
+/// because the apply of a profile verifies them; versions, serial number and features are 0, so that an optional
+/// feature is not used. Test policies (0x8030) are off.
+pub const fn assumed_value(index: u16, subindex: u8) -> Option<u32> {
+    match (index, subindex) {
+        (0xF000, 17 | 18) => None,
+        (0xF000, 2 | 14) => Some(4),
+        (0xF000, 9) => Some(1 << 1),
+        (0xF000, 10) => Some(1),
+        (0xF000, 11) => Some(24),
+        (0xF000, 12) => Some(0x33),
+        (0xF000, 13) => Some(3072),
+        (0xF000, 15) => Some(0x1F),
+        (0xF000, 1..=30) | (0x8030, 2..=6) => Some(0),
+        _ => None,
+    }
+}
+
+/// Object, or entry of an object, whose writes a startup can do without: the gateway then keeps its own behaviour.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct OptionalObject {
+    /// Index.
+    pub index: u16,
+    /// Entry; `None` is the whole object.
+    pub subindex: Option<u8>,
+}
+
+impl OptionalObject {
+    /// The optional object that this entry belongs to: timestamp selection and data path of a channel.
+    pub const fn of(index: u16, subindex: u8) -> Option<Self> {
+        match (index, subindex) {
+            (0x8001..=0x8004, 74) => Some(Self { index, subindex: Some(subindex) }),
+            (0x8021..=0x8024, _) => Some(Self { index, subindex: None }),
+            _ => None,
+        }
+    }
+
+    /// Entry whose upload shows whether the firmware has the object.
+    pub const fn probe(self) -> (u16, u8) {
+        match self.subindex {
+            Some(subindex) => (self.index, subindex),
+            None => (self.index, 1),
+        }
+    }
+
+    /// Returns whether the entry belongs to it.
+    pub const fn contains(self, index: u16, subindex: u8) -> bool {
+        match self.subindex {
+            Some(own) => self.index == index && own == subindex,
+            None => self.index == index,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::device::Capabilities;
+
+    #[test]
+    fn identification_alone_is_needed_of_the_capabilities() {
+        let needed: [u8; 2] = [17, 18];
+        for subindex in Capabilities::fields() {
+            let is_needed = assumed_value(Capabilities::INDEX, *subindex).is_none();
+            assert_eq!(is_needed, needed.contains(subindex), "{subindex}");
+        }
+        assert_eq!(assumed_value(0x8030, 4), Some(0));
+        assert_eq!(assumed_value(0x8030, 1), None, "the key");
+        assert_eq!(assumed_value(0x9020, 12), None);
+    }
+
+    #[test]
+    fn optional_object_contains_its_entries() {
+        let data_path = OptionalObject::of(0x8022, 20).unwrap();
+        assert_eq!(data_path.probe(), (0x8022, 1));
+        assert!(data_path.contains(0x8022, 3) && !data_path.contains(0x8021, 3));
+        let timestamp = OptionalObject::of(0x8001, 74).unwrap();
+        assert_eq!(timestamp.probe(), (0x8001, 74));
+        assert!(!timestamp.contains(0x8001, 1));
+        assert_eq!(OptionalObject::of(0x8001, 1), None);
     }
 }
