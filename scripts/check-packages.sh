@@ -6,7 +6,7 @@ set -euo pipefail
 cd "$(dirname "$0")/.."
 crates=(ecan-protocol ecrt-sys ecan-host ecan-mcan-port ecan-canopen ecan-cia402 ecan-config-file
     ecan-candump ecan-recording ecan-bridge ecan-service-protocol ecan-service-client ecan-service
-    ecan-service-zenoh ecan-sim ecan-sim-bridge ecan-lite)
+    ecan-service-zenoh ecan-sim ecan-lite)
 if [ "${1-}" = --list ]; then
     printf '%s\n' "${crates[@]}"
     exit

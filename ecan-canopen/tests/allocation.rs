@@ -1,13 +1,9 @@
 //! The network's part of the cycle allocates nothing, with 40 nodes in transfers.
 #![allow(missing_docs)]
 
-#[path = "../../ecan-sim/tests/counting/mod.rs"]
-mod counting;
-
 use std::sync::Arc;
 use std::time::Duration;
 
-use counting::allocations;
 use ecan_canopen::{
     BootConfig, BootPhase, Configurator, FastscanFilter, GuardingConfig, HostHeartbeat,
     IdentityCheck, LssCommand, Network, NetworkConfig, NmtCommand, NodeAction, NodeAddress,
@@ -17,6 +13,10 @@ use ecan_canopen::{
 use ecan_host::AdapterConfig;
 use ecan_mcan_port::{ChannelConfig, GatewayConfig, Port, PortConfig};
 use ecan_sim::{ClockKind, SimOptions};
+use ecan_test_support::{CountingAllocator, allocations};
+
+#[global_allocator]
+static ALLOCATOR: CountingAllocator = CountingAllocator;
 
 #[test]
 fn forty_nodes_in_transfers_allocate_nothing() {

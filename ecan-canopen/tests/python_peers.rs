@@ -24,7 +24,7 @@ use ecan_sim::{
     GatewaySpec, NodeKind, NodeSpec, RealTimeRunner, Scenario, SimOptions, Simulation,
 };
 
-use ecan_sim_bridge::{BridgeInfo, bridges};
+use ecan_sim::bridge::{BridgeInfo, bridges};
 use python_peer::{PATIENCE, Peer, python};
 
 /// Cycle of the master.
@@ -33,7 +33,7 @@ const CYCLE: Duration = Duration::from_millis(2);
 fn open(scenario: Scenario, clock: ClockKind) -> Backend {
     let options = SimOptions {
         clock: Some(clock),
-        bridges: Some(ecan_sim_bridge::make),
+        bridges: Some(ecan_sim::bridge::make),
         ..SimOptions::default()
     };
     ecan_sim::open_scenario(scenario, &options).unwrap()
@@ -175,7 +175,7 @@ fn our_client_probes_a_node_of_the_canopen_package() {
     let scenario = Scenario { gateways: vec![GatewaySpec::at(0)], ..Scenario::default() };
     let mut client = Client::new(scenario, NodeId::new(5).unwrap());
     let bridge =
-        ecan_sim_bridge::attach(&client.simulation, "0.0", &BridgeSpec::default()).unwrap();
+        ecan_sim::bridge::attach(&client.simulation, "0.0", &BridgeSpec::default()).unwrap();
     let arguments = [("port", bridge.info.address().port()), ("node", 5)];
     let mut peer = Peer::start(&python, "local_node.py", &arguments);
 

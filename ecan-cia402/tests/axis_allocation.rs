@@ -2,15 +2,11 @@
 //! enabled again, are homed.
 #![allow(missing_docs)]
 
-#[path = "../../ecan-sim/tests/counting/mod.rs"]
-mod counting;
-
 use std::time::Duration;
 
 mod axes;
 
 use axes::{Fixture, axes};
-use counting::allocations;
 use ecan_canopen::{Probe, ProbeSource, ProbeTrigger};
 use ecan_cia402::{
     AxesSnapshot, AxisConfig, FeedForward, FeedForwardLimits, HomingConfig, InputObject,
@@ -18,6 +14,10 @@ use ecan_cia402::{
 };
 use ecan_host::AdapterConfig;
 use ecan_sim::{Fault, LossDirection};
+use ecan_test_support::{CountingAllocator, allocations};
+
+#[global_allocator]
+static ALLOCATOR: CountingAllocator = CountingAllocator;
 
 /// Cycles of the axes, with what is allocated between begin and end.
 fn cycles(fixture: &mut Fixture, count: usize) -> u64 {

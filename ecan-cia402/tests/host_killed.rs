@@ -10,9 +10,6 @@
 //! detect only that heartbeats are missing, by their own clock.
 #![allow(missing_docs)]
 
-#[path = "../../tools/ecan/tests/cli/support/guard.rs"]
-mod guard;
-
 use std::error::Error;
 use std::io::{ErrorKind, Read, Write};
 use std::net::{Ipv4Addr, TcpListener, TcpStream};
@@ -33,7 +30,7 @@ use ecan_sim::{
     BridgeSpec, ClockKind, DriveSpec, GatewaySpec, Node, NodeKind, NodeOutput, NodeSpec, Scenario,
     SimOptions, TraceCause, TraceEvent, Wire,
 };
-use guard::Killed;
+use ecan_test_support::Killed;
 
 const BITRATE: u32 = 1_000_000;
 /// Names of the buses of the two channels in use.

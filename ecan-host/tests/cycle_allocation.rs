@@ -1,14 +1,14 @@
 //! No allocation in waiting for cycles and recording them.
 #![allow(missing_docs)]
 
-#[path = "../../ecan-sim/tests/counting/mod.rs"]
-mod counting;
-
 mod common;
 
 use common::{open, raw_config};
-use counting::allocations;
 use ecan_host::{Clock, CycleStatistics, CycleTimer, CycleTiming, MonotonicClock, OverrunPolicy};
+use ecan_test_support::{CountingAllocator, allocations};
+
+#[global_allocator]
+static ALLOCATOR: CountingAllocator = CountingAllocator;
 
 #[test]
 fn wait_and_recording_do_not_allocate() {

@@ -48,7 +48,7 @@ impl OpenEcrt for Ecrt {
 #[cfg(feature = "sim")]
 fn resolve(setting: &EcrtSetting) -> Result<Ecrt> {
     let options = ecan_sim::SimOptions {
-        bridges: Some(ecan_sim_bridge::make),
+        bridges: Some(ecan_sim::bridge::make),
         ..ecan_sim::SimOptions::default()
     };
     let backend = ecan_sim::open(setting, &options)?;

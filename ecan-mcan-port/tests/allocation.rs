@@ -1,19 +1,19 @@
 //! No allocation between `cycle_begin` and `cycle_end`, with full images both ways.
 #![allow(missing_docs)]
 
-#[path = "../../ecan-sim/tests/counting/mod.rs"]
-mod counting;
-
 use std::time::Duration;
 
 mod common;
 
 use common::{Fixture, Handles, SendData};
-use counting::allocations;
 use ecan_host::AdapterConfig;
 use ecan_mcan_port::{ChannelConfig, GatewayConfig, PortConfig, Received};
 use ecan_protocol::can::{CanFrame, CanId};
 use ecan_protocol::image::{OptionFlags, Schedule};
+use ecan_test_support::{CountingAllocator, allocations};
+
+#[global_allocator]
+static ALLOCATOR: CountingAllocator = CountingAllocator;
 
 /// Runs `cycles` of sending until the image is full and receiving everything; gives the
 /// allocations inside the cycles and the frames that came back.

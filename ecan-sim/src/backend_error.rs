@@ -3,9 +3,9 @@
 use std::error::Error;
 use std::path::PathBuf;
 
+use ecan_can_io::recording::RecordingError;
 use ecan_canopen::DeviceFileFaults;
 use ecan_protocol::text::Printable;
-use ecan_recording::RecordingError;
 use ecrt_sys::{EnvironmentError, LoadError};
 
 use crate::scenario::{BUILTIN_SCENARIOS, ScenarioError};

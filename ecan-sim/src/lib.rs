@@ -43,6 +43,8 @@ pub use node::{
 // World and front ends
 mod backend;
 mod backend_error;
+#[cfg(feature = "bridge")]
+pub mod bridge;
 mod clock;
 mod earliest;
 mod ecrt;

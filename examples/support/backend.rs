@@ -54,7 +54,7 @@ impl MasterArguments {
             seed: self.seed,
             slaves: last_position.map(|position| usize::from(position) + 1),
             carries_large_pdos: adapter.allow_large_pdos.then_some(true),
-            bridges: Some(ecan_sim_bridge::make),
+            bridges: Some(ecan_sim::bridge::make),
         };
         let backend = ecan_sim::open(&setting, &options)?;
         if let Some(simulation) = &backend.simulation {

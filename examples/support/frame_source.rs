@@ -1,9 +1,9 @@
 //! Frames that a loop sends: a counter or a recording.
 
+use ecan_can_io::recording::LoggedFrame;
 use ecan_mcan_port::{Cycle, FrameRate, FrameStream, OkOrTemporary, PortConfig, SendError};
 use ecan_protocol::can::{CanFrame, CanId};
 use ecan_protocol::mapping::{CHANNELS, Direction};
-use ecan_recording::LoggedFrame;
 
 /// Selection of the channels of each gateway.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -3,12 +3,12 @@
 use std::error::Error;
 use std::path::Path;
 
+use ecan_can_io::recording::LoggedFrame;
 use ecan_command_line::print_line;
 use ecan_host::AdapterConfig;
 use ecan_mcan_port::{GatewayConfig, PortConfig};
 use ecan_protocol::can::CanId;
 use ecan_protocol::text::Printable;
-use ecan_recording::LoggedFrame;
 
 use crate::frame_source::{Channels, RecordedFrame, Source, Target};
 use crate::gateway_arguments::GatewayArguments;

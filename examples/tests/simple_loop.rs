@@ -8,10 +8,10 @@ mod program;
 use std::path::Path;
 use std::process::{Command, Output};
 
-use ecan_candump::Record;
+use ecan_can_io::candump::Record;
 use ecan_example_support::bus_load::BusLoad;
 use ecan_protocol::can::{CanFrame, CanId, Dlc};
-use program::guard::output;
+use ecan_test_support::output;
 use program::text;
 
 fn command(arguments: &[&str]) -> Command {
@@ -28,7 +28,7 @@ fn fails(arguments: &[&str]) -> String {
 
 fn frames_of_log(path: &Path) -> Vec<CanFrame> {
     let log = std::fs::read_to_string(path).unwrap();
-    log.lines().map(|line| ecan_candump::parse_line(line).unwrap().unwrap().frame).collect()
+    log.lines().map(|line| ecan_can_io::candump::parse_line(line).unwrap().unwrap().frame).collect()
 }
 
 #[test]
@@ -157,7 +157,7 @@ fn write_log(path: &Path, frames: &[CanFrame], interface: &str, spacing_ns: u64)
     let line = |(nth, frame): (usize, &CanFrame)| {
         // Microseconds and nanoseconds, with and without a direction mark.
         let time_ns = 1_700_000_000_000_000_000 + nth as u64 * spacing_ns + (nth as u64 % 3) * 7;
-        let direction = (nth % 2 == 1).then_some(ecan_candump::DirectionMark::Received);
+        let direction = (nth % 2 == 1).then_some(ecan_can_io::candump::DirectionMark::Received);
         format!("{}\n", Record { time_ns, interface, frame: *frame, direction })
     };
     let log: String = frames.iter().enumerate().map(line).collect();
@@ -294,7 +294,8 @@ fn channels(printed: &str) -> Vec<(String, u64, u64, f64)> {
 fn lines_of_log(path: &Path) -> Vec<(String, CanFrame)> {
     let log = std::fs::read_to_string(path).unwrap();
     let line = |line| {
-        let Record { interface, frame, .. } = ecan_candump::parse_line(line).unwrap().unwrap();
+        let Record { interface, frame, .. } =
+            ecan_can_io::candump::parse_line(line).unwrap().unwrap();
         (interface.to_owned(), frame)
     };
     log.lines().map(line).collect()

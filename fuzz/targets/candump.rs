@@ -1,7 +1,7 @@
 //! Lines of CAN logs.
 #![no_main]
 
-use ecan_candump::parse_line;
+use ecan_can_io::candump::parse_line;
 use libfuzzer_sys::fuzz_target;
 
 fuzz_target!(|line: &str| {

@@ -1,7 +1,7 @@
 //! DBC files: what is decoded with them can be encoded.
 #![no_main]
 
-use ecan_dbc::Database;
+use ecan_can_io::dbc::Database;
 use ecan_protocol::can::CanFrame;
 use libfuzzer_sys::fuzz_target;
 

@@ -1,7 +1,7 @@
 //! Recordings of CAN buses.
 #![no_main]
 
-use ecan_recording::{Format, ReadOptions, Recording};
+use ecan_can_io::recording::{Format, ReadOptions, Recording};
 use libfuzzer_sys::fuzz_target;
 
 fuzz_target!(|data: &[u8]| {

@@ -1,7 +1,7 @@
 //! What a client of slcan writes: the first byte chooses the bus, the second how TCP cuts the rest.
 #![no_main]
 
-use ecan_bridge::{BridgeProtocol, BusRates, OfflineSession};
+use ecan_can_io::bridge::{BridgeProtocol, BusRates, OfflineSession};
 use libfuzzer_sys::fuzz_target;
 
 fuzz_target!(|data: &[u8]| {

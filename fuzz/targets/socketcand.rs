@@ -1,7 +1,7 @@
 //! What a client of socketcand writes in raw mode: the first byte chooses how TCP cuts the rest.
 #![no_main]
 
-use ecan_bridge::{BridgeProtocol, OfflineSession};
+use ecan_can_io::bridge::{BridgeProtocol, OfflineSession};
 use libfuzzer_sys::fuzz_target;
 
 const BEGINNING: &[u8] = b"< open can0 >< rawmode >";

@@ -2,16 +2,12 @@
 //! included.
 #![allow(missing_docs)]
 
-#[path = "../../../ecan-sim/tests/counting/mod.rs"]
-mod counting;
-
 mod c_port;
 
 use std::ffi::CStr;
 use std::ptr::null_mut;
 
 use c_port::CPort;
-use counting::allocations;
 use ecan_c_boundary::frames::igh_mcan_rx_frame_t;
 use ecan_c_boundary::result::ecan_result_t::*;
 use ecan_igh_host::mcan_port::cycle::{
@@ -32,6 +28,10 @@ use ecan_igh_host::observer::snapshot::{
     ecan_igh_observed_cycle_t, ecan_igh_observer_get_cycle, ecan_igh_observer_update,
 };
 use ecan_mcan_host::common::last_error::ecan_last_error;
+use ecan_test_support::{CountingAllocator, allocations};
+
+#[global_allocator]
+static ALLOCATOR: CountingAllocator = CountingAllocator;
 
 const CAPACITY: usize = 64;
 

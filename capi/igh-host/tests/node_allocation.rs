@@ -2,16 +2,12 @@
 //! nodes boot and fail.
 #![allow(missing_docs)]
 
-#[path = "../../../ecan-sim/tests/counting/mod.rs"]
-mod counting;
-
 mod c_port;
 
 use std::ffi::{CString, c_void};
 use std::ptr::null;
 
 use c_port::CPort;
-use counting::allocations;
 use ecan_c_boundary::result::ecan_result_t::*;
 use ecan_igh_host::canopen::boot::{
     igh_canopen_boot_again, igh_canopen_get_boot_progress, igh_canopen_get_boot_state,
@@ -42,6 +38,10 @@ use ecan_igh_host::cia402::touch_probe::{igh_cia402_arm_probe, igh_cia402_disarm
 use ecan_igh_host::mcan_port::cycle::{
     igh_mcan_port_cycle_begin, igh_mcan_port_cycle_end, igh_mcan_port_wait_next_cycle,
 };
+use ecan_test_support::{CountingAllocator, allocations};
+
+#[global_allocator]
+static ALLOCATOR: CountingAllocator = CountingAllocator;
 
 /// An axis and two nodes, neither of which is there: the simulated nodes are echoes.
 const NETWORK: &str = r#"

@@ -64,7 +64,7 @@ fn open() -> Result<Simulation, BackendError> {
         // the path of a library, probably this one, selects no scenario
         Some(EcrtSetting::Library(_)) | None => ScenarioChoice::Suggested,
     };
-    let bridges = Some(ecan_sim_bridge::make as BridgeFactory);
+    let bridges = Some(ecan_sim::bridge::make as BridgeFactory);
     let simulation = ecan_sim::simulate(&choice, &SimOptions { bridges, ..SimOptions::default() })?;
     SCENARIO.get_or_init(|| {
         let name = match &choice {

@@ -1,7 +1,5 @@
 //! The Python package `canopen` reads the files that are written here, and finds the same values.
 
-#[path = "../../../tools/ecan/tests/cli/support/guard.rs"]
-mod guard;
 #[path = "../python_peer/mod.rs"]
 mod python_peer;
 
@@ -14,7 +12,7 @@ use ecan_canopen::{DataType, DataValue, DeviceFile, FileValue, ObjectEntry, Obje
 
 use crate::foreign::foreign_files;
 use crate::{EVERYTHING, everything, node};
-use guard::Killed;
+use ecan_test_support::Killed;
 use python_peer::python;
 
 const NODE: u8 = 17;

@@ -99,7 +99,7 @@ fn our_lss_master_configures_a_node_of_the_durand_package() {
     let scenario = Scenario { gateways: vec![GatewaySpec::at(0)], ..Scenario::default() };
     let mut client = Client::new(scenario, NodeId::new(9).unwrap());
     let bridge =
-        ecan_sim_bridge::attach(&client.simulation, "0.0", &BridgeSpec::default()).unwrap();
+        ecan_sim::bridge::attach(&client.simulation, "0.0", &BridgeSpec::default()).unwrap();
     let port = u32::from(bridge.info.address().port());
     let arguments = [("port", port), ("serial", ADDRESS.serial)];
     let mut peer = Peer::start(&python, "responder_node.py", &arguments);

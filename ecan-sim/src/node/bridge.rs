@@ -34,5 +34,5 @@ pub struct BridgeSpec {
     pub queue: Option<usize>,
 }
 
-/// Makes the bridge of a scenario; `ecan-sim-bridge` contains one.
+/// Makes the bridge of a scenario; the module `bridge` contains one.
 pub type BridgeFactory = fn(&BridgeSpec) -> Result<Box<dyn Node>, Box<dyn Error + Send + Sync>>;

@@ -1,7 +1,7 @@
 //! A node that replays a recorded bus.
 
+use ecan_can_io::recording::{LoggedFrame, ReadOptions, Recording, RecordingError};
 use ecan_protocol::can::CanFrame;
-use ecan_recording::{LoggedFrame, ReadOptions, Recording, RecordingError};
 
 use super::{Node, NodeOutput};
 

@@ -1,7 +1,7 @@
 use std::path::PathBuf;
 
+use ecan_can_io::recording::ReadOptions;
 use ecan_protocol::mapping::MAX_PDO_BYTES;
-use ecan_recording::ReadOptions;
 use serde::Deserialize;
 
 use crate::bus::PhysicalLayer;

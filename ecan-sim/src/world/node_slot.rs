@@ -2,9 +2,9 @@
 
 use std::path::Path;
 
+use ecan_can_io::recording::{ReadOptions, Recording};
 use ecan_canopen::DeviceFile;
 use ecan_protocol::can::CanFrame;
-use ecan_recording::{ReadOptions, Recording};
 
 use crate::backend_error::BackendError;
 use crate::bus::{StationConfig, StationId};

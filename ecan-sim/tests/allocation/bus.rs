@@ -1,8 +1,8 @@
 //! A running bus allocates no memory.
 
-use crate::counting::allocations;
 use ecan_protocol::can::{CanFrame, CanId};
 use ecan_sim::{BusEvent, BusFault, CanBus, StationConfig};
+use ecan_test_support::allocations;
 
 /// Traffic with errors, a bus-off and its recovery.
 #[test]

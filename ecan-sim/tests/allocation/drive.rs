@@ -1,10 +1,10 @@
 //! A moving drive allocates no memory: cycles of RPDO, SYNC and TPDO, heartbeats, SDO transfers.
 
-use crate::counting::allocations;
 use crate::ecrt_support::{Program, stepped};
 use ecan_canopen::{DriveState, NodeId};
 use ecan_protocol::can::{CanFrame, CanId};
 use ecan_sim::{Drive, DriveConfig, MotorConfig, Node, NodeOutput, drives};
+use ecan_test_support::allocations;
 
 struct Host {
     drive: Drive,

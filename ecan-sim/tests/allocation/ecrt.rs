@@ -1,9 +1,9 @@
 //! The simulated library allocates nothing in the steady state, so that a counting allocator
 //! around an application's cycle counts the application.
 
-use crate::counting::allocations;
 use crate::ecrt_support::{Program, stepped_echo};
 use ecan_protocol::can::{CanFrame, CanId};
+use ecan_test_support::allocations;
 
 #[test]
 fn cycles_with_traffic_allocate_nothing() {

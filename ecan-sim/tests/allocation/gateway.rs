@@ -1,9 +1,9 @@
 //! A gateway in operation allocates nothing.
 
-use crate::counting::allocations;
 use crate::gateway_support::{Fixture, MS, chunks, fd, standard};
 use ecan_protocol::config::DataPathConfig;
 use ecan_protocol::image::{OptionFlags, PdoProfile, Schedule};
+use ecan_test_support::allocations;
 
 /// Traffic in both directions with results, schedules, overflows and a faulty image.
 #[test]

@@ -1,7 +1,7 @@
 //! No allocation for the frames of a cycle.
 
-use crate::counting::allocations;
 use crate::wire_support::{Datagram, Line, MS, command::*};
+use ecan_test_support::allocations;
 
 #[test]
 fn frames_of_a_cycle_allocate_nothing() {

@@ -221,7 +221,7 @@ fn recorded_bus_has_calculated_frame_times() {
     let mut deviations = BTreeMap::<i64, u32>::new();
     let mut before: Option<u64> = None;
     for line in log.lines() {
-        let Some(record) = ecan_candump::parse_line(line).unwrap() else {
+        let Some(record) = ecan_can_io::candump::parse_line(line).unwrap() else {
             continue;
         };
         let bits = FrameTiming::of(&record.frame).total_bits() + INTERMISSION_BITS;

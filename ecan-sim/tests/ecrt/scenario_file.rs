@@ -2,9 +2,9 @@
 
 use std::path::Path;
 
+use ecan_can_io::recording::{ReadOptions, RecordingError, ScreenTimes};
 use ecan_protocol::can::SamplePoint;
 use ecan_protocol::device::AlStatusCode;
-use ecan_recording::{ReadOptions, RecordingError, ScreenTimes};
 use ecan_sim::{
     BackendError, ClockKind, DelayCompensation, EcrtSetting, EcrtVersion, Fault, FaultyConfig,
     GatewayFault, LibraryCall, LossDirection, NodeKind, PhysicalLayer, Scenario, ScriptedFault,

@@ -1,13 +1,10 @@
 //! Running the example programs as a user does.
 #![allow(dead_code, missing_docs)]
 
-#[path = "../../../tools/ecan/tests/cli/support/guard.rs"]
-pub mod guard;
-
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 
-use guard::Killed;
+use ecan_test_support::Killed;
 
 /// Cargo builds the examples of a package next to its tests.
 fn path(program: &str) -> PathBuf {
@@ -23,7 +20,7 @@ pub fn command(program: &str, arguments: &[&str]) -> Command {
 }
 
 pub fn run(program: &str, arguments: &[&str]) -> Output {
-    guard::output(&mut command(program, arguments))
+    ecan_test_support::output(&mut command(program, arguments))
 }
 
 pub fn text(bytes: &[u8]) -> String {

@@ -9,9 +9,6 @@
 //! caches as after a wait. Six clients read all frames, one polls the state, and one never reads.
 #![allow(missing_docs)]
 
-#[path = "../../../tools/ecan/tests/cli/support/guard.rs"]
-mod guard;
-
 use std::hint::black_box;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -27,7 +24,7 @@ use ecan_protocol::mapping::Direction;
 use ecan_service::{ServePort as _, ServiceConfig};
 use ecan_service_client::{Client, Subscription};
 use ecan_sim::{ClockKind, SimOptions, open_scenario};
-use guard::OnDrop;
+use ecan_test_support::OnDrop;
 
 const MULTIPLIER: u8 = 3;
 /// In each image.

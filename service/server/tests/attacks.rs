@@ -12,11 +12,11 @@ use std::sync::mpsc::{Receiver, Sender, channel};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
-use common::guard::Killed;
 use common::{Fixture, call, exists, read, say_hello, wait_for, write};
 use ecan_service::{Control, Extension, Permission};
 use ecan_service_client::*;
 use ecan_sim::{Fault, GatewayFault};
+use ecan_test_support::Killed;
 use serde_json::{Value, json};
 
 /// Longer than any test.

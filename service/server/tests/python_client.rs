@@ -7,7 +7,7 @@ use std::path::Path;
 use std::process::{Command, Stdio};
 
 use common::Fixture;
-use common::guard::Killed;
+use ecan_test_support::Killed;
 
 #[test]
 fn python_client_prints_frames_and_sends_one() {

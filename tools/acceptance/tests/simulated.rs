@@ -1,9 +1,6 @@
 //! The list on the simulated library, and its reports.
 #![allow(missing_docs, clippy::disallowed_macros, clippy::disallowed_methods)]
 
-#[path = "../../ecan/tests/cli/support/guard.rs"]
-mod guard;
-
 use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
@@ -13,7 +10,7 @@ use nix::errno::Errno;
 use nix::sys::signal::{Signal, kill};
 use nix::unistd::Pid;
 
-use guard::{Killed, output};
+use ecan_test_support::{Killed, output};
 
 /// Timeout of a failing test.
 const DEADLINE: Duration = Duration::from_secs(300);

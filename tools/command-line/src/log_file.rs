@@ -4,10 +4,10 @@ use std::fmt::Display;
 use std::io::{self, BufWriter, Read, Write};
 use std::path::{Path, PathBuf};
 
-use ecan_candump::Record;
+use ecan_can_io::candump::Record;
+use ecan_can_io::recording::{ReadOptions, Recording, RecordingError};
 use ecan_protocol::can::CanFrame;
 use ecan_protocol::text::Printable;
-use ecan_recording::{ReadOptions, Recording, RecordingError};
 use thiserror::Error;
 
 use crate::new_file::{Existing, create, is_standard_stream};
@@ -117,7 +117,7 @@ impl std::fmt::Debug for Writer {
 
 #[cfg(test)]
 mod tests {
-    use ecan_recording::LoggedFrame;
+    use ecan_can_io::recording::LoggedFrame;
 
     use super::*;
 
@@ -142,7 +142,7 @@ mod tests {
         let log = read(&path).unwrap();
         assert_eq!((log.frames.len(), log.frames[0].line, log.error_frames), (1, 2, 1));
         std::fs::write(&path, b";\xFC\n 1) 1.0 0123 0\n").unwrap();
-        assert_eq!(read(&path).unwrap().format, ecan_recording::Format::Trc);
+        assert_eq!(read(&path).unwrap().format, ecan_can_io::recording::Format::Trc);
         std::fs::write(&path, "# nothing\n").unwrap();
         assert!(read(&path).unwrap_err().to_string().contains("holds no frame"));
         let missing = read(&directory.path().join("none")).unwrap_err().to_string();

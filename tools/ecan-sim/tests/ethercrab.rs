@@ -159,7 +159,7 @@ fn run(gateways: usize) {
         assert_eq!(on_bus.count(), 2 * usize::from(FRAMES), "{log}");
     }
     for line in log.lines() {
-        assert!(ecan_candump::parse_line(line).unwrap().is_some(), "{line}");
+        assert!(ecan_can_io::candump::parse_line(line).unwrap().is_some(), "{line}");
     }
 }
 

@@ -49,7 +49,7 @@ impl Context<'_> {
         clock: ClockKind,
     ) -> Result<Backend, BackendError> {
         let mut options = SimOptions { clock: Some(clock), ..SimOptions::default() };
-        options.bridges = Some(ecan_sim_bridge::make);
+        options.bridges = Some(ecan_sim::bridge::make);
         let backend = ecan_sim::open(setting, &options)?;
         if let Some(simulation) = &backend.simulation {
             // A search for bit rates opens a simulation for each of them.

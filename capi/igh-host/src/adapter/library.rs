@@ -85,7 +85,7 @@ fn load(setting: &EcrtSetting, config: &IghConfig) -> Result<Ecrt, ecan_sim::Bac
         seed: config.seed,
         slaves: last_position.map(|position| usize::from(position) + 1),
         carries_large_pdos: config.adapter.allow_large_pdos.then_some(true),
-        bridges: Some(ecan_sim_bridge::make),
+        bridges: Some(ecan_sim::bridge::make),
     };
     let backend = ecan_sim::open(setting, &options)?;
     if let Some(simulation) = &backend.simulation {

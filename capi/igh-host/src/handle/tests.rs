@@ -1,6 +1,3 @@
-#[path = "../../../../tools/ecan/tests/cli/support/guard.rs"]
-mod guard;
-
 use std::ffi::c_int;
 use std::ptr::from_mut;
 use std::sync::atomic::AtomicBool;
@@ -8,7 +5,7 @@ use std::sync::atomic::AtomicBool;
 use ecan_c_boundary::call;
 
 use super::*;
-use guard::OnDrop;
+use ecan_test_support::OnDrop;
 
 struct Object(u32);
 

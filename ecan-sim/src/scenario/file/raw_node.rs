@@ -1,8 +1,8 @@
 use std::net::IpAddr;
 use std::path::{Path, PathBuf};
 
+use ecan_can_io::recording::ReadOptions;
 use ecan_canopen::NodeId;
-use ecan_recording::ReadOptions;
 use serde::Deserialize;
 
 use crate::drive::{DriveConfig, DriveQuirks, MotorConfig};

@@ -1,9 +1,6 @@
 //! A Port on a simulated bus with a service, on a thread of its own.
 #![allow(dead_code, missing_docs)]
 
-#[path = "../../../../tools/ecan/tests/cli/support/guard.rs"]
-pub mod guard;
-
 use std::io::{Read as _, Write as _};
 use std::os::unix::net::UnixStream;
 use std::path::{Path, PathBuf};

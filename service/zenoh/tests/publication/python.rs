@@ -8,11 +8,11 @@ use ecan_service_zenoh::{BatchHead, PublisherInfo};
 use serde_json::json;
 use zenoh::{Session, Wait as _};
 
-use crate::common::guard::Killed;
 use crate::common::{Fixture, PATIENCE, frame};
 use crate::session::{
     PREFIX, config, endpoints, free_address, key, open_session, publish, publish_by,
 };
+use ecan_test_support::Killed;
 
 const SCRIPT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../examples/python/zenoh_client.py");
 

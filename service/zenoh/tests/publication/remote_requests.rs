@@ -13,12 +13,12 @@ use serde_json::json;
 use zenoh::query::Reply;
 use zenoh::{Session, Wait as _};
 
-use crate::common::guard::OnDrop;
 use crate::common::{Fixture, PATIENCE, frame, wait_for};
 use crate::session::{
     LIFETIME, Link, Published, Remote, config, endpoints, free_address, key, open_remote,
     open_session, payload_of, publish, publish_by, publish_with, publishers, record, sent_frames,
 };
+use ecan_test_support::OnDrop;
 
 const NMT: &str = r#"{ "gateway": 0, "channel": 0, "node": 0, "command": "start" }"#;
 

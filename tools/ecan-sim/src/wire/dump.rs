@@ -3,7 +3,7 @@
 use std::borrow::Cow;
 use std::path::Path;
 
-use ecan_candump::Record;
+use ecan_can_io::candump::Record;
 use ecan_command_line::log_file::{LogFileError, Writer};
 use ecan_sim::World;
 

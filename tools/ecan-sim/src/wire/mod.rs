@@ -38,7 +38,7 @@ pub fn run(arguments: &WireArguments) -> Result<(), Failure> {
     let start_ns = MonotonicClock.now_ns();
     let offset_ns = turnaround::real_time_ns().saturating_sub(start_ns);
     let dump = arguments.dump.as_ref().map(|path| Dump::create(path, offset_ns)).transpose()?;
-    let mut wire = Wire::with_bridges(&scenario, start_ns, Some(ecan_sim_bridge::make))?;
+    let mut wire = Wire::with_bridges(&scenario, start_ns, Some(ecan_sim::bridge::make))?;
     if dump.is_some() {
         wire.world_mut().record_all_buses();
     }

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use clap::{ArgGroup, Args};
-use ecan_candump::Filter;
+use ecan_can_io::candump::Filter;
 use ecan_command_line::new_file::is_standard_stream;
 use ecan_protocol::can::CanFrame;
 use ecan_protocol::mapping::Direction;

@@ -4,10 +4,10 @@ use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
 use clap::Args;
+use ecan_can_io::recording::{Format, ReadOptions, ScreenTimes};
 use ecan_command_line::new_file::is_standard_stream;
 use ecan_protocol::mapping::Direction;
 use ecan_protocol::text::Printable;
-use ecan_recording::{Format, ReadOptions, ScreenTimes};
 
 use crate::context::{Context, Failure, Result, note};
 use crate::frames::recording::{self, Recorded, RecordedLog};

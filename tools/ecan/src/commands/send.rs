@@ -1,7 +1,7 @@
 //! `ecan send`: cansend through a gateway.
 
 use clap::Args;
-use ecan_candump::{FrameText, parse_frame};
+use ecan_can_io::candump::{FrameText, parse_frame};
 use ecan_protocol::can::CanFrame;
 use ecan_protocol::mapping::Direction;
 use serde::Serialize;

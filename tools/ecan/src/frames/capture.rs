@@ -5,7 +5,7 @@ use std::io::BufWriter;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use ecan_capture::{Capture, ErrorFrame, ImageOrigin, Recorder, Traffic};
+use ecan_can_io::capture::{Capture, ErrorFrame, ImageOrigin, Recorder, Traffic};
 use ecan_command_line::interrupt::Interrupt;
 use ecan_command_line::new_file::{Existing, create, is_standard_stream};
 use ecan_host::AdapterConfig;

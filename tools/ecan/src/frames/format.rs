@@ -1,7 +1,7 @@
 use std::fmt::Write;
 use std::sync::Arc;
 
-use ecan_candump::{FrameText, ScreenFrame};
+use ecan_can_io::candump::{FrameText, ScreenFrame};
 use ecan_protocol::can::{CanFrame, FrameKind};
 use ecan_protocol::image::Timestamp;
 use serde::Serialize;

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use ecan_dbc::{Database, Decoded, DecodedSignal, Message, Number, UnknownName};
+use ecan_can_io::dbc::{Database, Decoded, DecodedSignal, Message, Number, UnknownName};
 use ecan_protocol::can::CanFrame;
 use ecan_protocol::text::Printable;
 use serde::Serialize;

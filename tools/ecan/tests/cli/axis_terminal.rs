@@ -7,11 +7,11 @@ use std::time::{Duration, Instant};
 use rustix::process::Signal;
 
 use crate::axis::{LIMITS, SCALE};
-use crate::support::guard::Killed;
 use crate::support::observed_bus::ObservedBus;
 use crate::support::terminal::{Pty, is_raw, with_answer};
 use crate::support::timed_reader::{LIMIT, TimedReader};
 use crate::support::{Running, scenario, wait_for};
+use ecan_test_support::Killed;
 
 const RIGHT: &[u8] = b"\x1b[C";
 /// Delay of the first repetition of a held key, and interval of the others.

@@ -1,13 +1,11 @@
 //! `--capture` of the commands that carry frames: what other programs read in the file.
 
-#[path = "../../../capture/tests/tshark_support/mod.rs"]
-mod tshark_support;
-
 use std::path::Path;
+
+use ecan_test_support::fields_of;
 
 use crate::support::client::Client;
 use crate::support::{Running, Scenario, fails};
-use tshark_support::fields_of;
 
 const DISSECTOR: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../wireshark/ecan_pdo.lua");
 

@@ -44,14 +44,16 @@ fn log_matches_candump_on_screen_and_in_file() {
     let shown = bus.good(&["dump", "-n", "5", "-L"]);
     assert_eq!(bus.good(&["dump", "-n", "5", "--record", &bus.path("out.log")]), "");
     assert_eq!(bus.read("out.log"), shown);
-    let records: Vec<_> =
-        shown.lines().map(|line| ecan_candump::parse_line(line).unwrap().unwrap()).collect();
+    let records: Vec<_> = shown
+        .lines()
+        .map(|line| ecan_can_io::candump::parse_line(line).unwrap().unwrap())
+        .collect();
     let first = records[0].time_ns;
     // The log grammar has its own round-trip tests.
     for ((ms, frame), (record, line)) in FRAMES.iter().zip(records.iter().zip(shown.lines())) {
         assert_eq!(record.to_string(), line);
         assert_eq!(record.interface, "can0");
-        assert_eq!(ecan_candump::FrameText(&record.frame).to_string(), *frame);
+        assert_eq!(ecan_can_io::candump::FrameText(&record.frame).to_string(), *frame);
         assert_eq!(record.time_ns - first, ms * 1_000_000);
     }
     let screen = bus.good(&["dump", "-n", "1", "-l", &bus.path("out.log"), "--screen", "--force"]);

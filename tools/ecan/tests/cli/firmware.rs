@@ -6,10 +6,10 @@ use std::path::Path;
 use std::process::{Command, Stdio};
 
 use crate::fake_ethercat::{Behaviour, FakeEthercat};
-use crate::support::guard::Killed;
 use crate::support::terminal::with_answer;
 use crate::support::{ecan, fails, good};
 use ecan_sim::{Fault, FirmwarePackage, GatewayFault};
+use ecan_test_support::Killed;
 use serde_json::Value;
 use tempfile::{NamedTempFile, TempDir};
 

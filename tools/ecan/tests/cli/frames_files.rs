@@ -2,8 +2,8 @@
 
 use std::process::{Command, Stdio};
 
-use crate::support::guard::Killed;
 use crate::support::{Scenario, fails};
+use ecan_test_support::Killed;
 
 const ECHO: &str = "[[node]]\nkind = \"echo\"\nbus = \"0.0\"\n";
 const LOG: &str = "(1.000000) can0 123#01\n(1.001000) can0 124#02\n(1.002000) can0 125#03\n";

@@ -11,8 +11,8 @@ use serde_json::Value;
 
 use crate::serve::{Served, serve};
 use crate::support::fails;
-use crate::support::guard::Killed;
 use crate::support::python::{python_with, skip};
+use ecan_test_support::Killed;
 
 const PATIENCE: Duration = Duration::from_secs(300);
 const DASHBOARD: &str =

@@ -7,9 +7,9 @@ use std::path::Path;
 use std::process::{Command, Stdio};
 
 use crate::serve::{Served, serve_bus};
-use crate::support::guard::{Killed, Lines};
 use crate::support::python::python_with;
 use crate::support::{Scenario, ecan, ends, fails, good};
+use ecan_test_support::{Killed, Lines};
 
 fn script(python: &str, name: &str, port: u16, node: u8) -> Command {
     let directory = concat!(env!("CARGO_MANIFEST_DIR"), "/../../ecan-canopen/tests/python");

@@ -3,8 +3,8 @@
 use std::path::Path;
 use std::process::Command;
 
-use ecan_candump::FrameText;
-use ecan_recording::{Format, ReadOptions, Recording};
+use ecan_can_io::candump::FrameText;
+use ecan_can_io::recording::{Format, ReadOptions, Recording};
 
 use crate::support::python::python_with;
 

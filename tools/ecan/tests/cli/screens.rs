@@ -11,8 +11,8 @@ use std::process::{Command, Stdio};
 
 use rustix::process::{Pid, Signal, kill_process};
 
-use crate::support::guard::{Killed, output};
 use crate::support::timed_reader::TimedReader;
+use ecan_test_support::{Killed, output};
 
 struct Screen<'a> {
     line: usize,

@@ -3,8 +3,8 @@
 use std::io::{BufRead as _, BufReader, Read as _};
 use std::process::{Command, Stdio};
 
-use crate::support::guard::Killed;
 use crate::support::{Scenario, ecan, ends, fails, good, scenario, setting, simulated};
+use ecan_test_support::Killed;
 use rustix::process::{Pid, Signal, kill_process};
 
 /// Gateway with channels 0 and 1, and 2 and 3, wired together.

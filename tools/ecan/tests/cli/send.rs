@@ -146,7 +146,8 @@ fn replay_keeps_times_and_records_echo() {
     let shown = bus.good(&["replay", &log, "--record", &back]);
     assert!(shown.starts_with("4 frames sent, 0 lost, 4 received in 1."), "{shown}");
     let records = |text: &str| {
-        let records = text.lines().filter_map(|line| ecan_candump::parse_line(line).unwrap());
+        let records =
+            text.lines().filter_map(|line| ecan_can_io::candump::parse_line(line).unwrap());
         records.map(|it| (it.time_ns, it.frame)).collect::<Vec<_>>()
     };
     let (sent, echoed) = (records(LOG), records(&bus.read("back.log")));

@@ -12,9 +12,9 @@ use rustix::process::Signal;
 use serde_json::{Value, json};
 
 use crate::serve::serve_ready;
-use crate::support::guard::Killed;
 use crate::support::timed_reader::LIMIT;
 use crate::support::{Running, fails, wait_for};
+use ecan_test_support::Killed;
 
 fn upload() -> UploadParams {
     UploadParams { slave: 0, index: 0x8010, subindex: 3, max_bytes: None, once: false }

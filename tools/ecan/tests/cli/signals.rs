@@ -48,7 +48,7 @@ fn dump_shows_signals_below_frames() {
     let shown = bus.good(&["dump", "-n", "4", "--dbc", &dbc]);
     assert_eq!(shown, expected);
     // What is shown can be replayed.
-    let read = ecan_recording::Recording::parse(&shown, &Default::default()).unwrap();
+    let read = ecan_can_io::recording::Recording::parse(&shown, &Default::default()).unwrap();
     assert_eq!(read.frames.len(), 4);
     let other = bus.good(&["dump", "-n", "1", "--dbc", &format!("1={dbc}")]);
     assert_eq!(other, "  can0  123   [4]  E8 03 01 00\n");

@@ -7,8 +7,8 @@ use std::process::{Command, Stdio};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
-use crate::support::guard::{Killed, OnDrop};
 use crate::support::timed_reader::TimedReader;
+use ecan_test_support::{Killed, OnDrop};
 
 /// The words of a panic.
 fn panic_of(work: impl FnOnce()) -> String {

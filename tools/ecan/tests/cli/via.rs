@@ -13,9 +13,9 @@ use ecan_protocol::image::OptionFlags;
 use ecan_service::{Control, ServePort as _, ServiceConfig};
 use ecan_sim::{ClockKind, SimOptions};
 
-use super::support::guard::Killed;
 use super::support::timed_reader::TimedReader;
 use super::support::{SIM, Scenario, fails, good, simulated};
+use ecan_test_support::Killed;
 
 #[test]
 fn missing_service_names_the_socket_and_the_action() {

@@ -9,10 +9,10 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use ecan_protocol::can::{CanFrame, CanId};
 use ecan_service_client::{Client, Event, Subscription};
 
-use crate::support::guard::OnDrop;
 use crate::support::python::{python_with, skip};
 use crate::support::timed_reader::LIMIT;
 use crate::support::{Running, fails, good, wait_for};
+use ecan_test_support::OnDrop;
 
 /// CAN ID of the frames that are counted.
 const COUNTED: u16 = 0x321;

@@ -1,6 +1,6 @@
 //! Events of a channel for CAN interfaces, from its status.
 
-use ecan_bridge::BusEvent;
+use ecan_can_io::bridge::BusEvent;
 use ecan_protocol::image::{ChannelState, ChannelStatus, ResultCode};
 
 use crate::frames::Outcome;

@@ -4,10 +4,8 @@ use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
-use clap::ValueEnum;
-use ecan_bridge::{
-    BridgeConfig, BridgeProtocol, BridgeServer, BusRates, Clients, SerialBridge, SocketCanBridge,
-    SocketCanError, UsbCanBridge,
+use ecan_can_io::bridge::{
+    BridgeConfig, BridgeProtocol, BridgeServer, Clients, SerialBridge, SocketCanBridge,
 };
 use serde::Serialize;
 
@@ -61,17 +59,6 @@ pub enum Endpoint {
     Server(BridgeServer),
     Terminal { bridge: SerialBridge, link: Option<Link> },
     Interface(SocketCanBridge),
-    UsbInterface(UsbCanBridge),
-}
-
-/// Driver of the CAN interfaces that the bridge creates.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
-pub enum InterfaceDriver {
-    /// Virtual interface, without transmit results
-    #[default]
-    Vcan,
-    /// Emulated USB device, with transmit results and back pressure; requires vhci-hcd
-    GsUsb,
 }
 
 /// Symbolic link to a terminal; removed when dropped.
@@ -116,30 +103,14 @@ impl Endpoint {
         Ok(Self::Terminal { bridge, link: Some(link) })
     }
 
-    pub fn interface(name: &str, driver: InterfaceDriver, rates: BusRates) -> Result<Self> {
-        let queue = BridgeConfig::default().queue;
-        let bridge = match (driver, SocketCanBridge::open(name, queue)) {
-            (InterfaceDriver::GsUsb, Err(SocketCanError::NoInterface(_))) => {
-                let bridge = UsbCanBridge::create(name, queue, rates);
-                return bridge.map(Self::UsbInterface).map_err(|reason| {
-                    Failure::Bridge(format!(
-                        "cannot create the CAN interface {name} with the driver gs_usb: {reason}; \
-                         as root: modprobe -a vhci-hcd gs_usb"
-                    ))
-                });
-            }
-            (InterfaceDriver::Vcan, Err(SocketCanError::NoInterface(_))) => {
-                SocketCanBridge::open_or_create(name, queue)
-            }
-            (_, opened) => opened,
-        };
+    pub fn interface(name: &str) -> Result<Self> {
+        let bridge = SocketCanBridge::open_or_create(name, BridgeConfig::default().queue);
         bridge.map(Self::Interface).map_err(|error| Failure::Bridge(error.to_string()))
     }
 
     pub fn clients(&self) -> &Clients {
         match self {
             Self::Interface(bridge) => bridge.clients(),
-            Self::UsbInterface(bridge) => bridge.clients(),
             Self::Server(server) => server.clients(),
             Self::Terminal { bridge, .. } => bridge.clients(),
         }
@@ -155,7 +126,6 @@ impl Endpoint {
                 ("slcan", path.display().to_string())
             }
             Self::Interface(bridge) => ("socketcan", bridge.interface().to_owned()),
-            Self::UsbInterface(bridge) => ("socketcan", bridge.interface().to_owned()),
         };
         Address { protocol, address, lane }
     }
@@ -171,12 +141,9 @@ impl Endpoint {
     }
 
     pub fn check(&self) -> Result {
-        let (name, end) = match self {
-            Self::Interface(bridge) => (bridge.interface(), bridge.end()),
-            Self::UsbInterface(bridge) => (bridge.interface(), bridge.end()),
-            Self::Server(_) | Self::Terminal { .. } => return Ok(()),
-        };
-        end.map_or(Ok(()), |error| {
+        let Self::Interface(bridge) = self else { return Ok(()) };
+        bridge.end().map_or(Ok(()), |error| {
+            let name = bridge.interface();
             Err(Failure::Bridge(format!("CAN interface {name} is not available: {error}")))
         })
     }

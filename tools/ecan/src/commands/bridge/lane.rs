@@ -1,6 +1,6 @@
 //! One channel of the bridge with its endpoints.
 
-use ecan_bridge::{BusEvent, ClientFrame};
+use ecan_can_io::bridge::{BusEvent, ClientFrame};
 use ecan_protocol::can::CanFrame;
 
 use crate::commands::bridge::channel_events::ChannelEvents;

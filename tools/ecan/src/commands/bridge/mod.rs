@@ -16,12 +16,12 @@ use std::net::{IpAddr, SocketAddr};
 use std::path::Path;
 
 use clap::Args;
-use ecan_bridge::{BridgeProtocol, BusRates};
+use ecan_can_io::bridge::{BridgeProtocol, BusRates};
 use ecan_protocol::config::McanChannelConfig;
 use ecan_protocol::mapping::Direction;
 
 use crate::commands::bridge::beacon::Beacon;
-use crate::commands::bridge::endpoint::{Address, Endpoint, InterfaceDriver, Listening};
+use crate::commands::bridge::endpoint::{Address, Endpoint, Listening};
 use crate::commands::bridge::lane::Lane;
 use crate::commands::bridge::lane_id::LaneId;
 use crate::commands::bridge::name_template::{NameTemplate, parse_interface};
@@ -37,7 +37,6 @@ Examples:
   ecan bridge --channel 1 --socketcan vcan0    a CAN interface: candump vcan0, cansend vcan0 123#01
   ecan bridge --channel all --socketcan can%c  can0 to can3, created if they do not exist
   ecan bridge --all --channel all --socketcan can%g%c
-  ecan bridge --socketcan can0 --driver gs-usb  frames are echoed when they are sent, ENOBUFS when full
   ecan bridge --socketcand --beacon            SavvyCAN and python-can find the bridge
   python-can: can.Bus(interface=\"slcan\", channel=\"socket://127.0.0.1:3333\")
   python-can: can.Bus(interface=\"socketcand\", host=\"127.0.0.1\", port=29536, channel=\"can2\")
@@ -73,9 +72,6 @@ pub struct BridgeArguments {
     /// Connect a CAN interface of this host, for example vcan0 or can%c
     #[arg(long, value_name = "INTERFACE", value_parser = parse_interface)]
     socketcan: Option<NameTemplate>,
-    /// Driver of CAN interfaces that do not exist and are created
-    #[arg(long, value_name = "DRIVER", value_enum, default_value_t, requires = "socketcan")]
-    driver: InterfaceDriver,
     /// Maximum number of TCP clients, slcan and socketcand
     #[arg(long, value_name = "COUNT", default_value_t = 8,
           value_parser = clap::value_parser!(u16).range(1..=1000))]
@@ -158,11 +154,7 @@ fn listen(arguments: &BridgeArguments, prepared: &Prepared<'_>) -> Result<Vec<La
             endpoints.push(Endpoint::terminal(Path::new(&link.name(*id)))?);
         }
         if let Some(interface) = &arguments.socketcan {
-            endpoints.push(Endpoint::interface(
-                &interface.name(*id),
-                arguments.driver,
-                rates(can),
-            )?);
+            endpoints.push(Endpoint::interface(&interface.name(*id))?);
         }
         endpoints.iter().for_each(|it| it.clients().set_bus(rates(can)));
         lanes.push(Lane::new(*id, endpoints, arguments.listen_only));

@@ -1,6 +1,6 @@
 //! The cycle of the bridge.
 
-use ecan_bridge::BusEvent;
+use ecan_can_io::bridge::BusEvent;
 
 use crate::commands::bridge::channel_events::of_failure;
 use crate::commands::bridge::in_flight::InFlight;

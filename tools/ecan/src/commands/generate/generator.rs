@@ -199,7 +199,7 @@ impl Generator {
 
 #[cfg(test)]
 mod tests {
-    use ecan_candump::FrameText;
+    use ecan_can_io::candump::FrameText;
 
     use super::*;
 
@@ -242,7 +242,7 @@ mod tests {
     fn random_frames_respect_bounds_and_seed() {
         let frames = made(pattern("o", "r", "r"), 200);
         assert_eq!(frames, made(pattern("o", "r", "r"), 200));
-        let read = |text: &String| ecan_candump::parse_frame(text).unwrap();
+        let read = |text: &String| ecan_can_io::candump::parse_frame(text).unwrap();
         assert!(frames.iter().all(|text| read(text).id().raw() % 2 == 1));
         let lengths: std::collections::BTreeSet<_> =
             frames.iter().map(|text| read(text).data().len()).collect();

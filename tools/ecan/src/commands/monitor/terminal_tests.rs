@@ -8,8 +8,6 @@ use super::super::observation::{Layout, LayoutGateway};
 use super::super::source::Origin;
 use super::*;
 
-#[path = "../../../tests/cli/support/guard.rs"]
-mod guard;
 #[allow(dead_code)]
 #[path = "../../../tests/cli/support/terminal.rs"]
 mod terminal;

@@ -2,10 +2,10 @@
 
 use std::path::Path;
 
+use ecan_can_io::recording::ReadOptions;
 use ecan_mcan_port::{FrameRate, FrameStream};
 use ecan_protocol::can::{CanFrame, CanId};
 use ecan_protocol::mapping::Direction;
-use ecan_recording::ReadOptions;
 
 use crate::context::{Failure, Result};
 use crate::frames::recording::{self, Recorded};

@@ -29,9 +29,9 @@ use serde_json::{Value, json};
 
 use self::bridge_client::{BridgeClient, Progress, Protocol};
 use self::sequence::{APPLICATION, CLIENT, Sequence};
-use crate::support::guard::{Killed, OnDrop};
 use crate::support::timed_reader::{LIMIT, TimedReader};
 use crate::support::{Running, ecan};
+use ecan_test_support::{Killed, OnDrop};
 
 const SOCKET: &str = "ECAN_TEST_CROWD_SOCKET";
 /// Frames that the application is ahead of the slowest observer of a channel.

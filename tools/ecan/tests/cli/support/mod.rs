@@ -2,7 +2,6 @@
 
 pub mod application;
 pub mod client;
-pub mod guard;
 pub mod observed_bus;
 pub mod on_screen;
 pub mod python;
@@ -14,14 +13,16 @@ use std::time::{Duration, Instant};
 
 use rustix::process::{Pid, Signal, kill_process};
 
-use self::guard::Killed;
 use self::timed_reader::{LIMIT, TimedReader};
+use ecan_test_support::Killed;
 
 /// Simulated master with one gateway and echo nodes.
 pub const SIM: &str = "sim";
 
 pub fn ecan(arguments: &[&str]) -> Output {
-    guard::output(Command::new(env!("CARGO_BIN_EXE_ecan")).args(arguments).env_remove("ECAN_ECRT"))
+    ecan_test_support::output(
+        Command::new(env!("CARGO_BIN_EXE_ecan")).args(arguments).env_remove("ECAN_ECRT"),
+    )
 }
 
 /// Standard output of a successful run.

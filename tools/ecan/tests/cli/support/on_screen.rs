@@ -13,9 +13,9 @@ use rustix::io::Errno;
 use rustix::process::{Pid, PidfdFlags, Signal, kill_process, pidfd_open};
 use rustix::termios::tcsetwinsize;
 
-use super::guard::Killed;
 use super::terminal::{Pty, is_raw, winsize};
 use super::timed_reader::{LIMIT, is_readable};
+use ecan_test_support::Killed;
 
 const LAST_OUTPUT: Duration = Duration::from_secs(5);
 

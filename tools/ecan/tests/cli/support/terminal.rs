@@ -8,8 +8,8 @@ use rustix::fs::{Mode, OFlags};
 use rustix::pty::{OpenptFlags, openpt, ptsname, unlockpt};
 use rustix::termios::{LocalModes, Termios, Winsize, tcgetattr, tcsetwinsize};
 
-use super::guard::Killed;
 use super::timed_reader::TimedReader;
+use ecan_test_support::Killed;
 
 /// Enter and leave the alternate screen; hide and show the cursor.
 pub const ENTER: &str = "\x1b[?1049h";

@@ -1,0 +1,272 @@
+//! Queue to a client: frames of the bus and answers, in order.
+
+use std::collections::VecDeque;
+use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
+
+use ecan_protocol::can::CanFrame;
+
+use crate::bridge::bus_event::{BusEvent, ErrorFrame};
+use crate::bridge::session::ReceiveSettings;
+
+/// Maximum number of queued answer bytes; above it the client is not read.
+const MAX_ANSWER_BYTES: usize = 64 * 1024;
+
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) enum Outgoing {
+    /// A frame of the bus with its end time in nanoseconds of the bus's clock.
+    Frame(CanFrame, u64),
+    /// Bytes of the protocol, and the client's receive settings after them.
+    Answer(Vec<u8>, ReceiveSettings),
+    /// An event of the bus with its time, for CAN interfaces.
+    Error(ErrorFrame, u64),
+    /// Result of the client's frame with this tag: its end time if it was sent.
+    Result(u32, Option<u64>),
+    /// Number of the client's frames that were accepted and not sent since the last entry, with the
+    /// time of the last one.
+    Lost(u64, u64),
+}
+
+/// Form in which a client receives the losses of its frames, and events of the bus.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) enum Reports {
+    /// Lost frames, in the form of its protocol. No events.
+    #[default]
+    Losses,
+    /// Events as error frames. A CAN interface has no transmit results.
+    Events,
+    /// Events as error frames, and the result of each frame.
+    EventsAndResults,
+}
+
+#[derive(Debug, Default)]
+struct State {
+    items: VecDeque<Outgoing>,
+    frames: usize,
+    answer_bytes: usize,
+    is_closed: bool,
+    /// Frames were lost since the client last read its flags.
+    has_lost: bool,
+    /// The writer waits; nobody else needs to be woken by a frame.
+    is_awaited: bool,
+}
+
+/// A queue with a limit for frames and one for answer bytes.
+#[derive(Debug)]
+pub(crate) struct ClientQueue {
+    state: Mutex<State>,
+    max_frames: usize,
+    reports: Reports,
+    has_items: Condvar,
+    has_room: Condvar,
+}
+
+impl ClientQueue {
+    pub(crate) fn new(max_frames: usize) -> Self {
+        Self::with_reports(max_frames, Reports::default())
+    }
+
+    pub(crate) fn with_reports(max_frames: usize, reports: Reports) -> Self {
+        let (has_items, has_room) = (Condvar::new(), Condvar::new());
+        Self { state: Mutex::default(), max_frames, reports, has_items, has_room }
+    }
+
+    fn lock(&self) -> MutexGuard<'_, State> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Queues a frame; returns false if the queue is full. Does not block.
+    pub(crate) fn offer(&self, frame: &CanFrame, time_ns: u64) -> bool {
+        self.offer_bounded(Outgoing::Frame(*frame, time_ns))
+    }
+
+    /// Queues an event if the client receives events; returns false if the queue is full.
+    pub(crate) fn offer_error(&self, error: ErrorFrame, time_ns: u64) -> bool {
+        self.reports == Reports::Losses || self.offer_bounded(Outgoing::Error(error, time_ns))
+    }
+
+    /// Queues an event for the loss of several frames if the client receives no report of each;
+    /// returns false if the queue is full.
+    pub(crate) fn offer_loss_event(&self, time_ns: u64) -> bool {
+        let error = ErrorFrame::of(BusEvent::TransmitFailed, None);
+        self.reports != Reports::Events || self.offer_bounded(Outgoing::Error(error, time_ns))
+    }
+
+    fn offer_bounded(&self, item: Outgoing) -> bool {
+        let mut state = self.lock();
+        let has_room = state.frames < self.max_frames;
+        if has_room {
+            state.frames += 1;
+            self.push(state, item);
+        }
+        has_room
+    }
+
+    /// Queues the result of a frame that was sent if the client receives results. The client bounds
+    /// their number: it has a limited number of frames without result.
+    pub(crate) fn report_sent(&self, tag: u32, sent_ns: u64) {
+        if self.reports == Reports::EventsAndResults {
+            self.push(self.lock(), Outgoing::Result(tag, Some(sent_ns)));
+        }
+    }
+
+    /// Queues the loss of an accepted frame. Consecutive losses are one entry, so that their number
+    /// is bounded by the other entries. An interface without results receives events only.
+    pub(crate) fn report_lost(&self, tag: u32, time_ns: u64) {
+        match self.reports {
+            Reports::EventsAndResults => self.push(self.lock(), Outgoing::Result(tag, None)),
+            Reports::Events => {}
+            Reports::Losses => {
+                let mut state = self.lock();
+                state.has_lost = true;
+                if let Some(Outgoing::Lost(count, last_ns)) = state.items.back_mut() {
+                    (*count, *last_ns) = (*count + 1, time_ns);
+                } else {
+                    self.push(state, Outgoing::Lost(1, time_ns));
+                }
+            }
+        }
+    }
+
+    /// Returns whether frames of the client were lost since the last call.
+    pub(crate) fn take_lost(&self) -> bool {
+        std::mem::take(&mut self.lock().has_lost)
+    }
+
+    /// Queues an answer. Waits while too many answer bytes are queued; returns false once closed.
+    pub(crate) fn answer(&self, text: Vec<u8>, receive_settings: ReceiveSettings) -> bool {
+        let state = self.lock();
+        let is_full = |state: &mut State| !state.is_closed && state.answer_bytes > MAX_ANSWER_BYTES;
+        let waited = self.has_room.wait_while(state, is_full);
+        let mut state = waited.unwrap_or_else(PoisonError::into_inner);
+        if state.is_closed {
+            return false;
+        }
+        state.answer_bytes += text.len();
+        self.push(state, Outgoing::Answer(text, receive_settings));
+        true
+    }
+
+    fn push(&self, mut state: MutexGuard<'_, State>, item: Outgoing) {
+        state.items.push_back(item);
+        let is_awaited = state.is_awaited;
+        drop(state);
+        if is_awaited {
+            self.has_items.notify_one();
+        }
+    }
+
+    /// Waits for the next entry; `None` once closed.
+    pub(crate) fn take(&self) -> Option<Outgoing> {
+        let mut state = self.lock();
+        state.is_awaited = true;
+        let is_idle = |state: &mut State| !state.is_closed && state.items.is_empty();
+        let waited = self.has_items.wait_while(state, is_idle);
+        let mut state = waited.unwrap_or_else(PoisonError::into_inner);
+        state.is_awaited = false;
+        if state.is_closed { None } else { self.pop(state) }
+    }
+
+    /// The next entry, if any.
+    pub(crate) fn try_take(&self) -> Option<Outgoing> {
+        self.pop(self.lock())
+    }
+
+    fn pop(&self, mut state: MutexGuard<'_, State>) -> Option<Outgoing> {
+        let item = state.items.pop_front()?;
+        match &item {
+            Outgoing::Frame(..) | Outgoing::Error(..) => state.frames -= 1,
+            Outgoing::Result(..) | Outgoing::Lost(..) => {}
+            Outgoing::Answer(text, _) => {
+                state.answer_bytes -= text.len();
+                drop(state);
+                self.has_room.notify_one();
+            }
+        }
+        Some(item)
+    }
+
+    /// Ends all waiting; no more entries are returned.
+    pub(crate) fn close(&self) {
+        self.lock().is_closed = true;
+        self.has_items.notify_all();
+        self.has_room.notify_all();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::mpsc::channel;
+    use std::time::Duration;
+
+    use ecan_protocol::can::CanId;
+
+    use super::*;
+    use crate::bridge::config::BridgeProtocol;
+    use ecan_test_support::OnDrop;
+
+    fn frame() -> CanFrame {
+        CanFrame::classic(CanId::standard(1).unwrap(), &[]).unwrap()
+    }
+
+    fn nothing() -> ReceiveSettings {
+        ReceiveSettings::nothing(BridgeProtocol::Socketcand)
+    }
+
+    #[test]
+    fn queue_keeps_order_and_bounds_frames() {
+        let queue = ClientQueue::new(2);
+        assert!(queue.offer(&frame(), 1));
+        assert!(queue.answer(vec![b'a'], nothing()));
+        assert!(queue.offer(&frame(), 2));
+        assert!(!queue.offer(&frame(), 3));
+        assert_eq!(queue.take(), Some(Outgoing::Frame(frame(), 1)));
+        assert_eq!(queue.take(), Some(Outgoing::Answer(vec![b'a'], nothing())));
+        assert!(queue.offer(&frame(), 4));
+        assert_eq!(queue.try_take(), Some(Outgoing::Frame(frame(), 2)));
+        assert_eq!(queue.try_take(), Some(Outgoing::Frame(frame(), 4)));
+        assert_eq!(queue.try_take(), None);
+    }
+
+    #[test]
+    fn consecutive_losses_are_one_entry() {
+        let queue = ClientQueue::new(2);
+        assert!(!queue.take_lost());
+        (1..=1000).for_each(|time_ns| queue.report_lost(0, time_ns));
+        assert!(queue.offer(&frame(), 1001));
+        queue.report_lost(0, 1002);
+        assert_eq!(queue.try_take(), Some(Outgoing::Lost(1000, 1000)));
+        assert_eq!(queue.try_take(), Some(Outgoing::Frame(frame(), 1001)));
+        assert_eq!(queue.try_take(), Some(Outgoing::Lost(1, 1002)));
+        assert_eq!(queue.try_take(), None);
+        assert_eq!((queue.take_lost(), queue.take_lost()), (true, false));
+    }
+
+    #[test]
+    fn excess_answers_block_until_taken_or_closed() {
+        let queue = &ClientQueue::new(2);
+        let (taken, gone) = channel();
+        std::thread::scope(|scope| {
+            let _end = OnDrop(|| queue.close());
+            scope.spawn(move || {
+                let answer = || queue.answer(vec![0; 1024], nothing());
+                while answer() {
+                    taken.send(()).unwrap();
+                }
+            });
+            let timeout = Duration::from_secs(60);
+            let fill = MAX_ANSWER_BYTES / 1024 + 1;
+            for _ in 0..fill {
+                gone.recv_timeout(timeout).unwrap();
+            }
+            assert!(gone.try_recv().is_err());
+            for _ in 0..100 {
+                queue.take().unwrap();
+                gone.recv_timeout(timeout).unwrap();
+            }
+            assert!(queue.lock().answer_bytes <= fill * 1024);
+            queue.close();
+            assert!(gone.recv_timeout(timeout).is_err());
+        });
+        assert_eq!(queue.take(), None);
+    }
+}

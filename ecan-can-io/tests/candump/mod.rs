@@ -1,0 +1,4 @@
+//! Logs, screens and frames of candump.
+
+mod grammar;
+mod screen;

@@ -1,0 +1,6 @@
+//! pcapng files.
+
+mod allocation;
+mod golden;
+mod recorder;
+mod tshark;

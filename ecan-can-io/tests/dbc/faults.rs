@@ -1,0 +1,125 @@
+//! Faults of files, with their lines.
+
+use ecan_can_io::dbc::{Database, DbcFaults};
+use proptest::prelude::*;
+
+const FILE: &str = include_str!("files/signals.dbc");
+
+fn faults(text: &str) -> DbcFaults {
+    Database::parse(text.as_bytes()).expect_err(text)
+}
+
+#[test]
+fn each_fault_names_its_line() {
+    let signal = |definition: &str| {
+        format!(
+            "BO_ 1 A: 2 X\n SG_ M M : 0|4@1+ (1,0) [0|0] \"\" X\n SG_ {definition} (1,0) [0|0] \"\" X\n"
+        )
+    };
+    let cases = [
+        ("VERSION \"\"\n\nBO_ x\n".to_owned(), "line 3: column 5: syntax error in \"BO_ x\""),
+        (signal("S : 0|16@2+"), "line 3: column 15: syntax error in \"SG_ S : 0|16@2+ (1,0)"),
+        ("BO_ \u{1b}[2J\n".to_owned(), "line 1: column 5: syntax error in \"BO_ \u{fffd}[2J\""),
+        ("BO_ 2048 A: 8 X\n".to_owned(), "line 1: CAN ID 2048 is out of range; allowed: 0 to 2047"),
+        ("BO_ 4294967296 A: 8 X\n".to_owned(), "line 1: CAN ID 4294967296 is out of range"),
+        ("BO_ 2684354560 A: 8 X\n".to_owned(), "line 1: CAN ID 2684354560 is out of range"),
+        (
+            "BO_ 1 A: 65 X\n".to_owned(),
+            "line 1: message length 65 is out of range; allowed: 0 to 64",
+        ),
+        ("BO_ 1 A: -1 X\n".to_owned(), "line 1: message length -1 is out of range"),
+        ("BO_ 1 A: 8 X\nBO_ 1 B: 8 X\n".to_owned(), "line 2: CAN ID 1 is also in line 1"),
+        ("BO_ 1 A: 8 X\nBO_ 2 A: 8 X\n".to_owned(), "line 2: message A is also in line 1"),
+        (signal("M : 8|4@1+"), "line 3: signal M is also in line 2"),
+        (
+            signal("S : 8|9@1+"),
+            "line 3: signal S: 9 bits from bit 8 are not in 2 bytes; allowed: 1 to 64 bits",
+        ),
+        (signal("S : -1|9@1+"), "line 3: Invalid Uint value: '-1'"),
+        (
+            signal("S : 4|4@1+") + "SIG_VALTYPE_ 1 S : 1;\n",
+            "line 4: signal S: a 32 bit float has 4 bits",
+        ),
+        (
+            signal("S : 4|4@1+") + "SIG_VALTYPE_ 1 T : 1;\n",
+            "line 4: signal T of message 1 does not exist",
+        ),
+        ("SIG_VALTYPE_ 1 T : 1;\n".to_owned(), "line 1: message 1 does not exist"),
+        (
+            "BO_ 1 A: 1 X\n SG_ S m1 : 0|4@1+ (1,0) [0|0] \"\" X\n".to_owned(),
+            "line 2: signal S is multiplexed, but the message has 0 multiplexers; expected 1",
+        ),
+        (
+            signal("S M : 8|4@1+") + " SG_ T m1 : 4|1@1+ (1,0) [0|0] \"\" X\n",
+            "line 4: signal T is multiplexed, but the message has 2 multiplexers",
+        ),
+        (
+            signal("S m1M : 8|4@1+") + "SG_MUL_VAL_ 1 S S 1-1;\n",
+            "line 3: signal S is multiplexed by itself",
+        ),
+        (
+            signal("S m1M : 8|4@1+") + "SG_MUL_VAL_ 1 S T 1-1;\n",
+            "line 4: signal T of message 1 does not exist",
+        ),
+        (
+            signal("S : 8|4@1+") + "VAL_ 1 S 99999999999999999999 \"x\" ;\n",
+            "line 4: Invalid Int value",
+        ),
+    ];
+    for (text, words) in cases {
+        let message = faults(&text).to_string();
+        assert!(message.starts_with(words), "{text}: {message}");
+        assert_eq!(message.lines().count(), 1, "{text}: {message}");
+    }
+}
+
+#[test]
+fn all_faults_are_reported_in_order() {
+    let text = "BO_ 9999 A: 8 X\nBO_ 1 B: 99 X\nBO_ 2 C: 1 X\n SG_ S : 7|2@1+ (1,0) [0|0] \"\" X\n";
+    let message = faults(text).to_string();
+    let lines: Vec<_> = message.lines().map(|it| it.split(':').next().unwrap()).collect();
+    assert_eq!(lines, ["3 faults", "  - line 1", "  - line 2", "  - line 4"]);
+}
+
+#[test]
+fn texts_may_be_utf_8_or_windows_1252() {
+    let file = |unit: &[u8]| {
+        let start = b"BO_ 1 A: 1 X\n SG_ S : 0|8@1+ (1,0) [0|0] \"";
+        [&start[..], unit, b"\" X\n"].concat()
+    };
+    for unit in ["°C".as_bytes(), b"\xB0C"] {
+        let database = Database::parse(&file(unit)).unwrap();
+        assert_eq!(database.messages()[0].signals[0].unit, "°C");
+    }
+    let with_mark = [&b"\xEF\xBB\xBF"[..], &file(b"V")].concat();
+    assert_eq!(Database::parse(&with_mark).unwrap().messages().len(), 1);
+}
+
+#[test]
+fn windows_line_breaks_are_accepted() {
+    let text = FILE.replace('\n', "\r\n");
+    assert_eq!(Database::parse(text.as_bytes()), Database::parse(FILE.as_bytes()));
+    assert_eq!(Database::parse(b"").unwrap().messages().len(), 0);
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(64))]
+
+    /// A file with damage is read or rejected in a line that it has.
+    #[test]
+    fn damaged_file_is_read_or_rejected_in_a_line(
+        at in any::<prop::sample::Index>(),
+        length in 1..20_usize,
+        other in "[ -~\\n]{0,4}",
+    ) {
+        let characters: Vec<char> = FILE.chars().collect();
+        let at = at.index(characters.len());
+        let end = (at + length).min(characters.len());
+        let text: String =
+            characters[..at].iter().chain(&other.chars().collect::<Vec<_>>()).chain(&characters[end..]).collect();
+        if let Err(DbcFaults(faults)) = Database::parse(text.as_bytes()) {
+            let lines = text.lines().count() + 1;
+            prop_assert!(!faults.is_empty() && faults.iter().all(|it| (1..=lines).contains(&it.line)));
+        }
+    }
+}

@@ -1,0 +1,5 @@
+//! Signals of DBC files.
+
+mod faults;
+mod python_peers;
+mod signals;

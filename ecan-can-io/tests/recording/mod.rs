@@ -1,0 +1,3 @@
+//! Recordings of several programs.
+
+mod formats;

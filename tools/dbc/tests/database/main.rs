@@ -1,5 +1,0 @@
-//! DBC files: signals of frames, and faults.
-#![allow(missing_docs)]
-
-mod faults;
-mod signals;
