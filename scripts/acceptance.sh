@@ -29,10 +29,11 @@ while (($#)); do
 done
 
 if ((${#bins[@]} == 0)); then
+    target=${CARGO_TARGET_DIR:-$root/target}
     for argument in "$@"; do
         case $argument in
         -h | --help | --list)
-            exec cargo run --manifest-path "$root/Cargo.toml" --locked --quiet -p ecan-acceptance -- "$@"
+            exec cargo run --manifest-path "$root/checks/Cargo.toml" --target-dir "$target" --locked --quiet -p ecan-acceptance -- "$@"
             ;;
         esac
     done
@@ -40,9 +41,10 @@ if ((${#bins[@]} == 0)); then
         echo "acceptance.sh: no cargo to build the programs; name their directories with --bin" >&2
         exit 2
     }
-    target=${CARGO_TARGET_DIR:-$root/target}
     cargo build --manifest-path "$root/Cargo.toml" --release --locked --quiet \
-        -p ecan-acceptance -p ecan-tool -p ecan-sim-program -p ecan-examples --bins --examples
+        -p ecan-tool -p ecan-examples --bins --examples
+    cargo build --manifest-path "$root/checks/Cargo.toml" --target-dir "$target" --release --locked --quiet \
+        -p ecan-acceptance
     bins=("$target/release" "$target/release/examples")
     if command -v cmake >/dev/null; then
         cmake -S "$root" -B "$target/acceptance" -DECAN_CARGO_TARGET_DIR="$target" -DBUILD_TESTING=OFF >/dev/null

@@ -4,8 +4,8 @@
 #     scripts/check-packages.sh [--list]      --list: only prints them, in the order of publication
 set -euo pipefail
 cd "$(dirname "$0")/.."
-crates=(ecan-protocol ecrt-sys ecan-host ecan-mcan-port ecan-canopen ecan-cia402 ecan-config-file
-    ecan-candump ecan-recording ecan-bridge ecan-service-protocol ecan-service-client ecan-service
+crates=(ecan-protocol ecrt-sys ecan-host ecan-mcan-port ecan-canopen ecan-cia402
+    ecan-can-io ecan-service
     ecan-service-zenoh ecan-sim ecan-lite)
 if [ "${1-}" = --list ]; then
     printf '%s\n' "${crates[@]}"

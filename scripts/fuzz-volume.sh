@@ -4,7 +4,7 @@
 #   scripts/fuzz-volume.sh sum DIRECTORY
 #   scripts/fuzz-volume.sh seeds BINARIES DIRECTORY TARGET...
 # BINARIES is the directory with the built targets, DIRECTORY takes corpora, findings and one log per run.
-# `seeds` adds inputs of at most 512 bytes to fuzz/seeds/, as few as reach every code that the corpus reaches.
+# `seeds` adds inputs of at most 512 bytes to checks/fuzz/seeds/, as few as reach every code that the corpus reaches.
 # A run ends at a finding; the next one continues with the remaining executions, ten runs at most.
 set -euo pipefail
 root=$(cd "$(dirname "$0")/.." && pwd)
@@ -22,8 +22,8 @@ run() {
         target=${share%%=*}
         left=${share#*=}
         local options=() seeds=()
-        if [[ -f $root/fuzz/words/$target.dict ]]; then options+=("-dict=$root/fuzz/words/$target.dict"); fi
-        if [[ -d $root/fuzz/seeds/$target ]]; then seeds=("$root/fuzz/seeds/$target"); fi
+        if [[ -f $root/checks/fuzz/words/$target.dict ]]; then options+=("-dict=$root/checks/fuzz/words/$target.dict"); fi
+        if [[ -d $root/checks/fuzz/seeds/$target ]]; then seeds=("$root/checks/fuzz/seeds/$target"); fi
         mkdir -p "$directory/corpus/$target"
         for attempt in {1..10}; do
             log=$directory/logs/$target.$(date +%s).$attempt
@@ -57,9 +57,9 @@ seeds() {
     local binaries=$1 directory=$2 target
     shift 2
     for target in "$@"; do
-        mkdir -p "$root/fuzz/seeds/$target"
+        mkdir -p "$root/checks/fuzz/seeds/$target"
         "$binaries/$target" -set_cover_merge=1 -use_counters=0 -max_len=512 \
-            "$root/fuzz/seeds/$target" "$directory/corpus/$target" > "$directory/seeds.$target.log" 2>&1
+            "$root/checks/fuzz/seeds/$target" "$directory/corpus/$target" > "$directory/seeds.$target.log" 2>&1
     done
 }
 

@@ -5,13 +5,13 @@ set -euo pipefail
 cd "$(dirname "$0")/.."
 
 if (($# == 0)); then
-    echo "targets: $(basename -s .rs fuzz/targets/*.rs | tr '\n' ' ')"
+    echo "targets: $(basename -s .rs checks/fuzz/targets/*.rs | tr '\n' ' ')"
     exit 2
 fi
 target=$1
 seconds=${2:-60}
 shift $(($# > 1 ? 2 : 1))
-if [[ ! -f fuzz/targets/$target.rs ]]; then
+if [[ ! -f checks/fuzz/targets/$target.rs ]]; then
     echo "fuzz.sh: there is no target \"$target\"; run it without arguments to see which" >&2
     exit 2
 fi
@@ -22,13 +22,13 @@ coverage+=" -Cllvm-args=-sanitizer-coverage-pc-table -Cllvm-args=-sanitizer-cove
 host=$(rustc -vV | sed -n 's/^host: //p')
 # With a target named, build scripts and macros go without the counters.
 RUSTFLAGS=$coverage CARGO_TARGET_DIR=target/fuzz \
-    cargo build --quiet --release --locked --manifest-path fuzz/Cargo.toml --target "$host" --bin "$target"
+    cargo build --quiet --release --locked --manifest-path checks/fuzz/Cargo.toml --target "$host" --bin "$target"
 mkdir -p "target/fuzz/corpus/$target" "target/fuzz/findings"
 # What a target begins with, where it would not find the grammar by itself.
 seeds=()
-if [[ -d fuzz/seeds/$target ]]; then seeds=("fuzz/seeds/$target"); fi
+if [[ -d checks/fuzz/seeds/$target ]]; then seeds=("checks/fuzz/seeds/$target"); fi
 # Words of the grammar.
 words=()
-if [[ -f fuzz/words/$target.dict ]]; then words=("-dict=fuzz/words/$target.dict"); fi
+if [[ -f checks/fuzz/words/$target.dict ]]; then words=("-dict=checks/fuzz/words/$target.dict"); fi
 exec "target/fuzz/$host/release/$target" "-max_total_time=$seconds" -max_len=8192 \
     -artifact_prefix=target/fuzz/findings/ "${words[@]}" "$@" "target/fuzz/corpus/$target" "${seeds[@]}"

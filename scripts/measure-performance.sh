@@ -15,29 +15,28 @@ cd "$(dirname "$0")/.."
 document=docs/PERFORMANCE.md
 details=target/performance.txt
 
-bench() { cargo bench --quiet --locked -p "$1" --bench "$2" -- "${@:3}"; }
+checks=(--manifest-path checks/Cargo.toml --target-dir target)
+bench() { cargo bench --quiet --locked "${checks[@]}" -p ecan-bench --bench "$1" -- "${@:2}"; }
 # Benchmarks mark table rows with "= ".
 rows() { sed -n 's/^= //p' <<<"$1" | tail -n +2; }
 details() { grep -v '^= ' <<<"$1" || true; }
 has_goal() { awk -F'|' '$3 !~ /^ *$/'; }
 has_no_goal() { awk -F'|' '$3 ~ /^ *$/'; }
 
-cargo bench --quiet --locked --no-run -p ecan-protocol -p ecan-host -p ecan-mcan-port \
-    -p ecan-cia402 -p ecan-igh-host -p ecan-service -p ecan-sim-program --bench codec --bench wake_up \
-    --bench cycle --bench axes --bench cycle_cpu --bench turnaround --bench simulation --bench c_face --bench clients
+cargo bench --quiet --locked --no-run "${checks[@]}" -p ecan-bench --benches
 load_before=$(cut -d' ' -f1-2 /proc/loadavg)
-codec=$(bench ecan-protocol codec)
-cycle=$(bench ecan-mcan-port cycle)
-axes=$(bench ecan-cia402 axes)
-cycle_cpu=$(bench ecan-cia402 cycle_cpu)
-simulation=$(bench ecan-cia402 simulation)
-c_face=$(bench ecan-igh-host c_face)
-clients=$(bench ecan-service clients)
+codec=$(bench codec)
+cycle=$(bench cycle)
+axes=$(bench axes)
+cycle_cpu=$(bench cycle_cpu)
+simulation=$(bench simulation)
+c_face=$(bench c_face)
+clients=$(bench clients)
 
 turnaround='| turnaround on veth, p50 | 1 | not measured in this run | | ecan-sim wire / another slave simulator |
 | turnaround on veth, p99 | 1 | not measured in this run | | ecan-sim wire / another slave simulator |'
 # shellcheck disable=SC2086 # several arguments
-turnaround_details=$(bench ecan-sim-program turnaround ${OTHER_SIMULATOR:-})
+turnaround_details=$(bench turnaround ${OTHER_SIMULATOR:-})
 measured=$(rows "$turnaround_details")
 turnaround=${measured:-$turnaround}
 turnaround_details=$(details "$turnaround_details")
@@ -45,7 +44,7 @@ turnaround_details=$(details "$turnaround_details")
 wake_up='| wake-up at 1 ms, p50 | 1.1 | not measured in this run | | cycle timer / cyclictest |
 | wake-up at 1 ms, p99 | 1.2 | not measured in this run | | cycle timer / cyclictest |
 | wake-up at 1 ms, p99, 100 us spin | 0.1 | not measured in this run | | cycle timer / cyclictest |'
-wake_up_details=$(bench ecan-host wake_up)
+wake_up_details=$(bench wake_up)
 measured=$(rows "$wake_up_details")
 wake_up=${measured:-$wake_up}
 wake_up_details=$(details "$wake_up_details")
@@ -85,7 +84,7 @@ sed -i -e "/^<!-- measured -->\$/,/^<!-- end of measured -->\$/{//!d}" -e "/^<!-
 cat >"$details" <<TEXT
 ## PDO image codec
 
-Time of this codec relative to a plain C codec (\`ecan-protocol/benches/baseline\`: CRC by a table of
+Time of this codec relative to a plain C codec (\`checks/benches/src/baseline\`: CRC by a table of
 256 entries, byte by byte; the image cleared whole; compiled with -O3). Both write the same bytes and
 read the same packets. The benchmark writes an image from prepared frames, then validates and reads it without
 a copy, including channel, CAN ID, length and first data byte of each frame.
@@ -108,16 +107,16 @@ CRC of short inputs, without a goal:
 |---|---|---:|---:|---|
 $(rows "$codec" | has_no_goal)
 
-    cargo bench -p ecan-protocol --bench codec
+    cargo bench --manifest-path checks/Cargo.toml --bench codec
 
 ## Whole cycle
 
 \`cycle_begin\`, receive everything, send, \`cycle_end\` of a Port on a master without data exchange
-(\`benches/null-master\`): its functions only return success and increment the sequence of each TxPDO image.
+(\`checks/benches/src/null_master\`): its functions only return success and increment the sequence of each TxPDO image.
 The other side is the codec alone with the same images. The Port adds sessions, working counters,
 image sequence, checks of channel and frame, tickets and statistics.
 
-    cargo bench -p ecan-mcan-port --bench cycle
+    cargo bench --manifest-path checks/Cargo.toml --bench cycle
 
 ## CiA 402 axes
 
@@ -130,7 +129,7 @@ The snapshot for observers is measured in whole cycles with N = 3: wait, begin, 
 
 $(details "$axes")
 
-    cargo bench -p ecan-cia402 --bench axes
+    cargo bench --manifest-path checks/Cargo.toml --bench axes
 
 ## Processor time of a cycle
 
@@ -142,7 +141,7 @@ library are separate; the null master has no calls.
 $(details "$cycle_cpu")
 \`\`\`
 
-    cargo bench -p ecan-cia402 --bench cycle_cpu
+    cargo bench --manifest-path checks/Cargo.toml --bench cycle_cpu
 
 ## Service
 
@@ -154,7 +153,7 @@ turn. The simulated master stands for the system calls of a real one; the null m
 $(details "$clients")
 \`\`\`
 
-    cargo bench -p ecan-service --bench clients
+    cargo bench --manifest-path checks/Cargo.toml --bench clients
 
 ## Simulator
 
@@ -164,7 +163,7 @@ Simulated time relative to wall-clock time, in stepped time, including host and 
 $simulation
 \`\`\`
 
-    cargo bench -p ecan-cia402 --bench simulation
+    cargo bench --manifest-path checks/Cargo.toml --bench simulation
 
 ## Turnaround
 
@@ -176,7 +175,7 @@ the figure is the median of the ratios of adjacent segments.
 $turnaround_details
 \`\`\`
 
-    cargo bench -p ecan-sim-program --bench turnaround -- --other IFACE [--rt-priority N]
+    cargo bench --manifest-path checks/Cargo.toml --bench turnaround -- --other IFACE [--rt-priority N]
 
 ## Wake-up
 
@@ -187,7 +186,7 @@ alternate; the figure is the median of the ratios of adjacent segments.
 $wake_up_details
 \`\`\`
 
-    cargo bench -p ecan-host --bench wake_up
+    cargo bench --manifest-path checks/Cargo.toml --bench wake_up
 
 ## C interface
 
@@ -197,5 +196,5 @@ Cost of a call through the C functions relative to the Rust call.
 $(details "$c_face")
 \`\`\`
 
-    cargo bench -p ecan-igh-host --bench c_face
+    cargo bench --manifest-path checks/Cargo.toml --bench c_face
 TEXT

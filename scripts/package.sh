@@ -50,7 +50,7 @@ arm64) machine=aarch64 ;;
 *) fail 2 "--arch $arch: no packages for it; allowed: amd64 and arm64" ;;
 esac
 [[ -z $programs || -x $programs/ecan && -x $programs/ecan-sim ]] ||
-    fail 2 "--programs $programs: ecan or ecan-sim is missing; build -p ecan-tool -p ecan-sim-program"
+    fail 2 "--programs $programs: ecan or ecan-sim is missing; build -p ecan-tool"
 output=$(realpath --canonicalize-missing "$output")
 [[ -z $programs ]] || programs=$(realpath "$programs")
 mkdir -p "$output"

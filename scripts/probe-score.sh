@@ -3,7 +3,7 @@
 # alternatives of the simulated gateway they name.
 set -eu
 cd "$(dirname "$0")/.."
-output=$(cargo test --quiet --locked -p ecan-probe --test score -- --nocapture --test-threads=1) || {
+output=$(cargo test --quiet --locked -p ecan-tool-support --test support -- score --nocapture --test-threads=1) || {
     echo "$output"
     exit 1
 }

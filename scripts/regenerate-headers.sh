@@ -3,4 +3,4 @@
 # that a version script does not list.
 set -euo pipefail
 cd "$(dirname "$0")/.."
-exec cargo run --quiet --locked -p ecan-headers -- "$@"
+exec cargo run --quiet --locked --manifest-path checks/Cargo.toml --target-dir target -p ecan-headers -- "$@"

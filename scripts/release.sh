@@ -105,7 +105,7 @@ if cargo cyclonedx --version >/dev/null 2>&1; then
     # It writes into the directories of all crates: in the extracted source.
     cd "$work/$name"
     cargo cyclonedx --quiet --format json --spec-version 1.5 --no-build-deps --override-filename sbom
-    for crate in capi/igh-host tools/ecan tools/ecan-sim; do
+    for crate in capi/igh-host tools/ecan; do
         sed "s#$work/$name#/ecan-lite#g" "$crate/sbom.json" >"$output/sbom/$(basename "$crate").cdx.json"
     done
     cd "$root"

@@ -4,7 +4,7 @@
 set -euo pipefail
 cd "$(dirname "$0")/.."
 export LC_ALL=C
-packages=(ecan-tool ecan-sim-program ecan-mcan-host ecan-igh-host ecan-sim-ethercat)
+packages=(ecan-tool ecan-mcan-host ecan-igh-host ecan-sim-ethercat)
 
 crates=$(
     for target in x86_64-unknown-linux-gnu aarch64-unknown-linux-gnu; do

@@ -13,8 +13,8 @@ cd "$(dirname "$0")/.."
 report=target/acceptance-variants
 trials=2000
 
-cargo build --quiet --locked -p ecan-acceptance -p ecan-tool -p ecan-sim-program -p ecan-examples \
-    --bins --examples
+cargo build --quiet --locked -p ecan-tool -p ecan-examples --bins --examples
+cargo build --quiet --locked --manifest-path checks/Cargo.toml --target-dir target -p ecan-acceptance
 only=()
 for group in startup/ demos/ commands/ configuration/apply faults/; do only+=(--only "$group"); done
 status=0

@@ -25,7 +25,7 @@ pub enum Error {
     /// The configuration file is faulty.
     #[cfg(feature = "config-file")]
     #[error(transparent)]
-    ConfigFile(#[from] ecan_config_file::ConfigFileError),
+    ConfigFile(#[from] crate::config_file::ConfigFileError),
     /// The Adapter failed.
     #[error(transparent)]
     Adapter(#[from] ecan_host::Error),

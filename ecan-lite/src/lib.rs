@@ -25,11 +25,15 @@
 #![deny(missing_docs)]
 #![forbid(unsafe_code)]
 
+#[cfg(feature = "config-file")]
+mod config_file;
 mod error;
 mod open;
+mod plan_table;
 
 pub use error::{Error, Result};
 pub use open::OpenEcrt;
+pub use plan_table::plan_table;
 
 /// EtherCAT master, domains, startup SDOs, distributed clocks and real-time cycle (manual 15.5.2).
 pub mod adapter {
@@ -64,12 +68,12 @@ pub mod config {
     pub use ecan_protocol::config::*;
     pub use ecan_protocol::image::{BudgetPolicy, EncapsulationProfile, OptionFlags};
 
+    #[cfg(feature = "config-file")]
+    pub use crate::config_file::*;
     #[cfg(feature = "cia402")]
     pub use ecan_canopen::{NetworkConfig, NodeConfig, SdoConfig, SyncConfig};
     #[cfg(feature = "cia402")]
     pub use ecan_cia402::{AxisConfig, Cia402Config};
-    #[cfg(feature = "config-file")]
-    pub use ecan_config_file::*;
 }
 
 /// Simulated gateways, CAN buses, nodes and faults.

@@ -2,11 +2,8 @@
 #![allow(missing_docs)]
 
 mod common;
-#[path = "../benches/codec/pair.rs"]
-mod pair;
 
 mod bit_timing;
-mod codec_baseline;
 mod configuration;
 mod crc;
 mod device_answers;

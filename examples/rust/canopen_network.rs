@@ -13,11 +13,11 @@ use std::time::Duration;
 use clap::Parser;
 use ecan_canopen::{BootPhase, BootState};
 use ecan_cia402::Cia402;
-use ecan_command_line::print_line;
-use ecan_command_line::screen::parse_arguments;
 use ecan_example_support::backend::MasterArguments;
 use ecan_example_support::{EXIT_STATUS, Interrupt, report_exit, wait_ready};
 use ecan_mcan_port::Port;
+use ecan_tool_support::command_line::screen::parse_arguments;
+use ecan_tool_support::print_line;
 
 /// Longest time of the boot-up and of each step of the startup.
 const STARTUP: Duration = Duration::from_secs(30);
@@ -43,9 +43,9 @@ fn main() -> ExitCode {
 /// Runs the network. Returns whether the axes followed their targets until the end.
 fn run(arguments: &Arguments) -> Result<bool, Box<dyn Error>> {
     let path = &arguments.file;
-    let (config, axes) = (ecan_config_file::load(path)?, ecan_config_file::load_axes(path)?);
-    let nodes = ecan_config_file::load_nodes(path)?;
-    let settings = ecan_config_file::load_network_settings(path)?;
+    let (config, axes) = (ecan_lite::config::load(path)?, ecan_lite::config::load_axes(path)?);
+    let nodes = ecan_lite::config::load_nodes(path)?;
+    let settings = ecan_lite::config::load_network_settings(path)?;
     let interrupt = Interrupt::install()?;
     let backend = arguments.master.open("drives", &config.adapter)?;
     let mut port = Port::open(&backend.ecrt, (config.adapter, config.port))?;

@@ -11,13 +11,13 @@ use std::time::Duration;
 
 use clap::Parser;
 use ecan_canopen::{Network, NetworkConfig, NodeAddress, NodeConfig, NodeId};
-use ecan_command_line::bit_rate::parse_bit_rate;
-use ecan_command_line::print_line;
-use ecan_command_line::screen::parse_arguments;
 use ecan_example_support::backend::MasterArguments;
 use ecan_example_support::object_value::ValueType;
 use ecan_example_support::{EXIT_STATUS, report_exit};
 use ecan_mcan_port::{ChannelConfig, GatewayConfig, Port, PortConfig};
+use ecan_tool_support::command_line::bit_rate::parse_bit_rate;
+use ecan_tool_support::command_line::screen::parse_arguments;
+use ecan_tool_support::print_line;
 
 /// PDO size per direction, in chunks of 128 bytes.
 const PDO_N: u8 = 3;

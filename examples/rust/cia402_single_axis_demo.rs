@@ -12,10 +12,10 @@ use std::process::ExitCode;
 use clap::Parser;
 use ecan_canopen::{NodeAddress, NodeId};
 use ecan_cia402::AxisConfig;
-use ecan_command_line::screen::parse_arguments;
 use ecan_example_support::motion_arguments::MotionArguments;
 use ecan_example_support::motion_demo::run_motion;
 use ecan_example_support::{EXIT_STATUS, report_exit};
+use ecan_tool_support::command_line::screen::parse_arguments;
 
 const NAME: &str = "cia402_single_axis_demo";
 

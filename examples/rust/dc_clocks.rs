@@ -10,8 +10,6 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::{Parser, ValueEnum};
-use ecan_command_line::print_line;
-use ecan_command_line::screen::{Stream, parse_arguments, print};
 use ecan_example_support::backend::MasterArguments;
 use ecan_example_support::clock_plot::ClockPlot;
 use ecan_example_support::sync0::{print_sync0, sync0};
@@ -20,7 +18,9 @@ use ecan_example_support::{
 };
 use ecan_host::{ClockSource, ClockStatus, DcSync};
 use ecan_mcan_port::{ChannelConfig, GatewayConfig, Port, PortConfig};
-use ecan_plot::Heading;
+use ecan_tool_support::command_line::screen::{Stream, parse_arguments, print};
+use ecan_tool_support::plot::Heading;
+use ecan_tool_support::print_line;
 
 /// Interval of the printed lines, ns.
 const LINE_NS: u64 = 1_000_000_000;

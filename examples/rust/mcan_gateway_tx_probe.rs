@@ -12,8 +12,6 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::Parser;
-use ecan_command_line::print_line;
-use ecan_command_line::screen::parse_arguments;
 use ecan_example_support::gateway_arguments::GatewayArguments;
 use ecan_example_support::probe_output::{ProbeFiles, parse_picture};
 use ecan_example_support::probe_sweep::print_sweep;
@@ -24,10 +22,12 @@ use ecan_example_support::{
 };
 use ecan_host::AdapterConfig;
 use ecan_mcan_port::{FrameStream, GatewayConfig, Port, PortConfig, RECOMMENDED_OFFSET_NS};
-use ecan_plot::Heading;
 use ecan_protocol::can::FrameError;
 use ecan_protocol::image::OptionFlags;
 use ecan_protocol::mapping::CHANNELS;
+use ecan_tool_support::command_line::screen::parse_arguments;
+use ecan_tool_support::plot::Heading;
+use ecan_tool_support::print_line;
 
 /// Send one numbered CAN frame per cycle, directly and scheduled, and measure the periods
 #[derive(Debug, Parser)]

@@ -13,8 +13,6 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::Parser;
-use ecan_command_line::print_line;
-use ecan_command_line::screen::parse_arguments;
 use ecan_example_support::frame_source::{Channels, Source};
 use ecan_example_support::gateway_arguments::GatewayArguments;
 use ecan_example_support::loop_record::LoopRecord;
@@ -27,6 +25,8 @@ use ecan_mcan_port::Port;
 use ecan_protocol::can::CanId;
 use ecan_protocol::mapping::CHANNELS;
 use ecan_protocol::text::Printable;
+use ecan_tool_support::command_line::screen::parse_arguments;
+use ecan_tool_support::print_line;
 
 /// CAN ID of the frames that the plain loop sends.
 const LOOP_ID: u16 = 0x123;

@@ -3,11 +3,11 @@
 use std::time::Duration;
 
 use clap::Args;
-use ecan_command_line::logging::LogArguments;
-use ecan_command_line::print_error_line;
-use ecan_command_line::print_line;
 use ecan_host::AdapterConfig;
 use ecan_sim::{Backend, BackendError, ClockKind, EcrtSetting, SimOptions};
+use ecan_tool_support::command_line::logging::LogArguments;
+use ecan_tool_support::print_error_line;
+use ecan_tool_support::print_line;
 
 /// Options of all programs.
 #[derive(Debug, Args)]

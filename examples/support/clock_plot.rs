@@ -4,7 +4,7 @@ use std::ops::Range;
 use std::path::Path;
 
 use ecan_host::ClockStatus;
-use ecan_plot::{Heading, Mark, PlotError, Series, TimeFigure, TimePanel, Tone};
+use ecan_tool_support::plot::{Heading, Mark, PlotError, Series, TimeFigure, TimePanel, Tone};
 
 /// Maximum number of samples in a picture.
 const SAMPLES: u64 = 4_000;

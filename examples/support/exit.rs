@@ -3,11 +3,11 @@
 use std::error::Error;
 use std::process::ExitCode;
 
-use ecan_command_line::log_file::LogFileError;
-use ecan_command_line::print_error_line;
-use ecan_config_file::ConfigFileError;
-use ecan_plot::PlotError;
+use ecan_lite::config::ConfigFileError;
 use ecan_sim::BackendError;
+use ecan_tool_support::command_line::log_file::LogFileError;
+use ecan_tool_support::plot::PlotError;
+use ecan_tool_support::print_error_line;
 
 /// Exit statuses, with the numbers of `ecan`.
 pub const EXIT_STATUS: &str = "\

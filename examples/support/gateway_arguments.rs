@@ -1,9 +1,9 @@
 //! Options for master, gateways and channels.
 
 use clap::Args;
-use ecan_command_line::bit_rate::parse_bit_rate;
 use ecan_host::AdapterConfig;
 use ecan_mcan_port::ChannelConfig;
+use ecan_tool_support::command_line::bit_rate::parse_bit_rate;
 
 use crate::backend::MasterArguments;
 

@@ -4,13 +4,13 @@ use std::error::Error;
 use std::path::Path;
 use std::sync::Arc;
 
-use ecan_command_line::print_error_line;
-use ecan_command_line::print_line;
-use ecan_command_line::screen::{Stream, print};
 use ecan_host::Clock;
 use ecan_mcan_port::{Port, ReceivedView};
 use ecan_protocol::can::CanFrame;
 use ecan_protocol::mapping::CHANNELS;
+use ecan_tool_support::command_line::screen::{Stream, print};
+use ecan_tool_support::print_error_line;
+use ecan_tool_support::print_line;
 use indicatif::ProgressBar;
 
 use crate::bus_load::BusLoad;

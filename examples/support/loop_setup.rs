@@ -4,11 +4,11 @@ use std::error::Error;
 use std::path::Path;
 
 use ecan_can_io::recording::LoggedFrame;
-use ecan_command_line::print_line;
 use ecan_host::AdapterConfig;
 use ecan_mcan_port::{GatewayConfig, PortConfig};
 use ecan_protocol::can::CanId;
 use ecan_protocol::text::Printable;
+use ecan_tool_support::print_line;
 
 use crate::frame_source::{Channels, RecordedFrame, Source, Target};
 use crate::gateway_arguments::GatewayArguments;
@@ -35,7 +35,7 @@ impl LoopSetup {
     /// # Errors
     /// The file is faulty, or no gateway in it has the selected channel.
     pub fn from_file(path: &Path, channels: Channels) -> Result<Self, Box<dyn Error>> {
-        let file = ecan_config_file::load(path)?;
+        let file = ecan_lite::config::load(path)?;
         if let Channels::One(channel) = channels
             && channels.targets(&file.port).is_empty()
         {

@@ -4,11 +4,11 @@ use std::error::Error;
 use std::time::Duration;
 
 use ecan_cia402::{AxisConfig, Cia402, axis_traffic};
-use ecan_command_line::print_line;
-use ecan_command_line::screen::{Stream, print};
 use ecan_host::Faults;
 use ecan_mcan_port::{Port, PortPlan};
-use ecan_plot::Heading;
+use ecan_tool_support::command_line::screen::{Stream, print};
+use ecan_tool_support::plot::Heading;
+use ecan_tool_support::print_line;
 
 use crate::motion_arguments::MotionArguments;
 use crate::motion_record::MotionRecord;

@@ -6,10 +6,10 @@ use std::path::Path;
 use std::sync::Arc;
 
 use ecan_cia402::{AxisPhase, AxisProgress, Cia402, LoadWarning};
-use ecan_command_line::print_line;
 use ecan_host::Clock;
 use ecan_mcan_port::Port;
-use ecan_plot::{AxisRecorder, Heading};
+use ecan_tool_support::plot::{AxisRecorder, Heading};
+use ecan_tool_support::print_line;
 use indicatif::ProgressBar;
 
 use crate::motion_table;

@@ -2,10 +2,10 @@
 
 use std::error::Error;
 
-use ecan_command_line::screen::{Stream, print};
 use ecan_host::{AdapterConfig, Faults};
+use ecan_lite::plan_table;
 use ecan_mcan_port::{FrameStream, PortConfig, PortPlan};
-use ecan_plan_table::plan_table;
+use ecan_tool_support::command_line::screen::{Stream, print};
 
 /// Prints the load of a configuration, with its warnings.
 ///

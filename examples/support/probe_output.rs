@@ -3,12 +3,12 @@
 use std::error::Error;
 use std::path::{Path, PathBuf};
 
-use ecan_command_line::new_file::{Existing, WholeFile};
-use ecan_command_line::print_line;
-use ecan_command_line::screen::{Stream, print};
 use ecan_mcan_port::Port;
 use ecan_protocol::text::Printable;
 use ecan_sim::{BusFrame, Simulation};
+use ecan_tool_support::command_line::new_file::{Existing, WholeFile};
+use ecan_tool_support::command_line::screen::{Stream, print};
+use ecan_tool_support::print_line;
 
 use crate::RunInfo;
 use crate::bus_periods::BusRecord;

@@ -4,10 +4,10 @@ use std::error::Error;
 use std::fmt::Write;
 use std::path::Path;
 
-use ecan_command_line::new_file;
 use ecan_host::Distribution;
-use ecan_plot::{Heading, HistogramFigure, HistogramRow, PlotError};
 use ecan_protocol::text::Printable;
+use ecan_tool_support::command_line::new_file;
+use ecan_tool_support::plot::{Heading, HistogramFigure, HistogramRow, PlotError};
 
 use crate::RunInfo;
 use crate::bus_periods::BusPeriods;

@@ -3,11 +3,11 @@
 use std::error::Error;
 use std::path::Path;
 
-use ecan_command_line::print_line;
 use ecan_host::Plan;
 use ecan_mcan_port::Port;
-use ecan_plot::{Heading, ShiftFigure};
 use ecan_protocol::mapping::CHUNK_BYTES;
+use ecan_tool_support::plot::{Heading, ShiftFigure};
+use ecan_tool_support::print_line;
 
 use crate::interrupt::Interrupt;
 use crate::phase_sweep::{PhaseSweep, sweep_phase};

@@ -1,6 +1,6 @@
 //! The progress bar of long runs.
 
-use ecan_command_line::screen::Stream;
+use ecan_tool_support::command_line::screen::Stream;
 use indicatif::{ProgressBar, ProgressStyle};
 
 /// Steps below which a bar would only flicker.

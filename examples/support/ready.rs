@@ -1,8 +1,8 @@
 //! Waits until the gateways are ready, or until the user stops the program.
 
-use ecan_command_line::print_line;
 use ecan_host::Error;
 use ecan_mcan_port::{Port, PortError};
+use ecan_tool_support::print_line;
 
 use crate::interrupt::Interrupt;
 

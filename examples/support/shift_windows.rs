@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use ecan_plot::ShiftRow;
+use ecan_tool_support::plot::ShiftRow;
 
 use crate::phase_table::PhaseTable;
 

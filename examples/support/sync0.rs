@@ -2,10 +2,10 @@
 
 use std::time::Duration;
 
-use ecan_command_line::print_error_line;
-use ecan_command_line::print_line;
 use ecan_host::{AdapterConfig, DcSync, Plan};
 use ecan_mcan_port::PortConfig;
+use ecan_tool_support::print_error_line;
+use ecan_tool_support::print_line;
 
 /// Sync0 with this period; without a shift in microseconds with that of the plan. The other settings of
 /// `adapter` are complete.

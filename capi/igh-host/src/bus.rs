@@ -6,7 +6,7 @@ use ecan_canopen::NodeConfig;
 use ecan_cia402::{Cia402, Cia402Error, SendSummary};
 use ecan_host::{Adapter, SdoRequestId};
 use ecan_mcan_port::{Cycle, Port, PortConfig, SendTicket};
-use ecan_service::Service;
+use ecan_service::server::Service;
 
 use crate::callback::ProgressCallback;
 use crate::errors;

@@ -8,10 +8,10 @@ use ecan_canopen::{
     LssFailure, LssFault, LssStartError, NetworkError, NmtError, SdoFailure, SdoFault, WaitError,
 };
 use ecan_cia402::{AxisFault, AxisFaults, AxisTimeout, Cia402Error, CommandError, ScheduleError};
-use ecan_config_file::ConfigFileError;
 use ecan_host::{CycleError, Errno, Error};
+use ecan_lite::config::ConfigFileError;
 use ecan_mcan_port::{AddressError, Backpressure, PortError, SendError};
-use ecan_service::ServiceError;
+use ecan_service::server::ServiceError;
 
 /// An error of the layers below, as C sees it.
 pub(crate) trait Coded: Display {

@@ -2,7 +2,7 @@
 //!
 //! CAN frames use the link type `LINKTYPE_CAN_SOCKETCAN` (227). PDO images (manual 6) use the first
 //! private link type (`LINKTYPE_USER0`, 147) with a header of 16 bytes, see [`ImageOrigin`];
-//! `wireshark/ecan_pdo.lua` dissects them. Each channel and each gateway is an interface of the
+//! `packaging/wireshark/ecan_pdo.lua` dissects them. Each channel and each gateway is an interface of the
 //! capture, named `can0`, `can1` ... and `ecan0` ....
 //!
 //! [`Capture`] writes synchronously. [`Recorder`] writes on a thread of its own, for applications

@@ -9,7 +9,7 @@ use ecan_protocol::image::{
 use ecan_protocol::mapping::Direction;
 use ecan_test_support::fields_of;
 
-const DISSECTOR: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../wireshark/ecan_pdo.lua");
+const DISSECTOR: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../packaging/wireshark/ecan_pdo.lua");
 const TIME_NS: u64 = 1_700_000_000_123_456_789;
 
 /// Manual 5.4.4.1: one classic frame, 0x123 on channel 0, N = 8, sequence 1.

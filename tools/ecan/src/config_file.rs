@@ -1,6 +1,6 @@
 use std::path::Path;
 
-use ecan_config_file::{
+use ecan_lite::config::{
     ConfigFileError, ResolveError, ResolvedGateway, ServiceSettings, find, load, load_service,
 };
 use ecan_mcan_port::Config;

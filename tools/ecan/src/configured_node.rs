@@ -25,7 +25,7 @@ impl ConfiguredNodes {
     /// The file cannot be read or has faults.
     pub fn load(path: &Path) -> Result<Self> {
         let config = config_file::read(path)?;
-        let network = ecan_config_file::load_network(path).map_err(config_file::failure)?;
+        let network = ecan_lite::config::load_network(path).map_err(config_file::failure)?;
         Ok(Self { path: path.to_owned(), config, network })
     }
 

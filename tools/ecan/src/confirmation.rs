@@ -1,6 +1,6 @@
 use std::io::{BufRead, IsTerminal, Write};
 
-use ecan_command_line::screen::{CleanWriter, Stream};
+use ecan_tool_support::command_line::screen::{CleanWriter, Stream};
 
 use crate::context::{Failure, Result};
 

@@ -1,10 +1,10 @@
 use std::path::{Path, PathBuf};
 
-use ecan_command_line::interrupt::InterruptError;
-use ecan_command_line::log_file::LogFileError;
 use ecan_host::{MaintenanceError, RealTimeError};
 use ecan_protocol::text::Printable;
 use ecan_sim::BackendError;
+use ecan_tool_support::command_line::interrupt::InterruptError;
+use ecan_tool_support::command_line::log_file::LogFileError;
 use thiserror::Error;
 
 /// Result of a command or a part of it.

@@ -1,5 +1,5 @@
 use clap::{Args, ValueEnum};
-use ecan_command_line::logging::LogArguments;
+use ecan_tool_support::command_line::logging::LogArguments;
 
 use crate::failure::{Failure, Result};
 use crate::slave_choice::SlaveChoice;

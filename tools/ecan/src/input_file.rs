@@ -5,7 +5,7 @@ use std::path::Path;
 use crate::failure::{Failure, Result};
 
 pub fn read(path: &Path) -> Result<Vec<u8>> {
-    ecan_config_file::read_bytes(path).map_err(|error| Failure::file("read", path, error))
+    ecan_lite::config::read_bytes(path).map_err(|error| Failure::file("read", path, error))
 }
 
 pub fn read_text(path: &Path) -> Result<String> {

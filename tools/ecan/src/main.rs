@@ -38,7 +38,7 @@ use std::process::ExitCode;
 use clap::{CommandFactory, FromArgMatches, Parser};
 
 use commands::Command;
-use ecan_command_line::screen::{exit_after, with_printable_arguments};
+use ecan_tool_support::command_line::screen::{exit_after, with_printable_arguments};
 
 use context::{Context, Failure, GlobalOptions, Output, note};
 use global::Color;

@@ -4,7 +4,7 @@ use std::error::Error;
 use std::io::{self, Write};
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use ecan_command_line::screen::{self, CleanWriter, Content, Sequence, Stream};
+use ecan_tool_support::command_line::screen::{self, CleanWriter, Content, Sequence, Stream};
 use serde::Serialize;
 
 use crate::failure::{Failure, Result};

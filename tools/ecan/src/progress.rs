@@ -3,7 +3,7 @@
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
-use ecan_command_line::screen::{self, Sequence, Stream};
+use ecan_tool_support::command_line::screen::{self, Sequence, Stream};
 
 /// Time after which the line appears.
 const PATIENCE: Duration = Duration::from_secs(2);

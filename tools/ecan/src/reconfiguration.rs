@@ -4,9 +4,9 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use std::time::Duration;
 
-use ecan_config_file::{FileFaults, load_profiles, parse_with};
+use ecan_lite::config::{FileFaults, load_profiles, parse_with};
 use ecan_mcan_port::Config;
-use ecan_service_client::METHOD_NOT_FOUND;
+use ecan_service::client::METHOD_NOT_FOUND;
 use serde::{Deserialize, Serialize};
 
 use crate::config_changes::Change;
@@ -77,7 +77,7 @@ pub fn request(connection: &ServiceConnection, config: &ConfigText) -> Result<Op
         Ok(result) => serde_json::from_value(result).map(Some).map_err(unreadable),
         Err(error) => match error.rpc() {
             Some(rpc) if rpc.code == METHOD_NOT_FOUND => Ok(None),
-            Some(rpc) if rpc.code != ecan_service_client::NOT_PERMITTED => {
+            Some(rpc) if rpc.code != ecan_service::client::NOT_PERMITTED => {
                 Err(Failure::Rejected(format!("{}: {rpc}", connection.program())))
             }
             _ => Err(Failure::Device(connection.error(METHOD, &error))),

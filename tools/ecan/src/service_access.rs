@@ -10,8 +10,8 @@ use ecan_host::{
 };
 use ecan_protocol::object::AbortCode;
 use ecan_protocol::text::Printable;
-use ecan_service_client::{Client, ClientError};
-use ecan_service_protocol::{
+use ecan_service::client::{Client, ClientError};
+use ecan_service::protocol::{
     Access, BusError, DownloadParams, Hello, NOT_PERMITTED, PortKind as KindOfPort,
     SdoDirection as DirectionOfSdo, Slave, SlavePort, UploadParams,
 };

@@ -1,6 +1,6 @@
 use std::io::{self, Write};
 
-use ecan_command_line::screen;
+use ecan_tool_support::command_line::screen;
 
 /// Prints a row per item with columns as wide as their widest cell; the last column is not padded.
 pub fn print<T, const N: usize>(

@@ -4,7 +4,7 @@ use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 use ecan_protocol::text::Printable;
-use ecan_service_client::{Client, ClientError};
+use ecan_service::client::{Client, ClientError};
 
 use crate::failure::{Failure, Result};
 use crate::global::GlobalOptions;

@@ -136,14 +136,14 @@ pub fn igh_cia402_context_init_file(
     pointers!(call, out(context), c_str(path), optional(settings));
     prepare(call, bus, &context)?;
     let path = OsStr::from_bytes(path.to_bytes());
-    let network = ecan_config_file::load_network_settings(path).or_code(call)?;
+    let network = ecan_lite::config::load_network_settings(path).or_code(call)?;
     let settings = match settings {
         Some(settings) => settings.checked(call)?,
         None => network.cia402.clone(),
     };
     init(call, bus, &context, settings, |port, settings| {
-        let axes = ecan_config_file::load_axes(path).or_code(call)?;
-        let nodes = ecan_config_file::load_nodes(path).or_code(call)?;
+        let axes = ecan_lite::config::load_axes(path).or_code(call)?;
+        let nodes = ecan_lite::config::load_nodes(path).or_code(call)?;
         let node_config = settings.node;
         let mut cia402 = Cia402::new(port, axes, settings).or_code(call)?;
         let time = network.time(port.adapter().clock().now_ns());

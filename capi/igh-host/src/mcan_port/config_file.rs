@@ -19,7 +19,7 @@ use std::os::unix::ffi::OsStrExt;
 use ecan_c_boundary::result::ecan_result_t;
 use ecan_c_boundary::{Call, OutArray, OutPointer, pointers};
 use ecan_c_export::export;
-use ecan_config_file::{ConfigFileError, FileFault, FileFaults};
+use ecan_lite::config::{ConfigFileError, FileFault, FileFaults};
 use ecan_mcan_port::Config;
 
 use super::config::igh_mcan_port_config_t;
@@ -100,7 +100,7 @@ fn store(
 }
 
 fn load(path: &CStr) -> Result<Config, ConfigFileError> {
-    ecan_config_file::load(OsStr::from_bytes(path.to_bytes()))
+    ecan_lite::config::load(OsStr::from_bytes(path.to_bytes()))
 }
 
 /// Loads the configurations of the Adapter and of the Port from a file. They are applied, as by
@@ -166,7 +166,7 @@ pub fn igh_mcan_port_parse_config(
     pointers!(call, optional_out(count), room(faults, capacity));
     let mut faults = FaultList::new(faults, count);
     pointers!(call, encoded_mut(igh_config), out(config), c_str(text));
-    let file = ecan_config_file::parse(text.to_bytes()).map_err(|found| {
+    let file = ecan_lite::config::parse(text.to_bytes()).map_err(|found| {
         faults.put(&found);
         call.fail(ecan_result_t::ECAN_ERR_CONFIG, format_args!("{found}"))
     })?;
@@ -178,8 +178,8 @@ mod tests {
     use std::mem::MaybeUninit;
     use std::ptr::null_mut;
 
-    use ecan_config_file::EXAMPLE;
     use ecan_host::AdapterConfig;
+    use ecan_lite::config::EXAMPLE;
     use ecan_mcan_port::PortConfig;
 
     use ecan_c_boundary::call;
@@ -293,7 +293,7 @@ mod tests {
     /// Configurations that a Rust application passes to the Adapter and the Port.
     fn in_rust(text: &str) -> (AdapterConfig, PortConfig) {
         let file =
-            ecan_config_file::parse(text.as_bytes()).unwrap_or_else(|faults| panic!("{faults}"));
+            ecan_lite::config::parse(text.as_bytes()).unwrap_or_else(|faults| panic!("{faults}"));
         (file.adapter, file.port)
     }
 

@@ -89,7 +89,7 @@ pub(crate) fn plan(
     let config = configured(port, adapter.slave_count);
     let adapter = adapter.configured();
     let plan = PortPlan::of(&adapter, &config, traffic);
-    let stored = text.put(call, &ecan_plan_table::plan_table(&plan, &adapter, traffic));
+    let stored = text.put(call, &ecan_lite::plan_table(&plan, &adapter, traffic));
     Faults::check(plan.faults(&adapter, &config))
         .map_err(|faults| call.fail(ecan_result_t::ECAN_ERR_CONFIG, format_args!("{faults}")))?;
     stored

@@ -11,7 +11,7 @@ use std::path::PathBuf;
 use ecan_c_boundary::pointers;
 use ecan_c_boundary::result::ecan_result_t;
 use ecan_c_export::export;
-use ecan_service::{Control, ServePort as _, ServiceConfig};
+use ecan_service::server::{Control, ServePort as _, ServiceConfig};
 
 use super::context::igh_mcan_port_t;
 use crate::errors::OrCode as _;

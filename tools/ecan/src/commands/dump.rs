@@ -5,9 +5,9 @@ use std::sync::Arc;
 
 use clap::{ArgGroup, Args};
 use ecan_can_io::candump::Filter;
-use ecan_command_line::new_file::is_standard_stream;
 use ecan_protocol::can::CanFrame;
 use ecan_protocol::mapping::Direction;
+use ecan_tool_support::command_line::new_file::is_standard_stream;
 
 use crate::context::{Context, Failure, Result, note};
 use crate::frames::{

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use clap_mangen::Man;
-use ecan_command_line::new_file::{Existing, create};
+use ecan_tool_support::command_line::new_file::{Existing, create};
 
 use crate::context::{Failure, Result, note};
 use ecan_protocol::text::Printable;

@@ -3,9 +3,9 @@
 use std::io::Write;
 
 use clap::{Args, Subcommand};
-use ecan_diagnosis::registers::{self, REGISTERS, register, register_named};
 use ecan_host::Maintenance;
 use ecan_protocol::device::AccessMode;
+use ecan_tool_support::diagnosis::registers::{self, REGISTERS, register, register_named};
 use serde::Serialize;
 
 use crate::context::{Bus, Context, Failure, Output, Result, Tone, note};

@@ -5,9 +5,9 @@ use std::str::FromStr;
 
 use clap::Args;
 use ecan_can_io::recording::{Format, ReadOptions, ScreenTimes};
-use ecan_command_line::new_file::is_standard_stream;
 use ecan_protocol::mapping::Direction;
 use ecan_protocol::text::Printable;
+use ecan_tool_support::command_line::new_file::is_standard_stream;
 
 use crate::context::{Context, Failure, Result, note};
 use crate::frames::recording::{self, Recorded, RecordedLog};

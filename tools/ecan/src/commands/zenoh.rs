@@ -6,11 +6,11 @@ use std::thread::sleep;
 use std::time::Duration;
 
 use clap::Args;
-use ecan_command_line::interrupt::Interrupt;
-use ecan_service_client::Access;
+use ecan_service::client::Access;
 use ecan_service_zenoh::{
     Keys, Publication, PublicationConfig, PublicationError, TransmitLimits, TransmitRule,
 };
+use ecan_tool_support::command_line::interrupt::Interrupt;
 
 use crate::context::{Context, Failure, Result, note};
 use crate::via;

@@ -6,12 +6,12 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use ecan_can_io::capture::{Capture, ErrorFrame, ImageOrigin, Recorder, Traffic};
-use ecan_command_line::interrupt::Interrupt;
-use ecan_command_line::new_file::{Existing, create, is_standard_stream};
 use ecan_host::AdapterConfig;
 use ecan_protocol::can::CanFrame;
 use ecan_protocol::image::{ChannelStatus, Timestamp};
 use ecan_protocol::mapping::{CHANNELS, CHUNK_BYTES, Direction, HEADER_BYTES};
+use ecan_tool_support::command_line::interrupt::Interrupt;
+use ecan_tool_support::command_line::new_file::{Existing, create, is_standard_stream};
 
 use crate::context::{Failure, Result, note};
 use crate::frames::channels::Channels;

@@ -7,7 +7,7 @@ use ecan_mcan_port::{PortConfig, SendTicket, Session, SlaveStatistics};
 use ecan_protocol::can::CanFrame;
 use ecan_protocol::image::{ChannelStatus, ResultCode, Timestamp};
 use ecan_protocol::mapping::Direction;
-use ecan_service_protocol::{self as service, RejectReason};
+use ecan_service::protocol::{self as service, RejectReason};
 
 use crate::context::Result;
 

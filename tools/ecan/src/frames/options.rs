@@ -5,12 +5,12 @@ use std::time::Duration;
 use std::path::PathBuf;
 
 use clap::Args;
-use ecan_command_line::bit_rate::parse_bit_rate;
-use ecan_command_line::real_time::RealTimeArguments;
-use ecan_config_file::DEFAULT_N;
 use ecan_host::AdapterConfig;
+use ecan_lite::config::DEFAULT_N;
 use ecan_mcan_port::ChannelConfig;
 use ecan_protocol::config::SamplePointWindow;
+use ecan_tool_support::command_line::bit_rate::parse_bit_rate;
+use ecan_tool_support::command_line::real_time::RealTimeArguments;
 
 use crate::frames::capture::CaptureOptions;
 

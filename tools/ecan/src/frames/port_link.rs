@@ -2,14 +2,14 @@
 
 use std::time::SystemTime;
 
-use ecan_command_line::interrupt::Interrupt;
-use ecan_command_line::real_time::RealTimeArguments;
 use ecan_host::{AdapterConfig, Clock, Ecrt};
 use ecan_mcan_port::{Port, PortConfig, PortError, Received, SendError};
 use ecan_mcan_port::{ReceivedView, Session, SlaveStatistics};
 use ecan_protocol::can::CanFrame;
 use ecan_protocol::image::ChannelStatus;
 use ecan_protocol::mapping::Direction;
+use ecan_tool_support::command_line::interrupt::Interrupt;
+use ecan_tool_support::command_line::real_time::RealTimeArguments;
 
 use crate::context::{Failure, Result, note};
 use crate::frames::link::{Arrival, BusFrame, Event, FrameLink, Outcome, SessionState, Ticket};

@@ -1,8 +1,8 @@
 use std::fmt::Display;
 
-use ecan_command_line::interrupt::Interrupt;
 use ecan_protocol::config::McanChannelConfig;
 use ecan_sim::ClockKind;
+use ecan_tool_support::command_line::interrupt::Interrupt;
 
 use super::capture::FrameCapture;
 use super::link::FrameLink;

@@ -6,10 +6,10 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TrySendError, sync
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-use ecan_command_line::interrupt::Interrupt;
-use ecan_command_line::log_file::{LogFileError, Writer};
-use ecan_command_line::new_file::{Existing, is_standard_stream};
-use ecan_command_line::screen::{CleanWriter, Content, Stream};
+use ecan_tool_support::command_line::interrupt::Interrupt;
+use ecan_tool_support::command_line::log_file::{LogFileError, Writer};
+use ecan_tool_support::command_line::new_file::{Existing, is_standard_stream};
+use ecan_tool_support::command_line::screen::{CleanWriter, Content, Stream};
 
 use crate::context::{Failure, Result, note};
 use crate::frames::format::{LogLines, Screen, ScreenLines, TimedFrame};

@@ -1,8 +1,8 @@
 use std::path::Path;
 
 use ecan_can_io::recording::{LoggedFrame, ReadOptions, Recording, ScreenTimes};
-use ecan_command_line::log_file;
 use ecan_protocol::text::Printable;
+use ecan_tool_support::command_line::log_file;
 
 use crate::context::{Failure, Result};
 use crate::frames::channels::Channels;

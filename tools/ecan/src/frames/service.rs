@@ -3,13 +3,13 @@
 use std::fmt::Display;
 use std::path::Path;
 
-use ecan_command_line::interrupt::Interrupt;
 use ecan_mcan_port::{PortError, SlaveStatistics};
 use ecan_protocol::can::CanFrame;
 use ecan_protocol::config::McanChannelConfig;
 use ecan_protocol::image::ChannelStatus;
 use ecan_protocol::mapping::{CHANNELS, Direction};
 use ecan_protocol::text::Printable;
+use ecan_tool_support::command_line::interrupt::Interrupt;
 
 use crate::context::{Failure, Result, note};
 use crate::frames::bit_rates::BitRates;

@@ -7,8 +7,8 @@ use ecan_mcan_port::{PortConfig, SlaveStatistics};
 use ecan_protocol::can::CanFrame;
 use ecan_protocol::image::{ChannelState, ChannelStatus, Timestamp};
 use ecan_protocol::mapping::{CHANNELS, Direction};
-use ecan_service_client::{ClientError, Event as ServiceEvent, ReceivedImage, SendError};
-use ecan_service_protocol::{
+use ecan_service::client::{ClientError, Event as ServiceEvent, ReceivedImage, SendError};
+use ecan_service::protocol::{
     EventKind, FrameEvent, FrameReport, Gateway, GatewayState, ImageSubscription, NOT_AVAILABLE,
     Subscription,
 };
@@ -484,7 +484,7 @@ mod tests {
                 .map(|bus_off_images| ChannelStatistics { bus_off_images, ..Default::default() });
             let statistics = json!(SlaveStatistics { channels, ..Default::default() });
             GatewayState {
-                session: ecan_service_protocol::SessionState::Ready,
+                session: ecan_service::protocol::SessionState::Ready,
                 waiting_for: None,
                 working_counter: 3,
                 expected_working_counter: 3,

@@ -1,11 +1,11 @@
 //! Configuration of the gateways of a service, checked against the requirements of a command.
 
-use ecan_config_file::{ResolvedGateway, find};
 use ecan_host::{AdapterConfig, SlaveConfig};
+use ecan_lite::config::{ResolvedGateway, find};
 use ecan_mcan_port::PortConfig;
 use ecan_protocol::config::{List, McanChannelConfig, NodeMode};
 use ecan_protocol::mapping::Direction;
-use ecan_service_protocol::Access;
+use ecan_service::protocol::Access;
 
 use crate::config_file::resolve_failure;
 use crate::context::{Bus, Failure, Result};

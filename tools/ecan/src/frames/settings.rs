@@ -2,8 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
-use ecan_config_file::ResolvedGateway;
 use ecan_host::AdapterConfig;
+use ecan_lite::config::ResolvedGateway;
 use ecan_mcan_port::Config;
 use ecan_mcan_port::{GatewayConfig, MAX_GATEWAYS, PortConfig, PortError};
 use ecan_protocol::config::{List, NodeMode};

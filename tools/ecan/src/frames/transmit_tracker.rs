@@ -4,10 +4,10 @@
 
 use std::collections::HashMap;
 
-use ecan_diagnosis::registers::TransmitQueueStatus;
 use ecan_protocol::config::TxMode;
 use ecan_protocol::image::ChannelStatus;
 use ecan_protocol::mapping::{CHANNELS, Direction};
+use ecan_tool_support::diagnosis::registers::TransmitQueueStatus;
 
 use crate::context::{Failure, Result};
 use crate::frames::bit_rates::BitRates;

@@ -3,11 +3,11 @@
 use std::path::Path;
 use std::time::Duration;
 
-use ecan_diagnosis::{Depth, ReadError, Snapshot};
 use ecan_host::AdapterConfig;
 use ecan_mcan_port::{ChannelConfig, GatewayConfig, Port, PortConfig};
 use ecan_protocol::can::{CanFrame, CanId};
 use ecan_sim::{ClockKind, Scenario, SimOptions};
+use ecan_tool_support::diagnosis::{Depth, ReadError, Snapshot};
 
 use crate::support::{ends, fails, good, scenario, setting, simulated};
 

@@ -7,7 +7,8 @@ use ecan_test_support::fields_of;
 use crate::support::client::Client;
 use crate::support::{Running, Scenario, fails};
 
-const DISSECTOR: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../wireshark/ecan_pdo.lua");
+const DISSECTOR: &str =
+    concat!(env!("CARGO_MANIFEST_DIR"), "/../../packaging/wireshark/ecan_pdo.lua");
 
 /// Milliseconds, frame.
 const FRAMES: [(u64, &str); 4] = [

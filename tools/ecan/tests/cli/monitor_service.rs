@@ -8,7 +8,7 @@ use ecan_canopen::{NodeAddress, NodeId};
 use ecan_cia402::AxisConfig;
 use ecan_mcan_port::Cycle;
 use ecan_protocol::can::{CanFrame, CanId};
-use ecan_service_client::Client;
+use ecan_service::client::Client;
 use rustix::process::Signal;
 use serde_json::{Value, json};
 

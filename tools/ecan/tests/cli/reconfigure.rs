@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use ecan_protocol::can::{CanFrame, CanId};
-use ecan_service_client::{
+use ecan_service::client::{
     BUS_ERROR, BUSY, Client, ClientError, Event, FrameEvent, GatewaysChanged, INVALID_PARAMS,
     RpcError, Subscription,
 };

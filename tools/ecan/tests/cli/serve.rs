@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use ecan_protocol::can::{CanFrame, CanId};
-use ecan_service_client::{Client, Event, FrameEvent, Subscription};
+use ecan_service::client::{Client, Event, FrameEvent, Subscription};
 use serde_json::json;
 
 use crate::support::timed_reader::LIMIT;

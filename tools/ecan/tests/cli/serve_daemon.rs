@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::Duration;
 
-use ecan_service_client::Client;
+use ecan_service::client::Client;
 use nix::sys::ptrace;
 use nix::unistd::Pid;
 use rustix::process::Signal;

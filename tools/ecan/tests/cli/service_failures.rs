@@ -7,7 +7,7 @@ use std::os::unix::net::{UnixListener, UnixStream};
 use std::process::Command;
 
 use ecan_protocol::can::{CanFrame, CanId};
-use ecan_service_client::{Client, ClientError, Event, FrameEvent, Subscription, UploadParams};
+use ecan_service::client::{Client, ClientError, Event, FrameEvent, Subscription, UploadParams};
 use rustix::process::Signal;
 use serde_json::{Value, json};
 

@@ -10,7 +10,7 @@ use std::time::Duration;
 use ecan_host::AdapterConfig;
 use ecan_mcan_port::{ChannelConfig, GatewayConfig, Port, PortConfig};
 use ecan_protocol::image::OptionFlags;
-use ecan_service::{Control, ServePort as _, ServiceConfig};
+use ecan_service::server::{Control, ServePort as _, ServiceConfig};
 use ecan_sim::{ClockKind, SimOptions};
 
 use super::support::timed_reader::TimedReader;

@@ -7,7 +7,7 @@ use std::process::Command;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 use ecan_protocol::can::{CanFrame, CanId};
-use ecan_service_client::{Client, Event, Subscription};
+use ecan_service::client::{Client, Event, Subscription};
 
 use crate::support::python::{python_with, skip};
 use crate::support::timed_reader::LIMIT;

@@ -5,7 +5,7 @@ use std::path::Path;
 use clap::Args;
 use ecan_canopen::NodeAddress;
 use ecan_cia402::{AxisConfig, Scale, ScaleSource};
-use ecan_config_file::NetworkSettings;
+use ecan_lite::config::NetworkSettings;
 use ecan_protocol::text::Printable;
 
 use crate::commands::node::node_target::{NodeIdArgument, NodeTarget};
@@ -141,10 +141,10 @@ impl AxisOptions {
 
     fn of_file(&self, path: &Path, axis: &str, context: &Context) -> Result<ChosenAxis> {
         let file = ConfiguredNodes::load(path)?;
-        let axes = ecan_config_file::load_axes(path).map_err(config_file::failure)?;
+        let axes = ecan_lite::config::load_axes(path).map_err(config_file::failure)?;
         let network =
-            ecan_config_file::load_network_settings(path).map_err(config_file::failure)?;
-        let names = ecan_config_file::load_axis_names(path).map_err(config_file::failure)?;
+            ecan_lite::config::load_network_settings(path).map_err(config_file::failure)?;
+        let names = ecan_lite::config::load_axis_names(path).map_err(config_file::failure)?;
         let index = find(axis, &names).map_err(|error| {
             Failure::Usage(format!(
                 "--axis {axis}: {error}; axes of {}: {}",

@@ -5,7 +5,7 @@ use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-use ecan_command_line::screen::{self, Sequence, Stream};
+use ecan_tool_support::command_line::screen::{self, Sequence, Stream};
 
 use crate::context::{Failure, Result};
 

@@ -1,8 +1,8 @@
 //! `ecan axis stop`: quick stop of a drive in any state.
 
 use clap::Args;
-use ecan_command_line::interrupt::Interrupt;
 use ecan_sim::ClockKind;
+use ecan_tool_support::command_line::interrupt::Interrupt;
 
 use crate::context::{Context, Result};
 use crate::frames::GatewayOptions;

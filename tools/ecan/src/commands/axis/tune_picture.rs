@@ -2,8 +2,8 @@
 
 use std::path::Path;
 
-use ecan_command_line::run_info::RunInfo;
-use ecan_plot::{Heading, Mark, Series, TimeFigure, TimePanel, Tone};
+use ecan_tool_support::command_line::run_info::RunInfo;
+use ecan_tool_support::plot::{Heading, Mark, Series, TimeFigure, TimePanel, Tone};
 
 use crate::context::{Failure, Result};
 

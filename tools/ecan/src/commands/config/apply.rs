@@ -3,8 +3,8 @@
 use std::io::Write;
 use std::path::Path;
 
-use ecan_config_file::{ResolvedGateway, apply, missing_entries};
 use ecan_host::{Diagnostics, StartupStep};
+use ecan_lite::config::{ResolvedGateway, apply, missing_entries};
 use ecan_mcan_port::Config;
 use ecan_protocol::device::OptionalObject;
 use ecan_protocol::object::describe;
@@ -114,7 +114,7 @@ fn print_report(
 fn write_all(bus: &Diagnostics, file: &Config, applied: &mut [Applied]) -> Result {
     let mut steps = Vec::new();
     for done in &mut *applied {
-        let mut of_gateway = ecan_config_file::startup(file, done.gateway);
+        let mut of_gateway = ecan_lite::config::startup(file, done.gateway);
         let examined = leave_out_lacking(bus, done.position, &mut of_gateway, done);
         done.record_error(examined)?;
         steps.push(of_gateway);

@@ -4,7 +4,7 @@ use std::fmt;
 use std::io::Write;
 use std::path::Path;
 
-use ecan_config_file::{
+use ecan_lite::config::{
     ConfigFileError, DeviceProfile, FileFault, IncludedProfile, load, load_profiles,
 };
 use ecan_mcan_port::Config;

@@ -2,8 +2,8 @@
 
 use std::path::Path;
 
-use ecan_config_file::{Difference, Expected, ResolvedGateway, differences};
 use ecan_host::Expectation;
+use ecan_lite::config::{Difference, Expected, ResolvedGateway, differences};
 use serde::Serialize;
 
 use crate::commands::serve;
@@ -75,7 +75,7 @@ pub fn run(path: &Path, counts_active: bool, context: &Context) -> Result {
             match differences(
                 bus.diagnostics(),
                 position,
-                &ecan_config_file::startup(&file, gateway),
+                &ecan_lite::config::startup(&file, gateway),
             ) {
                 Ok(found) => {
                     it.differences = Some(found.into_iter().map(Differing::from).collect());

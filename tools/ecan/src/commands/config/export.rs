@@ -3,8 +3,8 @@
 use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
-use ecan_config_file::export::{Format, SlaveAddress, export};
 use ecan_host::StartupStep;
+use ecan_lite::config::export::{Format, SlaveAddress, export};
 use serde::Serialize;
 
 use crate::config_file;
@@ -87,7 +87,7 @@ pub fn run(arguments: &ExportArguments, context: &Context) -> Result {
         let message = format!("gateway {gateway} does not exist; the file has {}", slaves.len());
         return Err(Failure::Usage(message));
     };
-    let steps = ecan_config_file::startup(&file, gateway);
+    let steps = ecan_lite::config::startup(&file, gateway);
     let data: Vec<_> = steps.iter().map(Step::from).collect();
     let (alias, position) = (slave.alias, slave.position);
     let address =

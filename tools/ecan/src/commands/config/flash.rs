@@ -4,8 +4,8 @@ use std::io::Write;
 use std::path::PathBuf;
 
 use clap::Args;
-use ecan_config_file::{ConfigChecksums, FlashCommand};
 use ecan_host::MaintenanceError;
+use ecan_lite::config::{ConfigChecksums, FlashCommand};
 use ecan_protocol::device::MaintenanceStatus;
 use serde::Serialize;
 

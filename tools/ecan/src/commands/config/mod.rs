@@ -9,7 +9,7 @@ mod flash;
 use std::path::PathBuf;
 
 use clap::{Args, Subcommand};
-use ecan_config_file::{EXAMPLE, FlashCommand, INIT, ResolvedGateway};
+use ecan_lite::config::{EXAMPLE, FlashCommand, INIT, ResolvedGateway};
 use ecan_mcan_port::Config;
 use ecan_sim::ClockKind;
 
@@ -82,7 +82,7 @@ pub fn run(arguments: &ConfigArguments, context: &Context) -> Result {
     match &arguments.action {
         Action::Init => context.output.bytes(INIT.as_bytes()),
         Action::Example => context.output.bytes(EXAMPLE.as_bytes()),
-        Action::Schema => context.output.bytes(ecan_config_file::schema().as_bytes()),
+        Action::Schema => context.output.bytes(ecan_lite::config::schema().as_bytes()),
         Action::Check { file } => {
             context.global.without_slave("the whole file is checked offline")?;
             check::run(file, &context.output)

@@ -2,8 +2,8 @@
 
 use std::path::Path;
 
-use ecan_command_line::new_file;
-use ecan_diagnosis::Snapshot;
+use ecan_tool_support::command_line::new_file;
+use ecan_tool_support::diagnosis::Snapshot;
 use serde::{Deserialize, Serialize};
 
 use crate::context::{Failure, Result};

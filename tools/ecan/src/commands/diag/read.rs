@@ -1,9 +1,9 @@
 //! Reads the values of a gateway, its master and the host.
 
-use ecan_diagnosis::{Depth, ReadError, Snapshot};
 use ecan_host::Error;
 use ecan_protocol::device::AlState;
 use ecan_protocol::mapping::SyncManagerLayout;
+use ecan_tool_support::diagnosis::{Depth, ReadError, Snapshot};
 
 use crate::commands::doctor;
 use crate::context::{Bus, Context, Failure, GlobalOptions, Result, note};

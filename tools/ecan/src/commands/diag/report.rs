@@ -1,12 +1,12 @@
-use ecan_diagnosis::registers::{
-    ErrorCounters, EventFifoStatus, HighPriorityStatus, Interrupts, ProtocolStatus,
-    ReceiveFifoStatus, TransmitQueueStatus,
-};
-use ecan_diagnosis::{Finding, Snapshot, findings, flag_names};
 use ecan_protocol::device::AlStatusCode;
 use ecan_protocol::image::{ChannelState, ChannelStatus};
 use ecan_protocol::mapping::CHANNELS;
 use ecan_protocol::object::lookup;
+use ecan_tool_support::diagnosis::registers::{
+    ErrorCounters, EventFifoStatus, HighPriorityStatus, Interrupts, ProtocolStatus,
+    ReceiveFifoStatus, TransmitQueueStatus,
+};
+use ecan_tool_support::diagnosis::{Finding, Snapshot, findings, flag_names};
 use serde::Serialize;
 
 use super::bundle::Bundle;

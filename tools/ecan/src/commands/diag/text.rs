@@ -2,8 +2,8 @@ use std::collections::BTreeMap;
 use std::fmt::Display;
 use std::io::Write;
 
-use ecan_diagnosis::{Finding, ObjectKey, Severity};
 use ecan_protocol::text::Printable;
+use ecan_tool_support::diagnosis::{Finding, ObjectKey, Severity};
 
 use crate::context::{Output, Tone};
 use crate::table;

@@ -14,8 +14,8 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use clap::{Args, Subcommand};
-use ecan_command_line::interrupt::Interrupt;
 use ecan_sim::{ClockKind, EcrtSetting};
+use ecan_tool_support::command_line::interrupt::Interrupt;
 use serde::Serialize;
 
 use self::by_tool::ByTool;

@@ -2,7 +2,7 @@
 
 use std::io::Write;
 
-use ecan_service_protocol::AxisState;
+use ecan_service::protocol::AxisState;
 
 use super::snapshot::AxesView;
 use crate::table;

@@ -8,7 +8,7 @@ use std::sync::Arc;
 use ecan_mcan_port::{Session, SlaveStatistics};
 use ecan_protocol::image::ChannelState;
 use ecan_protocol::mapping::CHANNELS;
-use ecan_service_protocol::{AxisState, ServiceStats};
+use ecan_service::protocol::{AxisState, ServiceStats};
 
 use super::cycle_times::CycleTimes;
 use super::id_table::IdTable;

@@ -1,7 +1,7 @@
 //! Times of the cycle: measured in each cycle, or sampled by a service.
 
 use ecan_host::{CycleStatistics, Distribution};
-use ecan_service_protocol::{CycleState, SampledTimes};
+use ecan_service::protocol::{CycleState, SampledTimes};
 
 use super::observation::{Layout, Observation, SampledCycle};
 use super::snapshot::{CLASSES, CycleView, Times};

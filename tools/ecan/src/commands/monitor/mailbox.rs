@@ -3,9 +3,9 @@
 use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
 use std::time::Duration;
 
-use ecan_diagnosis::registers::ErrorCounters;
 use ecan_host::Diagnostics;
 use ecan_protocol::mapping::CHANNELS;
+use ecan_tool_support::diagnosis::registers::ErrorCounters;
 
 use super::snapshot::Errors;
 use crate::context::{Failure, Result};

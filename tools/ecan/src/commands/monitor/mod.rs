@@ -21,9 +21,9 @@ mod text;
 use std::sync::Arc;
 
 use clap::Args;
-use ecan_command_line::interrupt::Interrupt;
-use ecan_command_line::screen::Stream;
 use ecan_sim::ClockKind;
+use ecan_tool_support::command_line::interrupt::Interrupt;
+use ecan_tool_support::command_line::screen::Stream;
 
 use crate::context::{Context, Failure, Result, note};
 use crate::frames::{Channels, DbcOption, GatewayOptions, GatewayRequirements, Settings, Signals};

@@ -5,7 +5,7 @@ use ecan_mcan_port::{PendingStep, SlaveStatistics};
 use ecan_protocol::can::CanFrame;
 use ecan_protocol::image::ChannelStatus;
 use ecan_protocol::mapping::CHANNELS;
-use ecan_service_protocol::{AxisState, CycleState, SampledTimes, ServiceStats};
+use ecan_service::protocol::{AxisState, CycleState, SampledTimes, ServiceStats};
 
 use super::bus_time::ChannelRates;
 use super::snapshot::Direction;

@@ -5,8 +5,8 @@ use std::time::Duration;
 use ecan_host::{Clock as _, Diagnostics, MonotonicClock};
 use ecan_mcan_port::SlaveStatistics;
 use ecan_protocol::image::ChannelStatus;
-use ecan_service_client::{Client, ClientError, Event};
-use ecan_service_protocol::{
+use ecan_service::client::{Client, ClientError, Event};
+use ecan_service::protocol::{
     AxisState, CycleState, FrameEvent, FrameReport, GatewayState, NOT_AVAILABLE, State,
     Subscription,
 };

@@ -3,7 +3,7 @@ use std::sync::Arc;
 
 use ecan_protocol::can::{CanFrame, FrameKind};
 use ecan_protocol::mapping::CHANNELS;
-use ecan_service_protocol::{AxisState, ServiceStats};
+use ecan_service::protocol::{AxisState, ServiceStats};
 use serde::{Serialize, Serializer};
 
 use crate::frames::Signals;

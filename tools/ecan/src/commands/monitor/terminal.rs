@@ -7,8 +7,8 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use crossterm::event::{self, Event};
-use ecan_command_line::interrupt::Interrupt;
 use ecan_protocol::text::is_control;
+use ecan_tool_support::command_line::interrupt::Interrupt;
 use ratatui::Frame;
 use ratatui::buffer::Buffer;
 

@@ -1,6 +1,6 @@
 use std::io::Write;
 
-use ecan_service_protocol::{Access, ClientStats, ServiceStats};
+use ecan_service::protocol::{Access, ClientStats, ServiceStats};
 
 use super::snapshot::{CLASS_NAMES, ChannelView, CycleView, GatewayView, Snapshot, Times};
 use crate::table;

@@ -7,9 +7,9 @@ use ecan_canopen::{
     CobId, LssMaster, NmtRequest, NmtState, NodeAddress, NodeId, SdoClient, SdoConfig,
     SdoDirection, SdoFailure, SdoFault, Service as CanopenService, parse_heartbeat,
 };
-use ecan_diagnosis::registers::TransmitQueueStatus;
 use ecan_protocol::can::{CanFrame, CanId, Dlc};
 use ecan_protocol::mapping::CHANNELS;
+use ecan_tool_support::diagnosis::registers::TransmitQueueStatus;
 
 use crate::context::{Failure, Result};
 use crate::frames::{BusFrame, Event, Service, Ticket};

@@ -8,9 +8,9 @@ use std::convert::Infallible;
 use std::path::PathBuf;
 
 use clap::Args;
-use ecan_command_line::bit_rate::parse_bit_rate;
 use ecan_host::AdapterConfig;
 use ecan_mcan_port::{ChannelConfig, GatewayConfig, PortConfig, PortPlan};
+use ecan_tool_support::command_line::bit_rate::parse_bit_rate;
 
 use crate::config_file;
 use crate::context::{Context, Failure, Result, Tone};
@@ -80,7 +80,7 @@ pub fn run(arguments: &PlanArguments, context: &Context) -> Result {
     let faults = plan.faults(&adapter, &port);
     let output = &context.output;
     output.data(&Report::new(&plan, &faults), |out| {
-        write!(out, "{}", ecan_plan_table::plan_table(&plan, &adapter, &traffic))?;
+        write!(out, "{}", ecan_lite::plan_table(&plan, &adapter, &traffic))?;
         advice(&plan).iter().try_for_each(|advice| writeln!(out, "note: {advice}"))?;
         faults
             .iter()

@@ -11,14 +11,16 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use clap::Args;
-use ecan_command_line::interrupt::Interrupt;
-use ecan_command_line::new_file;
-use ecan_command_line::real_time::RealTimeArguments;
-use ecan_command_line::run_info::RunInfo;
 use ecan_host::CycleTiming;
-use ecan_probe::{DeviceProfile, Experiment, Finding, Probe, ProbeOptions, Stage, Verdict};
 use ecan_protocol::device::AlState;
 use ecan_protocol::mapping::CHANNELS;
+use ecan_tool_support::command_line::interrupt::Interrupt;
+use ecan_tool_support::command_line::new_file;
+use ecan_tool_support::command_line::real_time::RealTimeArguments;
+use ecan_tool_support::command_line::run_info::RunInfo;
+use ecan_tool_support::probe::{
+    DeviceProfile, Experiment, Finding, Probe, ProbeOptions, Stage, Verdict,
+};
 use serde::Serialize;
 
 use crate::commands::diag;

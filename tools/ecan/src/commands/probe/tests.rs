@@ -47,7 +47,7 @@ fn configuration_is_restored() {
 
 #[test]
 fn stopped_probe_restores_at_every_experiment() {
-    let count = ecan_probe::experiments().count();
+    let count = ecan_tool_support::probe::experiments().count();
     for stopped_at in (0..count).step_by(5) {
         let bus = bus();
         configure(&bus);

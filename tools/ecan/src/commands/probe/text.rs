@@ -2,7 +2,7 @@
 
 use std::io::Write;
 
-use ecan_probe::{Finding, Stage, Verdict};
+use ecan_tool_support::probe::{Finding, Stage, Verdict};
 
 use crate::context::{Output, Tone};
 

@@ -3,10 +3,10 @@
 use std::collections::BTreeMap;
 use std::fmt::Display;
 
-use ecan_diagnosis::registers::{ErrorCounters, LastErrorCode, ProtocolStatus};
 use ecan_host::Error;
 use ecan_mcan_port::ChannelHandle;
 use ecan_protocol::can::CanFrame;
+use ecan_tool_support::diagnosis::registers::{ErrorCounters, LastErrorCode, ProtocolStatus};
 use serde::Serialize;
 
 use crate::context::{Failure, Result};

@@ -1,11 +1,11 @@
 //! Frame tests of several gateways in parallel.
 
-use ecan_command_line::interrupt::Interrupt;
 use ecan_host::{CanController, Diagnostics, Error};
 use ecan_mcan_port::PortConfig;
 use ecan_protocol::config::McanChannelConfig;
 use ecan_protocol::device::ControllerMode;
 use ecan_protocol::mapping::CHANNELS;
+use ecan_tool_support::command_line::interrupt::Interrupt;
 
 use crate::commands::saved_config::wait_present;
 use crate::context::{Bus, Failure, Result};

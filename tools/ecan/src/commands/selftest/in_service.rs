@@ -1,12 +1,12 @@
 //! Self-test through a service: what does not disturb the program that holds the bus.
 
-use ecan_command_line::interrupt::Interrupt;
 use ecan_host::{Diagnostics, Error};
 use ecan_protocol::config::{McanChannelConfig, NodeMode};
 use ecan_protocol::device::AlState;
 use ecan_protocol::image::{ChannelState as BusState, ChannelStatus};
 use ecan_protocol::mapping::{CHANNELS, Direction};
-use ecan_service_client::Access;
+use ecan_service::client::Access;
+use ecan_tool_support::command_line::interrupt::Interrupt;
 
 use crate::context::{Bus, Result};
 use crate::frames::{

@@ -21,11 +21,11 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
 
 use clap::Args;
-use ecan_command_line::interrupt::Interrupt;
-use ecan_command_line::real_time::RealTimeArguments;
-use ecan_command_line::screen::Stream;
-use ecan_config_file::DEFAULT_N;
+use ecan_lite::config::DEFAULT_N;
 use ecan_sim::ClockKind;
+use ecan_tool_support::command_line::interrupt::Interrupt;
+use ecan_tool_support::command_line::real_time::RealTimeArguments;
+use ecan_tool_support::command_line::screen::Stream;
 use serde::Serialize;
 
 use crate::commands::saved_config::{Changes, Saved};

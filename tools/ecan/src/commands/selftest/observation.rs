@@ -3,10 +3,12 @@
 
 use std::collections::BTreeMap;
 
-use ecan_diagnosis::registers::{ErrorCounters, LastErrorCode, ProtocolStatus, ReceiveFifoStatus};
 use ecan_protocol::can::CanId;
 use ecan_protocol::image::{ChannelState, ChannelStatus};
 use ecan_protocol::mapping::CHANNELS;
+use ecan_tool_support::diagnosis::registers::{
+    ErrorCounters, LastErrorCode, ProtocolStatus, ReceiveFifoStatus,
+};
 
 use crate::context::{Bus, Failure, Result};
 

@@ -1,7 +1,7 @@
 use std::io::{ErrorKind, Write};
 use std::path::{Path, PathBuf};
 
-use ecan_command_line::new_file::{Existing, WholeFile};
+use ecan_tool_support::command_line::new_file::{Existing, WholeFile};
 use serde::Serialize;
 
 use crate::context::{Failure, Output, Result, Tone};

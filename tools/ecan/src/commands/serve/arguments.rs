@@ -4,8 +4,8 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use clap::Args;
-use ecan_config_file::ServiceSettings;
-use ecan_service::{Control, MetricsAddress, MetricsConfig};
+use ecan_lite::config::ServiceSettings;
+use ecan_service::server::{Control, MetricsAddress, MetricsConfig};
 
 use crate::frames::GatewayOptions;
 

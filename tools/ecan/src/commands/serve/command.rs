@@ -5,7 +5,7 @@ use std::sync::mpsc::SyncSender;
 
 use ecan_mcan_port::{Config, PortConfig};
 use ecan_protocol::text::Printable;
-use ecan_service_client::{BUS_ERROR, RpcError};
+use ecan_service::client::{BUS_ERROR, RpcError};
 use serde_json::json;
 
 use crate::context::{Failure, Result};

@@ -2,11 +2,11 @@
 
 use std::sync::mpsc::Receiver;
 
-use ecan_command_line::interrupt::Interrupt;
 use ecan_host::OpWait;
 use ecan_mcan_port::{Config, Port, PortConfig, PortError, Session};
-use ecan_service::Service;
+use ecan_service::server::Service;
 use ecan_sim::Backend;
+use ecan_tool_support::command_line::interrupt::Interrupt;
 
 use crate::context::{Failure, Result, note};
 use crate::frames::Planned;

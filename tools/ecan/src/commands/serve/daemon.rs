@@ -4,11 +4,11 @@ use std::sync::PoisonError;
 use std::sync::mpsc::{Receiver, RecvTimeoutError};
 use std::time::{Duration, Instant};
 
-use ecan_command_line::interrupt::Interrupt;
 use ecan_mcan_port::Config;
 use ecan_protocol::text::Printable;
-use ecan_service::Service;
+use ecan_service::server::Service;
 use ecan_sim::Backend;
+use ecan_tool_support::command_line::interrupt::Interrupt;
 
 use crate::context::{Bus, Context, Failure, Result, note};
 use crate::frames::{GatewayRequirements, Planned, Settings};

@@ -15,12 +15,12 @@ use std::sync::Arc;
 use std::sync::mpsc::channel;
 use std::thread::sleep;
 
-use ecan_command_line::interrupt::Interrupt;
-use ecan_config_file::ServiceSettings;
+use ecan_lite::config::ServiceSettings;
 use ecan_protocol::text::Printable;
-use ecan_service::{MetricsAddress, Service, ServiceConfig, ServiceError};
-use ecan_service_client::Hello;
+use ecan_service::client::Hello;
+use ecan_service::server::{MetricsAddress, Service, ServiceConfig, ServiceError};
 use ecan_sim::{Backend, ClockKind};
+use ecan_tool_support::command_line::interrupt::Interrupt;
 use listenfd::ListenFd;
 
 use crate::config_file;

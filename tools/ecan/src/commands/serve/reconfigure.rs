@@ -6,8 +6,8 @@ use std::sync::mpsc::{Sender, sync_channel};
 use std::sync::{Mutex, TryLockError};
 
 use ecan_mcan_port::Config;
-use ecan_service::{Extension, Permission, parse_params, result_value};
-use ecan_service_client::{Access, BUSY, INVALID_PARAMS, NOT_AVAILABLE, RpcError};
+use ecan_service::client::{Access, BUSY, INVALID_PARAMS, NOT_AVAILABLE, RpcError};
+use ecan_service::server::{Extension, Permission, parse_params, result_value};
 use ecan_sim::Backend;
 use serde_json::{Value, json};
 

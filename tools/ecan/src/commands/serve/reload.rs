@@ -4,10 +4,10 @@ use std::path::PathBuf;
 use std::sync::mpsc::Sender;
 use std::sync::{Arc, Mutex, PoisonError, Weak};
 
-use ecan_config_file::ServiceSettings;
+use ecan_lite::config::ServiceSettings;
 use ecan_mcan_port::Config;
 use ecan_protocol::text::Printable;
-use ecan_service::{Control, Service};
+use ecan_service::server::{Control, Service};
 
 use crate::config_changes::{Change, changes};
 use crate::config_file;

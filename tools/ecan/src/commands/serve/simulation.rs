@@ -1,7 +1,7 @@
 //! Methods of the service for a simulated machine.
 
-use ecan_service::{Extension, Permission, parse_params, result_value};
-use ecan_service_client::{Access, INVALID_PARAMS, RpcError};
+use ecan_service::client::{Access, INVALID_PARAMS, RpcError};
+use ecan_service::server::{Extension, Permission, parse_params, result_value};
 use ecan_sim::Simulation;
 use serde_json::Value;
 

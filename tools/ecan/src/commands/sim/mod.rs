@@ -9,7 +9,7 @@ use std::thread::sleep;
 use std::time::{Duration, Instant};
 
 use clap::{Args, Subcommand, ValueEnum};
-use ecan_service_client::{INVALID_PARAMS, METHOD_NOT_FOUND};
+use ecan_service::client::{INVALID_PARAMS, METHOD_NOT_FOUND};
 use ecan_sim::FaultKind;
 use serde::de::DeserializeOwned;
 use serde_json::Value;

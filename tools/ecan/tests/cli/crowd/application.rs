@@ -10,7 +10,7 @@ use ecan_host::{AdapterConfig, CycleStatistics, Distribution, Need, RealTimeConf
 use ecan_mcan_port::{ChannelConfig, ChannelHandle, GatewayConfig, Port, PortConfig, ReceivedView};
 use ecan_protocol::can::{CanFrame, CanId};
 use ecan_protocol::image::OptionFlags;
-use ecan_service::{Control, ServePort as _, ServiceConfig};
+use ecan_service::server::{Control, ServePort as _, ServiceConfig};
 use ecan_sim::{ClockKind, SimOptions, Simulation};
 use serde_json::{Value, json};
 

@@ -23,7 +23,7 @@ use std::thread::{scope, sleep};
 use std::time::{Duration, Instant};
 
 use ecan_protocol::can::{CanFrame, CanId};
-use ecan_service_client::{Client, ClientStats, Event, FrameEvent, ServiceStats, Subscription};
+use ecan_service::client::{Client, ClientStats, Event, FrameEvent, ServiceStats, Subscription};
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::{Value, json};
 

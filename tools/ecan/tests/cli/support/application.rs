@@ -9,7 +9,7 @@ use ecan_cia402::{AxisConfig, Cia402, Cia402Config};
 use ecan_host::AdapterConfig;
 use ecan_mcan_port::{ChannelConfig, Cycle, GatewayConfig, Port, PortConfig};
 use ecan_protocol::image::OptionFlags;
-use ecan_service::{Control, ServePort as _, Service, ServiceConfig};
+use ecan_service::server::{Control, ServePort as _, Service, ServiceConfig};
 use ecan_sim::{ClockKind, Scenario, SimOptions};
 
 /// Command to the thread of the cycle.

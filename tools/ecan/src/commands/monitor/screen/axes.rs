@@ -6,7 +6,7 @@ use ratatui::style::{Color, Modifier, Style};
 use ratatui::text::Line;
 use ratatui::widgets::{Block, Paragraph, Table, TableState, Wrap};
 
-use ecan_service_protocol::AxisState;
+use ecan_service::protocol::AxisState;
 
 use super::super::axis_text::{AXIS_TITLES, axis_cells, axis_details, is_heartbeat_lost};
 use super::super::keys::Choice;

@@ -1,7 +1,7 @@
 //! Snapshots for tests.
 
 use ecan_protocol::can::{CanFrame, CanId};
-use ecan_service_protocol::{Access, AxisState, ClientStats, ServiceStats};
+use ecan_service::protocol::{Access, AxisState, ClientStats, ServiceStats};
 
 use super::super::snapshot::{
     AxesView, ChannelView, CycleView, Direction, Errors, Event, GatewayState, GatewayView, Head,

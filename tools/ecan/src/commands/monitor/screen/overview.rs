@@ -7,7 +7,7 @@ use ratatui::text::Line;
 use ratatui::widgets::{Block, Paragraph, Row, Table, TableState};
 
 use ecan_protocol::mapping::CHANNELS;
-use ecan_service_protocol::ServiceStats;
+use ecan_service::protocol::ServiceStats;
 
 use super::super::keys::Choice;
 use super::super::snapshot::{CLASS_NAMES, CLASSES, ChannelView, Snapshot};

@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use clap::Args;
 use ecan_canopen::{Commissioning, DataType, DeviceFile, SdoFault, object};
-use ecan_command_line::new_file::WholeFile;
+use ecan_tool_support::command_line::new_file::WholeFile;
 use serde::Serialize;
 
 use crate::commands::node::node_client::{NodeClient, start_for};

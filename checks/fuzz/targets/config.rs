@@ -1,0 +1,27 @@
+//! Configuration files: read, checked, and exported as startup lists.
+#![no_main]
+
+use ecan_lite::config::export::{Format, SlaveAddress, export};
+use ecan_mcan_port::PortPlan;
+use libfuzzer_sys::fuzz_target;
+
+fuzz_target!(|text: &str| {
+    match ecan_lite::config::parse(text.as_bytes()) {
+        Ok(file) => {
+            for gateway in 0..file.port.gateways.len() {
+                let steps = ecan_lite::config::startup(&file, gateway);
+                for format in [Format::Csv, Format::TwinCat, Format::Codesys, Format::Ethercat] {
+                    assert!(!export(format, &steps, SlaveAddress::default()).is_empty());
+                }
+            }
+            let plan = PortPlan::of(&file.adapter, &file.port, &[]);
+            assert!(plan.warnings.iter().all(|warning| !warning.to_string().is_empty()));
+        }
+        Err(faults) => {
+            // Each fault is in a line of the text.
+            let lines = text.matches('\n').count() + 1;
+            assert!(!faults.0.is_empty());
+            assert!(faults.0.iter().all(|it| (1..=lines).contains(&it.line) && it.column > 0));
+        }
+    }
+});

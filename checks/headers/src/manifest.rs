@@ -1,0 +1,211 @@
+//! The sources of each header, and the headers of each library.
+
+pub struct Header {
+    /// Name in `include/`.
+    pub name: &'static str,
+    /// Its template in `checks/headers/templates`.
+    pub template: &'static str,
+    /// Its first line; this and the next two fields are for the template of the layers.
+    pub title: &'static str,
+    /// Its purpose, line by line.
+    pub intro: &'static [&'static str],
+    /// The headers that it includes.
+    pub includes: &'static [&'static str],
+    /// Its sections, in order: sources in `capi/`.
+    pub sections: &'static [&'static str],
+}
+
+pub struct Library {
+    /// Its version script in `capi/`.
+    pub map: &'static str,
+    /// The headers whose functions it exports.
+    pub headers: &'static [&'static str],
+}
+
+pub const HEADERS: &[Header] = &[
+    Header {
+        name: "igh_ecan_common.h",
+        template: "common.h",
+        title: "",
+        intro: &[],
+        includes: &[],
+        sections: &[
+            "boundary/src/result.rs",
+            "mcan-host/src/common/result.rs",
+            "mcan-host/src/common/last_error.rs",
+            "boundary/src/constants.rs",
+            "mcan-host/src/common/version.rs",
+        ],
+    },
+    Header {
+        name: "igh_mcan_pdo.h",
+        template: "layer.h",
+        title: "ECAN-Lite host SDK: the process data protocol (manual 5 to 12).",
+        intro: &[
+            "Writes frames into images and reads them, without an EtherCAT master. libecan_mcan_host contains",
+            "this layer, libecan_igh_host the layers above it. For applications that exchange raw process data",
+            "(manual 15.5.3); not necessary with igh_mcan_port.h.",
+        ],
+        includes: &["igh_ecan_common.h"],
+        sections: &[
+            "boundary/src/frames.rs",
+            "mcan-host/src/pdo/tx_frames.rs",
+            "boundary/src/profile.rs",
+            "mcan-host/src/pdo/profile.rs",
+            "mcan-host/src/pdo/writer.rs",
+            "boundary/src/diagnosis.rs",
+            "mcan-host/src/pdo/diagnosis.rs",
+            "mcan-host/src/pdo/parser.rs",
+            "boundary/src/channel_status.rs",
+            "mcan-host/src/pdo/channel_status.rs",
+            "mcan-host/src/pdo/tools.rs",
+        ],
+    },
+    Header {
+        name: "igh_adapter.h",
+        template: "layer.h",
+        title: "ECAN-Lite host SDK: the Adapter (manual 15.1, 15.5).",
+        intro: &[
+            "Master, slaves, one domain for each, startup SDOs, distributed clocks, the cycle and raw process",
+            "data.",
+        ],
+        includes: &["igh_ecan_common.h"],
+        sections: &[
+            "igh-host/src/adapter/config.rs",
+            "igh-host/src/adapter/config_master.rs",
+            "igh-host/src/adapter/config_clocks.rs",
+            "igh-host/src/adapter/config_slave.rs",
+            "igh-host/src/adapter/context.rs",
+            "igh-host/src/adapter/cycle.rs",
+            "igh-host/src/adapter/clocks.rs",
+            "igh-host/src/adapter/process_data.rs",
+            "igh-host/src/adapter/bus_state.rs",
+            "igh-host/src/adapter/sdo.rs",
+            "igh-host/src/adapter/sdo_request.rs",
+            "igh-host/src/adapter/diagnostics.rs",
+        ],
+    },
+    Header {
+        name: "igh_mcan_port.h",
+        template: "layer.h",
+        title: "ECAN-Lite host SDK: the MCAN Port (manual 15.1, 15.4, 15.5).",
+        intro: &["CAN and CAN FD frames through ECAN-Lite gateways."],
+        includes: &["igh_adapter.h", "igh_ecan_common.h", "igh_mcan_pdo.h"],
+        sections: &[
+            "igh-host/src/mcan_port/config.rs",
+            "igh-host/src/mcan_port/config_channel.rs",
+            "igh-host/src/mcan_port/config_filter.rs",
+            "igh-host/src/mcan_port/config_gateway.rs",
+            "igh-host/src/mcan_port/config_file.rs",
+            "igh-host/src/mcan_port/context.rs",
+            "igh-host/src/mcan_port/cycle.rs",
+            "igh-host/src/mcan_port/send.rs",
+            "igh-host/src/mcan_port/service.rs",
+            "igh-host/src/mcan_port/schedule.rs",
+            "igh-host/src/mcan_port/state.rs",
+            "igh-host/src/mcan_port/statistics.rs",
+        ],
+    },
+    Header {
+        name: "igh_cia402_protocol.h",
+        template: "layer.h",
+        title: "ECAN-Lite host SDK: CANopen and CiA 402 (manual 15.1, 15.4, 15.5.4).",
+        intro: &["Motors on the gateways: startup, targets, states, SDO."],
+        includes: &["igh_ecan_common.h", "igh_mcan_port.h"],
+        sections: &[
+            "igh-host/src/cia402/numbers.rs",
+            "igh-host/src/cia402/axis.rs",
+            "igh-host/src/cia402/settings.rs",
+            "igh-host/src/cia402/context.rs",
+            "igh-host/src/cia402/progress.rs",
+            "igh-host/src/cia402/start_up.rs",
+            "igh-host/src/cia402/cycle.rs",
+            "igh-host/src/cia402/targets.rs",
+            "igh-host/src/cia402/process_data.rs",
+            "igh-host/src/cia402/touch_probe.rs",
+            "igh-host/src/cia402/commands.rs",
+            "igh-host/src/cia402/state_terms.rs",
+            "igh-host/src/cia402/state.rs",
+            "igh-host/src/cia402/host_loss.rs",
+            "igh-host/src/cia402/drive_values.rs",
+            "igh-host/src/cia402/statistics.rs",
+            "igh-host/src/cia402/sdo.rs",
+            "igh-host/src/cia402/canopen.rs",
+        ],
+    },
+    Header {
+        name: "igh_canopen.h",
+        template: "layer.h",
+        title: "ECAN-Lite host SDK: CANopen networks (CiA 301, CiA 302-2, CiA 305).",
+        intro: &["Nodes from a configuration file, their boot-up, and services for any node."],
+        includes: &["igh_cia402_protocol.h", "igh_ecan_common.h"],
+        sections: &[
+            "igh-host/src/canopen/node.rs",
+            "igh-host/src/canopen/boot_terms.rs",
+            "igh-host/src/canopen/boot.rs",
+            "igh-host/src/canopen/node_sdo.rs",
+            "igh-host/src/canopen/services.rs",
+            "igh-host/src/canopen/node_errors.rs",
+            "igh-host/src/canopen/lss_terms.rs",
+            "igh-host/src/canopen/lss.rs",
+            "igh-host/src/canopen/mpdo.rs",
+        ],
+    },
+    Header {
+        name: "igh_real_time.h",
+        template: "layer.h",
+        title: "ECAN-Lite host SDK: the real-time thread and the timing of its cycles (manual 13.9).",
+        intro: &[
+            "Priority, CPUs and locked memory of the cycle's thread; its waits and their statistics.",
+        ],
+        includes: &["igh_adapter.h", "igh_ecan_common.h"],
+        sections: &["igh-host/src/adapter/real_time.rs"],
+    },
+    Header {
+        name: "igh_plan.h",
+        template: "layer.h",
+        title: "ECAN-Lite host SDK: the plan of configurations before the first run.",
+        intro: &[
+            "Load of wire, CAN buses, images and mailboxes, with warnings and errors, without a bus.",
+        ],
+        includes: &["igh_cia402_protocol.h", "igh_mcan_port.h"],
+        sections: &["igh-host/src/mcan_port/plan.rs", "igh-host/src/cia402/plan.rs"],
+    },
+    Header {
+        name: "igh_observer.h",
+        template: "layer.h",
+        title: "ECAN-Lite host SDK: observation and commands from other threads.",
+        intro: &["Snapshots of the last cycle, requests to stop and quick stops, without locks."],
+        includes: &["igh_cia402_protocol.h", "igh_mcan_port.h"],
+        sections: &[
+            "igh-host/src/observer/handle.rs",
+            "igh-host/src/observer/snapshot.rs",
+            "igh-host/src/observer/commands.rs",
+        ],
+    },
+    Header {
+        name: "igh_sim.h",
+        template: "layer.h",
+        title: "ECAN-Lite host SDK: the built-in simulator.",
+        intro: &["Scenario, clock and seed of a simulated bus. Not necessary to use one."],
+        includes: &["igh_adapter.h", "igh_ecan_common.h"],
+        sections: &["igh-host/src/adapter/simulation.rs"],
+    },
+];
+
+pub const LIBRARIES: &[Library] = &[
+    Library { map: "libecan_mcan_host.map", headers: &["igh_ecan_common.h", "igh_mcan_pdo.h"] },
+    Library {
+        map: "libecan_igh_host.map",
+        headers: &[
+            "igh_adapter.h",
+            "igh_mcan_port.h",
+            "igh_cia402_protocol.h",
+            "igh_canopen.h",
+            "igh_real_time.h",
+            "igh_plan.h",
+            "igh_observer.h",
+            "igh_sim.h",
+        ],
+    },
+];

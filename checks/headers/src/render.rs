@@ -1,0 +1,139 @@
+//! Rendering of a header from its template and its sections.
+
+use std::fmt::{Display, Write};
+use std::path::Path;
+
+use cbindgen::{
+    Builder, Config, DocumentationStyle, ExportConfig, FunctionConfig, Language, Style,
+};
+
+use crate::manifest::Header;
+use crate::{expand, read, sources};
+
+/// Renders a header. A section is the output of cbindgen for one source file, after the heading and
+/// the introduction at the start of the file. Sources in a row with the same heading are one section.
+pub fn header(root: &Path, header: &Header) -> Result<String, String> {
+    let template = read(&root.join("checks/headers/templates").join(header.template))?;
+    let mut sections = String::new();
+    let mut last = None;
+    for section in header.sections {
+        let title = sources::heading(root, section)?;
+        if last.as_ref() != Some(&title) {
+            heading(&mut sections, &sources::section(root, section)?);
+            sections.push('\n');
+        }
+        last = Some(title);
+        let declarations = declarations(section, &sources::section(root, section)?)?;
+        sections.push_str(tidy(&declarations).trim_end());
+        sections.push_str("\n\n");
+    }
+    let guard = header.name.to_uppercase().replace('.', "_");
+    let lines = |prefix: &str, lines: &[&str], suffix: &str| {
+        lines.iter().map(|line| format!("{prefix}{line}{suffix}\n")).collect::<String>()
+    };
+    let changes = changes(root, header)?;
+    Ok(template
+        .replace("@LICENSE@", &license(root)?)
+        .replace("@CHANGES@", &lines(" *   ", &changes.lines().collect::<Vec<_>>(), ""))
+        .replace("@TITLE@", header.title)
+        .replace("@INTRO@", &lines(" * ", header.intro, ""))
+        .replace("@INCLUDES@", &lines("#include \"", header.includes, "\""))
+        .replace("@GUARD@", &guard)
+        .replace("@MAJOR@", env!("CARGO_PKG_VERSION_MAJOR"))
+        .replace("@MINOR@", env!("CARGO_PKG_VERSION_MINOR"))
+        .replace("@PATCH@", env!("CARGO_PKG_VERSION_PATCH"))
+        .replace("@SECTIONS@\n", &sections))
+}
+
+/// The change log of a header. Its first entry is that of the present version.
+fn changes(root: &Path, header: &Header) -> Result<String, String> {
+    let path = root.join("checks/headers/changes").join(header.name.replace(".h", ".txt"));
+    let text = read(&path)?;
+    let version = env!("CARGO_PKG_VERSION");
+    if text.split_whitespace().next() != Some(version) {
+        return Err(format!("{}: the first entry is not that of {version}", path.display()));
+    }
+    Ok(text)
+}
+
+/// SPDX line and copyright line.
+fn license(root: &Path) -> Result<String, String> {
+    let text = read(&root.join("LICENSE-MIT"))?;
+    let copyright = text.lines().find(|line| line.starts_with("Copyright"));
+    let copyright = copyright.ok_or("LICENSE-MIT has no copyright line")?;
+    let license = env!("CARGO_PKG_LICENSE");
+    Ok(format!("/* SPDX-License-Identifier: {license} */\n/* {copyright} */\n"))
+}
+
+fn heading(out: &mut String, source: &str) {
+    let intro: Vec<&str> = source
+        .lines()
+        .map_while(|line| line.strip_prefix("//!"))
+        .map(str::trim_end)
+        .filter(|line| !line.trim_start().starts_with("```"))
+        .collect();
+    let rule = "-".repeat(75);
+    let _ = writeln!(out, "/* {rule}");
+    for line in intro {
+        let _ = writeln!(out, " *{line}");
+    }
+    let _ = writeln!(out, " * {rule} */");
+}
+
+/// Puts a comment of one line on one line, and removes commas that C90 lacks.
+fn tidy(text: &str) -> String {
+    let lines: Vec<&str> = text.lines().collect();
+    let mut out = String::new();
+    let mut at = 0;
+    while let Some(line) = lines.get(at) {
+        let text = match lines.get(at..at + 3) {
+            Some([open, text, end]) if open.trim() == "/**" && end.trim() == "*/" => {
+                text.trim().strip_prefix("* ")
+            }
+            _ => None,
+        };
+        match text {
+            Some(text) => {
+                let indent = &line[..line.len() - line.trim_start().len()];
+                let _ = writeln!(out, "{indent}/** {text} */");
+                at += 3;
+            }
+            None => {
+                // C90 has no comma after the last value of an enumeration.
+                let is_last = lines.get(at + 1).is_some_and(|next| next.starts_with('}'));
+                let line = if is_last { line.trim_end_matches(',') } else { line };
+                let _ = writeln!(out, "{line}");
+                at += 1;
+            }
+        }
+    }
+    out
+}
+
+fn declarations(section: &str, source: &str) -> Result<String, String> {
+    let fault = |error: &dyn Display| format!("capi/{section}: {error}");
+    let source = expand::expand(source).map_err(|error| fault(&error))?;
+    let config = Config {
+        // Types are exported whether a function takes them or not.
+        export: ExportConfig { include: expand::types(&source), ..ExportConfig::default() },
+        language: Language::C,
+        style: Style::Type,
+        documentation_style: DocumentationStyle::Doxy,
+        function: FunctionConfig {
+            must_use: Some("ECAN_MUST_CHECK".into()),
+            ..FunctionConfig::default()
+        },
+        no_includes: true,
+        usize_is_size_t: true,
+        line_length: 100,
+        tab_width: 4,
+        ..Config::default()
+    };
+    // cbindgen reads files only.
+    let file = tempfile::Builder::new().suffix(".rs").tempfile().map_err(|error| fault(&error))?;
+    std::fs::write(file.path(), expand::text(&source)).map_err(|error| fault(&error))?;
+    let bindings = Builder::new().with_src(file.path()).with_config(config).generate();
+    let mut text = Vec::new();
+    bindings.map_err(|error| fault(&error))?.write(&mut text);
+    String::from_utf8(text).map_err(|error| fault(&error))
+}

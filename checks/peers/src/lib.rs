@@ -1,0 +1,1 @@
+//! Other masters on simulated gateways; see the tests.

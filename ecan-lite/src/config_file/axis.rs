@@ -1,0 +1,237 @@
+//! One axis of a file.
+
+use std::time::Duration;
+
+use ecan_canopen::{NodeAddress, NodeId, OperatingMode};
+use ecan_cia402::{
+    AxisConfig, AxisFault, DriveConfig, MotionLimit, PositionRange, ScaleSource, axis_conflicts,
+};
+use ecan_mcan_port::Config;
+use ecan_protocol::mapping::{CHANNELS, Direction};
+
+use crate::config_file::document::{Document, Table, store};
+use crate::config_file::{drive, process_data};
+
+const MODES: [(&str, OperatingMode); 8] = [
+    ("csp", OperatingMode::CyclicPosition),
+    ("csv", OperatingMode::CyclicVelocity),
+    ("cst", OperatingMode::CyclicTorque),
+    ("pp", OperatingMode::ProfilePosition),
+    ("pv", OperatingMode::ProfileVelocity),
+    ("pt", OperatingMode::ProfileTorque),
+    ("ip", OperatingMode::InterpolatedPosition),
+    ("vl", OperatingMode::Velocity),
+];
+
+#[derive(Clone, Copy)]
+enum Range {
+    Linear,
+    Wrapping,
+    Modulo,
+}
+
+const RANGES: [(&str, Range); 3] =
+    [("linear", Range::Linear), ("wrapping", Range::Wrapping), ("modulo", Range::Modulo)];
+
+const SCALE_SOURCES: [(&str, ScaleSource); 3] = [
+    ("configured", ScaleSource::Configured),
+    ("checked", ScaleSource::Checked),
+    ("drive", ScaleSource::Drive),
+];
+
+/// An axis of a file.
+pub(crate) struct FileAxis {
+    pub(crate) config: AxisConfig,
+    /// Path of its table, or of the key that names its file.
+    pub(crate) path: String,
+}
+
+/// Reads an axis; `None` if it has no valid address.
+pub(crate) fn read(mut table: Table<'_, '_>) -> Option<FileAxis> {
+    let address = read_address(&mut table);
+    // In a node its keys are those of the node.
+    let mut network = DriveConfig::default();
+    drive::read_network(&mut table, &mut network);
+    let mut axis = read_at(table, address, 0)?;
+    let DriveConfig { reset, boot_timeout, heartbeat_ms, guarding, .. } = network;
+    let drive = &mut axis.config.drive;
+    (drive.reset, drive.boot_timeout) = (reset, boot_timeout);
+    (drive.heartbeat_ms, drive.guarding) = (heartbeat_ms, guarding);
+    Some(axis)
+}
+
+fn read_address(table: &mut Table<'_, '_>) -> Option<NodeAddress> {
+    let slave = table.required("gateway", "the index of its gateway in the file", (0, 0xFFFF));
+    let channel = table.required("channel", "0 to 3", (0, CHANNELS as u32 - 1));
+    let node = table.required("node", "the node-ID of the drive, 1 to 127", (1, 127));
+    let ((slave, channel), node) = slave.zip(channel).zip(node)?;
+    let (slave, channel) = (usize::try_from(slave).ok()?, u8::try_from(channel).ok()?);
+    Some(NodeAddress { slave, channel, node: NodeId::new(u8::try_from(node).ok()?)? })
+}
+
+/// Reads an axis of a node; `node_axis` is its default.
+pub(crate) fn read_at(
+    mut table: Table<'_, '_>,
+    address: Option<NodeAddress>,
+    node_axis: u8,
+) -> Option<FileAxis> {
+    // All keys are read, so that each wrong one is reported.
+    let mut axis =
+        AxisConfig::new(address.unwrap_or(NodeAddress { slave: 0, channel: 0, node: NodeId::MAX }));
+    axis.node_axis = table.unsigned("node_axis", (0, 7)).unwrap_or(node_axis);
+    store(&mut axis.mode, table.word("mode", &MODES));
+    read_scale(&mut table, &mut axis);
+    axis.limits.velocity = table.float("max_velocity_rad_s");
+    axis.limits.acceleration = table.float("max_acceleration_rad_s2");
+    axis.limits.jerk = table.float("max_jerk_rad_s3");
+    if let Some(limit) = table.unsigned("step_limit", (0, u32::MAX)) {
+        axis = axis.with_step_limit(limit);
+    }
+    store(&mut axis.following_window, table.unsigned("following_window", (0, u32::MAX)));
+    store(&mut axis.standstill, table.unsigned("standstill", (0, u32::MAX)));
+    store(&mut axis.target_step, table.signed("target_step"));
+    store(&mut axis.ramp, table.unsigned("ramp", (0, u32::MAX)));
+    axis.bounds = read_bounds(&mut table);
+    store(&mut axis.auto_resume, table.flag("auto_resume"));
+    let timeout_ms = table.unsigned("enable_timeout_ms", (1, 3_600_000));
+    store(&mut axis.enable_timeout, timeout_ms.map(Duration::from_millis));
+    read_tolerances(&mut table, &mut axis);
+    process_data::read(&mut table, &mut axis);
+    drive::read(&mut table, &mut axis.drive);
+    let path = table.own_path().to_owned();
+    address.map(|_| FileAxis { config: axis, path })
+}
+
+/// The range of the counter, and what the guard tolerates.
+fn read_tolerances(table: &mut Table<'_, '_>, axis: &mut AxisConfig) {
+    let range = table.word("position_range", &RANGES);
+    let (min, max) = (table.signed("position_min"), table.signed("position_max"));
+    match (range, min, max) {
+        (Some(Range::Modulo), Some(min), Some(max)) => {
+            axis.range = PositionRange::Modulo { min, max };
+        }
+        (Some(Range::Modulo), ..) => {
+            let text = "`position_range` = \"modulo\" needs `position_min` and `position_max`";
+            table.fault("position_range", text);
+        }
+        (range, None, None) => {
+            let is_wrapping = matches!(range, Some(Range::Wrapping));
+            axis.range = if is_wrapping { PositionRange::Wrapping } else { PositionRange::Linear };
+        }
+        (_, min, _) => {
+            let key = if min.is_some() { "position_min" } else { "position_max" };
+            table.fault(key, format!("`{key}` needs `position_range` = \"modulo\""));
+        }
+    }
+    store(&mut axis.tpdo_timeout, table.unsigned("tpdo_timeout", (1, 0xFFFF)));
+    store(&mut axis.wc_misses, table.unsigned("wc_misses", (0, 0xFFFF)));
+    store(&mut axis.drain_images, table.unsigned("drain_images", (0, 0xFFFF)));
+}
+
+fn read_scale(table: &mut Table<'_, '_>, axis: &mut AxisConfig) {
+    if let Some(steps) = table.float("steps_per_turn") {
+        axis.scale = ecan_cia402::Scale::steps_per_turn(steps);
+    }
+    if let Some(step) = table.signed("origin_step") {
+        axis.scale = axis.scale.with_origin(step);
+    }
+    if let Some(units) = table.float("velocity_units_per_turn_s") {
+        axis.scale = axis.scale.with_velocity_units(units);
+    }
+    store(&mut axis.scale_source, table.word("scale_source", &SCALE_SOURCES));
+}
+
+fn read_bounds(table: &mut Table<'_, '_>) -> Option<(i32, i32)> {
+    let (min, max) = (table.signed("min_target"), table.signed("max_target"));
+    for (key, other) in [("min_target", "max_target"), ("max_target", "min_target")] {
+        if table.has(key) && !table.has(other) {
+            table.fault(key, format!("`{key}` needs `{other}`"));
+        }
+    }
+    min.zip(max)
+}
+
+/// Checks the axes, each alone, with the earlier ones and with the gateways, and reports their faults to
+/// the document.
+pub(crate) fn check(document: &Document<'_>, config: &Config, axes: &[Option<FileAxis>]) {
+    let mut earlier: Vec<(usize, &AxisConfig)> = Vec::new();
+    for (at, file_axis) in axes.iter().enumerate() {
+        let Some(FileAxis { config: axis, path }) = file_axis else { continue };
+        let paths =
+            |keys: &[&str]| keys.iter().map(|key| format!("{path}.{key}")).collect::<Vec<_>>();
+        let mut report = |fault: AxisFault| {
+            document.semantic_fault(&paths(keys(&fault, axis)), format!("axis {at}: {fault}"));
+        };
+        axis.check(&mut report);
+        axis_conflicts(axis, &earlier, &mut report);
+        if let Some((key, reason)) = channel_fault(config, axis.address, at) {
+            document.semantic_fault(&paths(&[key]), reason);
+        }
+        earlier.push((at, axis));
+    }
+}
+
+/// Key and text of the fault of an axis whose channel cannot be used.
+fn channel_fault(
+    config: &Config,
+    NodeAddress { slave, channel, .. }: NodeAddress,
+    at: usize,
+) -> Option<(&'static str, String)> {
+    let Some(gateway) = config.port.gateways.get(slave) else {
+        return Some(("gateway", format!("axis {at}: gateway {slave} is not in the file")));
+    };
+    let text = if !gateway.channels.get(usize::from(channel)).is_some_and(Option::is_some) {
+        format!("is not enabled; add its table can{channel}")
+    } else {
+        let direction = Direction::ALL.into_iter().find(|it| !gateway.carries(*it, channel))?;
+        format!("is not among the `channels` of the {direction}; an axis needs both directions")
+    };
+    Some(("channel", format!("axis {at}: channel {channel} of gateway {slave} {text}")))
+}
+
+/// Keys that a fault may come from, the most likely one first.
+fn keys(fault: &AxisFault, axis: &AxisConfig) -> &'static [&'static str] {
+    let limit_key = |limit: &MotionLimit| -> &'static [&'static str] {
+        match limit {
+            MotionLimit::Velocity => &["max_velocity_rad_s"],
+            MotionLimit::Acceleration => &["max_acceleration_rad_s2"],
+            MotionLimit::Jerk => &["max_jerk_rad_s3"],
+        }
+    };
+    match fault {
+        AxisFault::Scale { .. } => &["steps_per_turn"],
+        AxisFault::VelocityUnits { .. } => &["velocity_units_per_turn_s"],
+        AxisFault::NoStep => &["step_limit"],
+        AxisFault::TargetStep { .. } => &["target_step", "step_limit"],
+        AxisFault::Standstill { .. } => &["standstill", "step_limit"],
+        AxisFault::Window { .. } => &["following_window", "step_limit"],
+        AxisFault::PdoNumber { .. } | AxisFault::SamePdo { .. } => {
+            &["pdo_number", "rpdo_cob_ids", "tpdo_cob_ids"]
+        }
+        AxisFault::CobIdCount { found, .. } if *found == axis.cob_ids.rpdos.len() => {
+            &["rpdo_cob_ids"]
+        }
+        AxisFault::CobId { cob_id } | AxisFault::SameCobId { cob_id, .. }
+            if axis.cob_ids.rpdos.contains(cob_id) =>
+        {
+            &["rpdo_cob_ids"]
+        }
+        AxisFault::CobIdCount { .. } | AxisFault::CobId { .. } => &["tpdo_cob_ids"],
+        AxisFault::SameCobId { cob_id, .. } if axis.cob_ids.tpdos.contains(cob_id) => {
+            &["tpdo_cob_ids"]
+        }
+        AxisFault::SameCobId { .. } => &["pdo_number", "node", "rpdo_cob_ids", "tpdo_cob_ids"],
+        AxisFault::SameNode { .. } | AxisFault::NodeAxis { .. } => &["node_axis", "node"],
+        AxisFault::PdoCount { .. } => &["inputs", "outputs", "pdo_number"],
+        AxisFault::OutputMode { .. } | AxisFault::ProbeStatus => &["outputs", "mode"],
+        AxisFault::FeedForwardLimit { .. } => &["feed_forward", "outputs"],
+        AxisFault::ScaleSource => &["scale_source"],
+        AxisFault::Guarding { .. } => &["guard_time_ms"],
+        AxisFault::Range { .. } => &["position_min"],
+        AxisFault::Bounds { .. } | AxisFault::RateBounds { .. } => &["min_target"],
+        AxisFault::Limit { limit, .. }
+        | AxisFault::LimitMode { limit, .. }
+        | AxisFault::LimitUnits { limit, .. } => limit_key(limit),
+        _ => &["node"],
+    }
+}

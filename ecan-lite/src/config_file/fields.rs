@@ -1,0 +1,139 @@
+//! Keys of configuration objects, read as their declarations in ecan-protocol say.
+
+use ecan_protocol::config::ConfigObject;
+use ecan_protocol::object::{Entry, KeyForm, lookup};
+
+use crate::config_file::document::Table;
+
+/// Reads the keys of an object into `config`. `group` is the table inside the object's table that
+/// is read, empty for that table itself.
+pub(crate) fn read<C: ConfigObject>(table: &mut Table<'_, '_>, group: &str, config: &mut C) {
+    for entry in C::fields() {
+        if let Some(key) = key_in(entry, group)
+            && let Some(value) = read_value(table, key, entry)
+            && let Err(fault) = config.set_value(entry.subindex, value)
+        {
+            table.fault(key, fault.to_string());
+        }
+    }
+}
+
+/// Keys of a group that the table does not have.
+pub(crate) fn report_missing<C: ConfigObject>(table: &Table<'_, '_>, group: &str) {
+    for key in C::fields().filter_map(|entry| key_in(entry, group)).filter(|key| !table.has(key)) {
+        table.fault(key, format!("`{key}` is missing"));
+    }
+}
+
+/// Reads one key as the entry at `index` and `subindex` says.
+pub(crate) fn read_entry(
+    table: &mut Table<'_, '_>,
+    key: &'static str,
+    (index, subindex): (u16, u8),
+) -> Option<u32> {
+    let (_, entry) = lookup(index, subindex)?;
+    read_value(table, key, entry)
+}
+
+fn key_in(entry: &Entry, group: &str) -> Option<&'static str> {
+    let key = entry.key?;
+    let (table, name) = key.split_once('.').unwrap_or(("", key));
+    (table == group).then_some(name)
+}
+
+/// The words of an entry, each with its raw value; the first one if two values have the same word.
+fn words(entry: &Entry) -> Vec<(String, u32)> {
+    let mut words: Vec<(String, u32)> = Vec::new();
+    for (value, text) in entry.values {
+        let word = text.to_lowercase().replace(' ', "_");
+        if words.iter().all(|(known, _)| *known != word) {
+            words.push((word, *value));
+        }
+    }
+    words
+}
+
+fn read_value(table: &mut Table<'_, '_>, key: &'static str, entry: &Entry) -> Option<u32> {
+    match entry.form {
+        KeyForm::Number => {
+            let number = table.unsigned(key, (entry.min, entry.max))?;
+            if entry.accepts(number) {
+                return Some(number);
+            }
+            let allowed: Vec<u32> = entry.values.iter().map(|(value, _)| *value).collect();
+            invalid(table, key, number, &allowed)
+        }
+        KeyForm::Flag => table.flag(key).map(u32::from),
+        KeyForm::Word => table.word(key, &words(entry)),
+        KeyForm::Words(names) => {
+            let words: Vec<_> =
+                names.iter().map(|(name, bit)| (name.to_lowercase(), *bit)).collect();
+            let bits = table.words(key, &words)?;
+            Some(bits.into_iter().fold(0, |all, bit| all | bit))
+        }
+        KeyForm::Bits => {
+            let bits: Vec<_> =
+                entry.bits.iter().map(|(bit, name)| (name.to_lowercase(), 1 << bit)).collect();
+            let bits: Vec<u32> = table.words(key, &bits)?;
+            Some(bits.into_iter().fold(0, |all, bit| all | bit))
+        }
+        KeyForm::Size(sizes) => {
+            let mut allowed = sizes.to_vec();
+            allowed.sort_unstable();
+            let range = (*allowed.first()?, *allowed.last()?);
+            let size = table.unsigned(key, range)?;
+            let raw = (0..).zip(sizes).find(|(_, known)| **known == size).map(|(raw, _)| raw);
+            raw.or_else(|| invalid(table, key, size, &allowed))
+        }
+        KeyForm::LowerBound => table.permille_window(key).map(|[min, _]| min),
+        KeyForm::UpperBound => table.permille_window(key).map(|[_, max]| max),
+    }
+}
+
+fn invalid(table: &Table<'_, '_>, key: &str, number: u32, allowed: &[u32]) -> Option<u32> {
+    let allowed: Vec<_> = allowed.iter().map(ToString::to_string).collect();
+    let reason = format!("`{key}` = {number} is invalid; allowed: {}", allowed.join(", "));
+    table.fault(key, reason);
+    None
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use ecan_protocol::config::{DataPathConfig, DataPathGlobal, McanChannelConfig};
+    use ecan_protocol::image::PdoProfile;
+
+    fn without_key<C: ConfigObject>() -> Vec<u8> {
+        C::fields().filter(|entry| entry.key.is_none()).map(|entry| entry.subindex).collect()
+    }
+
+    #[test]
+    fn configuration_fields_have_keys() {
+        // The data bit rate enables CAN FD.
+        assert_eq!(without_key::<McanChannelConfig>(), [15]);
+        assert!(without_key::<PdoProfile>().is_empty());
+        assert!(without_key::<DataPathGlobal>().is_empty());
+        // Reserved by the manual.
+        assert_eq!(without_key::<DataPathConfig>(), [10, 17, 18, 19]);
+    }
+
+    #[test]
+    fn words_follow_from_the_texts_of_values() {
+        let words_of = |index, subindex| {
+            let words = words(lookup(index, subindex).unwrap().1);
+            words.into_iter().map(|(word, _)| word).collect::<Vec<_>>().join(" ")
+        };
+        assert_eq!(words_of(0x8001, 8), "normal listen internal_loopback external_loopback");
+        assert_eq!(words_of(0x8001, 36), "fifo0 fifo1 reject");
+        assert_eq!(words_of(0x8001, 50), "range two masked disabled");
+        assert_eq!(words_of(0x8001, 56), "range two masked range_unmasked");
+        assert_eq!(
+            words_of(0x8001, 51),
+            "disabled fifo0 fifo1 reject priority priority_fifo0 priority_fifo1 rx_buffer"
+        );
+        assert_eq!(words_of(0x8001, 69), "fifo queue");
+        assert_eq!(words_of(0x8010, 6), "balanced shared_only deterministic");
+        assert_eq!(words_of(0x8021, 8), "drop_oldest drop_newest preserve_critical degraded");
+        assert_eq!(words_of(0x8021, 9), "none canopen_safety canopen_all");
+    }
+}

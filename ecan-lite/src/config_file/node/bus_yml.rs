@@ -1,0 +1,423 @@
+//! A bus of ros2_canopen: the file `bus.yml` of a configuration package.
+
+use std::collections::BTreeSet;
+
+use ecan_canopen::{BootReset, NodeId, PdoDirection, object};
+use saphyr::{LoadableYamlNode, MarkedYaml, Scalar, YamlData};
+
+use super::source::{NodeSource, ParameterSource, PdoSource, RevisionRule};
+use crate::config_file::bus_master::MasterSource;
+use crate::config_file::fault::FileFaults;
+use crate::config_file::located::Located;
+use crate::config_file::text_lines::TextLines;
+
+/// Sections that describe no node.
+const SECTIONS: [&str; 4] = ["options", "master", "defaults", "nodes"];
+
+/// Keys of a node that concern ROS only, or drivers of ros2_canopen.
+const ROS_KEYS: [&str; 19] = [
+    "package",
+    "namespace",
+    "enable_lazy_load",
+    "dcf_path",
+    "polling",
+    "period",
+    "diagnostics",
+    "remappings",
+    "sdo_timeout_ms",
+    "configuration_file",
+    "heartbeat_multiplier",
+    "retry_factor",
+    "switching_state",
+    "homing_timeout_seconds",
+    "scale_pos_from_dev",
+    "scale_vel_from_dev",
+    "offset_pos_from_dev",
+    "boot",
+    "time_cob_id",
+];
+
+/// Reads the nodes of a bus on a channel, and its master.
+///
+/// # Errors
+/// The first fault of the syntax, or every other fault.
+pub(crate) fn read(
+    text: &str,
+    slave: usize,
+    channel: u8,
+) -> Result<(MasterSource, Vec<NodeSource>), FileFaults> {
+    let lines = TextLines::new(text);
+    let documents = MarkedYaml::load_from_str(text).map_err(|error| {
+        let marker = error.marker();
+        let at = lines.offset(marker.line(), marker.col());
+        lines.finish(vec![(at, error.info().to_owned())]).err().unwrap_or(FileFaults(Vec::new()))
+    })?;
+    let mut reader = Reader { lines: &lines, faults: Vec::new() };
+    let mut master = MasterSource::default();
+    let mut nodes = Vec::new();
+    match documents.first() {
+        Some(root) => {
+            let root = reader.mapping(root, "the file");
+            master = root.get("master").map(|it| reader.master(it)).unwrap_or_default();
+            let defaults = root.get("defaults").map(|it| reader.mapping(it, "`defaults`"));
+            let defaults = defaults.unwrap_or_default();
+            let apart = root.pairs.iter().filter(|(name, _)| {
+                !SECTIONS.contains(&name.value.as_str()) && !name.value.starts_with('.')
+            });
+            let listed = root.get("nodes").map(|it| reader.listed(it)).unwrap_or_default();
+            for (name, value) in apart.cloned().chain(listed) {
+                let own = reader.mapping(value, &format!("`{}`", name.value));
+                let mut node = NodeSource::new(name.at, slave, channel);
+                node.name = name.value;
+                reader.node(&own.or(&defaults), &mut node);
+                nodes.push(node);
+            }
+        }
+        None => reader.faults.push((0, "the file is empty".to_owned())),
+    }
+    lines.finish(reader.faults)?;
+    Ok((master, nodes))
+}
+
+type Node<'y> = &'y MarkedYaml<'y>;
+
+/// A mapping with the locations of its keys.
+#[derive(Clone, Default)]
+struct Mapping<'y> {
+    pairs: Vec<(Located<String>, Node<'y>)>,
+}
+
+impl<'y> Mapping<'y> {
+    fn get(&self, key: &str) -> Option<Node<'y>> {
+        self.pairs.iter().find(|(name, _)| name.value == key).map(|(_, value)| *value)
+    }
+
+    /// The keys of this mapping, and those of `defaults` that it does not have.
+    fn or(mut self, defaults: &Self) -> Self {
+        let own: BTreeSet<_> = self.pairs.iter().map(|(name, _)| name.value.clone()).collect();
+        let others = defaults.pairs.iter().filter(|(name, _)| !own.contains(&name.value));
+        self.pairs.extend(others.cloned());
+        self
+    }
+}
+
+struct Reader<'t> {
+    lines: &'t TextLines<'t>,
+    faults: Vec<(usize, String)>,
+}
+
+impl Reader<'_> {
+    fn at(&self, node: Node<'_>) -> usize {
+        self.lines.offset(node.span.start.line(), node.span.start.col())
+    }
+
+    fn fault(&mut self, node: Node<'_>, reason: String) {
+        let at = self.at(node);
+        self.faults.push((at, reason));
+    }
+
+    fn mapping<'y>(&mut self, node: Node<'y>, what: &str) -> Mapping<'y> {
+        let YamlData::Mapping(mapping) = &node.data else {
+            if !matches!(node.data, YamlData::Value(Scalar::Null)) {
+                self.fault(node, format!("{what} must be a mapping of keys and values"));
+            }
+            return Mapping::default();
+        };
+        let mut pairs = Vec::new();
+        for (key, value) in mapping {
+            match text_of(key) {
+                Some(name) => pairs.push((Located::new(name, self.at(key)), value)),
+                None => self.fault(key, "a key must be a word or a number".to_owned()),
+            }
+        }
+        Mapping { pairs }
+    }
+
+    /// `nodes` is a mapping, or a list of mappings of one name each.
+    fn listed<'y>(&mut self, node: Node<'y>) -> Vec<(Located<String>, Node<'y>)> {
+        match &node.data {
+            YamlData::Sequence(list) => {
+                list.iter().flat_map(|one| self.mapping(one, "an entry of `nodes`").pairs).collect()
+            }
+            _ => self.mapping(node, "`nodes`").pairs,
+        }
+    }
+
+    fn integer<T: TryFrom<i64>>(
+        &mut self,
+        key: &str,
+        node: Node<'_>,
+        (min, max): (i64, i64),
+    ) -> Option<T> {
+        let found = match &node.data {
+            YamlData::Value(Scalar::Integer(number)) => Some(*number),
+            _ => None,
+        };
+        let in_range = found.filter(|number| (min..=max).contains(number));
+        if in_range.is_none() {
+            let found = text_of(node).unwrap_or_else(|| "the value".to_owned());
+            self.fault(node, format!("`{key}` = {found} is out of range; allowed: {min} to {max}"));
+        }
+        T::try_from(in_range?).ok()
+    }
+
+    fn flag(&mut self, key: &str, node: Node<'_>) -> Option<bool> {
+        match &node.data {
+            YamlData::Value(Scalar::Boolean(flag)) => Some(*flag),
+            YamlData::Value(Scalar::Integer(number @ 0..=1)) => Some(*number == 1),
+            _ => {
+                self.fault(node, format!("`{key}` must be true or false"));
+                None
+            }
+        }
+    }
+
+    fn number(&mut self, key: &str, node: Node<'_>) -> Option<f64> {
+        let number = match &node.data {
+            YamlData::Value(Scalar::Integer(number)) => Some(*number as f64),
+            YamlData::Value(Scalar::FloatingPoint(number)) => Some(number.into_inner()),
+            _ => None,
+        };
+        if number.is_none() {
+            self.fault(node, format!("`{key}` must be a number"));
+        }
+        number
+    }
+
+    fn mode(&mut self, key: &str, node: Node<'_>) -> Option<Located<i8>> {
+        let raw = self.integer(key, node, (-128, 127));
+        raw.map(|raw| Located::new(raw, self.at(node)))
+    }
+
+    fn master(&mut self, node: Node<'_>) -> MasterSource {
+        let mut master = MasterSource::default();
+        for (key, value) in self.mapping(node, "`master`").pairs {
+            match key.value.as_str() {
+                "node_id" => {
+                    let raw: Option<u8> = self.integer("node_id", value, (1, 255));
+                    master.node = raw.and_then(NodeId::new);
+                }
+                "sync_period" => {
+                    let period = self.integer("sync_period", value, (0, u32::MAX.into()));
+                    master.sync_period_us = period.map(|it| Located::new(it, self.at(value)));
+                }
+                "sync_overflow" => {
+                    let overflow = self.integer("sync_overflow", value, (0, 240));
+                    master.sync_overflow = overflow.map(|it| Located::new(it, self.at(value)));
+                }
+                "heartbeat_multiplier" => {
+                    master.heartbeat_multiplier = self.number("heartbeat_multiplier", value);
+                }
+                "heartbeat_producer" => {
+                    master.heartbeat_ms = self.integer("heartbeat_producer", value, (0, 0xFFFF));
+                }
+                _ => {}
+            }
+        }
+        master
+    }
+
+    fn node(&mut self, keys: &Mapping<'_>, node: &mut NodeSource) {
+        const U32: (i64, i64) = (0, 0xFFFF_FFFF);
+        const U16: (i64, i64) = (0, 0xFFFF);
+        node.reset = Some(BootReset::Communication);
+        // As ros2_canopen: a node is optional unless the file states otherwise.
+        node.is_mandatory = Some(false);
+        node.heartbeat_ms = Some(0);
+        node.revision = RevisionRule::Exact;
+        for (key, value) in &keys.pairs {
+            let (at, name) = (self.at(value), key.value.as_str());
+            match name {
+                "node_id" => {
+                    let raw: Option<u8> = self.integer(name, value, (1, 127));
+                    node.node = raw.and_then(NodeId::new).map(|it| Located::new(it, at));
+                }
+                "dcf" => match text_of(value) {
+                    Some(path) => node.device_file = Some(Located::new(path.into(), at)),
+                    None => self.fault(value, "`dcf` must be the name of a file".to_owned()),
+                },
+                "mandatory" => node.is_mandatory = self.flag(name, value),
+                "reset_communication" => {
+                    if self.flag(name, value) == Some(false) {
+                        node.reset = Some(BootReset::None);
+                    }
+                }
+                "boot_timeout_ms" => {
+                    node.boot_timeout_ms = self.integer(name, value, (1, 3_600_000))
+                }
+                // 0 accepts every one.
+                "revision_number" => match self.integer(name, value, U32) {
+                    Some(0) => node.revision = RevisionRule::Any,
+                    revision => node.revision_number = revision,
+                },
+                "serial_number" => {
+                    node.serial_number = self.integer(name, value, U32).filter(|it| *it != 0);
+                }
+                "software_version" => {
+                    node.software = self.integer(name, value, U32).filter(|it| *it != 0);
+                }
+                "restore_configuration" => {
+                    node.restores = self.integer(name, value, (0, 127)).filter(|it| *it != 0);
+                }
+                "heartbeat_producer" => node.heartbeat_ms = self.integer(name, value, U16),
+                "sdo" => self.sdo(value, node),
+                "rpdo" => self.pdos(value, PdoDirection::Receive, node),
+                "tpdo" => self.pdos(value, PdoDirection::Transmit, node),
+                "guard_time" => {
+                    let ms: Option<u16> = self.integer(name, value, U16);
+                    node.guard_time_ms = ms.filter(|ms| *ms > 0).map(|ms| Located::new(ms, at));
+                }
+                "life_time_factor" => {
+                    node.life_time_factor =
+                        self.integer(name, value, (0, 0xFF)).filter(|it| *it > 0);
+                }
+                "driver" => {
+                    // Also that of lifecycle nodes.
+                    let driver = text_of(value).unwrap_or_default();
+                    node.ros_axis.is_axis = driver.ends_with("Cia402Driver");
+                }
+                "position_mode" => node.ros_axis.modes[0] = self.mode(name, value),
+                "velocity_mode" => node.ros_axis.modes[1] = self.mode(name, value),
+                "torque_mode" => node.ros_axis.modes[2] = self.mode(name, value),
+                "scale_pos_to_dev" => node.ros_axis.position_units = self.number(name, value),
+                "scale_vel_to_dev" => node.ros_axis.velocity_units = self.number(name, value),
+                "offset_pos_to_dev" => node.ros_axis.origin = self.number(name, value),
+                "heartbeat_consumer" => {
+                    node.watches_master = self.flag(name, value).map(|it| Located::new(it, at));
+                }
+                "error_behavior" => self.error_behavior(value, node),
+                "num_channels" if matches!(value.data, YamlData::Value(Scalar::Integer(1))) => {}
+                "software_file" | "num_channels" | "channel_names" | "channels" => {
+                    self.fault(
+                        value,
+                        format!("`{name}` is not supported; use the configuration file"),
+                    );
+                }
+                name if ROS_KEYS.contains(&name) => {}
+                name => self.faults.push((key.at, format!("unknown key `{name}`"))),
+            }
+        }
+        if node.device_file.is_none() {
+            self.faults.push((node.at, format!("`{}` has no `dcf`: the EDS or DCF", node.name)));
+        }
+    }
+
+    /// Reaction to each class of errors: the entries of 0x1029.
+    fn error_behavior(&mut self, classes: Node<'_>, node: &mut NodeSource) {
+        for (class, value) in self.mapping(classes, "`error_behavior`").pairs {
+            let Some(subindex) = class.value.parse::<u8>().ok().filter(|it| *it > 0) else {
+                let text =
+                    format!("error class {} is out of range; allowed: 1 to 255", class.value);
+                self.faults.push((class.at, text));
+                continue;
+            };
+            let object = format!("0x{:04X}:{subindex}", object::ERROR_BEHAVIOUR);
+            if let Some(value) = self.integer::<u8>("error_behavior", value, (0, 0xFF)) {
+                node.parameters.push(ParameterSource {
+                    object: Located::new(object, class.at),
+                    value: Located::new(value.to_string(), class.at),
+                });
+            }
+        }
+    }
+
+    fn sequence<'y>(&mut self, key: &str, node: Node<'y>) -> Vec<Node<'y>> {
+        match &node.data {
+            YamlData::Sequence(list) => list.iter().collect(),
+            _ => {
+                self.fault(node, format!("`{key}` must be a list"));
+                Vec::new()
+            }
+        }
+    }
+
+    /// Index and subindex of an entry, as a text.
+    fn object(&mut self, keys: &Mapping<'_>, node: Node<'_>) -> Option<Located<String>> {
+        let Some(index) = keys.get("index") else {
+            self.fault(node, "`index` is missing".to_owned());
+            return None;
+        };
+        let index: u16 = self.integer("index", index, (1, 0xFFFF))?;
+        let subindex: u8 = match keys.get("sub_index") {
+            Some(subindex) => self.integer("sub_index", subindex, (0, 0xFF))?,
+            None => 0,
+        };
+        Some(Located::new(format!("0x{index:04X}:{subindex:02X}"), self.at(node)))
+    }
+
+    fn sdo(&mut self, list: Node<'_>, node: &mut NodeSource) {
+        for entry in self.sequence("sdo", list) {
+            let keys = self.mapping(entry, "an entry of `sdo`");
+            let object = self.object(&keys, entry);
+            let value = keys.get("value").and_then(|value| Some((text_of(value)?, self.at(value))));
+            match (object, value) {
+                (Some(object), Some((value, at))) => {
+                    let value = Located::new(value, at);
+                    node.parameters.push(ParameterSource { object, value });
+                }
+                (Some(_), None) => self.fault(entry, "`value` is missing".to_owned()),
+                (None, _) => {}
+            }
+        }
+    }
+
+    fn pdos(&mut self, pdos: Node<'_>, direction: PdoDirection, node: &mut NodeSource) {
+        for (number, pdo) in self.mapping(pdos, "the PDOs").pairs {
+            let Some(number) = number.value.parse().ok().filter(|it| (1..=512).contains(it)) else {
+                let text =
+                    format!("PDO number {} is out of range; allowed: 1 to 512", number.value);
+                self.faults.push((number.at, text));
+                continue;
+            };
+            let mut source = PdoSource::new(self.at(pdo), direction, number);
+            for (key, value) in self.mapping(pdo, "a PDO").pairs {
+                let at = self.at(value);
+                match key.value.as_str() {
+                    "enabled" => source.is_enabled = self.flag("enabled", value).unwrap_or(true),
+                    "cob_id" if text_of(value).is_some_and(|it| it == "auto") => {
+                        source.is_predefined = true;
+                    }
+                    "cob_id" => {
+                        let id = self.integer("cob_id", value, (1, 0x7FF));
+                        source.cob_id = id.map(|id| Located::new(id, at));
+                    }
+                    "transmission" => {
+                        let raw = self.integer("transmission", value, (0, 255));
+                        source.transmission = raw.map(|raw| Located::new(raw, at));
+                    }
+                    "inhibit_time" => {
+                        source.inhibit_time = self.integer("inhibit_time", value, (0, 0xFFFF));
+                    }
+                    "sync_start" => {
+                        source.sync_start = self.integer("sync_start", value, (0, 240));
+                    }
+                    name @ ("event_timer" | "event_deadline") => {
+                        source.event_timer_ms = self.integer(name, value, (0, 0xFFFF));
+                    }
+                    "mapping" => {
+                        let mut objects = Vec::new();
+                        for entry in self.sequence("mapping", value) {
+                            let keys = self.mapping(entry, "an entry of `mapping`");
+                            objects.extend(self.object(&keys, entry));
+                        }
+                        source.objects = Some(objects);
+                    }
+                    name => self.faults.push((key.at, format!("unknown key `{name}` of a PDO"))),
+                }
+            }
+            node.pdos.push(source);
+        }
+    }
+}
+
+/// A scalar as text.
+fn text_of(node: Node<'_>) -> Option<String> {
+    let YamlData::Value(scalar) = &node.data else { return None };
+    Some(match scalar {
+        Scalar::String(text) => text.to_string(),
+        Scalar::Integer(number) => number.to_string(),
+        Scalar::FloatingPoint(number) => number.to_string(),
+        Scalar::Boolean(flag) => u8::from(*flag).to_string(),
+        Scalar::Null => return None,
+    })
+}

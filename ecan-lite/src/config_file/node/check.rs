@@ -1,0 +1,136 @@
+//! Check of all nodes of a file together.
+
+use ecan_canopen::{
+    ChannelDescription, NetworkDescription, NetworkFault, NetworkFaultKind, NodeAddress,
+    NodeDescription, Parameter, PdoMapping, PdoName, Subject,
+};
+use ecan_cia402::{AxisConfig, Cia402Config};
+use ecan_mcan_port::Config;
+
+use super::FileNode;
+use super::resolve::ResolvedNode;
+use crate::config_file::axis::FileAxis;
+use crate::config_file::document::Document;
+use crate::config_file::network::NetworkSettings;
+
+/// The network of a file: the nodes, with the process data of the axes of theirs.
+pub(crate) fn network(
+    config: &Config,
+    settings: &NetworkSettings,
+    nodes: &[FileNode],
+    axes: &[Option<FileAxis>],
+) -> NetworkDescription {
+    let Cia402Config { network, sync, .. } = &settings.cia402;
+    let mut descriptions: Vec<_> = nodes.iter().map(|it| it.node.description.clone()).collect();
+    for FileAxis { config: axis, .. } in axes.iter().flatten() {
+        let nth = descriptions.iter().position(|node| node.address == axis.address);
+        let nth = nth.unwrap_or_else(|| {
+            descriptions.push(NodeDescription::new(axis.address));
+            descriptions.len() - 1
+        });
+        if let Some(node) = descriptions.get_mut(nth) {
+            node.pdos.extend(axis.pdo_mappings());
+        }
+    }
+    let channels = config.port.gateways.iter().enumerate().flat_map(|(slave, gateway)| {
+        let channels = gateway.channels.into_iter().zip(0..);
+        channels.filter_map(move |(channel, number)| {
+            channel.map(|it| ChannelDescription { slave, channel: number, can: it.can })
+        })
+    });
+    NetworkDescription {
+        nodes: descriptions,
+        channels: channels.collect(),
+        host_heartbeat: network.host_heartbeat,
+        sync: Some(*sync),
+        cycle_ns: config.adapter.cycle_ns(),
+    }
+}
+
+/// Checks the nodes and reports their faults to the document.
+pub(crate) fn check(
+    document: &Document<'_>,
+    config: &Config,
+    settings: &NetworkSettings,
+    nodes: &[FileNode],
+    axes: &[Option<FileAxis>],
+) {
+    if nodes.is_empty() {
+        return;
+    }
+    for NetworkFault { nodes: concerned, kind } in network(config, settings, nodes, axes).check() {
+        // Of several nodes, the fault is at the last one.
+        let Some(node) = concerned.last().and_then(|nth| nodes.get(*nth)) else {
+            document.semantic_fault(&[channel_path(&kind)], kind.to_string());
+            continue;
+        };
+        if is_of_axes(&kind, &node.node.description, axes) {
+            continue;
+        }
+        let text = match concerned.len() {
+            1 => format!("{}: {kind}", node.node.description.title()),
+            _ => kind.to_string(),
+        };
+        let at = location(node, &kind);
+        let (at, text) = match &node.bus {
+            Some(bus) => bus.fault(at, &text),
+            None => (at, text),
+        };
+        document.push(at, text);
+    }
+}
+
+/// Returns whether a fault is one between axes, which their check reports.
+fn is_of_axes(kind: &NetworkFaultKind, node: &NodeDescription, axes: &[Option<FileAxis>]) -> bool {
+    match kind {
+        NetworkFaultKind::DuplicatePdo { pdo } => {
+            let is_it = |it: &PdoMapping| (it.direction, it.number) == (pdo.direction, pdo.number);
+            !node.pdos.iter().any(is_it)
+        }
+        NetworkFaultKind::Collision { id, .. } => {
+            let channel = |address: NodeAddress| (address.slave, address.channel);
+            let sends = |axis: &AxisConfig| {
+                channel(axis.address) == channel(node.address)
+                    && (0..axis.layout().tpdo_count()).any(|nth| axis.tpdo_id(nth) == *id)
+            };
+            axes.iter().flatten().filter(|it| sends(&it.config)).count() > 1
+        }
+        _ => false,
+    }
+}
+
+/// Path of the channel of a fault without nodes.
+fn channel_path(kind: &NetworkFaultKind) -> String {
+    match kind {
+        NetworkFaultKind::Load { slave, channel, .. } => format!("gateway[{slave}].can{channel}"),
+        _ => String::new(),
+    }
+}
+
+/// The part of a node that a fault comes from.
+fn location(node: &FileNode, kind: &NetworkFaultKind) -> usize {
+    let ResolvedNode { description, at, parameters, pdos } = &node.node;
+    let of_pdo = |pdo: &PdoName| {
+        let is_it = |it: &PdoMapping| (it.direction, it.number) == (pdo.direction, pdo.number);
+        description.pdos.iter().rposition(is_it).and_then(|nth| pdos.get(nth))
+    };
+    let of_value = |subject: &Subject| {
+        let is_it = |it: &Parameter| (it.index, it.subindex) == (subject.index, subject.subindex);
+        description.overrides.iter().position(is_it).and_then(|nth| parameters.get(nth))
+    };
+    let part = match kind {
+        NetworkFaultKind::Pdo { pdo, .. }
+        | NetworkFaultKind::DuplicatePdo { pdo }
+        | NetworkFaultKind::NoPdo { pdo, .. }
+        | NetworkFaultKind::NoObject { pdo, .. }
+        | NetworkFaultKind::NotMappable { pdo, .. }
+        | NetworkFaultKind::EntryLength { pdo, .. }
+        | NetworkFaultKind::Reserved { pdo, .. } => of_pdo(pdo),
+        NetworkFaultKind::NoParameter { subject }
+        | NetworkFaultKind::ReadOnly { subject }
+        | NetworkFaultKind::ValueLength { subject, .. }
+        | NetworkFaultKind::Limit { subject, .. } => of_value(subject),
+        _ => None,
+    };
+    part.copied().unwrap_or(*at)
+}

@@ -1,0 +1,41 @@
+//! Names of the axes of a file.
+
+use ecan_lite::config::{load_axes, load_axis_names};
+
+#[test]
+fn axes_have_the_names_of_their_nodes() {
+    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../examples/network/machine.toml");
+    let names = load_axis_names(path).unwrap();
+    assert_eq!(names, [Some("shoulder".to_owned()), Some("elbow".to_owned())]);
+    let nodes: Vec<_> = load_axes(path).unwrap().iter().map(|it| it.address.node.get()).collect();
+    assert_eq!(nodes, [1, 2], "in the same order; the gripper is no axis");
+}
+
+#[test]
+fn axis_without_a_named_node_has_no_name() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("cell.toml");
+    let text = "[[gateway]]\nn = 4\ncan0 = { bitrate = 500000 }\n\
+                [[axis]]\ngateway = 0\nchannel = 0\nnode = 3\n\
+                [[node]]\ngateway = 0\nchannel = 0\nnode = 4\n[node.axis]\nsteps_per_turn = 4096\n\
+                [[node]]\nname = \"z\"\ngateway = 0\nchannel = 0\nnode = 5\n[node.axis]\n";
+    std::fs::write(&path, text).unwrap();
+    let names = load_axis_names(&path).unwrap_or_else(|error| panic!("{error}"));
+    assert_eq!(names, [None, None, Some("z".to_owned())]);
+    assert!(load_axis_names(directory.path().join("none.toml")).is_err());
+}
+
+#[test]
+fn axes_of_a_node_have_its_name_and_their_number() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("cell.toml");
+    let text = "[[gateway]]\nn = 4\ncan0 = { bitrate = 500000 }\n\
+                [[node]]\nname = \"gantry\"\ngateway = 0\nchannel = 0\nnode = 3\n\
+                [[node.axis]]\n[[node.axis]]\nnode_axis = 2\npdo_number = 2\n\
+                [[node]]\ngateway = 0\nchannel = 0\nnode = 4\n\
+                [[node.axis]]\n[[node.axis]]\npdo_number = 2\n";
+    std::fs::write(&path, text).unwrap();
+    let names = load_axis_names(&path).unwrap_or_else(|error| panic!("{error}"));
+    let name = |name: &str| Some(name.to_owned());
+    assert_eq!(names, [name("gantry/0"), name("gantry/2"), None, None]);
+}

@@ -1,0 +1,15 @@
+//! All tests of the crate in one program; those that need a process of their own are separate.
+
+mod common;
+mod network_files;
+
+mod axis_names;
+mod channel_masks;
+mod device;
+mod device_profile;
+mod network_from_files;
+mod reading;
+mod reading_axes;
+mod reading_bus_yml;
+mod reading_nodes;
+mod warnings;

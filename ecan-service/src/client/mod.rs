@@ -1,0 +1,14 @@
+//! Client of the service of a running ECAN-Lite bus (docs/SERVICE.md), on its Unix socket.
+//!
+//! A [`Client`] makes requests, receives frames and images of its subscriptions, and sends frames.
+
+mod client;
+mod error;
+mod event;
+mod inbox;
+
+pub use client::{Client, Tag};
+pub use error::{ClientError, SendError};
+pub use event::{Event, Lost, ReceivedImage};
+
+pub use crate::protocol::*;

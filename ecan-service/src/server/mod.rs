@@ -1,0 +1,34 @@
+//! Service of a running ECAN-Lite bus for other programs, on a Unix socket (docs/SERVICE.md).
+//!
+//! [`ServePort::serve`] starts it in the process that runs the cycle. Clients read the state and the
+//! CAN frames of the bus; clients with [`Control`] also send frames and download SDOs. The module
+//! [`client`](crate::client) is the client.
+
+mod admission;
+mod attachment;
+mod bus;
+mod bus_calls;
+mod bus_view;
+mod client;
+mod config;
+mod extension;
+mod frame_feed;
+mod job_queue;
+mod listener;
+mod metrics;
+mod offline_session;
+mod output_queue;
+mod permission;
+mod scheduling;
+mod server_loop;
+mod service;
+mod session;
+mod shared;
+mod workers;
+
+pub use config::{Control, ServiceConfig, ServiceError};
+pub use extension::{Extension, Permission, parse_params, result_value};
+pub use metrics::{MetricsAddress, MetricsAddressError, MetricsConfig};
+#[doc(hidden)]
+pub use offline_session::OfflineSession;
+pub use service::{ServePort, Service};

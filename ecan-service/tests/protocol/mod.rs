@@ -1,0 +1,4 @@
+//! Messages.
+
+mod records;
+mod rpc;

@@ -1,0 +1,216 @@
+use std::ops::Range;
+
+use ecan_cia402::{AxisError, AxisPhase, TargetRejection};
+
+use crate::plot::time_panel::{Band, Mark, Series, TimePanel, Tone};
+
+/// Positions of an axis in one cycle, in increments.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct AxisSample {
+    /// Time in seconds.
+    pub seconds: f64,
+    /// Target; `None` for an axis that follows none.
+    pub target: Option<i32>,
+    /// Actual position.
+    pub actual: Option<i32>,
+    /// Target minus actual position.
+    pub following_error: Option<i64>,
+}
+
+/// A change of an axis.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum AxisEvent {
+    /// The axis entered a phase.
+    Phase(AxisPhase),
+    /// A command failed, or the drive has a fault.
+    Error(AxisError),
+    /// The motion guard rejected a target.
+    Rejected(TargetRejection),
+}
+
+impl AxisEvent {
+    /// Returns whether the event begins a period without motion by targets.
+    fn begins_band(self) -> bool {
+        matches!(
+            self,
+            Self::Phase(
+                AxisPhase::Holding(_)
+                    | AxisPhase::Fault
+                    | AxisPhase::Stopping(_)
+                    | AxisPhase::Stopped(_)
+                    | AxisPhase::Uncontrolled(_)
+            )
+        )
+    }
+
+    fn text(self) -> String {
+        match self {
+            Self::Phase(phase) => phase.to_string(),
+            Self::Error(error) => error.to_string(),
+            Self::Rejected(rejection) => format!("target rejected: {rejection}"),
+        }
+    }
+}
+
+/// Most recorded events of an axis.
+const EVENTS: usize = 128;
+
+/// Recorded motion of one axis. Recording allocates nothing after [`AxisTrace::new`].
+#[derive(Debug)]
+pub struct AxisTrace {
+    samples: Vec<AxisSample>,
+    /// Sample with the largest following error since the last one kept, so that no peak is lost.
+    pending: Option<AxisSample>,
+    events: Vec<(f64, AxisEvent)>,
+    lost_events: u64,
+}
+
+impl AxisTrace {
+    /// Creates a trace with space for this number of samples.
+    pub fn new(samples: usize) -> Self {
+        Self {
+            samples: Vec::with_capacity(samples),
+            pending: None,
+            events: Vec::with_capacity(EVENTS),
+            lost_events: 0,
+        }
+    }
+
+    /// Adds the positions of a cycle; `is_kept` ends an interval, of which the sample with the
+    /// largest following error is kept. Samples beyond the space of the trace are dropped.
+    pub fn record(&mut self, sample: AxisSample, is_kept: bool) {
+        let size = |it: &AxisSample| it.following_error.map_or(0, i64::unsigned_abs);
+        if self.pending.is_none_or(|pending| size(&pending) <= size(&sample)) {
+            self.pending = Some(sample);
+        }
+        if is_kept && self.samples.len() < self.samples.capacity() {
+            self.samples.extend(self.pending.take());
+        }
+    }
+
+    /// Adds an event; those beyond the first 128 are counted.
+    pub fn record_event(&mut self, seconds: f64, event: AxisEvent) {
+        match self.events.len() < EVENTS {
+            true => self.events.push((seconds, event)),
+            false => self.lost_events += 1,
+        }
+    }
+
+    /// Recorded samples.
+    pub fn samples(&self) -> &[AxisSample] {
+        &self.samples
+    }
+
+    /// Largest following error, in increments; `None` without one.
+    pub fn largest_following_error(&self) -> Option<u64> {
+        self.samples.iter().filter_map(|it| it.following_error).map(i64::unsigned_abs).max()
+    }
+
+    /// Returns the panels of the axis: positions, and the following error below.
+    pub fn panels(&self, title: &str) -> [TimePanel; 2] {
+        let (bands, mut marks) = self.marks();
+        if self.lost_events > 0 {
+            let seconds = self.events.last().map_or(0.0, |it| it.0);
+            let text = format!("{} more events, not recorded", self.lost_events);
+            marks.push(Mark { seconds, text });
+        }
+        let series = |name: &str, tone, value: fn(&AxisSample) -> Option<f64>| Series {
+            name: name.to_owned(),
+            tone,
+            points: self.samples.iter().map(|it| (it.seconds, value(it))).collect(),
+        };
+        let largest = self.largest_following_error();
+        let largest = largest.map_or("none".to_owned(), |error| format!("largest {error} inc"));
+        let positions = TimePanel {
+            title: title.to_owned(),
+            y_label: "position [inc]".to_owned(),
+            least_width: 4.0,
+            series: vec![
+                series("target", Tone::Target, |it| it.target.map(f64::from)),
+                series("actual position", Tone::Actual, |it| it.actual.map(f64::from)),
+            ],
+            bands: bands.clone(),
+            marks: marks.clone(),
+            has_texts: true,
+            ..TimePanel::default()
+        };
+        let error = TimePanel {
+            title: format!("following error: {largest}"),
+            y_label: "error [inc]".to_owned(),
+            least_width: 4.0,
+            series: vec![series("target - actual position", Tone::Difference, |it| {
+                it.following_error.map(|error| error as f64)
+            })],
+            bands,
+            marks,
+            ..TimePanel::default()
+        };
+        [positions, error]
+    }
+
+    fn marks(&self) -> (Vec<Band>, Vec<Mark>) {
+        let end = self.samples.last().map_or(0.0, |it| it.seconds);
+        let (mut bands, mut marks) = (Vec::new(), Vec::new());
+        for (number, &(seconds, event)) in self.events.iter().enumerate() {
+            let later = self.events.get(number + 1..).unwrap_or_default();
+            let is_phase = |it: &&(f64, AxisEvent)| matches!(it.1, AxisEvent::Phase(_));
+            let until = later.iter().find(is_phase).map_or(end, |it| it.0);
+            match event.begins_band() {
+                true => bands.push(Band {
+                    seconds: Range { start: seconds, end: until.max(seconds) },
+                    text: event.text(),
+                }),
+                false => marks.push(Mark { seconds, text: event.text() }),
+            }
+        }
+        (bands, marks)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use ecan_cia402::HoldReason;
+
+    fn sample(seconds: f64, following_error: i64) -> AxisSample {
+        let actual = Some(0);
+        let target = i32::try_from(following_error).ok();
+        AxisSample { seconds, target, actual, following_error: Some(following_error) }
+    }
+
+    #[test]
+    fn peak_between_two_kept_cycles_is_recorded() {
+        let mut trace = AxisTrace::new(2);
+        for (cycle, error) in [1, -90, 3, 4, 5, 6].into_iter().enumerate() {
+            trace.record(sample(cycle as f64, error), cycle % 3 == 2);
+        }
+        assert_eq!(trace.samples(), [sample(1.0, -90), sample(5.0, 6)]);
+        assert_eq!(trace.largest_following_error(), Some(90));
+        trace.record(sample(9.0, 100), true);
+        assert_eq!(trace.samples().len(), 2, "the space is used up");
+    }
+
+    #[test]
+    fn hold_lasts_until_the_next_phase() {
+        let mut trace = AxisTrace::new(8);
+        trace.record(sample(9.0, 0), true);
+        let hold = AxisPhase::Holding(HoldReason::BusOff);
+        trace.record_event(1.0, AxisEvent::Phase(hold));
+        trace.record_event(2.5, AxisEvent::Phase(AxisPhase::Running));
+        trace.record_event(4.0, AxisEvent::Phase(AxisPhase::Fault));
+        let [positions, error] = trace.panels("axis 0");
+        let seconds: Vec<_> = positions.bands.iter().map(|band| band.seconds.clone()).collect();
+        assert_eq!(seconds, [1.0..2.5, 4.0..9.0]);
+        assert_eq!(positions.bands, error.bands);
+        assert_eq!(positions.bands[0].text, "holding: the channel went bus-off");
+        assert_eq!(positions.marks, [Mark { seconds: 2.5, text: "following targets".into() }]);
+    }
+
+    #[test]
+    fn events_beyond_the_space_are_counted() {
+        let mut trace = AxisTrace::new(1);
+        (0..EVENTS + 3).for_each(|_| trace.record_event(1.0, AxisEvent::Phase(AxisPhase::Fault)));
+        let [positions, _] = trace.panels("");
+        assert_eq!(positions.marks[0].text, "3 more events, not recorded");
+    }
+}

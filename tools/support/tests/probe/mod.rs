@@ -1,0 +1,5 @@
+//! Experiments of the probe.
+
+mod interruptions;
+mod score;
+mod wired;
