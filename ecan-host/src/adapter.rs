@@ -49,7 +49,7 @@ fn need_owned(master: &Master, call: &'static str) -> Result<(), Error> {
 
 /// Keeps the first error while the rest of the cycle continues.
 fn keep(first: &mut Result<(), CycleError>, next: Result<(), CycleError>) {
-    if first.is_ok() {
+    if next.is_err() && first.is_ok() {
         *first = next;
     }
 }
@@ -343,7 +343,7 @@ impl Adapter {
     }
 
     /// A function that opens another diagnostics handle, on the thread that calls it: for
-    /// [`run_in_parallel`](crate::run_in_parallel).
+    /// [`run_in_parallel`].
     pub fn diagnostics_opener(&self) -> impl FnOnce() -> Result<Diagnostics, Error> + Send + use<> {
         Diagnostics::opener(&self.ecrt, &self.config)
     }
@@ -356,7 +356,7 @@ impl Adapter {
     ///
     /// # Errors
     /// The first [`CycleError`]. Every other slave was served all the same; for those that were
-    /// not, [`DomainReport`] reports [`Delivery::Unknown`].
+    /// not, [`DomainReport`] reports [`Delivery::Unknown`](crate::Delivery::Unknown).
     pub fn receive(&mut self) -> Result<(), CycleError> {
         self.is_leaving_op = false;
         self.exchange_inputs()
@@ -597,7 +597,8 @@ impl Adapter {
         self.publisher.clear_stop_request();
     }
 
-    /// What the layers of the SDK publish in the snapshots, and the quick stops that observers command.
+    /// Publisher of the snapshots, for the layers of the SDK: their sections, and the quick stops that
+    /// observers command.
     #[inline]
     pub fn publisher(&self) -> &Publisher {
         &self.publisher

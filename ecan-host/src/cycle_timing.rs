@@ -11,7 +11,7 @@ pub const MAX_SPIN_NS: u64 = 1_000_000;
 /// Treatment of deadlines that passed during a cycle that took too long.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum OverrunPolicy {
-    /// They are skipped; the next cycle starts at the next deadline.
+    /// Missed deadlines are skipped; the next cycle starts at the next deadline.
     #[default]
     Skip,
     /// Their cycles are executed one after the other, each with its own deadline: for applications
@@ -39,7 +39,7 @@ pub struct CycleTiming {
 /// A cycle that is due.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct CycleStart {
-    /// Its deadline, in nanoseconds of the clock.
+    /// Deadline of the cycle, in nanoseconds of the clock.
     pub deadline_ns: u64,
     /// Delay of the end of the wait after the deadline, in nanoseconds: the wake-up error, and for a
     /// cycle that catches up its whole delay.

@@ -129,7 +129,7 @@ impl Datagram {
 /// One Ethernet frame of a cycle.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct EthernetFrame {
-    /// Its datagrams, in their order.
+    /// Datagrams of the frame, in their order.
     pub datagrams: Vec<Datagram>,
 }
 
@@ -148,7 +148,7 @@ impl EthernetFrame {
         self.wire_bytes() as u64 * BYTE_NS
     }
 
-    /// The same up to the frame's last byte, when a slave accepts the data.
+    /// Time on the wire up to the last byte of the frame, when a slave accepts the data.
     pub(crate) fn end_ns(&self) -> u64 {
         (self.wire_bytes() - GAP_BYTES) as u64 * BYTE_NS
     }

@@ -174,7 +174,7 @@ pub enum Error {
         entry: u8,
         /// Object that the slave maps.
         found_index: u16,
-        /// Its length in bits.
+        /// Length of the object in bits.
         found_bits: u8,
         /// Object that the manual maps.
         expected_index: u16,
@@ -212,7 +212,7 @@ pub enum Error {
     NotInPreop {
         /// Slave index.
         slave: usize,
-        /// Its AL state as a number.
+        /// AL state of the slave as a number.
         al_state: u8,
         /// True if its error flag is set.
         error_flag: bool,
@@ -428,12 +428,12 @@ pub struct SlaveReport {
 }
 
 impl SlaveReport {
-    /// Whether the master keeps the slave in PREOP, so that executing its steps again has no side effect.
+    /// Returns whether the master keeps the slave in PREOP, so that executing its steps again has no side effect.
     pub(crate) fn is_held_in_preop(&self) -> bool {
         self.online && self.error_flag && self.al_state.is_some_and(is_preop)
     }
 
-    /// It rejected OP without an error that has another cause than the process data.
+    /// Returns whether the slave rejected OP without an error that has another cause than the process data.
     fn may_have_lost_profile(&self) -> bool {
         let is_safeop = |raw: u8| AlState::from_status(raw.into()) == Some(AlState::SafeOp);
         self.error_flag
@@ -441,7 +441,8 @@ impl SlaveReport {
             && self.may_have_wrong_process_data()
     }
 
-    /// It rejected SAFEOP for the configuration of its clock, or for a reason that was not read.
+    /// Returns whether the slave rejected SAFEOP for the configuration of its clock, or for a reason that was
+    /// not read.
     fn may_need_other_activation(&self) -> bool {
         self.uses_sync0
             && self.wrong_sync_managers().next().is_none()

@@ -79,7 +79,7 @@ pub enum Delivery {
     None,
     /// The image was delivered.
     Confirmed,
-    /// It was not delivered.
+    /// The image was not delivered.
     Missed,
     /// Unknown: with LWR and LRD a sum of 1 may be either direction; unknown also after an error
     /// of the library.

@@ -1,7 +1,5 @@
-//! Real-time thread of the cycle (manual 13.9 and 15.5.2, step 7).
-//!
-//! [`RealTimeConfig`] requests the privileges of such a thread, [`CycleTimer`] waits for the
-//! deadlines, [`CycleStatistics`] measures the cycles.
+//! Privileges of the thread that runs the cycle: scheduling, affinity, locked memory (manual 13.9 and
+//! 15.5.2, step 7).
 
 use std::fmt;
 use std::fs::{File, OpenOptions};
@@ -24,7 +22,7 @@ use crate::master::set_fifo_priority;
 /// gives a thread.
 pub const MAX_STACK_PREFAULT_BYTES: usize = 1024 * 1024;
 
-/// Whether a privilege is optional or required.
+/// Need of a privilege.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Need {
     /// Without it the application continues; the report states that.
@@ -82,11 +80,11 @@ pub enum RealTimeFault {
 pub struct RealTimeConfig {
     /// SCHED_FIFO with this priority, 1 (lowest) to 99; none leaves the scheduling as it is.
     pub priority: Option<u8>,
-    /// Whether the priority is needed.
+    /// Need of the priority.
     pub priority_need: Need,
     /// CPUs that the thread may run on, counted from 0; none leaves the affinity as it is.
     pub cpus: Option<Vec<usize>>,
-    /// Whether the affinity is needed.
+    /// Need of the affinity.
     pub cpus_need: Need,
     /// Keeps all memory of the process in RAM, present and future, and touches this number of bytes of
     /// the thread's stack in advance, 0 to [`MAX_STACK_PREFAULT_BYTES`]; none locks nothing.
@@ -94,12 +92,12 @@ pub struct RealTimeConfig {
     /// If RLIMIT_MEMLOCK bounds what may be locked, it bounds what the process can allocate
     /// from then on.
     pub lock_memory: Option<usize>,
-    /// Whether locked memory is needed.
+    /// Need of locked memory.
     pub lock_memory_need: Need,
     /// Keeps the processors of the machine out of sleep states that take longer than this time
     /// to leave, in microseconds, for as long as the process lives; 0 allows none. It costs power.
     pub wake_up_latency_us: Option<u32>,
-    /// Whether the latency is needed.
+    /// Need of the latency.
     pub wake_up_latency_need: Need,
     /// Timing of the wait for the next cycle, for
     /// [`Adapter::set_cycle_timing`](crate::Adapter::set_cycle_timing) or a
@@ -151,7 +149,7 @@ pub enum Privilege {
     },
     /// SCHED_FIFO.
     Priority {
-        /// Its priority, 1 to 99.
+        /// Priority of the thread, 1 to 99.
         priority: u8,
     },
 }
@@ -195,7 +193,7 @@ pub struct PrivilegeError {
 pub struct PrivilegeOutcome {
     /// Requested privilege.
     pub privilege: Privilege,
-    /// Whether it is needed.
+    /// Need of the privilege.
     pub need: Need,
     /// Error; `None` if it was granted.
     pub denial: Option<PrivilegeError>,

@@ -200,7 +200,7 @@ impl Default for GatewayConfig {
 }
 
 impl GatewayConfig {
-    /// The same configuration on all four channels.
+    /// A gateway with one configuration for all four channels.
     pub fn on_all_channels(channel: ChannelConfig) -> Self {
         Self { channels: [Some(channel); CHANNELS], ..Self::default() }
     }
@@ -441,11 +441,11 @@ impl MeasuredOn {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum MarginCheck {
-    /// It is sent all the same and counted in
+    /// The frame is sent all the same and counted in
     /// [`ScheduleAccount::without_margin`](crate::ScheduleAccount::without_margin).
     #[default]
     Count,
-    /// It is rejected with [`NotSchedulable::NoMargin`](crate::NotSchedulable::NoMargin).
+    /// The frame is rejected with [`NotSchedulable::NoMargin`](crate::NotSchedulable::NoMargin).
     Reject,
 }
 
@@ -501,7 +501,7 @@ impl Default for ScheduleConfig {
 }
 
 impl ScheduleConfig {
-    /// Its times, for the plan of the EtherCAT side.
+    /// Times of the images, for the plan of the EtherCAT side.
     #[must_use]
     pub fn image_times(&self) -> ImageTimes {
         let Self { latest_send_ns, transport_ns, processing_ns, .. } = *self;

@@ -161,7 +161,13 @@ impl CycleState {
             if let (true, Some(recorder)) = (is_new, &mut self.recorder) {
                 let queued =
                     self.queues.as_ref().map(|queues| queues.sent(slave)).unwrap_or_default();
-                recorder.published(stamp, slave, gateway.transmitter.profile(), image, queued);
+                recorder.record_published(
+                    stamp,
+                    slave,
+                    gateway.transmitter.profile(),
+                    image,
+                    queued,
+                );
             }
         }
         snapshot::publish(adapter, &self.gateways, self.snapshot_reservation);
@@ -181,7 +187,7 @@ impl CycleState {
             let image = adapter.rx_pdo_mut(slave);
             queues.send(slave, gateway, image, turn, |frames| {
                 if let Some(recorder) = &mut self.recorder {
-                    recorder.rejected(stamp, slave, frames);
+                    recorder.record_rejected(stamp, slave, frames);
                 }
             });
         }
@@ -220,7 +226,7 @@ impl CycleState {
             let is_new = gateway.begin(adapter, slave, number, since_first_ns);
             if let (true, Some(recorder)) = (is_new, &mut self.recorder) {
                 let image = adapter.tx_pdo(slave);
-                recorder.received(stamp, slave, gateway.receiver.profile(), image);
+                recorder.record_received(stamp, slave, gateway.receiver.profile(), image);
             }
         }
         if !self.has_been_ready && self.is_ready() {
@@ -244,7 +250,7 @@ impl CycleState {
         }
         let now_ns = adapter.clock().now_ns();
         for gateway in &mut self.gateways {
-            let was_due = gateway.session.startup_requested(now_ns);
+            let was_due = gateway.session.record_startup_request(now_ns);
             gateway.statistics.startup_requests += u64::from(was_due);
         }
     }

@@ -45,7 +45,7 @@ pub(crate) struct Gateway {
     /// first cycle; `None` if unknown.
     pulse_ns: Option<u64>,
     pub(crate) watch: ScheduleWatch,
-    /// Of the last reading of the flags.
+    /// Fault of the last reading of the flags.
     pub(crate) schedule_fault: Option<ScheduleFault>,
     /// Cycle in which it became ready the last time; 0 if it never was.
     pub(crate) ready_since: u64,
@@ -174,7 +174,7 @@ impl Gateway {
             return false;
         }
         self.step_watch(adapter, slave);
-        self.transmitter.accounts_mut().image_taken(self.receiver.status());
+        self.transmitter.accounts_mut().record_status(self.receiver.status());
         let Self { receiver, statistics, .. } = self;
         let is_new = receiver.begin(adapter.tx_pdo(slave), report.inputs, statistics);
         if is_new {
@@ -278,13 +278,13 @@ impl Gateway {
         let fault = match watch.step(adapter, is_used) {
             WatchResult::Nothing => return,
             WatchResult::Due => return accounts.ripen(),
-            WatchResult::Begun => return accounts.reading_begins(),
+            WatchResult::Begun => return accounts.begin_reading(),
             WatchResult::Cleared => {
-                accounts.flags_lost();
+                accounts.forget_flags();
                 None
             }
             WatchResult::Looked(now, before) => {
-                accounts.looked(&now, before.as_ref(), has_results);
+                accounts.record_reading(&now, before.as_ref(), has_results);
                 match accounts.codes() {
                     ResultCodes::Contradicted => Some(ScheduleFault::CodesContradicted),
                     ResultCodes::Unverified if accounts.is_uncertain() => {
@@ -294,7 +294,7 @@ impl Gateway {
                 }
             }
             WatchResult::Unreadable(object) => {
-                accounts.unreadable();
+                accounts.mark_unreadable();
                 Some(ScheduleFault::unreadable(object))
             }
         };

@@ -186,7 +186,7 @@ pub(crate) struct ImageRecorder {
 pub(crate) type CycleStamp = (u64, u64);
 
 impl ImageRecorder {
-    pub(crate) fn received(
+    pub(crate) fn record_received(
         &mut self,
         stamp: CycleStamp,
         slave: usize,
@@ -197,7 +197,7 @@ impl ImageRecorder {
         self.write(stamp, address, profile.word(), [0; CHANNELS], used(image));
     }
 
-    pub(crate) fn published(
+    pub(crate) fn record_published(
         &mut self,
         stamp: CycleStamp,
         slave: usize,
@@ -209,7 +209,7 @@ impl ImageRecorder {
         self.write(stamp, address, profile.word(), taken, used(image));
     }
 
-    pub(crate) fn rejected(
+    pub(crate) fn record_rejected(
         &mut self,
         stamp: CycleStamp,
         slave: usize,

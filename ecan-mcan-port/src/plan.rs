@@ -223,7 +223,7 @@ impl PortPlan {
         images.map(|image| cost.image(image.peak)).sum()
     }
 
-    /// The same as a share of the cycle; 1 is one processor.
+    /// Processor time of the images as a share of the cycle; 1 is one processor.
     pub fn cpu_share(&self, cost: CpuCost) -> f64 {
         self.cpu_ns(cost) / f64::from(self.ethercat.cycle_ns.max(1))
     }

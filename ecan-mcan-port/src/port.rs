@@ -211,7 +211,7 @@ impl Port {
     /// waits for [`PendingStep::Configuration`].
     pub fn waiting_for(&self, gateway: GatewayHandle) -> Option<PendingStep> {
         match self.state.find(gateway) {
-            Some(gateway) => gateway.session.awaited(&self.adapter),
+            Some(gateway) => gateway.session.pending_step(&self.adapter),
             None => Some(PendingStep::Configuration),
         }
     }

@@ -15,7 +15,7 @@ pub(crate) struct Receiver {
     numbering: ImageNumbering,
     report: ImageReport,
     last_diagnosis: Option<ParseDiagnosis>,
-    /// Of the last new image.
+    /// Header of the last new image.
     header: Header,
     /// The first of its packets that were not handed out, if any.
     pub(crate) pending: Option<PacketCursor>,
@@ -100,7 +100,7 @@ impl Receiver {
                 };
                 let Some(missing) = missing else {
                     if fetched != Delivery::Confirmed {
-                        self.numbering.missed(|| true);
+                        self.numbering.record_miss(|| true);
                     }
                     statistics.txpdo_repeated += 1;
                     self.report = ImageReport::Repeated;
@@ -122,13 +122,13 @@ impl Receiver {
             }
             Err(_) if fetched == Delivery::Missed => {
                 // Still the faulty image of an earlier cycle.
-                self.numbering.missed(|| true);
+                self.numbering.record_miss(|| true);
                 statistics.txpdo_repeated += 1;
                 self.report = ImageReport::Repeated;
                 false
             }
             Err(diagnosis) => {
-                self.numbering.missed(|| true);
+                self.numbering.record_miss(|| true);
                 self.fault(diagnosis, statistics);
                 false
             }
@@ -159,11 +159,11 @@ impl Receiver {
                 }
             }
             Some(Err(_)) if fetched == Delivery::Confirmed => {
-                return self.numbering.missed(|| true);
+                return self.numbering.record_miss(|| true);
             }
             _ => {}
         }
-        self.numbering.missed(may_publish);
+        self.numbering.record_miss(may_publish);
     }
 
     /// Records a fault; the packets before it were handed out and stay valid.
@@ -228,7 +228,7 @@ impl ImageNumbering {
 
     /// An exchange without a known result. `may_publish`: the gateway may be in SAFEOP or OP.
     #[inline]
-    pub(crate) fn missed(&mut self, may_publish: impl FnOnce() -> bool) {
+    pub(crate) fn record_miss(&mut self, may_publish: impl FnOnce() -> bool) {
         self.missed = self.missed.saturating_add(1);
         if self.missed <= ALWAYS_POSSIBLE || may_publish() {
             self.open = self.open.saturating_add(1);
@@ -284,7 +284,7 @@ pub enum ImageReport {
         lost: u16,
         /// The gateway marked it as incomplete (truncated or overflowed, manual 6.1).
         is_incomplete: bool,
-        /// Its layout is not the configured one: its frames may be misread.
+        /// The layout of the image is not the configured one: its frames may be misread.
         layout_changed: bool,
     },
     /// The image of an earlier cycle again: nothing new arrived.
@@ -323,7 +323,7 @@ mod tests {
     fn after(sequence: u16, missed: u64, may_restart: bool) -> ImageNumbering {
         let mut numbering = ImageNumbering::default();
         assert_eq!(numbering.observe(sequence), Some(KNOWN));
-        (0..missed).for_each(|_| numbering.missed(|| false));
+        (0..missed).for_each(|_| numbering.record_miss(|| false));
         if may_restart {
             numbering.allow_restart();
         }

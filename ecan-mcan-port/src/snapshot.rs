@@ -88,7 +88,7 @@ pub(crate) fn publish(adapter: &Adapter, gateways: &[Gateway], reservation: u64)
         let status: u64 = first | second << 16 | third << 32 | fourth << 48;
         let pending = match gateway.session.is_ready() {
             true => 0,
-            false => PendingStep::encode(gateway.session.awaited(adapter)),
+            false => PendingStep::encode(gateway.session.pending_step(adapter)),
         };
         let state =
             session | u64::from(gateway.channel_mask) << MASK_SHIFT | pending << PENDING_SHIFT;

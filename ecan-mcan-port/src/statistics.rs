@@ -170,7 +170,7 @@ counters! {
     SlaveStatistics, "ecan_slave_";
     /// Cycles since the gateway was ready for the first time.
     frequent cycles "Cycles since the gateway was ready for the first time.";
-    /// Those of them whose working counter was not complete.
+    /// Cycles among them whose working counter was not complete.
     rare incomplete_cycles
         "Those of ecan_slave_cycles_total whose working counter was not complete.";
     /// RxPDO images published with a new sequence.

@@ -56,7 +56,7 @@ pub enum QueueError {
     Closed,
 }
 
-/// What both ends share.
+/// State that both ends share.
 #[derive(Debug)]
 struct Shared {
     /// Frames that were queued since the start, in all queues.

@@ -30,7 +30,7 @@ impl Registers {
 pub(crate) struct AlStatusWatch {
     request: RegRequestId,
     found: FoundRegisters,
-    /// The master held the slave in PREOP.
+    /// The master kept the slave in PREOP.
     was_held: bool,
 }
 
@@ -65,7 +65,7 @@ impl AlStatusWatch {
         self.found.sync_managers
     }
 
-    /// Takes what a read has brought and starts the next one.
+    /// Stores the data of a read that has ended, and starts the next read.
     pub(crate) fn step(&mut self, master: &mut Master) {
         let Ok(state) = master.requests().register_result(self.request) else { return };
         if state == RequestState::Busy {
@@ -91,12 +91,12 @@ struct FoundRegisters {
     sync_managers: Option<[SyncManagerLayout; 2]>,
     /// True if the sync managers were read after the last code.
     is_current: bool,
-    /// What the running request reads.
+    /// Registers that the running request reads.
     pending: Option<Registers>,
 }
 
 impl FoundRegisters {
-    /// Takes the data of the pending read, `None` if it failed, and returns what to read next: the
+    /// Stores the data of the pending read, `None` if it failed, and returns what to read next: the
     /// code, and in turn with it the sync managers while they are not known or may have changed.
     fn take(&mut self, data: Option<&[u8]>) -> Registers {
         let read = self.pending.take();

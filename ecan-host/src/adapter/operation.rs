@@ -341,7 +341,7 @@ impl NotOperational {
     }
 
     /// The blocking transfers that find the causes, for
-    /// [`run_in_parallel`](crate::run_in_parallel).
+    /// [`run_in_parallel`].
     pub fn investigation(
         &self,
         adapter: &Adapter,

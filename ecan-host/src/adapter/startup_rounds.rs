@@ -94,7 +94,7 @@ impl RoundExchange<'_> {
 }
 
 /// Clears the filtered time difference (0x092C) of each slave by writing its speed counter start.
-/// It outlasts a program whose host led the clocks, and the master waits five seconds for it to
+/// The difference outlasts a program whose host led the clocks. The master waits five seconds for it to
 /// become small, although nothing changes it when the reference clock leads.
 pub(super) fn reset_clock_differences(clock: &dyn Clock, master: &mut Master, slaves: &[Slave]) {
     let end_ns = clock.now_ns() + RESET_LIMIT_NS;

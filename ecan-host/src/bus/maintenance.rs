@@ -64,7 +64,7 @@ pub struct Maintenance<'a> {
 }
 
 impl<'a> Maintenance<'a> {
-    /// Of the slave with this index in `bus`.
+    /// Maintenance of the slave with this index in `bus`.
     pub fn new(bus: &'a Diagnostics, slave: usize) -> Self {
         Self { bus, slave }
     }

@@ -16,7 +16,7 @@ pub enum SlaveKind<E> {
     Gateway,
     /// Another device.
     Other,
-    /// It cannot be queried, and its identity does not exclude an ECAN-Lite.
+    /// The slave cannot be queried, and its identity does not exclude an ECAN-Lite.
     Unknown(IdentificationError<E>),
 }
 

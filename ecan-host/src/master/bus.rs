@@ -101,7 +101,7 @@ pub struct PortInfo {
 pub enum PortKind {
     /// The slave controller does not have it.
     NotImplemented,
-    /// It is not configured.
+    /// The port is not configured.
     NotConfigured,
     /// Backplane.
     EBus,
@@ -112,7 +112,7 @@ pub enum PortKind {
 /// A PDO that a sync manager has assigned.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct AssignedPdo {
-    /// Its mapping object.
+    /// Index of the mapping object.
     pub index: u16,
     /// Mapped objects.
     pub entries: Vec<PdoEntry>,

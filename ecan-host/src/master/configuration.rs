@@ -68,7 +68,7 @@ pub enum WatchdogMode {
 pub struct SlaveConfigState {
     /// The slave was found.
     pub online: bool,
-    /// It reached OP with this configuration.
+    /// The slave reached OP with this configuration.
     pub operational: bool,
     /// AL state: 1 INIT, 2 PREOP, 4 SAFEOP, 8 OP.
     pub al_state: u8,

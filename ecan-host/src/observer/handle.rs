@@ -6,7 +6,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use super::commands::{CommandTicket, Commands, NoSuchAxis};
 use super::ring::{Layout, Ring};
 
-/// What an Adapter shares with its observers.
+/// State that an Adapter shares with its observers.
 #[derive(Debug)]
 pub(super) struct Shared {
     pub(super) commands: Commands,

@@ -271,7 +271,7 @@ impl Snapshot {
 pub struct Publisher {
     shared: Arc<Shared>,
     ring: Arc<Ring>,
-    /// Of the last version that was begun.
+    /// Number of the last version that was begun.
     number: u64,
     is_begun: bool,
 }

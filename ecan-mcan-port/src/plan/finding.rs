@@ -347,7 +347,7 @@ pub enum SettingWarning {
         slave: usize,
         /// The channel.
         channel: u8,
-        /// What may not match.
+        /// The part of the timing that may not match.
         warning: ChannelWarning,
     },
     /// An image below the size from which the manual begins with CAN FD (2).

@@ -42,7 +42,7 @@ impl ImageFill {
 pub struct ImagePlan {
     /// The direction.
     pub direction: Direction,
-    /// Its profile.
+    /// Profile of the image.
     pub profile: PdoProfile,
     /// Mean share of the frames of a cycle.
     pub mean: ImageFill,

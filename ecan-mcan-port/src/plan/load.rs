@@ -102,9 +102,9 @@ pub struct FrameStream {
     pub channel: u8,
     /// One of the frames: its format, kind of identifier and length count, nothing else.
     pub frame: CanFrame,
-    /// Its rate.
+    /// Rate of the frames.
     pub rate: FrameRate,
-    /// Its destination.
+    /// Destination of the frames.
     pub way: FrameRoute,
     /// Sent at a phase after Sync0, in nanoseconds, instead of at once (manual 8.4). Only for
     /// frames to the bus.
@@ -122,14 +122,14 @@ impl FrameStream {
         Self { way: FrameRoute::FromBus, ..Self::to_bus(slave, channel, frame, rate) }
     }
 
-    /// The same, sent `offset_ns` after Sync0.
+    /// Returns the stream with its frames sent `offset_ns` after Sync0.
     #[must_use]
     pub fn scheduled(mut self, offset_ns: u32) -> Self {
         self.schedule_offset_ns = Some(offset_ns);
         self
     }
 
-    /// Its offset, where it has one that counts.
+    /// Offset of frames to the bus; `None` for frames that are sent at once or come from the bus.
     pub(super) fn offset_ns(&self) -> Option<u32> {
         self.schedule_offset_ns.filter(|_| self.way == FrameRoute::ToBus)
     }

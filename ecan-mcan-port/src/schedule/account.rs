@@ -39,7 +39,7 @@ pub struct ScheduleAccount {
     pub withdrawn: u64,
     /// Frames without a certain result: the image is unconfirmed or was sent again a period late, no
     /// result arrived, the session was lost, flags were set, or there is a
-    /// [`ScheduleFault`](crate::ScheduleFault).
+    /// [`ScheduleFault`].
     pub unknown: u64,
     /// Frames without a result so far, and those that wait for a reading of the flags.
     pub open: u64,
@@ -135,7 +135,7 @@ impl ScheduleAccounts {
     }
 
     /// A frame is to be scheduled.
-    pub(crate) fn asked(&mut self, channel: u8) {
+    pub(crate) fn count_request(&mut self, channel: u8) {
         self.channel(channel).account.asked += 1;
     }
 
@@ -143,7 +143,7 @@ impl ScheduleAccounts {
         self.is_used
     }
 
-    pub(crate) fn scheduled(&mut self, channel: u8, has_margin: bool) {
+    pub(crate) fn count_scheduled(&mut self, channel: u8, has_margin: bool) {
         self.is_used = true;
         let account = &mut self.channel(channel).account;
         account.scheduled += 1;
@@ -151,7 +151,7 @@ impl ScheduleAccounts {
         account.without_margin += u64::from(!has_margin);
     }
 
-    pub(crate) fn rejected_late(&mut self, channel: u8) {
+    pub(crate) fn count_late_rejection(&mut self, channel: u8) {
         self.channel(channel).account.rejected_late += 1;
     }
 
@@ -164,9 +164,9 @@ impl ScheduleAccounts {
         self.is_uncertain
     }
 
-    pub(crate) fn ended(&mut self, channel: u8, state: ScheduledFrameState) {
+    pub(crate) fn close_frame(&mut self, channel: u8, state: ScheduledFrameState) {
         match state {
-            ScheduledFrameState::Result(ResultCode::Queued) => self.codes.accepted(),
+            ScheduledFrameState::Result(ResultCode::Queued) => self.codes.record_accepted(),
             ScheduledFrameState::Result(ResultCode::BusBusy) => self.codes.late(),
             ScheduledFrameState::Unknown => self.codes.missing(),
             _ => {}
@@ -218,7 +218,7 @@ impl ScheduleAccounts {
     }
 
     /// All results of an image were taken; `status` is that of the same image.
-    pub(crate) fn image_taken(&mut self, status: &[ChannelStatus; CHANNELS]) {
+    pub(crate) fn record_status(&mut self, status: &[ChannelStatus; CHANNELS]) {
         for (channel, status) in self.channels.iter_mut().zip(status) {
             let (accepted, late) = std::mem::take(&mut channel.in_image);
             self.codes.image(accepted, late, status.tx_pending());
@@ -226,8 +226,8 @@ impl ScheduleAccounts {
     }
 
     /// The flags are about to be read.
-    pub(crate) fn reading_begins(&mut self) {
-        self.codes.reading_begins();
+    pub(crate) fn begin_reading(&mut self) {
+        self.codes.begin_reading();
         for channel in &mut self.channels {
             channel.late_ripe += std::mem::take(&mut channel.late_young);
         }
@@ -235,7 +235,7 @@ impl ScheduleAccounts {
 
     /// The gateway's diagnostics were read. With `has_results`, results report late frames and those
     /// that found the schedule full.
-    pub(crate) fn looked(
+    pub(crate) fn record_reading(
         &mut self,
         now: &ScheduleDiagnostics,
         before: Option<&ScheduleDiagnostics>,
@@ -284,24 +284,24 @@ impl ScheduleAccounts {
     }
 
     /// The flags cannot be read: frames that waited for a reading stay unknown.
-    pub(crate) fn unreadable(&mut self) {
+    pub(crate) fn mark_unreadable(&mut self) {
         self.close_waiting_as_unknown();
     }
 
     /// The flags were cleared, or the gateway lost them.
-    pub(crate) fn flags_lost(&mut self) {
+    pub(crate) fn forget_flags(&mut self) {
         self.close_waiting_as_unknown();
-        self.codes.flags_cleared();
+        self.codes.on_flags_cleared();
         self.is_uncertain = false;
     }
 
     pub(crate) fn reset(&mut self) {
-        self.flags_lost();
+        self.forget_flags();
         self.is_used = false;
     }
 }
 
-/// Reason for which the [`ScheduleAccount`](crate::ScheduleAccount) of a gateway cannot name the results of
+/// Reason for which the [`ScheduleAccount`] of a gateway cannot name the results of
 /// accepted frames: they count as unknown.
 ///
 /// The text names the row of docs/ASSUMPTIONS.md that does not hold and what to do.
@@ -314,9 +314,9 @@ pub enum ScheduleFault {
     CodesUnverified,
     /// An object that decides on accepted frames cannot be read.
     Unreadable {
-        /// Its index.
+        /// Index of the object.
         index: u16,
-        /// Its subindex.
+        /// Subindex of the entry.
         subindex: u8,
     },
 }
@@ -355,8 +355,8 @@ mod tests {
     fn taken(frames: u64) -> ScheduleAccounts {
         let mut accounts = ScheduleAccounts::default();
         for _ in 0..frames {
-            accounts.scheduled(1, true);
-            accounts.ended(1, ScheduledFrameState::Result(ResultCode::Queued));
+            accounts.count_scheduled(1, true);
+            accounts.close_frame(1, ScheduledFrameState::Result(ResultCode::Queued));
         }
         accounts
     }
@@ -364,10 +364,10 @@ mod tests {
     #[test]
     fn reading_after_their_phase_counts_frames_as_sent() {
         let (mut accounts, clean) = (taken(3), ScheduleDiagnostics::default());
-        accounts.looked(&clean, None, false);
+        accounts.record_reading(&clean, None, false);
         assert_eq!(accounts.account(1).open, 3, "its phase may still have been to come");
         accounts.ripen();
-        accounts.looked(&clean, Some(&clean), false);
+        accounts.record_reading(&clean, Some(&clean), false);
         let account = accounts.account(1);
         assert_eq!((account.scheduled, account.sent, account.open), (3, 3, 0));
     }
@@ -378,13 +378,13 @@ mod tests {
         let flagged = ScheduleDiagnostics { flags: 1 << 8, ..clean };
         let mut accounts = taken(2);
         accounts.ripen();
-        accounts.looked(&flagged, Some(&clean), false);
+        accounts.record_reading(&flagged, Some(&clean), false);
         assert_eq!((accounts.account(1).unknown, accounts.account(1).open), (2, 0));
 
         let mut bus_off = clean;
         bus_off.channels[1].bus_offs = 1;
         let mut accounts = taken(2);
-        accounts.looked(&bus_off, Some(&clean), false);
+        accounts.record_reading(&bus_off, Some(&clean), false);
         let unknown = accounts.account(1).unknown;
         assert_eq!(unknown, 2, "the next reading does not show it any more");
     }
@@ -392,15 +392,15 @@ mod tests {
     /// A reading of the flags with results.
     fn read(accounts: &mut ScheduleAccounts, flags: u16) {
         accounts.ripen();
-        accounts.reading_begins();
+        accounts.begin_reading();
         let read = ScheduleDiagnostics { flags, ..ScheduleDiagnostics::default() };
-        accounts.looked(&read, Some(&read), true);
+        accounts.record_reading(&read, Some(&read), true);
     }
 
     fn late(accounts: &mut ScheduleAccounts, frames: u64) {
         for _ in 0..frames {
-            accounts.scheduled(1, true);
-            accounts.ended(1, ScheduledFrameState::Result(ResultCode::BusBusy));
+            accounts.count_scheduled(1, true);
+            accounts.close_frame(1, ScheduledFrameState::Result(ResultCode::BusBusy));
         }
     }
 
@@ -431,14 +431,14 @@ mod tests {
 
         let mut both_queued = taken(2);
         read(&mut both_queued, 0);
-        both_queued.scheduled(1, true);
-        both_queued.ended(1, ScheduledFrameState::Result(ResultCode::Queued));
+        both_queued.count_scheduled(1, true);
+        both_queued.close_frame(1, ScheduledFrameState::Result(ResultCode::Queued));
         read(&mut both_queued, ScheduleDiagnostics::LATE_DROP);
         assert_eq!(both_queued.account(1).open, 1, "the result of the late one may come");
         read(&mut both_queued, ScheduleDiagnostics::LATE_DROP);
         let account = both_queued.account(1);
         assert_eq!((account.sent, account.unknown, account.open), (2, 1, 0));
-        both_queued.flags_lost();
+        both_queued.forget_flags();
         assert_eq!(both_queued.codes(), ResultCodes::Unverified, "another chance");
     }
 
@@ -447,7 +447,7 @@ mod tests {
         let mut accounts = taken(2);
         late(&mut accounts, 1);
         accounts.ripen();
-        accounts.unreadable();
+        accounts.mark_unreadable();
         assert_eq!((accounts.account(1).unknown, accounts.account(1).open), (3, 0));
     }
 
@@ -455,8 +455,8 @@ mod tests {
     fn lost_session_closes_accepted_frames() {
         let mut accounts = taken(2);
         accounts.ripen();
-        accounts.scheduled(1, false);
-        accounts.ended(1, ScheduledFrameState::Taken);
+        accounts.count_scheduled(1, false);
+        accounts.close_frame(1, ScheduledFrameState::Taken);
         accounts.reset();
         let account = accounts.account(1);
         assert_eq!((account.unknown, account.open, account.without_margin), (3, 0, 1));

@@ -67,7 +67,7 @@ impl ResultCodeCheck {
         self.state
     }
 
-    pub(crate) fn accepted(&mut self) {
+    pub(crate) fn record_accepted(&mut self) {
         self.fresh.accepted = true;
     }
 
@@ -99,7 +99,7 @@ impl ResultCodeCheck {
     }
 
     /// A reading of the flags begins: it shows the late drops of all results so far.
-    pub(crate) fn reading_begins(&mut self) {
+    pub(crate) fn begin_reading(&mut self) {
         let fresh = std::mem::take(&mut self.fresh);
         self.before.accepted |= fresh.accepted;
         self.before.late |= fresh.late;
@@ -116,7 +116,7 @@ impl ResultCodeCheck {
         if !is_late_flagged {
             self.has_missing = false;
             if before.late {
-                return self.contradicted(CodeDecision::Uncertain);
+                return self.contradict(CodeDecision::Uncertain);
             }
             self.is_accepted_proven |= before.accepted;
             return CodeDecision::NoneLate;
@@ -127,12 +127,12 @@ impl ResultCodeCheck {
             return CodeDecision::Verified;
         }
         if self.is_accepted_proven && !self.has_missing {
-            return self.contradicted(CodeDecision::Wait);
+            return self.contradict(CodeDecision::Wait);
         }
         CodeDecision::Uncertain
     }
 
-    fn contradicted(&mut self, decision: CodeDecision) -> CodeDecision {
+    fn contradict(&mut self, decision: CodeDecision) -> CodeDecision {
         self.contradictions += 1;
         if self.contradictions < CONTRADICTIONS {
             return decision;
@@ -142,7 +142,7 @@ impl ResultCodeCheck {
     }
 
     /// The flags were cleared: contradicted codes get another chance.
-    pub(crate) fn flags_cleared(&mut self) {
+    pub(crate) fn on_flags_cleared(&mut self) {
         if self.state != ResultCodes::Verified {
             *self = Self::default();
         }
@@ -259,11 +259,11 @@ mod tests {
             .map(|(codes, is_late_flagged)| {
                 for code in *codes {
                     match code {
-                        One => check.accepted(),
+                        One => check.record_accepted(),
                         Two => check.late(),
                     }
                 }
-                check.reading_begins();
+                check.begin_reading();
                 check.read(*is_late_flagged)
             })
             .collect();
@@ -299,13 +299,13 @@ mod tests {
     #[test]
     fn late_frame_whose_result_is_missing_contradicts_nothing() {
         let mut check = ResultCodeCheck::default();
-        check.accepted();
-        check.reading_begins();
+        check.record_accepted();
+        check.begin_reading();
         assert_eq!(check.read(false), CodeDecision::NoneLate);
         check.missing();
         for _ in 0..3 {
-            check.accepted();
-            check.reading_begins();
+            check.record_accepted();
+            check.begin_reading();
             assert_eq!(check.read(true), CodeDecision::Uncertain);
         }
         assert_eq!(check.state(), ResultCodes::Unverified);
@@ -323,9 +323,9 @@ mod tests {
             for (accepted, late, waiting) in images.repeat(3) {
                 check.image(accepted, late, waiting);
             }
-            check.accepted();
+            check.record_accepted();
             check.late();
-            check.reading_begins();
+            check.begin_reading();
             check.read(true);
             assert_eq!(check.state(), expected, "{images:?}");
         }

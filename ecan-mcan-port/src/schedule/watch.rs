@@ -158,7 +158,7 @@ impl ScheduleWatch {
         if self.is_clearing {
             // Checked before the reads: one that ends in the same cycle may have followed the clear.
             if !is_busy(adapter, self.command) {
-                return self.cleared();
+                return self.on_flags_cleared();
             }
         } else if self.is_clear_wanted {
             // The decisive reads come first: otherwise frames before the clear are unknown.
@@ -206,7 +206,7 @@ impl ScheduleWatch {
         match adapter.requests().sdo_state(request) {
             Ok(RequestState::Success) => {}
             Ok(RequestState::Busy) => return WatchResult::Nothing,
-            _ => return self.failed(reading, object, now_ns),
+            _ => return self.on_failed_reading(reading, object, now_ns),
         }
         let mut value = [0; 4];
         for (to, from) in value.iter_mut().zip(adapter.requests().sdo_data(request)) {
@@ -230,7 +230,7 @@ impl ScheduleWatch {
     }
 
     /// A transfer failed. One of the other objects that fails again and again is skipped.
-    fn failed(&mut self, reading: Reading, object: Object, now_ns: u64) -> WatchResult {
+    fn on_failed_reading(&mut self, reading: Reading, object: Object, now_ns: u64) -> WatchResult {
         let is_decisive = reading.ended < self.decisive.len();
         let failures = if is_decisive { &mut self.failures } else { &mut self.other_failures };
         *failures = failures.saturating_add(1);
@@ -267,7 +267,7 @@ impl ScheduleWatch {
     }
 
     /// The flags before the command are unknown, even if it failed.
-    fn cleared(&mut self) -> WatchResult {
+    fn on_flags_cleared(&mut self) -> WatchResult {
         self.is_clearing = false;
         self.activity = Activity::Idle;
         self.next_at_ns = 0;

@@ -44,7 +44,7 @@ pub(crate) struct CheckRunner {
     sequence_distance: u16,
     /// Sequence of the last image when the check of the sequence was begun.
     sequence_at_start: u16,
-    /// Whether the gateway reports the sequence of its last image; `None` before the first
+    /// True if the gateway reports the sequence of its last image; `None` before the first
     /// verification, when positions are those of the configuration.
     reports_sequence: Option<bool>,
 }
@@ -116,7 +116,7 @@ impl CheckRunner {
     }
 
     /// Step that the attempt waits for.
-    pub(crate) fn awaited(&self) -> PendingStep {
+    pub(crate) fn pending_step(&self) -> PendingStep {
         match (self.earlier, self.steps.get(self.passed)) {
             (Some(transfer), _) => PendingStep::EarlierTransfer(transfer),
             (None, Some(step)) => PendingStep::Transfer(step.check.transfer()),

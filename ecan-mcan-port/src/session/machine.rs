@@ -76,7 +76,7 @@ pub(crate) struct SessionMachine {
     fault_lasts: bool,
     retry_at_ns: u64,
     cycles: u64,
-    /// Its serial number is programmed.
+    /// The serial number of the gateway is programmed.
     has_serial: bool,
     /// The gateway was below OP when its AL status was read last. The master's state lags.
     is_below_op: bool,
@@ -177,10 +177,10 @@ impl SessionMachine {
         self.fault_lasts
     }
 
-    pub(crate) fn awaited(&self, adapter: &Adapter) -> Option<PendingStep> {
+    pub(crate) fn pending_step(&self, adapter: &Adapter) -> Option<PendingStep> {
         match self.state {
             Session::Ready => None,
-            Session::Verifying => Some(self.runner.awaited()),
+            Session::Verifying => Some(self.runner.pending_step()),
             Session::Waiting | Session::Failed(_) => Some(match () {
                 () if adapter.phase() != Phase::Active => PendingStep::Operational,
                 () if !self.is_online(adapter) => PendingStep::Answer,
@@ -304,8 +304,8 @@ impl SessionMachine {
     }
 
     /// The startup of all slaves was requested again. Returns whether this one needed it.
-    pub(crate) fn startup_requested(&mut self, now_ns: u64) -> bool {
-        let requests = self.startup_retry.requested(now_ns);
+    pub(crate) fn record_startup_request(&mut self, now_ns: u64) -> bool {
+        let requests = self.startup_retry.record_request(now_ns);
         if let Some(requests) = requests {
             let slave = self.slave;
             tracing::info!(slave, "slave {slave}: startup requested again (request {requests})");
@@ -403,7 +403,7 @@ impl StartupRetry {
 
     /// The startup of all slaves was requested. Returns the number of requests for this one, or
     /// `None` if it was not due.
-    pub(crate) fn requested(&mut self, now_ns: u64) -> Option<u32> {
+    pub(crate) fn record_request(&mut self, now_ns: u64) -> Option<u32> {
         if !std::mem::take(&mut self.is_due) {
             return None;
         }
@@ -430,7 +430,7 @@ mod tests {
             seconds.clear();
             for second in 10..110 {
                 retry.watch(10_000_000_000, second * 1_000_000_000);
-                if retry.requested(second * 1_000_000_000).is_some() {
+                if retry.record_request(second * 1_000_000_000).is_some() {
                     seconds.push(second - 10);
                 }
             }

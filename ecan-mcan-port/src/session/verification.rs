@@ -281,7 +281,7 @@ pub(super) const IN_USE: &[u64] = &[0, 7, 8];
 /// The state bits of a channel status word (manual 7); all clear is disabled.
 const STATE_BITS: u32 = 0b111;
 
-/// The same device, session reset, profile readback (manual 5.4.3 phase D), channels and their
+/// The checks of a verification: same device, session reset, profile readback (manual 5.4.3 phase D), channels and their
 /// data paths (13.2.2, 13.4, 13.5), and that process data and SDOs go to the same gateway if there
 /// are several.
 pub(crate) fn checks(

@@ -14,7 +14,7 @@ pub(crate) struct OpenFrame {
     pub(crate) tag: Option<u16>,
     /// Index in the image, as in its ticket.
     pub(crate) index: u8,
-    /// It came from a transmit queue.
+    /// The frame came from a transmit queue.
     pub(crate) is_queued: bool,
 }
 
@@ -50,7 +50,7 @@ impl TransmitHistory {
     /// Stores the frame `index` of the image `sequence`, in order of the index, after
     /// [`make_room`](Self::make_room).
     #[inline]
-    pub(crate) fn frame_added(&mut self, sequence: u16, index: u8, channel: u8, tag: Option<u16>) {
+    pub(crate) fn add_frame(&mut self, sequence: u16, index: u8, channel: u8, tag: Option<u16>) {
         let image = &mut self.images[usize::from(sequence) % DEPTH];
         if index == 0 {
             image.sequence = sequence;
@@ -107,7 +107,7 @@ impl TransmitHistory {
     }
 
     /// An image was sent again.
-    pub(crate) fn repeated(&mut self, sequence: u16) {
+    pub(crate) fn record_repetition(&mut self, sequence: u16) {
         let image = &mut self.images[usize::from(sequence) % DEPTH];
         image.is_repeated |= image.sequence == sequence;
     }
@@ -237,7 +237,7 @@ pub(crate) enum Withdrawn {
     Discarded,
     /// The gateway did not take their image.
     Lost,
-    /// It may have taken it.
+    /// The gateway may have taken their image.
     Unknown,
 }
 
@@ -273,8 +273,8 @@ mod tests {
     #[test]
     fn result_matches_its_frame_once() {
         let mut history = TransmitHistory::new();
-        history.frame_added(7, 0, 1, None);
-        history.frame_added(7, 1, 2, None);
+        history.add_frame(7, 0, 1, None);
+        history.add_frame(7, 1, 2, None);
         assert!(history.take(&result(7, 1, 2)).is_some());
         assert!(history.take(&result(7, 1, 2)).is_none(), "answered already");
         assert!(history.take(&result(7, 0, 2)).is_none(), "another channel");
@@ -286,11 +286,11 @@ mod tests {
     #[test]
     fn new_image_replaces_an_old_one() {
         let mut history = TransmitHistory::new();
-        history.frame_added(1, 0, 0, None);
-        history.frame_added(17, 0, 3, None);
+        history.add_frame(1, 0, 0, None);
+        history.add_frame(17, 0, 3, None);
         assert!(history.take(&result(1, 0, 0)).is_none());
         assert!(history.take(&result(17, 0, 3)).is_some());
-        history.frame_added(18, 0, 3, None);
+        history.add_frame(18, 0, 3, None);
         history.reset(|_| ());
         assert!(history.take(&result(18, 0, 3)).is_none());
     }
@@ -299,7 +299,7 @@ mod tests {
     fn remaining_frames_move_up_and_keep_their_tickets() {
         let mut history = TransmitHistory::new();
         for (index, tag) in [Some(1), None, Some(2), None].into_iter().enumerate() {
-            history.frame_added(9, index as u8, 0, tag);
+            history.add_frame(9, index as u8, 0, tag);
         }
         history.close_scheduled(9, |_| ());
         history.move_up(8);
@@ -312,22 +312,22 @@ mod tests {
     #[test]
     fn image_is_repeated_until_its_entry_is_reused() {
         let mut history = TransmitHistory::new();
-        history.frame_added(3, 0, 0, Some(1));
-        history.repeated(19);
+        history.add_frame(3, 0, 0, Some(1));
+        history.record_repetition(19);
         assert!(!history.is_repeated(3), "another image");
-        history.repeated(3);
+        history.record_repetition(3);
         assert!(history.is_repeated(3) && !history.is_repeated(19));
         history.make_room(19, |_| ());
-        history.frame_added(19, 0, 0, None);
+        history.add_frame(19, 0, 0, None);
         assert!(!history.is_repeated(19));
     }
 
     #[test]
     fn scheduled_frames_are_closed_once() {
         let mut history = TransmitHistory::new();
-        history.frame_added(5, 0, 1, Some(70));
-        history.frame_added(5, 1, 2, None);
-        history.frame_added(5, 2, 3, Some(71));
+        history.add_frame(5, 0, 1, Some(70));
+        history.add_frame(5, 1, 2, None);
+        history.add_frame(5, 2, 3, Some(71));
         assert_eq!(history.take(&result(5, 0, 1)).unwrap().tag, Some(70));
         let mut closed = Vec::new();
         history.close_scheduled(6, |channel| closed.push(channel));
@@ -335,7 +335,7 @@ mod tests {
         history.make_room(21, |channel| closed.push(channel));
         assert_eq!(closed, [3]);
         assert!(history.take(&result(5, 1, 2)).is_none(), "its slot is free");
-        history.frame_added(21, 0, 1, Some(1));
+        history.add_frame(21, 0, 1, Some(1));
         history.reset(|channel| closed.push(channel));
         assert_eq!(closed, [3, 1]);
     }

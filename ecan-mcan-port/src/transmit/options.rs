@@ -42,7 +42,7 @@ pub struct SendOptions {
     /// tag of the application (manual 8.4, 13.8). Needs distributed clocks.
     ///
     /// After a wait by [`next_cycle`](crate::Port::next_cycle) a frame is rejected with
-    /// [`Backpressure::Phase`](crate::Backpressure::Phase) if the cycle began too late for its phase, and withdrawn if the cycle
+    /// [`Backpressure::Phase`] if the cycle began too late for its phase, and withdrawn if the cycle
     /// ends too late. On an attached Adapter neither happens, because Sync0 follows the owner's
     /// deadlines. A frame leaves a period late only if its image was lost and sent again because it
     /// also holds frames to be sent at once; it then counts as unknown.

@@ -10,6 +10,7 @@ use crate::config::MarginCheck;
 use crate::cycle::Cycle;
 use crate::cycle_state::CycleState;
 use crate::gateway::Gateway;
+use crate::port::Port;
 use crate::schedule::margin::NotSchedulable;
 
 /// Result of a batch.
@@ -35,7 +36,7 @@ impl Cycle<'_> {
         frame: impl Into<FrameRef<'f>>,
     ) -> Result<SendTicket, SendError> {
         let (head, data) = frame.into().into_parts();
-        self.port.state.send_now(&mut self.port.adapter, to, head, data)
+        send_now(self.port, to, head, data)
     }
 
     /// As [`send`](Self::send), to a channel that was not checked before, and inlined: for the C
@@ -66,7 +67,7 @@ impl Cycle<'_> {
         frame: impl Into<FrameRef<'f>>,
         options: SendOptions,
     ) -> Result<SendTicket, SendError> {
-        self.port.state.send_with(&mut self.port.adapter, to, frame.into(), options)
+        send_with(self.port, to, frame.into(), options)
     }
 
     /// Sends frames in order and stops at the first error, for all channels, so that the rest can be
@@ -81,36 +82,36 @@ impl Cycle<'_> {
     }
 }
 
+/// Sends the frame of these parts ([`FrameRef::into_parts`]).
+fn send_now(
+    port: &mut Port,
+    to: ChannelHandle,
+    head: u64,
+    data: &[u8],
+) -> Result<SendTicket, SendError> {
+    let frame = FrameRef::from_parts(head, data);
+    let Port { adapter, state, .. } = port;
+    state.put(adapter, to, frame, SendOptions::default(), true, |error| error)
+}
+
+fn send_with(
+    port: &mut Port,
+    to: ChannelHandle,
+    frame: FrameRef<'_>,
+    options: SendOptions,
+) -> Result<SendTicket, SendError> {
+    let Port { adapter, state, .. } = port;
+    let has_margin = match options.schedule {
+        Some(schedule) => {
+            state.check_channel(to, frame.is_fd())?;
+            state.check_phase(adapter, to, schedule.offset_ns)?
+        }
+        None => true,
+    };
+    state.put(adapter, to, frame, options, has_margin, |error| error)
+}
+
 impl CycleState {
-    /// Sends the frame of these parts ([`FrameRef::into_parts`]).
-    fn send_now(
-        &mut self,
-        adapter: &mut Adapter,
-        to: ChannelHandle,
-        head: u64,
-        data: &[u8],
-    ) -> Result<SendTicket, SendError> {
-        let frame = FrameRef::from_parts(head, data);
-        self.put(adapter, to, frame, SendOptions::default(), true, |error| error)
-    }
-
-    fn send_with(
-        &mut self,
-        adapter: &mut Adapter,
-        to: ChannelHandle,
-        frame: FrameRef<'_>,
-        options: SendOptions,
-    ) -> Result<SendTicket, SendError> {
-        let has_margin = match options.schedule {
-            Some(schedule) => {
-                self.check_channel(to, frame.is_fd())?;
-                self.check_phase(adapter, to, schedule.offset_ns)?
-            }
-            None => true,
-        };
-        self.put(adapter, to, frame, options, has_margin, |error| error)
-    }
-
     /// Writes a frame into the image; the phase of a schedule was checked before. Inlined into both
     /// callers: the one that sends at once, by far the more frequent, has no options to check.
     #[inline(always)]
@@ -137,7 +138,7 @@ impl CycleState {
             Ok((sequence, index)) => {
                 gateway.statistics.channel(channel).frames_accepted += 1;
                 if options.schedule.is_some() {
-                    gateway.transmitter.accounts_mut().scheduled(channel, has_margin);
+                    gateway.transmitter.accounts_mut().count_scheduled(channel, has_margin);
                 }
                 Ok(SendTicket { slave, sequence, index })
             }
@@ -188,7 +189,7 @@ impl CycleState {
         };
         let margin = gateway.schedule_margin(offset_ns);
         let accounts = gateway.transmitter.accounts_mut();
-        accounts.asked(channel);
+        accounts.count_request(channel);
         let margin = margin.map_err(reject)?;
         let has_margin = margin.is_sufficient();
         if !has_margin && gateway.schedule.margin_check == MarginCheck::Reject {
@@ -199,7 +200,7 @@ impl CycleState {
         let is_late =
             begun_ns.is_some_and(|ns| gateway.schedule_times.misses_pulse(since_first_ns, ns));
         if is_late || gateway.transmitter.is_unconfirmed() {
-            gateway.transmitter.accounts_mut().rejected_late(channel);
+            gateway.transmitter.accounts_mut().count_late_rejection(channel);
             return Err(SendError::Backpressure { slave, channel, what: Backpressure::Phase });
         }
         Ok(has_margin)

@@ -129,7 +129,7 @@ impl Transmitter {
                 }
                 code => ScheduledFrameState::Result(code),
             };
-            self.accounts.ended(frame.channel, state);
+            self.accounts.close_frame(frame.channel, state);
         }
         Some(frame)
     }
@@ -211,7 +211,7 @@ impl Transmitter {
                         self.start_image();
                     }
                     if !is_same_pulse {
-                        self.pulse_passed(image, statistics);
+                        self.on_pulse_passed(image, statistics);
                     }
                 } else {
                     self.published = None;
@@ -225,13 +225,13 @@ impl Transmitter {
 
     /// The pulse of the unconfirmed image has passed: sent again, its scheduled frames leave a period
     /// late. An image without other frames is discarded.
-    fn pulse_passed(&mut self, image: &mut [u8], statistics: &mut SlaveStatistics) {
+    fn on_pulse_passed(&mut self, image: &mut [u8], statistics: &mut SlaveStatistics) {
         let frames: u16 = self.published.iter().flatten().map(|n| u16::from(*n)).sum();
         if self.discards_missed && frames == u16::from(self.published_scheduled) {
             self.discard_published(statistics);
             self.use_spare(image);
         } else {
-            self.history.repeated(self.published_sequence);
+            self.history.record_repetition(self.published_sequence);
         }
     }
 
@@ -260,7 +260,8 @@ impl Transmitter {
 
     fn close_published(&mut self, state: ScheduledFrameState) {
         let Self { history, accounts, published_sequence, .. } = self;
-        history.close_scheduled(*published_sequence, |channel| accounts.ended(channel, state));
+        history
+            .close_scheduled(*published_sequence, |channel| accounts.close_frame(channel, state));
     }
 
     fn release(&mut self, image: &mut [u8], statistics: &mut SlaveStatistics) {
@@ -291,10 +292,10 @@ impl Transmitter {
         self.filling_scheduled = 0;
         let Self { history, accounts, writer, .. } = self;
         history.make_room(writer.next_sequence(), |channel| {
-            accounts.ended(channel, ScheduledFrameState::Unknown)
+            accounts.close_frame(channel, ScheduledFrameState::Unknown)
         });
         for window in &mut self.windows {
-            window.abandoned();
+            window.abandon_image();
         }
     }
 
@@ -316,9 +317,9 @@ impl Transmitter {
             None => self.writer.push(image, channel, id_aux, frame, Timestamp::None)?,
         };
         let sequence = self.writer.next_sequence();
-        self.window(channel).frame_added();
+        self.window(channel).add_frame();
         self.filling_scheduled += u8::from(schedule.is_some());
-        self.history.frame_added(sequence, index, channel, schedule.map(|record| record.tag));
+        self.history.add_frame(sequence, index, channel, schedule.map(|record| record.tag));
         Ok((sequence, index))
     }
 
@@ -339,7 +340,7 @@ impl Transmitter {
     pub(crate) fn end(&mut self, image: &mut [u8], statistics: &mut SlaveStatistics) -> bool {
         if !std::mem::take(&mut self.is_open) {
             // Without a begin, the image of the last cycle is sent again.
-            self.history.repeated(self.published_sequence);
+            self.history.record_repetition(self.published_sequence);
             return false;
         }
         if self.is_unconfirmed {
@@ -358,7 +359,7 @@ impl Transmitter {
         }
         self.published = Some(filling);
         for window in &mut self.windows {
-            window.published();
+            window.on_published();
         }
         true
     }
@@ -381,11 +382,11 @@ impl Transmitter {
         let sequence = self.writer.next_sequence();
         let Self { history, accounts, .. } = self;
         history.close_scheduled(sequence, |channel| {
-            accounts.ended(channel, ScheduledFrameState::Withdrawn)
+            accounts.close_frame(channel, ScheduledFrameState::Withdrawn)
         });
         let filling = self.filling();
         for window in &mut self.windows {
-            window.abandoned();
+            window.abandon_image();
         }
         count_withdrawn(&filling, Withdrawn::Discarded, statistics)
     }
@@ -397,7 +398,7 @@ impl Transmitter {
             return;
         }
         if self.is_unconfirmed {
-            self.pulse_passed(image, statistics);
+            self.on_pulse_passed(image, statistics);
             return;
         }
         let filled = self.filling();
@@ -417,12 +418,12 @@ impl Transmitter {
         let sequence = self.writer.next_sequence();
         let Self { history, accounts, writer, spare, .. } = self;
         history.close_scheduled(sequence, |channel| {
-            accounts.ended(channel, ScheduledFrameState::Withdrawn)
+            accounts.close_frame(channel, ScheduledFrameState::Withdrawn)
         });
         history.move_up(sequence);
         writer.begin();
         for window in &mut self.windows {
-            window.abandoned();
+            window.abandon_image();
         }
         self.filling_scheduled = 0;
         for packet in reader.read(spare).into_iter().flat_map(|read| read.packets()).flatten() {
@@ -433,7 +434,7 @@ impl Transmitter {
                     .push(image, packet.channel, packet.id_aux, packet.frame, Timestamp::None)
                     .is_ok();
             if is_kept {
-                self.windows[usize::from(packet.channel) % CHANNELS].frame_added();
+                self.windows[usize::from(packet.channel) % CHANNELS].add_frame();
             }
         }
         for (channel, (before, now)) in filled.iter().zip(&self.filling()).enumerate() {
@@ -458,7 +459,7 @@ impl Transmitter {
         }
         self.misses = 0;
         let Self { history, accounts, .. } = self;
-        history.reset(|channel| accounts.ended(channel, ScheduledFrameState::Unknown));
+        history.reset(|channel| accounts.close_frame(channel, ScheduledFrameState::Unknown));
         accounts.reset();
         for window in &mut self.windows {
             window.reset();

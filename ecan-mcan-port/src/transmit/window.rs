@@ -55,18 +55,18 @@ impl TransmitWindow {
     }
 
     #[inline]
-    pub(crate) fn frame_added(&mut self) {
+    pub(crate) fn add_frame(&mut self) {
         // infallible: an image holds 255 frames at most
         self.filling = self.filling.wrapping_add(1);
     }
 
-    pub(crate) fn published(&mut self) {
+    pub(crate) fn on_published(&mut self) {
         self.older = self.older.saturating_add(self.before);
         self.before = self.last;
         self.last = std::mem::take(&mut self.filling);
     }
 
-    pub(crate) fn abandoned(&mut self) {
+    pub(crate) fn abandon_image(&mut self) {
         self.filling = 0;
     }
 
@@ -94,7 +94,7 @@ mod tests {
     fn fill(window: &mut TransmitWindow) -> u16 {
         let mut taken = 0;
         while window.has_room() {
-            window.frame_added();
+            window.add_frame();
             taken += 1;
         }
         taken
@@ -104,7 +104,7 @@ mod tests {
     fn burst_stops_at_the_queue_depth() {
         let mut window = TransmitWindow::new(64);
         assert_eq!(fill(&mut window), 64);
-        window.published();
+        window.on_published();
         assert_eq!(fill(&mut window), 0);
     }
 
@@ -112,13 +112,13 @@ mod tests {
     fn frames_count_until_a_status_includes_them() {
         let mut window = TransmitWindow::new(64);
         fill(&mut window);
-        window.published();
+        window.on_published();
         window.status(ChannelStatus::default());
         assert!(!window.has_room(), "the status is older than the image");
-        window.published();
+        window.on_published();
         window.status(ChannelStatus::default());
         assert!(!window.has_room());
-        window.published();
+        window.on_published();
         window.status(ChannelStatus::default());
         assert!(window.has_room(), "the queue is known to be empty now");
     }
@@ -139,15 +139,15 @@ mod tests {
         for _ in 0..10 {
             for _ in 0..5 {
                 assert!(window.has_room());
-                window.frame_added();
+                window.add_frame();
             }
-            window.published();
+            window.on_published();
             window.status(ChannelStatus::default().with_tx_pending(7));
         }
         assert_eq!(fill(&mut window), 64 - 5 - 50);
-        window.published();
-        window.published();
-        window.published();
+        window.on_published();
+        window.on_published();
+        window.on_published();
         window.status(ChannelStatus::default().with_tx_pending(6));
         assert_eq!(fill(&mut window), 58);
     }
@@ -156,8 +156,8 @@ mod tests {
     fn counts_never_overflow() {
         let mut window = TransmitWindow::new(64);
         for _ in 0..70_000 {
-            window.frame_added();
-            window.published();
+            window.add_frame();
+            window.on_published();
         }
         assert!(!window.has_room());
     }
@@ -167,8 +167,8 @@ mod tests {
         let mut window = TransmitWindow::new(64);
         for _ in 0..64 {
             assert!(window.has_room());
-            window.frame_added();
-            window.published();
+            window.add_frame();
+            window.on_published();
         }
         assert!(!window.has_room());
     }

@@ -67,7 +67,7 @@ pub fn crc16(data: &[u8]) -> u16 {
     accelerated::crc16(data).unwrap_or_else(|| crc16_portable(data))
 }
 
-/// The same CRC by table look-up only, 16 bytes per step. For processors without carry-less
+/// CRC-16/CCITT-FALSE by table look-up only, 16 bytes per step. For processors without carry-less
 /// multiplication and for comparison.
 pub fn crc16_portable(data: &[u8]) -> u16 {
     let (blocks, tail) = data.as_chunks::<16>();

@@ -90,7 +90,7 @@ pub struct Header {
     pub flags: HeaderFlags,
     /// Sequence number of the image.
     pub seq_begin: u16,
-    /// The same number, written last: an image is complete if both are equal.
+    /// Sequence number again, written last: an image is complete if both numbers are equal.
     pub seq_end: u16,
     /// Valid bytes of the frame area.
     pub payload_len: u16,

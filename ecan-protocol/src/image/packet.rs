@@ -106,7 +106,7 @@ impl Schedule {
 ///
 /// In TxPDO it is the time of reception in the gateway; the manual gives no unit. Differences are
 /// relative to the first time base of the same image, unsigned with wrap. In RxPDO only `None` (send
-/// immediately) and `Full64` with a [`Schedule`](super::Schedule) exist.
+/// immediately) and `Full64` with a [`Schedule`] exist.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum Timestamp {
     /// No timestamp.

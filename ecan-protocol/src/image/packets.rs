@@ -66,18 +66,18 @@ impl Counts {
         (self.0 >> 16) as u16
     }
 
-    /// After a packet of `size` bytes. At least one was left.
+    /// The cursor after a packet of `size` bytes. At least one packet was left.
     #[inline(always)]
     const fn after(self, size: usize) -> Self {
         Self(self.0.wrapping_add((size as u32) << 16).wrapping_sub(1))
     }
 
-    /// The same without packets left.
+    /// The cursor without packets left.
     const fn at_end(self) -> Self {
         Self::new(0, self.next_index(), self.offset())
     }
 
-    /// The same after a frame.
+    /// The cursor after a frame of `size` bytes.
     #[inline(always)]
     const fn after_frame(self, size: usize) -> Self {
         Self(self.after(size).0.wrapping_add(1 << 8))

@@ -13,7 +13,7 @@ use crate::object::pdo_profile::{OptionFlags, PdoProfile};
 
 /// Reads images of one direction.
 ///
-/// It holds no state of the stream; [`SequenceTracker`](crate::image::SequenceTracker) detects repeated
+/// The reader holds no state of the stream; [`SequenceTracker`] detects repeated
 /// and lost images. Nothing here allocates, blocks or panics; all of it is real-time safe.
 #[derive(Clone, Debug)]
 pub struct ImageReader {
@@ -208,7 +208,7 @@ pub enum Arrival {
     First,
     /// The expected number.
     Next,
-    /// The same image again; its packets were already received.
+    /// The image that was received last; its packets were already received.
     Repeated,
     /// A new image; others before it were lost.
     Gap {

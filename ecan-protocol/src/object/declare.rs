@@ -86,7 +86,7 @@ pub struct RangeFault {
     pub index: u16,
     /// Subindex of the field.
     pub subindex: u8,
-    /// Its value.
+    /// Value of the field.
     pub value: u32,
     /// Smallest allowed value.
     pub min: u32,
@@ -235,7 +235,7 @@ pub struct SdoWrite {
     pub subindex: u8,
     /// The value; of a signed type its two's complement.
     pub value: u32,
-    /// Its type, which sets the number of bytes.
+    /// Type of the value, which sets the number of bytes.
     pub ty: ObjectType,
 }
 

@@ -79,7 +79,7 @@ raw_enum! {
     Range = 0, "range";
     /// `id1` and `id2`.
     Two = 1, "two";
-    /// Those that equal `id1` in the bits set in `id2`.
+    /// CAN IDs that equal `id1` in the bits set in `id2`.
     Masked = 2, "masked";
     /// None.
     #[default]
@@ -95,7 +95,7 @@ raw_enum! {
     Range = 0, "range";
     /// `id1` and `id2`.
     Two = 1, "two";
-    /// Those that equal `id1` in the bits set in `id2`.
+    /// CAN IDs that equal `id1` in the bits set in `id2`.
     Masked = 2, "masked";
     /// From `id1` to `id2` without the global mask.
     RangeUnmasked = 3, "range unmasked";
@@ -149,7 +149,7 @@ pub struct FilterWindow {
     pub index: u8,
     /// A [`FilterCommand`].
     pub command: u8,
-    /// Its result, a [`FilterCommandStatus`]; read only.
+    /// Result of the command, a [`FilterCommandStatus`]; read only.
     pub status: u8,
     /// Number of filters in use, from the first one.
     pub count: u8,

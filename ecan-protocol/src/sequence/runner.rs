@@ -256,11 +256,11 @@ fn is_tolerated<T: ObjectAccess>(tolerance: Tolerance, error: &StepError<T::Erro
 /// State of the transfer that was started last.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Transfer {
-    /// It is running.
+    /// The transfer is running.
     Busy,
-    /// It succeeded; of an upload, the value without sign, of a download, any number.
+    /// The transfer succeeded: the value of an upload without sign, any number after a download.
     Done(u64),
-    /// Its result is gone, because another part of the application used the client: the step
+    /// The result is gone, because another part of the application used the client: the step
     /// starts again.
     Lost,
 }
@@ -270,7 +270,7 @@ pub enum Transfer {
 /// A blocking client executes the transfer in `start_…` and returns its result from
 /// [`poll`](Self::poll).
 pub trait ObjectAccess {
-    /// Device-specific action of a step; [`NoAction`] if there are none.
+    /// Device-specific action of a step; [`NoAction`](super::NoAction) if there are none.
     type Action: Copy;
     /// Cause of the failure of a transfer or an action.
     type Error;
