@@ -271,7 +271,7 @@ impl Axis {
     /// Takes the feed-forward of the target of the first RPDO, and returns whether the
     /// other RPDOs are to be sent. `is_own_motion` states whether the host made the target.
     ///
-    /// They go out with each target, and in the same cycles while the axis gets none, so that an
+    /// The other RPDOs go out with each target, and in the same cycles while the axis gets none, so that an
     /// output that was lost arrives. A feed-forward ends with the targets, at once.
     pub(crate) fn prepare_auxiliary(&mut self, turn: TargetTurn, is_own_motion: bool) -> bool {
         if self.data.step_offsets(&self.plan, turn) {

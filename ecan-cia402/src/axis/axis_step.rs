@@ -9,7 +9,7 @@ use super::drive_status::{REST_NS, is_energised};
 use super::event::AxisEvent;
 use super::power::{DISABLE_NS, PowerGoal, Stop, StopCause};
 use super::procedure::ProcedureSituation;
-use super::recovery::{RecoverySituation, RecoveryStep};
+use super::procedure::{RecoverySituation, RecoveryStep};
 use super::setup::{SetupSituation, SetupState, VerificationSituation};
 use super::status::{AxisError, AxisErrorKind, AxisPhase, AxisProgress, AxisStatus};
 use super::takeover::Situation;

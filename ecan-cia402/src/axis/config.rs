@@ -400,7 +400,7 @@ pub struct VlConfig {
     pub limits: Option<(u32, u32)>,
     /// Acceleration 0x6048: change of the velocity, and its time in seconds.
     pub acceleration: Option<(u32, u16)>,
-    /// Deceleration 0x6049, likewise.
+    /// Deceleration 0x6049: change of the velocity, and its time in seconds.
     pub deceleration: Option<(u32, u16)>,
 }
 

@@ -18,7 +18,6 @@ pub(crate) mod power;
 mod procedure;
 pub(crate) mod process_data;
 pub(crate) mod ramp;
-mod recovery;
 mod script;
 pub(crate) mod setup;
 pub(crate) mod setup_steps;

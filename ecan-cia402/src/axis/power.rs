@@ -107,7 +107,7 @@ impl FaultReset {
         Some(Controlword::of(command))
     }
 
-    pub(crate) fn sent(&mut self) {
+    pub(crate) fn count_frame(&mut self) {
         let (limit, next) = match self.level {
             ResetLevel::Low => (self.level_frames, ResetLevel::High),
             ResetLevel::High => {
@@ -437,7 +437,7 @@ mod tests {
                 before = word;
             }
             words.push(word.0);
-            reset.sent();
+            reset.count_frame();
         }
         assert_eq!(words, [0x00, 0x00, 0x00, 0x80, 0x80, 0x80]);
         assert_eq!(state, DriveState::SwitchOnDisabled);
@@ -451,7 +451,7 @@ mod tests {
             assert_eq!(reset.controlword(DriveState::Fault), Some(Controlword(0)));
         }
         for _ in 0..3 {
-            reset.sent();
+            reset.count_frame();
         }
         assert_eq!(reset.controlword(DriveState::Fault), Some(Controlword(0x80)));
     }
@@ -461,7 +461,7 @@ mod tests {
         let mut reset = FaultReset::new(2);
         let mut frames = 0;
         while reset.controlword(DriveState::Fault).is_some() {
-            reset.sent();
+            reset.count_frame();
             frames += 1;
             assert!(frames < 10_000);
         }

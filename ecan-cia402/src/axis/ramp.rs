@@ -38,7 +38,7 @@ impl RampLimits {
         Self::new(i128::from(change.max(1)) << FRACTION_BITS, 0)
     }
 
-    /// The same limits with another jerk, in units.
+    /// Returns these limits with another jerk, in units.
     pub(crate) fn with_jerk(self, jerk: i128) -> Self {
         Self::new(self.change, jerk)
     }

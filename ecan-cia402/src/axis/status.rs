@@ -142,7 +142,7 @@ impl AxisStatus {
     }
 }
 
-/// SYNC periods that a TPDO may be under way before it counts as lost: out through the gateway,
+/// SYNC periods after which a TPDO counts as lost: out through the gateway,
 /// over the bus and back, with the reply of one cycle lost.
 const IN_FLIGHT: u32 = 8;
 
@@ -155,9 +155,9 @@ pub struct AxisStatistics {
     pub activations: u64,
     /// Targets of the application that were rejected, for any reason.
     pub targets_rejected: u64,
-    /// Those rejected because of the step limit.
+    /// Targets of the application that were rejected because of the step limit.
     pub rejected_step: u64,
-    /// Those rejected because of the following-error window.
+    /// Targets of the application that were rejected because of the following-error window.
     pub rejected_window: u64,
     /// Cycles in which a running axis got no target although one was due: an incomplete working
     /// counter, an unconfirmed image, no space, or earlier frames that wait in the gateway.
@@ -172,7 +172,7 @@ pub struct AxisStatistics {
     pub tpdos: u64,
     /// TPDOs too short for the mapping.
     pub malformed_tpdos: u64,
-    /// TPDOs that never came, by the number of SYNCs sent.
+    /// TPDOs that were not received, by the number of SYNCs sent.
     pub lost_tpdos: u64,
     /// Most cycles in a row without a usable TPDO while the axis was enabled.
     pub longest_gap: u16,

@@ -5,7 +5,7 @@ use ecan_mcan_port::{SendTicket, TransmitReport};
 
 use super::config::target_kind;
 use super::drive_link::DriveLink;
-use super::drive_status::DriveStatus;
+use super::drive_status::{AnswerWatch, DriveStatus, TargetCheck};
 use super::pdo_layout::RpdoBytes;
 use super::plan::AxisPlan;
 use super::ramp::{FRACTION_BITS, Profile, Ramp, RampLimits};
@@ -408,7 +408,7 @@ impl TargetPath {
         let before = self.target();
         self.guard.sent();
         self.answers.restart();
-        self.period.target_sent();
+        self.period.note_target();
         self.tickets.insert(ticket);
         match self.decision {
             Decision::First(_) => self.targets.stop(),
@@ -418,7 +418,7 @@ impl TargetPath {
                     TargetKind::Rate => target.into(),
                     _ => before.map_or(0, |before| plan.config.range.distance(before, target)),
                 };
-                self.targets.sent(outgoing.ramp, step);
+                self.targets.note_sent(outgoing.ramp, step);
             }
             _ => {}
         }
@@ -443,13 +443,13 @@ impl TargetPath {
             _ => false,
         };
         if is_missed && self.is_running() && self.guard.limits().kind == TargetKind::Position {
-            self.targets.missed();
+            self.targets.note_gap();
         }
     }
 
     /// Notes a SYNC on the channel of the axis.
     pub(crate) fn note_sync(&mut self, now_ns: u64) {
-        self.period.sync_sent(now_ns);
+        self.period.note_sync(now_ns);
     }
 
     /// Feed-forward that the decision of the cycle asks for. `is_own_motion` states whether the host made the
@@ -561,80 +561,6 @@ impl TargetTickets {
     }
 }
 
-/// SYNC periods without a TPDO after which the last target may be lost. With one, it may only be late.
-const MISSED_PERIODS: u32 = 2;
-
-/// Longest time in which the drive must show that it is at its last target.
-const CHECK_NS: u64 = 500_000_000;
-
-/// Watches whether the drive answered since the last target.
-///
-/// A gateway that is bus-off for a short time loses frames. If its images are lost at that time, too,
-/// nothing reports this, but the TPDOs are missing. An axis that also got no target for some periods then
-/// shows by its position whether the drive has its last target.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-struct AnswerWatch {
-    /// Cycles without a TPDO.
-    silent_cycles: u32,
-    /// TPDOs were missing for [`MISSED_PERIODS`] since the last target.
-    has_missed: bool,
-    /// Start of the check of the last target.
-    check_since_ns: Option<u64>,
-}
-
-/// Result of a check of the last target.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum TargetCheck {
-    /// The drive is not known to be at rest.
-    Running,
-    /// The drive is at its last target.
-    Passed,
-    /// The drive is not at its last target, or did not show it in time.
-    Failed,
-}
-
-impl AnswerWatch {
-    /// Counts a cycle without a TPDO. Call once per cycle.
-    fn observe(&mut self, has_tpdo: bool, cycles_per_sync: u32) {
-        self.silent_cycles = if has_tpdo { 0 } else { self.silent_cycles.saturating_add(1) };
-        self.has_missed |= self.silent_cycles >= cycles_per_sync.saturating_mul(MISSED_PERIODS);
-    }
-
-    /// Ends the check, since the axis does not follow targets.
-    fn end_check(&mut self) {
-        self.check_since_ns = None;
-    }
-
-    /// Begins to count again, since a target was sent.
-    fn restart(&mut self) {
-        self.has_missed = false;
-        self.check_since_ns = None;
-    }
-
-    fn has_missed(&self) -> bool {
-        self.has_missed
-    }
-
-    /// Returns whether a check of the last target runs; until its end no target is sent.
-    fn is_checking(&self) -> bool {
-        self.check_since_ns.is_some()
-    }
-
-    /// One cycle of the check. `is_there` states whether the drive is at its last target, `None` while it
-    /// is not at rest.
-    fn check(&mut self, is_there: Option<bool>, now_ns: u64) -> TargetCheck {
-        let since_ns = *self.check_since_ns.get_or_insert(now_ns);
-        let check = match is_there {
-            Some(true) => TargetCheck::Passed,
-            Some(false) => TargetCheck::Failed,
-            None if now_ns.saturating_sub(since_ns) > CHECK_NS => TargetCheck::Failed,
-            None => return TargetCheck::Running,
-        };
-        self.restart();
-        check
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -664,40 +590,5 @@ mod tests {
         assert_eq!(point.step(200, true), (DOWN, 100));
         assert_eq!(point.step(200, true), (DOWN, 100), "no edge while bit 12 is up");
         assert_eq!(point.step(200, false), (UP, 200));
-    }
-
-    fn after(answers: &[bool], cycles_per_sync: u32) -> AnswerWatch {
-        let mut watch = AnswerWatch::default();
-        answers.iter().for_each(|answer| watch.observe(*answer, cycles_per_sync));
-        watch
-    }
-
-    #[test]
-    fn two_periods_without_an_answer_are_missed() {
-        for (answers, cycles_per_sync, is_missed) in [
-            (&[true, false, true, false, true][..], 1, false),
-            (&[true, false, false, true], 1, true),
-            (&[true, false, false, false, true], 2, false),
-            (&[true, false, false, false, false, true], 2, true),
-        ] {
-            let watch = after(answers, cycles_per_sync);
-            assert_eq!(watch.has_missed(), is_missed, "{answers:?} {cycles_per_sync}");
-        }
-        let mut sent = after(&[false, false, true], 1);
-        sent.restart();
-        assert!(!sent.has_missed(), "the next target was sent");
-    }
-
-    #[test]
-    fn check_waits_for_rest_and_ends_in_time() {
-        let mut watch = after(&[false, false, true], 1);
-        assert_eq!(watch.check(None, 100), TargetCheck::Running);
-        assert!(watch.is_checking());
-        assert_eq!(watch.check(Some(true), 200), TargetCheck::Passed);
-        assert!(!watch.is_checking() && !watch.has_missed());
-        assert_eq!(watch.check(Some(false), 300), TargetCheck::Failed);
-        assert_eq!(watch.check(None, 400), TargetCheck::Running);
-        assert_eq!(watch.check(None, 400 + CHECK_NS), TargetCheck::Running);
-        assert_eq!(watch.check(None, 401 + CHECK_NS), TargetCheck::Failed);
     }
 }

@@ -47,18 +47,20 @@ impl TargetPeriod {
         !self.awaits_sync && self.elapsed.saturating_add(self.lead) >= self.cycles
     }
 
-    /// Whether targets were missed for so long, also by a pause of the cycle, that a drive that follows
+    /// Returns whether targets were missed for so long, also by a pause of the cycle, that a drive that follows
     /// positions is certainly at rest.
     pub(crate) fn is_paused(&self, now_ns: u64) -> bool {
         let elapsed_ns = now_ns.saturating_sub(self.effective_ns);
         !self.awaits_sync && elapsed_ns > self.ns.saturating_mul(PAUSE_PERIODS)
     }
 
-    pub(crate) fn target_sent(&mut self) {
+    /// Notes that a target was sent.
+    pub(crate) fn note_target(&mut self) {
         self.awaits_sync = true;
     }
 
-    pub(crate) fn sync_sent(&mut self, now_ns: u64) {
+    /// Notes a SYNC: the last target takes effect.
+    pub(crate) fn note_sync(&mut self, now_ns: u64) {
         if std::mem::take(&mut self.awaits_sync) {
             self.elapsed = 0;
             self.effective_ns = now_ns;
@@ -116,15 +118,15 @@ mod tests {
     fn period_begins_with_the_sync_after_a_target() {
         let mut period = TargetPeriod::new(2, 200);
         assert!(period.is_over());
-        period.target_sent();
+        period.note_target();
         for _ in 0..5 {
             period.begin_cycle();
             assert!(!period.is_over(), "no SYNC yet");
         }
-        period.sync_sent(1_000);
+        period.note_sync(1_000);
         period.begin_cycle();
         assert!(!period.is_over());
-        period.sync_sent(1_100);
+        period.note_sync(1_100);
         period.begin_cycle();
         assert!(period.is_over(), "a SYNC without a target starts no period");
         assert!(!period.is_paused(1_800) && period.is_paused(1_801));
@@ -134,18 +136,18 @@ mod tests {
     #[test]
     fn target_with_a_lead_takes_effect_with_the_next_sync() {
         let mut period = TargetPeriod::new(4, 400).with_lead(2);
-        period.sync_sent(0);
-        period.target_sent();
+        period.note_sync(0);
+        period.note_target();
         for (cycle, has_sync, is_over) in
             [(1, false, false), (2, true, false), (3, false, false), (4, true, true)]
         {
             period.begin_cycle();
             if has_sync {
-                period.sync_sent(cycle * 100);
+                period.note_sync(cycle * 100);
             }
             assert_eq!(period.is_over(), is_over, "cycle {cycle}");
         }
-        period.target_sent();
+        period.note_target();
         period.begin_cycle();
         // The SYNC of the next period is late: the target waits for it.
         for _ in 0..6 {

@@ -153,17 +153,17 @@ impl TargetSource {
         }
     }
 
-    /// A target was sent: `ramp` is the host's own one that made it, `step` its distance from the last
+    /// Notes a sent target: `ramp` is the host's own one that made it, `step` its distance from the last
     /// one; a rate is a step of itself.
-    pub(crate) fn sent(&mut self, ramp: Option<Ramp>, step: i64) {
+    pub(crate) fn note_sent(&mut self, ramp: Option<Ramp>, step: i64) {
         self.ramp = ramp;
         self.gap = 0;
         self.history.push(step);
     }
 
-    /// A target period without a target. After some, a position axis is at rest; all axes of a stop on
+    /// Notes a target period without a target. After some, a position axis is at rest; all axes of a stop on
     /// the path end it together.
-    pub(crate) fn missed(&mut self) {
+    pub(crate) fn note_gap(&mut self) {
         self.gap = self.gap.saturating_add(1);
         if self.gap > MOST_GAP && self.path.is_none() {
             self.stop();
@@ -269,7 +269,7 @@ mod tests {
         assert_eq!(rate(&source, 120), (Some(500), None));
         for (last, next) in [(120, 70), (-20, 0)] {
             source.halt();
-            source.sent(None, last.into());
+            source.note_sent(None, last.into());
             assert_eq!(rate(&source, last).0, Some(next));
             source.stop();
             assert_eq!(rate(&source, last).0, Some(next), "after a rejection");
@@ -280,7 +280,7 @@ mod tests {
     fn halted_rate_returns_to_zero_by_its_jerk() {
         let mut source = TargetSource::new(RampLimits::new(ONE, 20 * ONE));
         for _ in 0..20 {
-            source.sent(None, 120);
+            source.note_sent(None, 120);
         }
         source.halt();
         let mut rates = vec![120];
@@ -288,7 +288,7 @@ mod tests {
             && let (Some(next), ramp) = rate(&source, last)
             && last != 0
         {
-            source.sent(ramp, next.into());
+            source.note_sent(ramp, next.into());
             rates.push(next);
         }
         assert_eq!(rates, [120, 100, 60, 20, 0]);
@@ -298,7 +298,7 @@ mod tests {
     fn accelerating_rate_stays_inside_its_bounds() {
         let mut source = TargetSource::new(RampLimits::new(ONE, ONE));
         for n in 0..20 {
-            source.sent(None, 40 * n);
+            source.note_sent(None, 40 * n);
         }
         source.halt();
         let limits = GuardLimits { bounds: Some((-9, 770)), ..limits(TargetKind::Rate, 50) };
@@ -307,7 +307,7 @@ mod tests {
             let (next, ramp) = source.next(&limits, last, None);
             assert!((0..=770).contains(&next.unwrap()), "{next:?}");
             last = next.unwrap();
-            source.sent(ramp, last.into());
+            source.note_sent(ramp, last.into());
         }
         assert_eq!(last, 0);
     }
@@ -323,12 +323,12 @@ mod tests {
     #[test]
     fn motion_ends_after_a_gap() {
         let mut source = TargetSource::new(RampLimits::increments(10));
-        source.sent(None, 100);
+        source.note_sent(None, 100);
         for _ in 0..MOST_GAP {
-            source.missed();
+            source.note_gap();
         }
         assert_eq!(position(&source, 0, 0).0, Some(90));
-        source.missed();
+        source.note_gap();
         assert_eq!(position(&source, 0, 0).0, Some(0), "it is at rest, and stays there");
         assert_eq!(position(&source, 0, 100).0, Some(10), "or starts again");
     }
@@ -339,7 +339,7 @@ mod tests {
         let next = |source: &TargetSource| position(source, 0, 100);
         assert_eq!([next(&source).0, next(&source).0], [Some(10), Some(10)]);
         let (_, ramp) = next(&source);
-        source.sent(ramp, 10);
+        source.note_sent(ramp, 10);
         assert_eq!(next(&source).0, Some(20));
         source.stop();
         assert!(source.is_at_rest());
@@ -351,7 +351,7 @@ mod tests {
         let position = |n: f64| (rate * n + change * n * n / 2.0).round() as i64;
         let mut source = TargetSource::new(limits);
         for n in -40..0 {
-            source.sent(None, position(f64::from(n + 1)) - position(f64::from(n)));
+            source.note_sent(None, position(f64::from(n + 1)) - position(f64::from(n)));
         }
         source
     }
@@ -371,7 +371,7 @@ mod tests {
     fn axis_that_the_application_stopped_stays_at_rest() {
         let limits = RampLimits::new(ONE / 4, ONE / 1_000);
         let mut source = source_after(limits, 100.0, 0.0);
-        source.sent(None, 0);
+        source.note_sent(None, 0);
         assert!(source.is_at_rest());
         source.halt();
         let (next, ramp) = position(&source, 7, 0);

@@ -7,7 +7,7 @@ use ecan_canopen::{Configuring, Controlword, DriveState, Network};
 use super::plan::AxisPlan;
 use super::power::{FaultReset, PowerGoal, Stop, StopCause};
 use super::procedure::Procedure;
-use super::recovery::Recovery;
+use super::procedure::Recovery;
 use super::script::Script;
 
 /// State of an axis: the command that its drive executes.
@@ -263,7 +263,7 @@ impl AxisTask {
     /// Counts a sent frame of a fault reset.
     pub(crate) fn count_reset_frame(&mut self) {
         if let AxisState::ResettingFault(reset) = &mut self.state {
-            reset.sent();
+            reset.count_frame();
         }
     }
 

@@ -62,12 +62,12 @@ impl Scale {
         Self { steps_per_turn, origin, velocity_units: None }
     }
 
-    /// The same scale with angle 0 at `step`.
+    /// Returns this scale with angle 0 at `step`.
     pub fn with_origin(self, step: i32) -> Self {
         Self { origin: step, ..self }
     }
 
-    /// The same scale with the unit of the drive's target velocity: the value of 0x60FF for one turn of
+    /// Returns this scale with the unit of the drive's target velocity: the value of 0x60FF for one turn of
     /// the axis per second. Needed for [`MotionLimits`](super::MotionLimits) in velocity modes only.
     pub fn with_velocity_units(self, per_turn_per_second: f64) -> Self {
         Self { velocity_units: Some(per_turn_per_second), ..self }

@@ -1,4 +1,4 @@
-//! When the frames that were under way to a drive are known to be gone.
+//! Drain of the frames that were sent to a drive before its activation.
 //!
 //! The gateway sends what it got in order and tells how many frames wait (manual 7). So once no
 //! more frames wait than were confirmed *after* the last target, the target is not among them.

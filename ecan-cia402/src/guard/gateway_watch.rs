@@ -35,12 +35,12 @@ const MAX_IMAGE_AGE: u32 = 1;
 /// Frames of a channel that wait in the gateway although newer ones were sent.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Backlog {
-    /// At most those of one image.
+    /// At most the frames of one image wait.
     None,
-    /// Those of more than one image, or unknown, since the count is saturated or old: a full bus, or
+    /// The frames of more than one image wait, or an unknown number, since the count is saturated or old: a full bus, or
     /// one that does not send. Only answers of drives on the channel show the difference.
     Suspected,
-    /// Those of more than the newest images.
+    /// The frames of more than the newest images wait.
     Waiting,
 }
 

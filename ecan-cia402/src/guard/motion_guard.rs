@@ -90,36 +90,75 @@ pub struct MotionGuard {
     limits: GuardLimits,
     state: GuardState,
     drain: Drain,
-    /// Number of positions of `Reading` at rest.
-    readings: u8,
-    /// Position from which the axis has not moved more than `standstill` in `Reading` and `Armed`, and how many
-    /// cycles ago it came.
-    anchor: i32,
-    anchor_age: u16,
-    /// The last position in these states.
-    last_read: i32,
+    standstill: Standstill,
     fresh: Option<i32>,
     /// The last usable actual position, and how many cycles ago it came.
     actual: Option<i32>,
     actual_age: u16,
     no_actual: PositionUnavailable,
     misses: u16,
-    /// The same before this cycle ended it, with those of skipped cycles.
+    /// Incomplete working counters in a row before this cycle ended them, with those of skipped cycles.
     longest_misses: u16,
     waits: Option<WaitReason>,
     hindrance: Option<HoldReason>,
     is_enabled: bool,
     was_following: bool,
     decided: Option<i32>,
+    sent: SentTargets,
+}
+
+/// Standstill of an axis in `Reading` and `Armed`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+struct Standstill {
+    /// Number of positions of `Reading` at rest.
+    readings: u8,
+    /// Position from which the axis has not moved more than `standstill`, and how many cycles ago it came.
+    anchor: i32,
+    anchor_age: u16,
+    last_position: i32,
+}
+
+impl Standstill {
+    fn set_anchor(&mut self, position: i32) {
+        (self.anchor, self.anchor_age, self.last_position) = (position, 0, position);
+    }
+
+    /// Returns whether a position shows the axis at rest.
+    fn includes(&self, position: i32, limits: &GuardLimits) -> bool {
+        let is_near = |before: i32| {
+            let distance = limits.range.distance(before, position).unsigned_abs();
+            distance <= u64::from(limits.standstill)
+        };
+        is_near(self.anchor) && is_near(self.last_position)
+    }
+}
+
+/// Targets that were sent, and which of them the drive holds.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+struct SentTargets {
+    last: Option<i32>,
     /// The last target sent since the drive was seen not enabled: the one that it holds.
     held: Option<i32>,
-    /// The one sent before: the drive holds it if the last image was lost.
+    /// The target sent before: the drive holds it if the last image was lost.
     held_before: Option<i32>,
-    last_sent: Option<i32>,
     /// The axis held for a reason on the path: the drive may not have received its last targets.
-    has_lost_targets: bool,
-    /// Actual position of such an axis when its stop began, in a position mode.
+    may_be_lost: bool,
+    /// Actual position of an axis with lost targets when its stop began, in a position mode.
     rest: Option<i32>,
+}
+
+impl SentTargets {
+    fn push(&mut self, target: i32) {
+        self.last = Some(target);
+        self.held_before = self.held.replace(target);
+        self.may_be_lost = false;
+        self.rest = None;
+    }
+
+    /// Targets that the drive may hold.
+    fn possible(&self) -> impl Iterator<Item = i32> {
+        self.held.into_iter().chain(self.held_before.filter(|_| self.may_be_lost))
+    }
 }
 
 impl MotionGuard {
@@ -129,10 +168,7 @@ impl MotionGuard {
             limits,
             state: GuardState::Idle,
             drain: Drain::default(),
-            readings: 0,
-            anchor: 0,
-            anchor_age: 0,
-            last_read: 0,
+            standstill: Standstill::default(),
             fresh: None,
             actual: None,
             actual_age: u16::MAX,
@@ -144,11 +180,7 @@ impl MotionGuard {
             is_enabled: false,
             was_following: false,
             decided: None,
-            held: None,
-            held_before: None,
-            last_sent: None,
-            has_lost_targets: false,
-            rest: None,
+            sent: SentTargets::default(),
         }
     }
 
@@ -189,20 +221,20 @@ impl MotionGuard {
     /// the last target sent. `None` if neither
     /// is known.
     pub fn resting_target(&self) -> Option<i32> {
-        if self.is_enabled && self.held.is_some() {
-            return self.rest.or(self.held);
+        if self.is_enabled && self.sent.held.is_some() {
+            return self.sent.rest.or(self.sent.held);
         }
         match self.state {
             GuardState::Armed { target } | GuardState::Running { target } => Some(target),
             _ if self.limits.kind == TargetKind::Rate => Some(0),
-            _ => self.last_sent.or(self.actual),
+            _ => self.sent.last.or(self.actual),
         }
     }
 
     /// The drive is being stopped: fixes the target that accompanies the commands.
     pub(crate) fn begin_stop(&mut self) {
-        if self.has_lost_targets && self.limits.kind == TargetKind::Position {
-            self.rest = self.rest.or(self.actual);
+        if self.sent.may_be_lost && self.limits.kind == TargetKind::Position {
+            self.sent.rest = self.sent.rest.or(self.actual);
         }
     }
 
@@ -227,7 +259,7 @@ impl MotionGuard {
     fn begin_activation(&mut self) {
         self.state = GuardState::Draining;
         self.drain = Drain::default();
-        self.readings = 0;
+        self.standstill.readings = 0;
         self.decided = None;
         self.was_following = false;
     }
@@ -251,7 +283,7 @@ impl MotionGuard {
 
     fn trip(&mut self, reason: HoldReason) {
         self.state = GuardState::Holding { reason };
-        self.has_lost_targets |= reason.is_on_path();
+        self.sent.may_be_lost |= reason.is_on_path();
         self.decided = None;
     }
 
@@ -296,7 +328,7 @@ impl MotionGuard {
 
     fn note(&mut self, input: &GuardInput) {
         self.fresh = None;
-        self.anchor_age = self.anchor_age.saturating_add(1);
+        self.standstill.anchor_age = self.standstill.anchor_age.saturating_add(1);
         self.actual_age = self.actual_age.saturating_add(1);
         match input.actual {
             Actual::Fresh(position) => {
@@ -329,7 +361,7 @@ impl MotionGuard {
         };
         self.is_enabled = input.drive.state == Some(DriveState::OperationEnabled);
         if !self.is_enabled {
-            (self.held, self.held_before) = (None, None);
+            (self.sent.held, self.sent.held_before) = (None, None);
         }
         self.hindrance = match self.state {
             GuardState::Draining | GuardState::Reading => {
@@ -394,55 +426,45 @@ impl MotionGuard {
             return self.begin_activation();
         }
         if self.drive_lost(input).is_some() {
-            self.readings = 0;
+            self.standstill.readings = 0;
             return;
         }
         let Some(position) = self.fresh else { return };
-        if self.readings == 0 || !self.is_at_rest(position) {
+        if self.standstill.readings == 0 || !self.standstill.includes(position, &self.limits) {
             return self.begin_reading(position);
         }
-        self.last_read = position;
-        self.readings = self.readings.saturating_add(1);
-        if self.readings > READINGS && self.anchor_age >= self.effect_cycles() {
-            self.set_anchor(position);
+        self.standstill.last_position = position;
+        self.standstill.readings = self.standstill.readings.saturating_add(1);
+        if self.standstill.readings > READINGS && self.has_rested() {
+            self.standstill.set_anchor(position);
             self.state = GuardState::Armed { target: self.starting_target(position) };
         }
     }
 
     fn begin_reading(&mut self, position: i32) {
         self.state = GuardState::Reading;
-        self.readings = 1;
-        self.set_anchor(position);
+        self.standstill.readings = 1;
+        self.standstill.set_anchor(position);
     }
 
-    fn set_anchor(&mut self, position: i32) {
-        (self.anchor, self.anchor_age, self.last_read) = (position, 0, position);
-    }
-
-    /// Cycles from the sample of a position until a target made of it takes effect.
-    fn effect_cycles(&self) -> u16 {
-        self.limits.drain_images.saturating_add(EFFECT_CYCLES)
+    /// Returns whether the axis was at rest for the cycles from the sample of a position until a target made of
+    /// it takes effect.
+    fn has_rested(&self) -> bool {
+        let effect_cycles = self.limits.drain_images.saturating_add(EFFECT_CYCLES);
+        self.standstill.anchor_age >= effect_cycles
     }
 
     /// `Armed`: the target follows the axis while it rests.
     fn track(&mut self, position: i32) {
         let is_position = self.limits.kind != TargetKind::Rate;
-        if is_position && !self.is_at_rest(position) {
+        if is_position && !self.standstill.includes(position, &self.limits) {
             return self.begin_reading(position);
         }
-        self.last_read = position;
-        if self.anchor_age >= self.effect_cycles() {
-            self.set_anchor(position);
+        self.standstill.last_position = position;
+        if self.has_rested() {
+            self.standstill.set_anchor(position);
         }
         self.state = GuardState::Armed { target: self.starting_target(position) };
-    }
-
-    fn is_at_rest(&self, position: i32) -> bool {
-        let is_near = |before: i32| {
-            let distance = self.limits.range.distance(before, position).unsigned_abs();
-            distance <= u64::from(self.limits.standstill)
-        };
-        is_near(self.anchor) && is_near(self.last_read)
     }
 
     fn starting_target(&self, position: i32) -> i32 {
@@ -499,7 +521,7 @@ impl MotionGuard {
     /// by the lag of its last motion.
     fn first_inside(&self, position: i32) -> i32 {
         let is_position = self.limits.kind == TargetKind::Position;
-        match (self.limits.bounds, self.held) {
+        match (self.limits.bounds, self.sent.held) {
             (Some((min, max)), Some(held))
                 if is_position
                     && beyond(held, min, max) == 0
@@ -518,11 +540,9 @@ impl MotionGuard {
             TargetKind::Rate => PositionRange::Linear,
             TargetKind::Profile | TargetKind::None => return false,
         };
-        let before = self.held_before.filter(|_| self.has_lost_targets);
-        self.held
-            .into_iter()
-            .chain(before)
-            .any(|held| range.distance(held, first).unsigned_abs() > u64::from(self.limits.step))
+        let is_far =
+            |held| range.distance(held, first).unsigned_abs() > u64::from(self.limits.step);
+        self.sent.possible().any(is_far)
     }
 
     fn check(&self, last: i32, next: i32) -> Result<(), TargetRejection> {
@@ -562,10 +582,7 @@ impl MotionGuard {
     pub fn sent(&mut self) {
         let Some(target) = self.decided.take() else { return };
         self.waits = Some(WaitReason::Spent);
-        self.last_sent = Some(target);
-        self.held_before = self.held.replace(target);
-        self.has_lost_targets = false;
-        self.rest = None;
+        self.sent.push(target);
         match self.state {
             GuardState::Armed { .. } if self.is_enabled => {
                 self.state = GuardState::Running { target };

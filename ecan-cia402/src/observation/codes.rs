@@ -16,7 +16,7 @@ macro_rules! by_number {
         pub(super) fn $decode(number: u8) -> Option<$type> {
             const ALL: &[$type] = &[$($type::$variant),*];
             let found = ALL.get(usize::from(number)).copied();
-            debug_assert!(found.is_none_or(|it| it as u8 == number));
+            debug_assert!(found.is_none_or(|value| value as u8 == number));
             found
         }
     };
@@ -57,146 +57,129 @@ pub(super) fn nmt_state(number: u8) -> Option<NmtState> {
     NmtState::from_raw(number)
 }
 
+/// Declares the numbers of the variants of an enum once: a function to the number and detail of a value, and one
+/// back. A variant with fields has the number of its detail, and the value with that number.
+macro_rules! numbers {
+    ($encode:ident, $decode:ident: $type:ident {
+        $($number:literal $variant:ident $(($($field:ident),+) $to:expr => $from:ident: $value:expr)?;)*
+    }) => {
+        fn $encode(value: $type) -> (u32, u32) {
+            match value {
+                $($type::$variant $(($($field),+))? => ($number, numbers!(@detail $($to)?)),)*
+            }
+        }
+
+        fn $decode(number: u32, detail: u32) -> Option<$type> {
+            match number {
+                $($number => numbers!(@value $type::$variant, detail $(, $from: $value)?),)*
+                _ => None,
+            }
+        }
+    };
+    (@detail) => { 0 };
+    (@detail $to:expr) => { $to };
+    (@value $type:ident::$variant:ident, $detail:ident) => { Some($type::$variant) };
+    (@value $type:ident::$variant:ident, $detail:ident, $from:ident: $value:expr) => {{
+        let $from = $detail;
+        $value
+    }};
+}
+
+numbers! { hold_parts, hold_of: HoldReason {
+    1 GatewayLost;
+    2 FramesDiscarded;
+    3 WorkingCounter;
+    4 BusOff;
+    5 ChannelStopped;
+    6 QueueFull;
+    7 TargetLost;
+    8 HeartbeatLost;
+    9 NotOperational;
+    10 Unverified;
+    11 TpdoLost(cause) cause as u32 => detail: position_unavailable(detail as u8).map(HoldReason::TpdoLost);
+    12 LeftOperationEnabled(state) state as u32 => detail: drive_state(detail as u8).map(HoldReason::LeftOperationEnabled);
+    13 NotFollowing;
+    14 FollowingError;
+    15 Commanded;
+    16 NotAtTarget;
+} }
+
 /// Reason of a hold: 16 bits, 0 for none.
 pub(super) fn hold_number(reason: Option<HoldReason>) -> u16 {
-    let Some(reason) = reason else { return 0 };
-    let (kind, detail) = match reason {
-        HoldReason::GatewayLost => (1, 0),
-        HoldReason::FramesDiscarded => (2, 0),
-        HoldReason::WorkingCounter => (3, 0),
-        HoldReason::BusOff => (4, 0),
-        HoldReason::ChannelStopped => (5, 0),
-        HoldReason::QueueFull => (6, 0),
-        HoldReason::TargetLost => (7, 0),
-        HoldReason::HeartbeatLost => (8, 0),
-        HoldReason::NotOperational => (9, 0),
-        HoldReason::Unverified => (10, 0),
-        HoldReason::TpdoLost(cause) => (11, cause as u8),
-        HoldReason::LeftOperationEnabled(state) => (12, state as u8),
-        HoldReason::NotFollowing => (13, 0),
-        HoldReason::FollowingError => (14, 0),
-        HoldReason::Commanded => (15, 0),
-        HoldReason::NotAtTarget => (16, 0),
-    };
-    u16::from_le_bytes([kind, detail])
+    let (kind, detail) = reason.map_or((0, 0), hold_parts);
+    (kind | detail << 8) as u16
 }
 
 pub(super) fn hold_reason(number: u16) -> Option<HoldReason> {
-    let [kind, detail] = number.to_le_bytes();
-    Some(match kind {
-        1 => HoldReason::GatewayLost,
-        2 => HoldReason::FramesDiscarded,
-        3 => HoldReason::WorkingCounter,
-        4 => HoldReason::BusOff,
-        5 => HoldReason::ChannelStopped,
-        6 => HoldReason::QueueFull,
-        7 => HoldReason::TargetLost,
-        8 => HoldReason::HeartbeatLost,
-        9 => HoldReason::NotOperational,
-        10 => HoldReason::Unverified,
-        11 => HoldReason::TpdoLost(position_unavailable(detail)?),
-        12 => HoldReason::LeftOperationEnabled(drive_state(detail)?),
-        13 => HoldReason::NotFollowing,
-        14 => HoldReason::FollowingError,
-        15 => HoldReason::Commanded,
-        16 => HoldReason::NotAtTarget,
-        _ => return None,
-    })
+    hold_of(u32::from(number) & 0xFF, u32::from(number) >> 8)
 }
+
+numbers! { stop_parts, stop_of: StopCause {
+    1 QuickStop;
+    2 Disable;
+    3 StopAll;
+    4 Shutdown;
+    5 Held(reason) hold_number(Some(reason)).into() => detail: hold_reason(detail as u16).map(StopCause::Held);
+    6 Procedure;
+    7 EnableTimedOut;
+    8 Configure;
+    9 Takeover;
+} }
 
 /// Cause of a stop: 24 bits, 0 for none.
 pub(super) fn stop_number(cause: Option<StopCause>) -> u32 {
-    let Some(cause) = cause else { return 0 };
-    match cause {
-        StopCause::QuickStop => 1,
-        StopCause::Disable => 2,
-        StopCause::StopAll => 3,
-        StopCause::Shutdown => 4,
-        StopCause::Held(reason) => 5 | u32::from(hold_number(Some(reason))) << 8,
-        StopCause::Procedure => 6,
-        StopCause::EnableTimedOut => 7,
-        StopCause::Configure => 8,
-        StopCause::Takeover => 9,
-    }
+    let (kind, detail) = cause.map_or((0, 0), stop_parts);
+    kind | detail << 8
 }
 
 pub(super) fn stop_cause(number: u32) -> Option<StopCause> {
-    Some(match number & 0xFF {
-        1 => StopCause::QuickStop,
-        2 => StopCause::Disable,
-        3 => StopCause::StopAll,
-        4 => StopCause::Shutdown,
-        5 => StopCause::Held(hold_reason((number >> 8) as u16)?),
-        6 => StopCause::Procedure,
-        7 => StopCause::EnableTimedOut,
-        8 => StopCause::Configure,
-        9 => StopCause::Takeover,
-        _ => return None,
-    })
+    stop_of(number & 0xFF, number >> 8 & 0xFFFF)
 }
 
-/// [`AxisPhase::Running`].
+/// Number of [`AxisPhase::Running`].
 pub(super) const PHASE_RUNNING: u32 = 8;
+
+numbers! { phase_parts, phase_of: AxisPhase {
+    0 NotConfigured;
+    1 Configuring;
+    2 SettingMode(mode) mode_number(mode) => detail: mode(detail as u8).map(AxisPhase::SettingMode);
+    3 SetupFailed;
+    4 Standby;
+    5 Reading(guard, reason) reading_number(guard, reason) => detail: reading(detail);
+    6 Ready;
+    7 Enabling(state) drive_state_number(state).into() => detail: Some(AxisPhase::Enabling(drive_state(detail as u8)));
+    8 Running;
+    9 Halted;
+    10 Holding(reason) hold_number(Some(reason)).into() => detail: hold_reason(detail as u16).map(AxisPhase::Holding);
+    11 Stopping(cause) stop_number(Some(cause)) => detail: stop_cause(detail).map(AxisPhase::Stopping);
+    12 Stopped(cause) stop_number(Some(cause)) => detail: stop_cause(detail).map(AxisPhase::Stopped);
+    13 Uncontrolled(cause) stop_number(Some(cause)) => detail: stop_cause(detail).map(AxisPhase::Uncontrolled);
+    14 Inspecting;
+    15 ResettingFault;
+    16 Fault;
+    17 ChangingMode(mode) mode_number(mode) => detail: mode(detail as u8).map(AxisPhase::ChangingMode);
+    18 PreparingHoming;
+    19 Homing(state) state as u32 => detail: homing_state(detail as u8).map(AxisPhase::Homing);
+} }
+
+/// Detail of [`AxisPhase::Reading`].
+fn reading_number(guard: GuardState, reason: Option<HoldReason>) -> u32 {
+    u32::from(guard == GuardState::Draining) | u32::from(hold_number(reason)) << 8
+}
+
+fn reading(detail: u32) -> Option<AxisPhase> {
+    let guard = if detail & 1 == 1 { GuardState::Draining } else { GuardState::Reading };
+    Some(AxisPhase::Reading(guard, hold_reason((detail >> 8) as u16)))
+}
 
 /// Phase of an axis: 32 bits.
 pub(super) fn phase_number(phase: AxisPhase) -> u32 {
-    let (kind, detail) = match phase {
-        AxisPhase::NotConfigured => (0, 0),
-        AxisPhase::Configuring => (1, 0),
-        AxisPhase::SettingMode(mode) => (2, mode_number(mode)),
-        AxisPhase::SetupFailed => (3, 0),
-        AxisPhase::Standby => (4, 0),
-        AxisPhase::Reading(guard, reason) => {
-            let is_draining = u32::from(guard == GuardState::Draining);
-            (5, is_draining | u32::from(hold_number(reason)) << 8)
-        }
-        AxisPhase::Ready => (6, 0),
-        AxisPhase::Enabling(state) => (7, u32::from(drive_state_number(state))),
-        AxisPhase::Running => (PHASE_RUNNING, 0),
-        AxisPhase::Halted => (9, 0),
-        AxisPhase::Holding(reason) => (10, u32::from(hold_number(Some(reason)))),
-        AxisPhase::Stopping(cause) => (11, stop_number(Some(cause))),
-        AxisPhase::Stopped(cause) => (12, stop_number(Some(cause))),
-        AxisPhase::Uncontrolled(cause) => (13, stop_number(Some(cause))),
-        AxisPhase::Inspecting => (14, 0),
-        AxisPhase::ResettingFault => (15, 0),
-        AxisPhase::Fault => (16, 0),
-        AxisPhase::ChangingMode(mode) => (17, mode_number(mode)),
-        AxisPhase::PreparingHoming => (18, 0),
-        AxisPhase::Homing(state) => (19, u32::from(state as u8)),
-    };
+    let (kind, detail) = phase_parts(phase);
     kind | detail << 8
 }
 
 pub(super) fn phase(number: u32) -> Option<AxisPhase> {
-    let detail = number >> 8;
-    let byte = detail as u8;
-    Some(match number & 0xFF {
-        0 => AxisPhase::NotConfigured,
-        1 => AxisPhase::Configuring,
-        2 => AxisPhase::SettingMode(mode(byte)?),
-        3 => AxisPhase::SetupFailed,
-        4 => AxisPhase::Standby,
-        5 => {
-            let guard = if byte == 1 { GuardState::Draining } else { GuardState::Reading };
-            AxisPhase::Reading(guard, hold_reason((detail >> 8) as u16))
-        }
-        6 => AxisPhase::Ready,
-        7 => AxisPhase::Enabling(drive_state(byte)),
-        PHASE_RUNNING => AxisPhase::Running,
-        9 => AxisPhase::Halted,
-        10 => AxisPhase::Holding(hold_reason(detail as u16)?),
-        11 => AxisPhase::Stopping(stop_cause(detail)?),
-        12 => AxisPhase::Stopped(stop_cause(detail)?),
-        13 => AxisPhase::Uncontrolled(stop_cause(detail)?),
-        14 => AxisPhase::Inspecting,
-        15 => AxisPhase::ResettingFault,
-        16 => AxisPhase::Fault,
-        17 => AxisPhase::ChangingMode(mode(byte)?),
-        18 => AxisPhase::PreparingHoming,
-        19 => AxisPhase::Homing(homing_state(byte)?),
-        _ => return None,
-    })
+    phase_of(number & 0xFF, number >> 8)
 }
 
 pub(super) fn mode_number(mode: OperatingMode) -> u32 {
@@ -230,12 +213,12 @@ pub(super) mod tests {
         all.extend([0, 1, 3, 4, 6, 8, 9, 14, 15, 16, 18].into_iter().filter_map(phase));
         all.extend(modes().map(AxisPhase::SettingMode));
         all.extend(modes().map(AxisPhase::ChangingMode));
-        all.extend((0..8).filter_map(drive_state).map(|it| AxisPhase::Enabling(Some(it))));
+        all.extend((0..8).filter_map(drive_state).map(|state| AxisPhase::Enabling(Some(state))));
         all.extend((0..8).filter_map(homing_state).map(AxisPhase::Homing));
         all.extend(holds().into_iter().map(AxisPhase::Holding));
         for guard in [GuardState::Draining, GuardState::Reading] {
             all.push(AxisPhase::Reading(guard, None));
-            all.extend(holds().into_iter().map(|it| AxisPhase::Reading(guard, Some(it))));
+            all.extend(holds().into_iter().map(|reason| AxisPhase::Reading(guard, Some(reason))));
         }
         for cause in stops() {
             all.push(AxisPhase::Stopping(cause));
@@ -259,6 +242,7 @@ pub(super) mod tests {
         for found in phases() {
             assert_eq!(phase(phase_number(found)), Some(found));
         }
+        assert_eq!(phase_number(AxisPhase::Running), PHASE_RUNNING);
         assert_eq!(drive_state(drive_state_number(None)), None);
         assert_eq!(nmt_state(nmt_number(None)), None);
         for state in NmtState::ALL {

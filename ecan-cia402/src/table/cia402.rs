@@ -10,16 +10,15 @@ use ecan_protocol::image::Schedule;
 use super::error::{Cia402Error, ScheduleError};
 use super::load::{BusLoad, process_data};
 use super::lookup::AxisLookup;
-use super::path_stop::{PathProfile, PathStop};
+use super::path_stop::PathGroup;
 use super::shared_node::SharedNode;
 use super::shutdown::{STOP_TIME, Shutdown, ShutdownDeadline};
-use super::table_config::{Cia402Config, checked, target_cycles};
+use super::table_config::{Cia402Config, TargetClock, checked};
 use crate::axis::axis::Axis;
 use crate::axis::config::AxisConfig;
 use crate::axis::error::CommandError;
-use crate::axis::plan::{AxisPlan, SyncPeriod};
+use crate::axis::plan::AxisPlan;
 use crate::axis::setup_steps::{self, BusConfig};
-use crate::axis::target_period::TargetPeriod;
 use crate::axis::target_period::interpolation_time;
 use crate::guard::gateway_watch::GatewayWatch;
 use crate::observation;
@@ -113,12 +112,7 @@ pub struct Cia402 {
     pub(super) bus: BusConfig,
     pub(super) sync: SyncConfig,
     pub(super) target_options: SendOptions,
-    pub(super) cycle_ns: u32,
-    /// Cycles from target to target: a multiple of the SYNC period.
-    pub(super) target_cycles: u32,
-    pub(super) syncs_to_target: u32,
-    /// A target period begins in this cycle.
-    pub(super) is_target_cycle: bool,
+    pub(super) clock: TargetClock,
     pub(super) now_ns: u64,
     /// Numbers of the cycles of the Adapter in which frames were received and targets sent last.
     pub(super) received_cycle: u64,
@@ -126,8 +120,7 @@ pub struct Cia402 {
     pub(super) shutdown: Shutdown,
     pub(super) shutdown_deadline: Option<ShutdownDeadline>,
     pub(super) stop_time: Duration,
-    pub(super) path_stop: PathStop,
-    pub(super) path_profile: Option<PathProfile>,
+    pub(super) path_group: PathGroup,
     /// A channel gets neither SYNC nor the host's heartbeat, because of an axis without a first
     /// contact.
     pub(super) is_paused: bool,
@@ -150,19 +143,18 @@ impl Cia402 {
         axes: Vec<AxisConfig>,
         config: Cia402Config,
     ) -> Result<Self, Cia402Error> {
-        let cycle_ns = port.adapter().config().cycle_ns();
-        let target_cycles = config.target_cycles();
-        let target_period_ns = u64::from(cycle_ns) * u64::from(target_cycles);
-        let target_period = TargetPeriod::new(target_cycles, target_period_ns);
+        let clock = TargetClock::new(port.adapter().config().cycle_ns(), &config);
         let axes = checked(port, axes, &config)?;
         let slaves = port.slave_count();
         let mut network = Network::new(config.network);
         network.set_sync(Some(config.sync))?;
         let mut lookup = AxisLookup::new(slaves);
-        let cycles_per_sync = config.sync.every_cycles.max(1);
-        let sync_period_ns = u64::from(cycle_ns) * u64::from(cycles_per_sync);
-        let host = config.network.host_heartbeat;
-        let bus = BusConfig { sync_period_ns, target_period_ns, host, sync: config.sync };
+        let bus = BusConfig {
+            sync_period_ns: clock.sync().ns,
+            target_period_ns: clock.period_ns(),
+            host: config.network.host_heartbeat,
+            sync: config.sync,
+        };
         let mut table = Vec::with_capacity(axes.len());
         for (index, (axis, ramp)) in axes.into_iter().enumerate() {
             let address = axis.address;
@@ -179,9 +171,8 @@ impl Cia402 {
             lookup.insert(address, (0..tpdos).map(|nth| axis.tpdo_id(nth)), number);
             // Until the state of the drive is known, nothing keeps it running.
             network.set_paused(slave, channel, true);
-            let sync = SyncPeriod { cycles: cycles_per_sync, ns: sync_period_ns };
-            let plan = AxisPlan::new(index, axis, handle, sync, config.takeover);
-            table.push(Axis::new(plan, ramp, target_period));
+            let plan = AxisPlan::new(index, axis, handle, clock.sync(), config.takeover);
+            table.push(Axis::new(plan, ramp, clock.target_period()));
         }
         let shared_nodes = SharedNode::find(&mut table);
         load_steps(&mut table, &mut network, &bus)?;
@@ -191,24 +182,22 @@ impl Cia402 {
             network,
             axes: table,
             shared_nodes,
-            gateways: (0..slaves).map(|slave| GatewayWatch::new(slave, cycles_per_sync)).collect(),
+            gateways: (0..slaves)
+                .map(|slave| GatewayWatch::new(slave, clock.sync().cycles))
+                .collect(),
             lookup,
             bus,
             is_paused: true,
             sync: config.sync,
             target_options: SendOptions::default(),
-            cycle_ns,
-            target_cycles,
-            syncs_to_target: 0,
-            is_target_cycle: false,
+            clock,
             now_ns: port.adapter().clock().now_ns(),
             received_cycle: 0,
             sent_cycle: 0,
             shutdown: Shutdown::None,
             shutdown_deadline: None,
             stop_time: STOP_TIME,
-            path_stop: PathStop::None,
-            path_profile: None,
+            path_group: PathGroup::default(),
         })
     }
 
@@ -249,8 +238,8 @@ impl Cia402 {
         if let Some(axis) = self.axes.iter().find(is_in_use) {
             return Err(CommandError::Configured { axis: axis.plan.index });
         }
-        let target_cycles = target_cycles(motion_div, self.sync.every_cycles);
-        let period_ns = u64::from(self.cycle_ns) * u64::from(target_cycles);
+        let clock = self.clock.with_motion_div(motion_div);
+        let period_ns = clock.period_ns();
         if interpolation_time(period_ns).is_none()
             && let Some(axis) =
                 self.axes.iter().find(|axis| axis.plan.config.needs_interpolation_time())
@@ -266,11 +255,10 @@ impl Cia402 {
             }
         }
         self.bus.target_period_ns = period_ns;
-        self.target_cycles = target_cycles;
-        self.syncs_to_target = 0;
+        self.clock = clock;
         for axis in &mut self.axes {
             let lead = axis.path.period().lead();
-            axis.set_target_period(TargetPeriod::new(target_cycles, period_ns).with_lead(lead));
+            axis.set_target_period(clock.target_period().with_lead(lead));
         }
         // infallible: the same objects were mapped when the axes were created
         let _ = load_steps(&mut self.axes, &mut self.network, &self.bus);
@@ -369,8 +357,8 @@ impl Cia402 {
         channels.dedup();
         let axes = self.axes.iter().map(|axis| (&axis.plan.config, &axis.plan.layout));
         let offset_ns = self.target_options.schedule.map(|schedule| schedule.offset_ns);
-        let streams = process_data(axes, &self.sync, self.target_cycles, offset_ns);
-        let cycle_ns = self.cycle_ns;
+        let streams = process_data(axes, &self.sync, self.clock.cycles(), offset_ns);
+        let cycle_ns = self.clock.cycle_ns();
         let load = |address: (usize, u8)| {
             let gateway = port.config().gateways.get(address.0)?;
             let channel = gateway.channels.get(usize::from(address.1))?.as_ref()?;

@@ -3,6 +3,7 @@
 use ecan_canopen::{DriveState, OperatingMode, Probe, ProbeTrigger, Statusword};
 
 use super::cia402::Cia402;
+use super::path_stop::PathStop;
 use super::shutdown::Shutdown;
 use crate::axis::axis::{Axis, AxisCommand};
 use crate::axis::config::AxisConfig;
@@ -295,6 +296,36 @@ impl Cia402 {
     /// [`CommandError::NoSuchAxis`].
     pub fn resume(&mut self, axis: usize) -> Result<(), CommandError> {
         self.execute(axis, AxisCommand::Resume)
+    }
+
+    /// Brings all axes to rest and keeps them enabled, the CSP axes together on their path; targets
+    /// of the application are ignored until [`resume`](Self::resume). Real-time safe.
+    ///
+    /// The running CSP axes continue straight in the direction of their last targets, also from a
+    /// curve, and decelerate by one common profile: it has the acceleration and jerk at which no
+    /// axis exceeds its [`ramp`](crate::AxisConfig::ramp) or its
+    /// [`limits`](crate::AxisConfig::limits), and so takes as long as the axis that needs longest. It
+    /// begins with the acceleration of that axis in the direction of the motion; acceleration across
+    /// the direction ends at once. Each target is within an increment of the straight line.
+    ///
+    /// A target is only sent if every one of these axes can get one in the cycle; otherwise none
+    /// moves. After more than two target periods without targets the drives are at rest, and the axes
+    /// stay where they are on the path. A lost EtherCAT frame or an occupied bus can delay targets that
+    /// were sent: an axis is then up to three steps behind, on the same line, until they arrive. If an
+    /// axis holds, leaves Operation Enabled, is resumed or cannot move on (a bound, the end of its
+    /// counter, a motor that does not follow), or if the frame of one is rejected, the others stop by
+    /// their own ramps from their motion of that moment.
+    ///
+    /// All other axes stop as by [`halt`](Self::halt). [`path_stop`](Self::path_stop) reports the
+    /// state, [`is_at_rest`](Self::is_at_rest) when an axis is at rest. A call during the stop changes
+    /// nothing for axes that are part of it.
+    pub fn stop_together(&mut self) {
+        self.path_group.stop(&mut self.axes);
+    }
+
+    /// State of the last [`stop_together`](Self::stop_together).
+    pub fn path_stop(&self) -> PathStop {
+        self.path_group.state()
     }
 
     /// Returns whether a halted axis is at rest; true for an axis that is not running.

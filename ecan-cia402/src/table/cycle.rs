@@ -97,7 +97,7 @@ impl Cia402 {
             }
             other(item);
         });
-        self.begin_target_period();
+        self.clock.begin_cycle(self.network.sync_period_begins());
         self.observe(cycle);
         let Self { shared_nodes, axes, network, now_ns, .. } = self;
         shared_nodes.iter_mut().for_each(|node| node.begin_cycle(axes, *now_ns));
@@ -111,16 +111,6 @@ impl Cia402 {
         *shutdown = shutdown.step(axes, network, has_heartbeat, *shutdown_deadline, *now_ns);
         for axis in &mut self.axes {
             axis.update_phase(self.now_ns);
-        }
-    }
-
-    /// Target periods are counted in SYNC periods, for all axes together.
-    fn begin_target_period(&mut self) {
-        self.is_target_cycle = false;
-        if self.network.sync_period_begins() {
-            self.is_target_cycle = self.syncs_to_target == 0;
-            let syncs = self.target_cycles / self.sync.every_cycles.max(1);
-            self.syncs_to_target = self.syncs_to_target.checked_sub(1).unwrap_or(syncs - 1);
         }
     }
 
@@ -195,10 +185,14 @@ impl Cia402 {
         if self.is_sync_first() {
             summary.syncs = self.send_sync(cycle, ChannelSet::default());
         }
-        let path_turn = self.begin_path_turn(|table, axis| {
-            let gateway = table.gateways.get(axis.plan.config.address.slave);
-            let begins = table.is_target_cycle;
-            match target_turn(gateway, begins, || table.has_sync(cycle, axis)) {
+        let is_sync_first = self.is_sync_first();
+        let begins = self.clock.is_target_cycle();
+        let Self { network, axes, gateways, .. } = self;
+        let path_turn = self.path_group.begin_turn(axes, |axis| {
+            let NodeAddress { slave, channel, .. } = axis.plan.config.address;
+            let gateway = gateways.get(slave);
+            let has_sync = || has_sync(network, cycle, (slave, channel), is_sync_first);
+            match target_turn(gateway, begins, has_sync) {
                 TargetTurn::NotDue => None,
                 turn => Some(axis.path.is_due(turn) && gateway.is_some_and(GatewayWatch::is_open)),
             }
@@ -206,13 +200,11 @@ impl Cia402 {
         let mut full = ChannelSet::default();
         // A command that stops or resets takes effect with a SYNC, too.
         let mut commanded = ChannelSet::default();
-        let is_sync_first = self.is_sync_first();
         for axis in &mut self.axes {
-            let (slave, channel) =
-                (axis.plan.config.address.slave, axis.plan.config.address.channel);
+            let NodeAddress { slave, channel, .. } = axis.plan.config.address;
             let gateway = self.gateways.get(slave);
             let has_sync = || has_sync(&self.network, cycle, (slave, channel), is_sync_first);
-            let turn = target_turn(gateway, self.is_target_cycle, has_sync);
+            let turn = target_turn(gateway, begins, has_sync);
             let repeats = self.network.sync_period_begins() || turn == TargetTurn::NotReceived;
             let outgoing = axis.prepare(stepping, turn, repeats, self.now_ns);
             if let Some(outgoing) = outgoing {
@@ -252,7 +244,7 @@ impl Cia402 {
             }
             summary.count(axis.path.decision());
         }
-        self.end_path_turn(path_turn);
+        self.path_group.end_turn(&mut self.axes, path_turn);
         summary.syncs += self.send_sync(cycle, commanded);
         self.network.send(cycle, self.now_ns);
         // A first target activates an axis.
@@ -281,12 +273,6 @@ impl Cia402 {
             QuickStop::All => axes.iter_mut().for_each(&mut stop),
             QuickStop::Axis(axis) => axes.get_mut(axis).into_iter().for_each(&mut stop),
         });
-    }
-
-    /// Returns whether the targets of an axis in this cycle have the SYNC that they need.
-    fn has_sync(&self, cycle: &Cycle<'_>, axis: &Axis) -> bool {
-        let NodeAddress { slave, channel, .. } = axis.plan.config.address;
-        has_sync(&self.network, cycle, (slave, channel), self.is_sync_first())
     }
 
     /// Sends SYNC to the channels on which it is due, where it adds nothing to frames that wait or a command needs

@@ -101,7 +101,7 @@ pub fn axis_traffic(axes: &[AxisConfig], config: &Cia402Config) -> Vec<FrameStre
     process_data(axes.iter().zip(&layouts), &config.sync, config.target_cycles(), None)
 }
 
-/// The same for axes with these layouts, and targets that go out at an offset after Sync0.
+/// Process data of axes with these layouts, and targets that go out at an offset after Sync0.
 pub(super) fn process_data<'a>(
     axes: impl Iterator<Item = (&'a AxisConfig, &'a PdoLayout)>,
     sync: &SyncConfig,

@@ -10,7 +10,6 @@ mod lookup;
 mod path_stop;
 mod shared_node;
 mod shutdown;
-mod stop_together;
 mod table_config;
 
 pub use blocking::AxisOwner;

@@ -12,8 +12,9 @@ use ecan_protocol::mapping::{CHANNELS, Direction};
 use super::error::AxisFaults;
 use crate::axis::config::{AxisConfig, Takeover};
 use crate::axis::error::AxisFault;
+use crate::axis::plan::SyncPeriod;
 use crate::axis::ramp::RampLimits;
-use crate::axis::target_period::interpolation_time;
+use crate::axis::target_period::{TargetPeriod, interpolation_time};
 
 /// Configuration that all axes of a bus share.
 #[derive(Debug, Clone, PartialEq)]
@@ -40,7 +41,74 @@ impl Cia402Config {
     }
 }
 
-pub(super) fn target_cycles(motion_div: u32, cycles_per_sync: u32) -> u32 {
+/// Period of the targets of all axes, counted in SYNC periods.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct TargetClock {
+    cycle_ns: u32,
+    cycles_per_sync: u32,
+    /// Cycles from target to target: a multiple of the SYNC period.
+    cycles: u32,
+    syncs_to_target: u32,
+    is_target_cycle: bool,
+}
+
+impl TargetClock {
+    pub(super) fn new(cycle_ns: u32, config: &Cia402Config) -> Self {
+        Self {
+            cycle_ns,
+            cycles_per_sync: config.sync.every_cycles.max(1),
+            cycles: config.target_cycles(),
+            syncs_to_target: 0,
+            is_target_cycle: false,
+        }
+    }
+
+    /// Returns the clock with another [`Cia402Config::motion_div`], at the begin of a period.
+    pub(super) fn with_motion_div(self, motion_div: u32) -> Self {
+        let cycles = target_cycles(motion_div, self.cycles_per_sync);
+        Self { cycles, syncs_to_target: 0, ..self }
+    }
+
+    pub(super) fn cycle_ns(&self) -> u32 {
+        self.cycle_ns
+    }
+
+    pub(super) fn cycles(&self) -> u32 {
+        self.cycles
+    }
+
+    pub(super) fn period_ns(&self) -> u64 {
+        u64::from(self.cycle_ns) * u64::from(self.cycles)
+    }
+
+    /// Period of one axis.
+    pub(super) fn target_period(&self) -> TargetPeriod {
+        TargetPeriod::new(self.cycles, self.period_ns())
+    }
+
+    /// SYNC period of the bus.
+    pub(super) fn sync(&self) -> SyncPeriod {
+        let cycles = self.cycles_per_sync;
+        SyncPeriod { cycles, ns: u64::from(self.cycle_ns) * u64::from(cycles) }
+    }
+
+    /// Counts a cycle.
+    pub(super) fn begin_cycle(&mut self, sync_period_begins: bool) {
+        self.is_target_cycle = false;
+        if sync_period_begins {
+            self.is_target_cycle = self.syncs_to_target == 0;
+            let syncs = self.cycles / self.cycles_per_sync;
+            self.syncs_to_target = self.syncs_to_target.checked_sub(1).unwrap_or(syncs - 1);
+        }
+    }
+
+    /// Returns whether a target period begins in this cycle.
+    pub(super) fn is_target_cycle(&self) -> bool {
+        self.is_target_cycle
+    }
+}
+
+fn target_cycles(motion_div: u32, cycles_per_sync: u32) -> u32 {
     let cycles_per_sync = cycles_per_sync.max(1);
     motion_div.max(1).checked_next_multiple_of(cycles_per_sync).unwrap_or(cycles_per_sync)
 }
