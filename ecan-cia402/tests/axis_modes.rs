@@ -231,10 +231,10 @@ fn hold_ends_a_mode_change_and_homing() {
     use OperatingMode::{CyclicPosition, ProfilePosition};
     type Command = fn(&mut Cia402) -> Result<(), CommandError>;
     let commands: [(&str, OperatingMode, Command); 4] = [
-        ("PP to CSP", ProfilePosition, |it| it.change_mode(0, CyclicPosition)),
-        ("CSP to PP", CyclicPosition, |it| it.change_mode(0, ProfilePosition)),
-        ("homing in PP", ProfilePosition, |it| it.home(0, HomingConfig::new(35))),
-        ("homing in CSP", CyclicPosition, |it| it.home(0, HomingConfig::new(35))),
+        ("PP to CSP", ProfilePosition, |axes| axes.change_mode(0, CyclicPosition)),
+        ("CSP to PP", CyclicPosition, |axes| axes.change_mode(0, ProfilePosition)),
+        ("homing in PP", ProfilePosition, |axes| axes.home(0, HomingConfig::new(35))),
+        ("homing in CSP", CyclicPosition, |axes| axes.home(0, HomingConfig::new(35))),
     ];
     for (name, mode, command) in commands {
         for (cycles, auto_resume) in [(0, false), (1, false), (1, true), (2, false), (3, false)] {

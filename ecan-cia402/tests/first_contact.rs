@@ -40,7 +40,7 @@ fn new_owner_stops_moving_drives_before_it_feeds_them() {
                 limit -= 1;
                 let frames = fixture.simulation.with_world(ecan_sim::World::take_recorded);
                 if state(&fixture) == DriveState::OperationEnabled {
-                    before_stop.extend(frames.into_iter().filter(|it| it.is_from_channel));
+                    before_stop.extend(frames.into_iter().filter(|frame| frame.is_from_channel));
                 }
             }
             let fed = before_stop.iter().filter(|frame| feeds(frame)).count();

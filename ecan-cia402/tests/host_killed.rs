@@ -410,7 +410,8 @@ fn check_stop(drives: &Drives, axis: usize, since: u64, deceleration: f64) {
         TraceEvent::Motion(motion) => Some((record.time_ns, motion.velocity.abs())),
         _ => None,
     });
-    let speed = motion.clone().take_while(|(at, _)| *at < stop_ns).last().map_or(0.0, |it| it.1);
+    let speed =
+        motion.clone().take_while(|(at, _)| *at < stop_ns).last().map_or(0.0, |(_, speed)| speed);
     let rest = motion.clone().find(|(at, velocity)| *at >= stop_ns && *velocity < 656.0);
     let stopping_ns = rest.unwrap_or_else(|| panic!("{mode}: {}", drives.text())).0 - stop_ns;
     println!(

@@ -130,7 +130,8 @@ fn records(fixture: &Fixture, n: usize, since: u64) -> Vec<TraceRecord> {
 fn last_heartbeat_ns(fixture: &Fixture) -> u64 {
     let frames = fixture.simulation.with_world(ecan_sim::World::take_recorded);
     let heartbeat = CobId::heartbeat(NodeId::MAX).can_id();
-    let last = frames.iter().rev().find(|it| it.is_from_channel && it.frame.id() == heartbeat);
+    let last =
+        frames.iter().rev().find(|frame| frame.is_from_channel && frame.frame.id() == heartbeat);
     last.expect("a heartbeat before the loss").end_ns
 }
 
@@ -351,7 +352,8 @@ fn gateway_sends_nothing_after_the_loss() {
         let lost_ns = fixture.now_ns();
         loss.strike(&mut fixture);
         let frames = fixture.simulation.with_world(ecan_sim::World::take_recorded);
-        let last_ns = frames.iter().filter(|it| it.is_from_channel).map(|it| it.end_ns).max();
+        let last_ns =
+            frames.iter().filter(|frame| frame.is_from_channel).map(|frame| frame.end_ns).max();
         let after_ns = last_ns.map_or(0, |at| at.saturating_sub(lost_ns));
         println!("{loss:?}: last frame of the gateway after {after_ns} ns");
         assert!(after_ns < 2_000_000, "{loss:?}: {after_ns} ns");

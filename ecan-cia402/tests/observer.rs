@@ -61,7 +61,7 @@ fn snapshot_equals_the_getters_from_start_to_faults() {
     };
     steps(&mut fixture, &mut snapshot, 20);
     fixture.cia402.configure_all().unwrap();
-    run(&mut fixture, &mut snapshot, |it| (0..6).all(|axis| it.is_configured(axis)));
+    run(&mut fixture, &mut snapshot, |table| (0..6).all(|axis| table.is_configured(axis)));
     fixture.cia402.enable_all().unwrap();
     run(&mut fixture, &mut snapshot, Cia402::all_running);
     for target in [100, 5_000_000] {
@@ -129,7 +129,7 @@ fn cycle(fixture: &mut Fixture, mut at: impl FnMut(Moment)) {
 fn quick_stop_reaches_the_bus_within_two_cycles() {
     let cycle_ns = 2_000_000;
     let commands: [fn(&Observer) -> CommandTicket; 2] =
-        [|it| it.quick_stop(0).unwrap(), Observer::quick_stop_all];
+        [|observer| observer.quick_stop(0).unwrap(), Observer::quick_stop_all];
     for moment in MOMENTS {
         for command in commands {
             let mut fixture = Fixture::single(vec![axis(0, 0, 1).with_target_step(50)]).started();
@@ -161,8 +161,8 @@ fn quick_stop_reaches_the_bus_within_two_cycles() {
             let rpdo = CobId::rpdo(node(1), 1).can_id();
             let quick_stop = Controlword::of(ecan_canopen::Command::QuickStop).0.to_le_bytes();
             let frames = fixture.simulation.with_world(ecan_sim::World::take_recorded);
-            let sent = frames.iter().find(|it| {
-                it.frame.id() == rpdo && it.frame.data().get(..2) == Some(&quick_stop[..])
+            let sent = frames.iter().find(|sent| {
+                sent.frame.id() == rpdo && sent.frame.data().get(..2) == Some(&quick_stop[..])
             });
             let sent = sent.expect("the quick stop on the bus");
             let delay_ns = sent.start_ns.saturating_sub(given_ns);
@@ -185,7 +185,7 @@ fn concurrent_quick_stops_are_all_executed() {
                 .map(|axis| scope.spawn(move || observer.quick_stop(axis).unwrap()))
                 .collect();
             fixture.steps(1);
-            givers.into_iter().map(|it| it.join().unwrap()).collect::<Vec<_>>()
+            givers.into_iter().map(|giver| giver.join().unwrap()).collect::<Vec<_>>()
         });
         fixture.steps(1);
         let mut snapshot = observer.snapshot();

@@ -9,10 +9,10 @@ use ecan_canopen::{
 use super::drive_link::DriveLink;
 use super::error::CommandError;
 use super::event::AxisEvent;
-use super::homing::HomingConfig;
 use super::host_loss::HostLoss;
 use super::plan::AxisPlan;
 use super::power::{FaultReset, StopCause};
+use super::procedure::HomingConfig;
 use super::procedure::Procedure;
 use super::process_data::{OutputCommand, ProcessData};
 use super::ramp::RampLimits;
@@ -21,7 +21,7 @@ use super::setup::{AxisSetup, SetupState};
 use super::setup_steps;
 use super::status::{AxisError, AxisReport};
 use super::target_path::TargetPath;
-use super::target_period::TargetPeriod;
+use super::targets::TargetPeriod;
 use super::task::{AxisState, AxisTask, StateEvent};
 use crate::guard::terms::{GuardState, HoldReason};
 
@@ -146,7 +146,7 @@ impl Axis {
                 let has_fault = [DriveState::Fault, DriveState::FaultReactionActive].map(Some);
                 // An axis without a fault, which runs or stops, continues.
                 if has_fault.contains(&self.link.drive().state) {
-                    self.apply(Some(AxisEvent::ResetFault), network, now_ns);
+                    self.apply(AxisEvent::ResetFault, network, now_ns);
                 }
             }
             AxisCommand::Recover if self.task.procedure.is_some() => {
@@ -183,6 +183,7 @@ impl Axis {
         Ok(())
     }
 
+    /// Begins a command that needs a configured axis without a mode change or homing; it ends a recovery.
     fn begin_command(&mut self) -> Result<(), CommandError> {
         self.task.recovery = None;
         let axis = self.plan.index;
@@ -288,7 +289,7 @@ impl Axis {
         self.setup.fail();
         self.report.error = Some(AxisError::Setup(failure));
         if matches!(failure.fault, StepFault::Mismatch { .. }) {
-            // It may be the statusword: a drive that was silent at the first contact is enabled.
+            // The mismatch may be the statusword: a drive that was silent at the first contact is enabled.
             self.link.restart_contact();
         }
     }
@@ -347,9 +348,8 @@ impl Axis {
 
     // Events
 
-    /// Applies an event of a part, if there is one.
-    pub(super) fn apply(&mut self, event: Option<AxisEvent>, network: &mut Network, now_ns: u64) {
-        let Some(event) = event else { return };
+    /// Applies an event of a part.
+    pub(super) fn apply(&mut self, event: AxisEvent, network: &mut Network, now_ns: u64) {
         let axis = self.plan.index;
         match event {
             AxisEvent::SetupReady => self.begin_setup(network, now_ns),
@@ -450,8 +450,8 @@ impl Axis {
         }
     }
 
-    /// In a position mode the drive rests at its last target; in every other mode it is stopped,
-    /// since it may be enabled later than its last status shows.
+    /// Ends the motion for a hold. In a position mode the drive rests at its last target; in every other mode it is
+    /// stopped, since it may be enabled later than its last status shows.
     fn stop_after_hold(&mut self, reason: HoldReason, now_ns: u64) {
         self.path.drop_targets();
         let must_stop = !self.path.follows_positions();

@@ -95,7 +95,7 @@ impl Axis {
                 self.lose_setup();
                 self.task.apply(StateEvent::Restarted, now_ns);
             }
-            if *self.setup.state() == SetupState::Unconfigured {
+            if matches!(self.setup.state(), SetupState::Unconfigured) {
                 self.setup.note_boot_ups(&status);
                 self.report.statistics.restart_tpdo_count();
             }
@@ -169,7 +169,7 @@ impl Axis {
             let is_due = is_reset || self.path.must_send(word, repeats_commands);
             return is_due.then(|| self.command(word, target));
         }
-        let may_move = is_driven || *state == AxisState::Resuming;
+        let may_move = is_driven || matches!(state, AxisState::Resuming);
         self.path.forget_command();
         let is_running = self.path.is_running();
         if !may_move
@@ -185,7 +185,7 @@ impl Axis {
         self.report.statistics.count_decision(decision, is_running);
         if decision == Decision::Wait(WaitReason::HoldsOldTarget) {
             // When switched off, the drive drops the target. An axis that resumes by itself is not switched off.
-            if *self.task.state() == AxisState::Resuming {
+            if matches!(self.task.state(), AxisState::Resuming) {
                 self.path.release();
             }
             self.task.apply(StateEvent::OldTarget, now_ns);

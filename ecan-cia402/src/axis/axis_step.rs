@@ -21,7 +21,7 @@ use crate::guard::terms::GuardState;
 const BLIND_REST_NS: u64 = 1_000_000_000;
 
 impl Axis {
-    /// One step of everything that continues over cycles. Call once per cycle, after
+    /// Continues everything that takes several cycles. Call once per cycle, after
     /// [`observe`](Self::observe).
     pub(crate) fn step(&mut self, network: &mut Network, now_ns: u64) {
         self.restart_rest_after_offsets();
@@ -40,7 +40,8 @@ impl Axis {
         }
     }
 
-    /// Only positions after the end of a feed-forward show the end of a stop.
+    /// Restarts the detection of standstill after the end of a feed-forward: only later positions show the end
+    /// of a stop.
     fn restart_rest_after_offsets(&mut self) {
         if self.plan.has_auxiliary && self.data.drops_offsets(self.link.drive().is_enabled()) {
             self.link.restart_rest();
@@ -67,7 +68,7 @@ impl Axis {
         }
         let is_answered = self.link.step_poll(&self.plan, network, now_ns, round);
         if self.link.needs_wake() {
-            self.apply(Some(AxisEvent::NoAnswer), network, now_ns);
+            self.apply(AxisEvent::NoAnswer, network, now_ns);
         }
         self.step_contact(network, is_answered, now_ns);
     }
@@ -83,6 +84,9 @@ impl Axis {
     }
 
     fn step_contact(&mut self, network: &mut Network, is_answered: bool, now_ns: u64) {
+        if self.link.contact().is_over() {
+            return;
+        }
         let situation = Situation {
             reaches_gateway: self.link.reachability().gateway,
             is_answered,
@@ -92,8 +96,9 @@ impl Axis {
         };
         let Self { plan, setup, link, path, .. } = self;
         let next_verification = || setup.next_verification(plan, path.mode());
-        let event = link.step_contact(plan, situation, network, next_verification);
-        self.apply(event, network, now_ns);
+        if let Some(event) = link.step_contact(plan, situation, network, next_verification) {
+            self.apply(event, network, now_ns);
+        }
     }
 
     fn step_stop(&mut self, now_ns: u64) {
@@ -153,8 +158,9 @@ impl Axis {
             is_stopping: self.task.is_stopping(),
             is_gone: self.link.is_gone(),
         };
-        let event = self.setup.step(&self.plan, network, situation, now_ns);
-        self.apply(event, network, now_ns);
+        if let Some(event) = self.setup.step(&self.plan, network, situation, now_ns) {
+            self.apply(event, network, now_ns);
+        }
     }
 
     fn step_state(&mut self, network: &mut Network, now_ns: u64) {
@@ -175,7 +181,7 @@ impl Axis {
                     self.task.apply(StateEvent::SwitchedOff, now_ns);
                 }
                 if !self.link.is_fresh(now_ns) {
-                    // It may have restarted without a notice.
+                    // The drive may have restarted without a notice.
                     self.setup.require_verification();
                 }
             }
@@ -208,6 +214,9 @@ impl Axis {
     }
 
     fn step_verification(&mut self, network: &mut Network, now_ns: u64) {
+        if self.setup.is_verified() && self.setup.mode_due().is_none() {
+            return;
+        }
         if self.task.procedure.is_some() {
             // The procedure needs the SDO client of the node.
             return self.setup.suspend_verification(&self.plan, network, now_ns);
@@ -220,7 +229,9 @@ impl Axis {
             reaches_gateway: self.link.reachability().gateway,
         };
         let event = self.setup.step_verification(&self.plan, network, situation, now_ns);
-        self.apply(event, network, now_ns);
+        if let Some(event) = event {
+            self.apply(event, network, now_ns);
+        }
     }
 
     fn step_procedure(&mut self, network: &mut Network, now_ns: u64) {
@@ -238,7 +249,9 @@ impl Axis {
             now_ns,
         };
         let step = procedure.step(&situation, network);
-        self.apply(step.event, network, now_ns);
+        if let Some(event) = step.event {
+            self.apply(event, network, now_ns);
+        }
         self.task.procedure = (!step.has_ended).then_some(procedure);
         if !step.has_ended {
             return;
@@ -255,21 +268,23 @@ impl Axis {
 
     fn step_recovery(&mut self, network: &mut Network, now_ns: u64) {
         let Some(mut recovery) = self.task.recovery.take() else { return };
-        let state = *self.task.state();
+        let state = self.task.state();
         let situation = RecoverySituation {
-            setup: *self.setup.state(),
+            setup: self.setup.state(),
             error: self.report.error,
             is_in_fault: self.link.drive().is_in_fault(),
             is_resetting: matches!(state, AxisState::ResettingFault(_)),
             may_enable: matches!(state, AxisState::Standby | AxisState::Stopped(_)),
-            is_active: state == AxisState::Active && self.path.is_running(),
+            is_active: matches!(state, AxisState::Active) && self.path.is_running(),
         };
         let (event, continues) = match recovery.step(&situation) {
             RecoveryStep::Wait => (None, true),
             RecoveryStep::Command(event) => (Some(event), true),
             RecoveryStep::End(event) => (event, false),
         };
-        self.apply(event, network, now_ns);
+        if let Some(event) = event {
+            self.apply(event, network, now_ns);
+        }
         if continues {
             self.task.recovery = Some(recovery);
         }

@@ -518,9 +518,9 @@ impl Default for DriveConfig {
 /// predefined connection set (CiA 301, 7.3.3), which has PDOs 1 to 4 of a node.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct PdoCobIds {
-    /// Of the RPDOs, 0x181 to 0x57F.
+    /// COB-IDs of the RPDOs, 0x181 to 0x57F.
     pub rpdos: Vec<CanId>,
-    /// Of the TPDOs, 0x181 to 0x57F.
+    /// COB-IDs of the TPDOs, 0x181 to 0x57F.
     pub tpdos: Vec<CanId>,
 }
 

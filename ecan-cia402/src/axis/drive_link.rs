@@ -111,7 +111,7 @@ impl DriveLink {
         self.drive.forget();
     }
 
-    /// Only later positions show standstill.
+    /// Restarts the detection of standstill: only later positions count.
     pub(crate) fn restart_rest(&mut self) {
         self.drive.rest.restart();
     }
@@ -253,7 +253,7 @@ impl DriveLink {
     /// Starts a node that lost the host's heartbeat: it is in Pre-operational (CiA 301, 0x1029)
     /// and remains there until it receives the NMT command.
     pub(crate) fn start_node(&mut self, plan: &AxisPlan, network: &mut Network, now_ns: u64) {
-        // Without heartbeat only missing TPDOs show it.
+        // Without heartbeat only missing TPDOs show a node that is not Operational.
         let reports_state = network.status(plan.node).is_some_and(|node| node.nmt_state.is_some());
         let is_silent = !reports_state && !self.is_fresh(now_ns);
         let is_stopped = !self.reachability.operational || is_silent;

@@ -5,9 +5,9 @@ use ecan_canopen::{
     SdoFault, Statusword, Step, StepFault, object,
 };
 
-use super::homing::HomingState;
 use super::pdo_layout::Feedback;
 use super::script::{Script, axis_script, first_index};
+use super::status::HomingState;
 use crate::guard::terms::PositionRange;
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -262,7 +262,7 @@ impl DrivePoll {
                 }
             }
             Configuring::Failed(failure) if is_abort(&failure.fault) => {
-                // It has no statusword: the node is there, but it is not a drive.
+                // The object does not exist: the node is there, but it is not a drive.
                 self.note_answer()
             }
             Configuring::Failed(_) => self.note_failure(),

@@ -8,7 +8,7 @@ use ecan_protocol::mapping::Direction;
 use thiserror::Error;
 
 use super::pdo_layout::OutputObject;
-use super::target_period::InvalidPeriod;
+use super::targets::InvalidPeriod;
 use super::units::{MotionLimit, UnitError};
 
 /// Fault of an axis: of its configuration, or of the axis in its table.

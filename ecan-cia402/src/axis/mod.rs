@@ -9,13 +9,12 @@ pub(crate) mod drive_link;
 mod drive_status;
 pub(crate) mod error;
 mod event;
-pub(crate) mod homing;
 pub(crate) mod host_loss;
 pub(crate) mod limits;
 pub(crate) mod pdo_layout;
 pub(crate) mod plan;
 pub(crate) mod power;
-mod procedure;
+pub(crate) mod procedure;
 pub(crate) mod process_data;
 pub(crate) mod ramp;
 mod script;
@@ -24,14 +23,12 @@ pub(crate) mod setup_steps;
 pub(crate) mod status;
 mod takeover;
 pub(crate) mod target_path;
-pub(crate) mod target_period;
-pub(crate) mod target_source;
+pub(crate) mod targets;
 pub(crate) mod task;
 pub(crate) mod units;
 
 pub use config::{AxisConfig, DriveConfig, NodeReset, PdoCobIds, Takeover, VlConfig};
 pub use error::{AxisFault, CommandError};
-pub use homing::{HomingConfig, HomingState};
 pub use host_loss::{HostLoss, HostLossReaction, HostWatch, StopOptions, StopRamp};
 pub use limits::DriveLimits;
 pub use pdo_layout::{
@@ -39,8 +36,11 @@ pub use pdo_layout::{
     TargetObject,
 };
 pub use power::StopCause;
+pub use procedure::HomingConfig;
 pub use process_data::ProbeState;
-pub use status::{AxisError, AxisErrorKind, AxisPhase, AxisProgress, AxisStatistics, AxisStatus};
+pub use status::{
+    AxisError, AxisErrorKind, AxisPhase, AxisProgress, AxisStatistics, AxisStatus, HomingState,
+};
 pub use units::{
     DriveUnits, MotionLimit, MotionLimits, Scale, ScaleFinding, ScaleSource, UnitError,
 };

@@ -217,7 +217,7 @@ impl PdoLayout {
     pub fn has_output(&self, output: OutputObject) -> bool {
         match output {
             OutputObject::Mode => self.command.has_mode,
-            _ => self.auxiliary.iter().flatten().any(|it| *it == output),
+            _ => self.auxiliary.iter().flatten().any(|mapped| *mapped == output),
         }
     }
 

@@ -2,15 +2,14 @@
 
 use std::time::Duration;
 
-use ecan_canopen::{Configuring, DriveState, Network, OperatingMode};
+use ecan_canopen::{Configuring, DriveState, Network, OperatingMode, Statusword, Step, object};
 
 use super::drive_status::DriveStatus;
 use super::event::AxisEvent;
-use super::homing::{HomingConfig, HomingState, HomingWatch};
 use super::plan::AxisPlan;
 use super::script::{Script, axis_script, mode_steps};
 use super::setup::SetupState;
-use super::status::AxisError;
+use super::status::{AxisError, HomingState};
 use crate::guard::terms::HoldReason;
 
 /// Longest time in which an axis must come to rest, and its drive switch off.
@@ -19,7 +18,7 @@ const REST_TIMEOUT: Duration = Duration::from_secs(30);
 /// Stages of a mode change and of homing, in order. The mode is only changed while the drive is
 /// not enabled: an enabled drive would go from the target of one mode to an old one of the other.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Stage {
+enum Stage {
     /// The axis comes to rest and is switched off.
     Disabling,
     /// Parameters and mode are written.
@@ -336,9 +335,9 @@ pub(crate) struct Recovery {
 }
 
 /// Situation of an axis in a cycle of its recovery.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct RecoverySituation {
-    pub(crate) setup: SetupState,
+#[derive(Debug)]
+pub(crate) struct RecoverySituation<'a> {
+    pub(crate) setup: &'a SetupState,
     pub(crate) error: Option<AxisError>,
     pub(crate) is_in_fault: bool,
     pub(crate) is_resetting: bool,
@@ -358,7 +357,7 @@ pub(crate) enum RecoveryStep {
 }
 
 impl Recovery {
-    pub(crate) fn step(&mut self, situation: &RecoverySituation) -> RecoveryStep {
+    pub(crate) fn step(&mut self, situation: &RecoverySituation<'_>) -> RecoveryStep {
         match situation.setup {
             SetupState::Requested { .. } | SetupState::Configuring | SetupState::SettingMode(_) => {
                 RecoveryStep::Wait
@@ -373,7 +372,7 @@ impl Recovery {
         }
     }
 
-    fn configure(&mut self, situation: &RecoverySituation) -> RecoveryStep {
+    fn configure(&mut self, situation: &RecoverySituation<'_>) -> RecoveryStep {
         // A drive that does not answer and may be moving is not configured.
         let is_rejected = matches!(situation.error, Some(AxisError::NotStopped { .. }));
         if self.configured >= CONFIGURE_ATTEMPTS || self.configured > 0 && is_rejected {
@@ -383,7 +382,7 @@ impl Recovery {
         RecoveryStep::Command(AxisEvent::Configure)
     }
 
-    fn reset(&mut self, situation: &RecoverySituation) -> RecoveryStep {
+    fn reset(&mut self, situation: &RecoverySituation<'_>) -> RecoveryStep {
         if situation.is_resetting {
             return RecoveryStep::Wait;
         }
@@ -394,12 +393,133 @@ impl Recovery {
         RecoveryStep::Command(AxisEvent::ResetFault)
     }
 
-    fn enable(&mut self, situation: &RecoverySituation) -> RecoveryStep {
+    fn enable(&mut self, situation: &RecoverySituation<'_>) -> RecoveryStep {
         let has_timed_out = matches!(situation.error, Some(AxisError::EnableTimedOut { .. }));
         if self.enabled >= ENABLE_ATTEMPTS || self.enabled > 0 && has_timed_out {
             return RecoveryStep::End(None);
         }
         self.enabled += 1;
         RecoveryStep::Command(AxisEvent::Enable)
+    }
+}
+
+/// Cycles for which a drive may still show the result of an earlier homing after the start.
+const OLD_RESULT_CYCLES: u16 = 20;
+
+/// Homing of an axis. Objects that a drive does not have are skipped, apart from
+/// the method.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct HomingConfig {
+    /// Homing method, 0x6098: 35 and 37 take the present position as home, -4..-1 are
+    /// manufacturers', 1..34 look for switches and index pulses.
+    pub method: i8,
+    /// Speed on the way to the switch, 0x6099:01, in the drive's units; `None` leaves it alone.
+    pub switch_speed: Option<u32>,
+    /// Speed on the way to the zero, 0x6099:02; `None` leaves it alone.
+    pub zero_speed: Option<u32>,
+    /// Acceleration, 0x609A; `None` leaves it alone.
+    pub acceleration: Option<u32>,
+    /// Position that the home position gets, 0x607C; `None` leaves it alone.
+    pub offset: Option<i32>,
+    /// Longest time for the movement.
+    pub timeout: Duration,
+}
+
+impl HomingConfig {
+    /// A method with the drive's own speeds, and a minute for it.
+    pub fn new(method: i8) -> Self {
+        Self {
+            method,
+            switch_speed: None,
+            zero_speed: None,
+            acceleration: None,
+            offset: None,
+            timeout: Duration::from_secs(60),
+        }
+    }
+
+    /// Writes the parameters, then the mode.
+    pub(crate) fn script(&self, axis: u8) -> Script {
+        let optional = [
+            self.switch_speed.map(|speed| Step::write(object::HOMING_SPEEDS, 1, speed)),
+            self.zero_speed.map(|speed| Step::write(object::HOMING_SPEEDS, 2, speed)),
+            self.acceleration.map(|value| Step::write(object::HOMING_ACCELERATION, 0, value)),
+            self.offset.map(|offset| Step::write(object::HOME_OFFSET, 0, offset)),
+        ];
+        let method = Step::write(object::HOMING_METHOD, 0, self.method).named("homing method");
+        let optional = optional.into_iter().flatten().map(Step::if_present);
+        let steps = [method].into_iter().chain(optional).chain(mode_steps(OperatingMode::Homing));
+        axis_script(axis, steps)
+    }
+}
+
+/// Evaluates a homing by the statuswords since its start bit was set.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+struct HomingWatch {
+    cycles: u16,
+    /// The drive has shown that its report is about this homing, not about an earlier one.
+    has_begun: bool,
+}
+
+impl HomingWatch {
+    /// Evaluates a cycle with the start bit on the bus. Returns `None` until the homing has a result.
+    fn step(&mut self, status: Statusword) -> Option<HomingState> {
+        let state = HomingState::of(status);
+        self.cycles = self.cycles.saturating_add(1);
+        match state {
+            HomingState::Running | HomingState::Found | HomingState::Failing => {
+                self.has_begun = true;
+                None
+            }
+            // Methods 35 and 37 end within a cycle.
+            HomingState::Attained | HomingState::Failed
+                if self.has_begun || self.cycles > OLD_RESULT_CYCLES =>
+            {
+                Some(state)
+            }
+            _ => None,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const ATTAINED: Statusword = Statusword(0x1637);
+    const RUNNING: Statusword = Statusword(0x0237);
+    const FAILED: Statusword = Statusword(0x2637);
+
+    #[test]
+    fn homing_state_follows_the_statusword_bits() {
+        let states = [
+            (0x0237, HomingState::Running),
+            (0x0637, HomingState::Waiting),
+            (0x1237, HomingState::Found),
+            (0x1637, HomingState::Attained),
+            (0x2237, HomingState::Failing),
+            (0x2637, HomingState::Failed),
+        ];
+        for (word, state) in states {
+            assert_eq!(HomingState::of(Statusword(word)), state);
+        }
+    }
+
+    #[test]
+    fn result_of_an_earlier_homing_is_ignored() {
+        let mut watch = HomingWatch::default();
+        assert_eq!(watch.step(ATTAINED), None, "from before");
+        assert_eq!(watch.step(RUNNING), None);
+        assert_eq!(watch.step(ATTAINED), Some(HomingState::Attained));
+        let mut watch = HomingWatch::default();
+        watch.step(RUNNING);
+        assert_eq!(watch.step(FAILED), Some(HomingState::Failed));
+    }
+
+    #[test]
+    fn immediate_homing_is_detected() {
+        let mut watch = HomingWatch::default();
+        let done = (0..30).find_map(|_| watch.step(ATTAINED));
+        assert_eq!(done, Some(HomingState::Attained));
     }
 }

@@ -472,7 +472,7 @@ impl AxisSetup {
     // Verification
 
     pub(crate) fn is_verified(&self) -> bool {
-        self.verification == Verification::Complete
+        matches!(self.verification, Verification::Complete)
     }
 
     /// Requests a verification: the drive may have restarted unnoticed.
@@ -482,7 +482,7 @@ impl AxisSetup {
             SetupState::Requested { is_configured } => *is_configured = false,
             SetupState::Unconfigured | SetupState::Failed => {}
             SetupState::Complete | SetupState::Configuring | SetupState::SettingMode(_) => {
-                if self.verification == Verification::Complete {
+                if matches!(self.verification, Verification::Complete) {
                     self.verification = Verification::Due { from_ns: 0 };
                 }
             }

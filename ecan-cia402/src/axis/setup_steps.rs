@@ -13,7 +13,7 @@ use super::limits::DriveLimits;
 use super::pdo_layout::OutputObject;
 use super::pdo_layout::TargetObject;
 use super::script::axis_step;
-use super::target_period::interpolation_time;
+use super::targets::interpolation_time;
 use super::units::{DriveUnits, ScaleSource};
 
 /// Device profile of a drive in the low half of the device type.
@@ -234,15 +234,19 @@ fn push_stop_options(steps: &mut Vec<Step>, config: &AxisConfig) {
     let DriveConfig { quick_stop, shutdown, disable_operation, halt, fault_reaction, .. } =
         &config.drive;
     let options = [
-        (object::QUICK_STOP_OPTION, "quick stop option", quick_stop.map(|it| it.raw())),
-        (object::SHUTDOWN_OPTION, "shutdown option", shutdown.map(|it| it.raw())),
+        (object::QUICK_STOP_OPTION, "quick stop option", quick_stop.map(|option| option.raw())),
+        (object::SHUTDOWN_OPTION, "shutdown option", shutdown.map(|option| option.raw())),
         (
             object::DISABLE_OPERATION_OPTION,
             "disable operation option",
-            disable_operation.map(|it| it.raw()),
+            disable_operation.map(|option| option.raw()),
         ),
-        (object::HALT_OPTION, "halt option", halt.map(|it| it.raw())),
-        (object::FAULT_REACTION_OPTION, "fault reaction", fault_reaction.map(|it| it.raw())),
+        (object::HALT_OPTION, "halt option", halt.map(|option| option.raw())),
+        (
+            object::FAULT_REACTION_OPTION,
+            "fault reaction",
+            fault_reaction.map(|option| option.raw()),
+        ),
     ];
     for (index, name, option) in options {
         let step = option.map(|raw| Step::write(index, 0, raw).named(name).if_present());

@@ -8,7 +8,6 @@ use ecan_canopen::{
 };
 use thiserror::Error;
 
-use super::homing::HomingState;
 use super::pdo_layout::AxisInputs;
 use super::power::StopCause;
 use super::units::Scale;
@@ -59,6 +58,34 @@ impl From<AxisError> for AxisErrorKind {
             AxisError::Mode(_) => Self::Mode,
             AxisError::NotDisabled { .. } => Self::NotDisabled,
             AxisError::NotStopped { .. } => Self::NotStopped,
+        }
+    }
+}
+
+ecan_protocol::text_enum! {
+    /// State of a started homing, by the statusword.
+    pub enum HomingState;
+    Running = "looking for the home position";
+    /// Interrupted or not begun: at rest without a home position.
+    Waiting = "interrupted or not started";
+    /// The home position is found, the axis still moves.
+    Found = "found, not at rest yet";
+    Attained = "home position attained";
+    Failing = "homing error, still moving";
+    Failed = "homing error";
+}
+
+impl HomingState {
+    /// Decodes bits 10, 12 and 13 of the statusword of a drive in homing mode.
+    pub fn of(status: Statusword) -> Self {
+        let rests = status.has(Statusword::TARGET_REACHED);
+        match (status.has(Statusword::MODE_13), status.has(Statusword::MODE_12), rests) {
+            (true, _, false) => Self::Failing,
+            (true, _, true) => Self::Failed,
+            (false, false, false) => Self::Running,
+            (false, false, true) => Self::Waiting,
+            (false, true, false) => Self::Found,
+            (false, true, true) => Self::Attained,
         }
     }
 }

@@ -139,7 +139,12 @@ impl Default for FirstContact {
 impl FirstContact {
     /// Returns whether the drive is inspected, and adopted or stopped if it was enabled.
     pub(crate) fn is_done(&self) -> bool {
-        self.state == TakeoverState::Done
+        matches!(self.state, TakeoverState::Done)
+    }
+
+    /// Returns whether nothing remains to be done.
+    pub(crate) fn is_over(&self) -> bool {
+        self.is_done() && !self.is_uninspected
     }
 
     pub(crate) fn is_inspecting(&self) -> bool {
@@ -215,7 +220,7 @@ impl FirstContact {
             TakeoverState::Inspecting { since_ns } => {
                 let since_ns = *since_ns;
                 let is_absent = poll.unanswered() >= GONE_ATTEMPTS;
-                // Of an attempt that was not answered to its end, the statusword may have arrived.
+                // The statusword of an attempt that was not answered to its end may have arrived.
                 let needs_stop = !poll.is_running() && !drive.is_off_or_unknown();
                 if situation.is_answered || needs_stop {
                     return self.inspect(plan, situation, drive, since_ns);

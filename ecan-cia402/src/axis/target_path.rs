@@ -9,8 +9,8 @@ use super::drive_status::{AnswerWatch, DriveStatus, TargetCheck};
 use super::pdo_layout::RpdoBytes;
 use super::plan::AxisPlan;
 use super::ramp::{FRACTION_BITS, Profile, Ramp, RampLimits};
-use super::target_period::TargetPeriod;
-use super::target_source::TargetSource;
+use super::targets::TargetPeriod;
+use super::targets::TargetSource;
 use crate::guard::feed_forward::FeedForward;
 use crate::guard::motion_guard::MotionGuard;
 use crate::guard::terms::{

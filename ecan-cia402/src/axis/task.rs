@@ -12,7 +12,7 @@ use super::script::Script;
 
 /// State of an axis: the command that its drive executes.
 ///
-/// In parallel with it, the [`SetupState`](super::setup::SetupState) states how much of the drive's
+/// In parallel with this state, the [`SetupState`](super::setup::SetupState) states how much of the drive's
 /// configuration is known, the [`FirstContact`](super::takeover::FirstContact) what is known about
 /// a drive at the first contact, the [`MotionGuard`](super::MotionGuard) decides about targets, the
 /// [`AxisSetup`](super::setup::AxisSetup) verifies the configuration after a connection

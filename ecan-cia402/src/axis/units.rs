@@ -255,16 +255,16 @@ pub enum ScaleFinding {
     Unavailable,
     /// The steps per turn differ.
     StepsPerTurn {
-        /// Of the configuration, with sign.
+        /// Value of the configuration, with sign.
         configured: f64,
-        /// Of the drive.
+        /// Value of the drive.
         drive: f64,
     },
     /// The velocity units differ.
     VelocityUnits {
-        /// Of the configuration, with sign.
+        /// Value of the configuration, with sign.
         configured: f64,
-        /// Of the drive.
+        /// Value of the drive.
         drive: f64,
     },
 }

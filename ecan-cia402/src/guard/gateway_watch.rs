@@ -168,8 +168,10 @@ impl GatewayWatch {
             };
             if is_new {
                 let handle = port.channel(self.slave, number);
-                channel.status =
-                    handle.map_or_else(|_| ChannelStatus::default(), |it| port.channel_status(it));
+                channel.status = handle.map_or_else(
+                    |_| ChannelStatus::default(),
+                    |handle| port.channel_status(handle),
+                );
                 let counted = channel.status.rx_pending();
                 self.counts_left_only |=
                     counted < SATURATED && u64::from(counted) < channel.in_image;
@@ -318,7 +320,7 @@ impl ChannelWatch {
 
     fn view(&self, image: ImageReport) -> ChannelView {
         match view(image, self.status) {
-            // It is on the bus again; what waited in the gateway is lost.
+            // The channel is on the bus again; the frames that waited in the gateway are lost.
             ChannelView::NotSeen | ChannelView::Running { .. } if self.was_bus_off => {
                 ChannelView::BusOff
             }

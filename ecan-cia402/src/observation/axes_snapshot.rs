@@ -3,16 +3,19 @@
 //! The section has the time, the words that do not change of all axes, then those of each cycle of all
 //! axes, then those of rejected targets, then those of further objects of process data.
 
-use ecan_canopen::Network;
+use std::time::Duration;
+
+use ecan_canopen::{Network, NodeAddress, NodeId, NodeStatus, OperatingMode, Statusword};
 use ecan_host::{Adapter, Section, Snapshot, WordGroups};
 
-use super::axis_words::{
-    AXIS_WORDS, AxisWords, CYCLE_WORDS, EXTENSION_WORDS, FIXED_WORDS, REJECTION_WORDS, encode_any,
-    encode_extension, encode_running, fixed_words, status_of,
-};
+use super::codes;
 use crate::axis::axis::Axis;
 use crate::axis::config::AxisConfig;
-use crate::axis::status::AxisStatus;
+use crate::axis::pdo_layout::AxisInputs;
+use crate::axis::status::{AxisErrorKind, AxisStatus};
+use crate::axis::units::Scale;
+use crate::guard::feed_forward::FeedForward;
+use crate::guard::terms::{Decision, PositionRange, TargetRejection};
 
 /// Words of the time of the cycle.
 const TIME_WORDS: usize = 1;
@@ -54,7 +57,7 @@ impl<'a> AxesWriter<'a> {
     pub(crate) fn update(self, axes: &mut [Axis], network: &Network) {
         let now_ns = self.now_ns;
         for (axis, to) in axes.iter_mut().zip(self.cycle.iter()) {
-            // Both in one pass, since the checks are the same.
+            // Phase and words in one pass, since the checks are the same.
             let target = axis.update_phase(now_ns);
             if axis.plan.is_extended
                 && let Some(to) = self.extensions.get(axis.plan.index)
@@ -123,4 +126,308 @@ impl<'a> AxesSnapshot<'a> {
     pub fn axes(&self) -> impl Iterator<Item = AxisStatus> {
         (0..self.axis_count()).filter_map(|axis| self.axis(axis))
     }
+}
+
+/// Words that do not change: address, scale and range.
+pub(super) const FIXED_WORDS: usize = 4;
+/// Words of each cycle.
+pub(super) const CYCLE_WORDS: usize = 6;
+/// Words of a rejected target; else their content is old.
+pub(super) const REJECTION_WORDS: usize = 2;
+/// Words of the further objects of process data, of axes that have some.
+pub(super) const EXTENSION_WORDS: usize = 8;
+/// Words of the values of inputs among them.
+const INPUT_WORDS: usize = 6;
+/// The scale is that of the extension: a bit above those of the inputs.
+const HAS_SCALE: u64 = 1 << 15;
+pub(super) const AXIS_WORDS: usize = FIXED_WORDS + CYCLE_WORDS + REJECTION_WORDS + EXTENSION_WORDS;
+
+/// Words of one axis, by their kind.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct AxisWords<'a> {
+    pub(super) fixed: &'a [u64; FIXED_WORDS],
+    pub(super) cycle: &'a [u64; CYCLE_WORDS],
+    pub(super) rejection: &'a [u64; REJECTION_WORDS],
+    pub(super) extension: &'a [u64; EXTENSION_WORDS],
+    /// Time of the cycle.
+    pub(super) now_ns: u64,
+}
+
+const AT_REST: u64 = 1;
+const HAS_TARGET: u64 = 1 << 1;
+const HAS_STATUSWORD: u64 = 1 << 2;
+const CONFIGURED: u64 = 1 << 3;
+const RUNNING: u64 = 1 << 4;
+const HAS_ACTUAL: u64 = 1 << 5;
+const TARGET_REACHED: u64 = 1 << 6;
+const STOPPED: u64 = 1 << 7;
+const RECOVERING: u64 = 1 << 8;
+/// Kind of the decision: 3 bits above the flags.
+const KIND_SHIFT: u32 = 9;
+
+fn flag(is_set: bool, bit: u64) -> u64 {
+    if is_set { bit } else { 0 }
+}
+
+/// Two numbers of 32 bits.
+fn pair(low: i32, high: i32) -> u64 {
+    u64::from(low.cast_unsigned()) | u64::from(high.cast_unsigned()) << 32
+}
+
+fn unpair(word: u64) -> (i32, i32) {
+    ((word as u32).cast_signed(), ((word >> 32) as u32).cast_signed())
+}
+
+pub(super) fn fixed_words(config: &AxisConfig) -> [u64; FIXED_WORDS] {
+    let NodeAddress { slave, channel, node } = config.address;
+    let (kind, min, max) = match config.range {
+        PositionRange::Linear => (0, 0, 0),
+        PositionRange::Wrapping => (1, 0, 0),
+        PositionRange::Modulo { min, max } => (2, min, max),
+    };
+    let address = slave as u64 | u64::from(channel) << 32 | u64::from(node.get()) << 40;
+    let (steps_per_turn, origin) = config.scale.parts();
+    [address, steps_per_turn.to_bits(), pair(origin, kind), pair(min, max)]
+}
+
+fn address_of(word: u64) -> Option<NodeAddress> {
+    let node = NodeId::new((word >> 40) as u8)?;
+    Some(NodeAddress { slave: word as u32 as usize, channel: (word >> 32) as u8, node })
+}
+
+const DECISION_TARGET: u8 = 3;
+const DECISION_WAIT: u8 = 4;
+
+/// Kind of a decision, its reason, and its value.
+fn decision_parts(decision: Decision) -> (u8, u8, i32) {
+    match decision {
+        Decision::Closed => (0, 0, 0),
+        Decision::Track(target) => (1, 0, target),
+        Decision::First(target) => (2, 0, target),
+        Decision::Target(target) => (DECISION_TARGET, 0, target),
+        Decision::Wait(reason) => (DECISION_WAIT, reason as u8, 0),
+        Decision::Reject(rejection) => (5, rejection_words(rejection).0, 0),
+    }
+}
+
+fn rejection_words(rejection: TargetRejection) -> (u8, [u64; REJECTION_WORDS]) {
+    match rejection {
+        TargetRejection::Step { step, limit } => (0, [step.cast_unsigned(), limit.into()]),
+        TargetRejection::Window { distance, window } => {
+            (1, [distance.cast_unsigned(), window.into()])
+        }
+        TargetRejection::Bounds { target, min, max } => (2, [pair(target, min), pair(max, 0)]),
+        TargetRejection::Counter { target } => (3, [pair(target, 0), 0]),
+        TargetRejection::NoTargets => (4, [0, 0]),
+    }
+}
+
+fn rejection_of(kind: u8, [first, second]: [u64; REJECTION_WORDS]) -> TargetRejection {
+    let (target, min) = unpair(first);
+    match kind {
+        0 => TargetRejection::Step { step: first.cast_signed(), limit: second as u32 },
+        1 => TargetRejection::Window { distance: first.cast_signed(), window: second as u32 },
+        2 => TargetRejection::Bounds { target, min, max: unpair(second).0 },
+        3 => TargetRejection::Counter { target },
+        _ => TargetRejection::NoTargets,
+    }
+}
+
+/// Reason and value of a decision: 40 bits.
+#[inline(always)]
+fn decision_number(reason: u8, value: i32) -> u64 {
+    u64::from(value.cast_unsigned()) | u64::from(reason) << 32
+}
+
+/// Word of the decision, and of the age of the actual position.
+#[inline(always)]
+fn decision_word(axis: &Axis, decision: u64) -> u64 {
+    decision | u64::from(axis.path.guard().actual_age()) << 48
+}
+
+/// Word of what the drive and its node reported, with flags of the axis and the kind of the decision.
+#[inline(always)]
+fn report_word(flags: u64, kind: u8, node: &NodeStatus, statusword: u16) -> u64 {
+    flags
+        | u64::from(kind) << KIND_SHIFT
+        | u64::from(codes::nmt_number(node.nmt_state)) << 16
+        | (node.heartbeat as u64) << 24
+        | u64::from(statusword) << 32
+}
+
+/// Word of phase, stop and mode.
+#[inline(always)]
+fn phase_word(phase: u32, stop: u32, mode: OperatingMode) -> u64 {
+    u64::from(phase) | u64::from(stop) << 32 | u64::from(codes::mode_number(mode)) << 56
+}
+
+/// Word of the errors, of the node and of the axis, and of the hold.
+#[inline(always)]
+fn error_word(node: &NodeStatus, error: u8, hold: u16) -> u64 {
+    u64::from(node.error_code) | u64::from(error) << 16 | u64::from(hold) << 32
+}
+
+/// The words of the further objects of process data.
+#[inline(never)]
+pub(super) fn encode_extension(axis: &Axis) -> [u64; EXTENSION_WORDS] {
+    let (values, present) = axis.data.inputs().parts();
+    let FeedForward { velocity, torque } = axis.data.feed_forward();
+    let torque = u64::from(torque.cast_unsigned());
+    let mut words = [0; EXTENSION_WORDS];
+    let [first, scale, rest @ ..] = &mut words;
+    *first =
+        u64::from(present) | HAS_SCALE | torque << 16 | u64::from(velocity.cast_unsigned()) << 32;
+    *scale = axis.plan.config.scale.parts().0.to_bits();
+    for (word, values) in rest.iter_mut().zip(values.as_chunks().0) {
+        let [low, high] = *values;
+        *word = pair(low, high);
+    }
+    words
+}
+
+fn extension_of(words: &[u64; EXTENSION_WORDS]) -> (AxisInputs, FeedForward) {
+    let [first, _, rest @ ..] = *words;
+    let mut values = [0; 2 * INPUT_WORDS];
+    for (values, word) in values.as_chunks_mut().0.iter_mut().zip(rest) {
+        let (low, high) = unpair(word);
+        *values = [low, high];
+    }
+    let inputs = AxisInputs::of_parts(values, (first & !HAS_SCALE) as u16);
+    let torque = ((first >> 16) as u16).cast_signed();
+    (inputs, FeedForward { velocity: unpair(first).1, torque })
+}
+
+/// The words of an axis that is running with this target, in the usual case; most parts of them are
+/// constant.
+#[inline(always)]
+pub(super) fn encode_running(
+    axis: &Axis,
+    target: i32,
+    network: &Network,
+) -> Option<[u64; CYCLE_WORDS]> {
+    // First, since it may call.
+    let (kind, decision) = match axis.path.decision() {
+        Decision::Target(target) => (DECISION_TARGET, decision_number(0, target)),
+        _ => (DECISION_WAIT, waiting_number(axis)?),
+    };
+    if let OperatingMode::CyclicPosition = axis.path.mode()
+        && let None = axis.report.error
+        && let None = axis.task.recovery
+        && let Some(actual) = axis.path.guard().actual()
+        && let Some(statusword) = axis.link.drive().statusword
+    {
+        let node = network.status(axis.plan.node)?;
+        let flags = HAS_ACTUAL | HAS_TARGET | HAS_STATUSWORD | CONFIGURED | RUNNING;
+        let at_rest = flag(axis.path.targets.is_at_rest(), AT_REST);
+        return Some([
+            pair(actual, target),
+            decision_word(axis, decision),
+            report_word(flags | at_rest, kind, &node, statusword.0),
+            axis.report.phase_since_ns(),
+            phase_word(codes::PHASE_RUNNING, 0, OperatingMode::CyclicPosition),
+            error_word(&node, 0, 0),
+        ]);
+    }
+    None
+}
+
+/// Apart from the kind of the usual decision, which one comparison then finds.
+#[inline(never)]
+fn waiting_number(axis: &Axis) -> Option<u64> {
+    match axis.path.decision() {
+        Decision::Wait(reason) => Some(decision_number(reason as u8, 0)),
+        _ => None,
+    }
+}
+
+/// The words in any state, and those of a rejected target.
+#[cold]
+#[inline(never)]
+pub(super) fn encode_any(
+    axis: &Axis,
+    network: &Network,
+    now_ns: u64,
+) -> ([u64; CYCLE_WORDS], Option<[u64; REJECTION_WORDS]>) {
+    // infallible: the network has the node of each axis
+    let Some(node) = network.status(axis.plan.node) else { return ([0; CYCLE_WORDS], None) };
+    let (actual, target) = (axis.path.guard().actual(), axis.path.target());
+    let statusword = axis.link.drive().statusword;
+    let flags = flag(actual.is_some(), HAS_ACTUAL)
+        | flag(target.is_some(), HAS_TARGET)
+        | flag(statusword.is_some(), HAS_STATUSWORD)
+        | flag(axis.setup.is_complete(), CONFIGURED)
+        | flag(axis.path.follows_application(), RUNNING)
+        | flag(axis.is_at_rest(), AT_REST)
+        | flag(axis.path.is_target_reached(axis.link.drive()), TARGET_REACHED)
+        | flag(axis.is_stopped(now_ns), STOPPED)
+        | flag(axis.task.recovery.is_some(), RECOVERING);
+    let error = axis.report.error.map_or(0, |error| AxisErrorKind::from(error).raw());
+    let stop = codes::stop_number(axis.task.state().stop().map(|stop| stop.cause));
+    let hold = codes::hold_number(axis.path.hold_reason());
+    let (kind, reason, value) = decision_parts(axis.path.decision());
+    let words = [
+        pair(actual.unwrap_or(0), target.unwrap_or(0)),
+        decision_word(axis, decision_number(reason, value)),
+        report_word(flags, kind, &node, statusword.map_or(0, |word| word.0)),
+        axis.report.phase_since_ns(),
+        phase_word(codes::phase_number(axis.report.phase()), stop, axis.path.mode()),
+        error_word(&node, error, hold),
+    ];
+    match axis.path.decision() {
+        Decision::Reject(rejection) => (words, Some(rejection_words(rejection).1)),
+        _ => (words, None),
+    }
+}
+
+/// The status of an axis.
+pub(super) fn status_of(words: AxisWords<'_>) -> Option<AxisStatus> {
+    let [address, steps_per_turn, origin, range] = *words.fixed;
+    let [positions, decided, state, since_ns, phase, errors] = *words.cycle;
+    let (actual, target) = unpair(positions);
+    let (origin, range_kind) = unpair(origin);
+    let (inputs, feed_forward) = extension_of(words.extension);
+    let [extension, scale, ..] = *words.extension;
+    let steps_per_turn = if extension & HAS_SCALE != 0 { scale } else { steps_per_turn };
+    let (min, max) = unpair(range);
+    let has = |bit| state & bit != 0;
+    let value = unpair(decided).0;
+    let reason = (decided >> 32) as u8;
+    Some(AxisStatus {
+        address: address_of(address)?,
+        phase: codes::phase(phase as u32)?,
+        elapsed: Duration::from_nanos(words.now_ns.saturating_sub(since_ns)),
+        error: AxisErrorKind::from_raw((errors >> 16) as u8),
+        mode: codes::mode((phase >> 56) as u8)?,
+        statusword: has(HAS_STATUSWORD).then_some(Statusword((state >> 32) as u16)),
+        error_code: errors as u16,
+        nmt_state: codes::nmt_state((state >> 16) as u8),
+        heartbeat: codes::heartbeat((state >> 24) as u8)?,
+        actual: has(HAS_ACTUAL).then_some(actual),
+        actual_age: (decided >> 48) as u16,
+        target: has(HAS_TARGET).then_some(target),
+        inputs,
+        feed_forward,
+        decision: match (state >> KIND_SHIFT) as u8 & 7 {
+            1 => Decision::Track(value),
+            2 => Decision::First(value),
+            DECISION_TARGET => Decision::Target(value),
+            DECISION_WAIT => Decision::Wait(codes::wait_reason(reason)?),
+            5 => Decision::Reject(rejection_of(reason, *words.rejection)),
+            _ => Decision::Closed,
+        },
+        hold_reason: codes::hold_reason((errors >> 32) as u16),
+        stop_cause: codes::stop_cause((phase >> 32) as u32 & 0xFF_FFFF),
+        is_configured: has(CONFIGURED),
+        is_running: has(RUNNING),
+        is_at_rest: has(AT_REST),
+        is_target_reached: has(TARGET_REACHED),
+        is_stopped: has(STOPPED),
+        is_recovering: has(RECOVERING),
+        scale: Scale::of_parts((f64::from_bits(steps_per_turn), origin)),
+        range: match range_kind {
+            1 => PositionRange::Wrapping,
+            2 => PositionRange::Modulo { min, max },
+            _ => PositionRange::Linear,
+        },
+    })
 }

@@ -2,9 +2,9 @@
 
 use ecan_canopen::{DriveState, Heartbeat, NmtState, OperatingMode};
 
-use crate::axis::homing::HomingState;
 use crate::axis::power::StopCause;
 use crate::axis::status::AxisPhase;
+use crate::axis::status::HomingState;
 use crate::guard::terms::{GuardState, HoldReason, PositionUnavailable, WaitReason};
 
 /// Number of "none" where 0 is a value.

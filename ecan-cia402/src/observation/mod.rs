@@ -1,7 +1,6 @@
 //! The axes' part of a snapshot.
 
 mod axes_snapshot;
-mod axis_words;
 mod codes;
 
 pub use axes_snapshot::AxesSnapshot;

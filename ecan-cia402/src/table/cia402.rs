@@ -19,7 +19,7 @@ use crate::axis::config::AxisConfig;
 use crate::axis::error::CommandError;
 use crate::axis::plan::AxisPlan;
 use crate::axis::setup_steps::{self, BusConfig};
-use crate::axis::target_period::interpolation_time;
+use crate::axis::targets::interpolation_time;
 use crate::guard::gateway_watch::GatewayWatch;
 use crate::observation;
 

@@ -36,7 +36,7 @@ ecan_protocol::text_enum! {
     /// Even without a stuff bit the bus is too slow for the cycle: targets pile up, and the axes
     /// will hold.
     TooMuch = "the bus is too slow for this cycle";
-    /// With unlucky data the bus is too slow for a cycle now and then.
+    /// With unlucky data the bus is too slow for some cycles.
     Tight = "the bus may be too slow for some cycles";
     /// Less than a tenth is left for SDO, heartbeats and emergencies.
     NoReserve = "hardly any room is left for SDO, heartbeats and emergencies";

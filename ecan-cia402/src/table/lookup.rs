@@ -29,7 +29,7 @@ impl AxisLookup {
         axis: u16,
     ) {
         let channels = self.slaves.get_mut(address.slave);
-        let tpdos = channels.and_then(|it| it.get_mut(usize::from(address.channel)));
+        let tpdos = channels.and_then(|of_slave| of_slave.get_mut(usize::from(address.channel)));
         let Some(tpdos) = tpdos else { return };
         tpdos.resize(CAN_IDS, None);
         for (nth, id) in (0..).zip(ids) {

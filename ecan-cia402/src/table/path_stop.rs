@@ -5,7 +5,7 @@ use std::fmt;
 use crate::axis::axis::Axis;
 use crate::axis::ramp::{Profile, RampLimits};
 use crate::axis::target_path::PathStep;
-use crate::axis::target_source::{MOST_GAP, ONE_BITS};
+use crate::axis::targets::{MOST_GAP, ONE_BITS};
 use crate::guard::terms::Decision;
 
 /// Rate of the common profile at the call.

@@ -69,7 +69,7 @@ impl SharedNode {
         }
     }
 
-    /// Before the steps of the axes: gives the SDO client to one of them.
+    /// Gives the SDO client to one of the axes, before their steps.
     pub(super) fn begin_cycle(&mut self, axes: &mut [Axis], now_ns: u64) {
         let is_heard = self.members(axes).any(|axis| axis.link.is_fresh(now_ns));
         let running = self.members(axes).position(|axis| axis.link.is_polling());
@@ -81,7 +81,7 @@ impl SharedNode {
         });
     }
 
-    /// After the steps of the axes: continues the configuration of the node.
+    /// Continues the configuration of the node, after the steps of its axes.
     pub(super) fn end_cycle(&self, axes: &mut [Axis], network: &mut Network, now_ns: u64) {
         if self.members(axes).any(|axis| axis.setup.node_share.is_setup_wanted) {
             let is_pending = self.members(axes).all(|axis| axis.setup.state().is_pending());

@@ -14,7 +14,7 @@ use crate::axis::config::{AxisConfig, Takeover};
 use crate::axis::error::AxisFault;
 use crate::axis::plan::SyncPeriod;
 use crate::axis::ramp::RampLimits;
-use crate::axis::target_period::{TargetPeriod, interpolation_time};
+use crate::axis::targets::{TargetPeriod, interpolation_time};
 
 /// Configuration that all axes of a bus share.
 #[derive(Debug, Clone, PartialEq)]

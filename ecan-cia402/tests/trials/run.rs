@@ -338,7 +338,11 @@ impl Trial {
                 let text = format!(
                     "moved {moved:.0}, limit {}: {:?}",
                     axis.config.step_limit,
-                    self.cia402.as_ref().map(|it| (it.decision(n), it.target(n), it.actual(n))),
+                    self.cia402.as_ref().map(|axes| (
+                        axes.decision(n),
+                        axes.target(n),
+                        axes.actual(n)
+                    )),
                 );
                 self.find(Kind::NotFollowing, n, text);
             }
@@ -488,7 +492,7 @@ impl Trial {
             if class != self.classes[n] {
                 self.classes[n] = class;
                 if self.log.is_on()
-                    && let Some(progress) = self.cia402.as_ref().and_then(|it| it.progress(n))
+                    && let Some(progress) = self.cia402.as_ref().and_then(|axes| axes.progress(n))
                 {
                     self.note(&progress.to_string());
                 }
@@ -530,9 +534,9 @@ impl Trial {
     fn is_cut(&self, n: usize) -> bool {
         let slave = self.plan.axes[n].config.address.slave;
         let is_silent = self.now < self.silent[n].saturating_sub(20 * MS);
-        let is_off = self
-            .simulation
-            .with_world(|world| world.gateway(slave).is_none_or(|it| !it.is_responding()));
+        let is_off = self.simulation.with_world(|world| {
+            world.gateway(slave).is_none_or(|gateway| !gateway.is_responding())
+        });
         is_silent || is_off
     }
 
