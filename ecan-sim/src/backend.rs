@@ -10,7 +10,8 @@ use ecrt_sys::{Ecrt, EcrtSetting};
 use crate::backend_error::BackendError;
 use crate::ecrt::simulated_library;
 use crate::node::BridgeFactory;
-use crate::scenario::{self, BUILTIN_SCENARIOS, ClockKind, Scenario};
+use crate::scenario;
+use crate::scenario::{BUILTIN_SCENARIOS, ClockKind, Scenario};
 use crate::simulation::Simulation;
 
 /// File name of standard input.

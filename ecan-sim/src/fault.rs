@@ -1,7 +1,6 @@
 //! Faults: their types, their textual form, their schedule and the log of those that took effect.
 
 mod description;
-mod log;
 mod script;
 mod text;
 
@@ -10,9 +9,9 @@ use serde::{Deserialize, Serialize};
 use crate::gateway::GatewayFault;
 
 pub use description::{FaultDescription, FaultError, FaultKey, FaultKind, FaultValue};
-pub use log::FaultRecord;
+pub use script::FaultRecord;
 
-pub(crate) use log::FaultLog;
+pub(crate) use script::FaultLog;
 pub(crate) use script::FaultScript;
 
 /// Direction in which a frame is lost.

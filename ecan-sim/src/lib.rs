@@ -46,17 +46,14 @@ mod backend_error;
 #[cfg(feature = "bridge")]
 pub mod bridge;
 mod clock;
-mod earliest;
 mod ecrt;
 mod esc;
+mod event_queue;
 mod fault;
-mod queue;
 mod random;
-mod runner;
 mod scenario;
 mod sii;
 mod simulation;
-mod wake_up;
 mod world;
 
 /// The functions of the simulated libethercat with C calling convention, for a library that exports
@@ -83,17 +80,17 @@ pub use backend::{
 };
 pub use backend_error::BackendError;
 pub use clock::SimClock;
+pub use clock::{RealTimeRunner, RunnerError};
 pub use ecrt_sys::{ECRT_VARIABLE, EcrtSetting};
 pub use esc::{ETHERCAT_ETHERTYPE, Wire, WireStatistics};
 pub use fault::{
     DriveFault, Fault, FaultDescription, FaultEffect, FaultError, FaultKey, FaultKind, FaultRecord,
     FaultValue, LibraryCall, LossDirection, ScriptedFault, When,
 };
-pub use runner::{RealTimeRunner, RunnerError};
+pub use random::WakeUpDelay;
 pub use scenario::{
     BUILTIN_SCENARIOS, ClockKind, DriveSpec, EcrtVersion, GatewaySpec, IoBehaviour, IoSpec,
     MasterBehaviour, NodeKind, NodeSpec, Scenario, ScenarioError, Topology, drives, echo, jitter,
 };
 pub use simulation::{AttachedNode, Simulation, UnknownBus};
-pub use wake_up::WakeUpDelay;
 pub use world::{BusFrame, World};

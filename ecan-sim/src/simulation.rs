@@ -5,13 +5,12 @@ use ecan_protocol::text::Printable;
 use ecrt_sys::Clock as _;
 
 use crate::backend_error::BackendError;
-use crate::clock::SimClock;
+use crate::clock::{RealTimeRunner, RunnerError, SimClock};
 use crate::ecrt::Shared;
 use crate::fault::{
     Fault, FaultDescription, FaultEffect, FaultError, FaultRecord, ScriptedFault, When,
 };
 use crate::node::{BridgeFactory, Node};
-use crate::runner::{RealTimeRunner, RunnerError};
 use crate::scenario::{ClockKind, EcrtVersion, Scenario};
 use crate::world::World;
 

@@ -3,18 +3,18 @@ mod planning;
 
 use ecan_protocol::can::CanFrame;
 
-use super::arbitration::arbitration_key;
-use super::broadcast::Broadcast;
-use super::error_confinement::{DetectedError, ErrorCounters, ErrorState};
+use super::event::Broadcast;
 use super::event::{BusEvent, BusFault};
-use super::frame_timing::{FrameTiming, INTERMISSION_BITS};
-use super::physical_layer::PhysicalLayer;
-use super::recovery::Recovery;
+use super::station::Recovery;
+use super::station::StationSet;
 use super::station::{
     ArbitrationEntry, LocalTransmission, Station, StationConfig, StationId, StationMode,
 };
-use super::station_set::StationSet;
-use super::statistics::{BusStatistics, StationStatistics};
+use super::station::{BusStatistics, StationStatistics};
+use super::station::{DetectedError, ErrorCounters, ErrorState};
+use super::timing::PhysicalLayer;
+use super::timing::{FrameTiming, INTERMISSION_BITS};
+use super::wire_frame::arbitration_key;
 use planning::Transmission;
 
 /// Recessive bits for which a station waits before it takes part.

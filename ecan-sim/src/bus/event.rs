@@ -2,8 +2,7 @@
 
 use ecan_protocol::can::CanFrame;
 
-use super::error_confinement::ErrorState;
-use super::station::StationId;
+use super::station::{ErrorState, StationId};
 
 /// One event on the bus. Times in simulated nanoseconds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -71,4 +70,16 @@ pub enum BusFault {
     },
     /// A station becomes bus-off at once; a frame in transmission ends in an error frame.
     BusOff(StationId),
+}
+
+/// A frame that every other station on the bus received, without effect on an error counter. Times in
+/// simulated nanoseconds.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Broadcast {
+    pub(crate) sender: StationId,
+    pub(crate) frame: CanFrame,
+    /// Start of frame.
+    pub(crate) start_ns: u64,
+    /// End of frame.
+    pub(crate) at_ns: u64,
 }

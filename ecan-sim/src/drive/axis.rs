@@ -3,16 +3,14 @@
 use ecan_canopen::{DriveState, NodeLossReaction, OperatingMode, Statusword};
 
 use super::config::DriveConfig;
-use super::history::TargetHistory;
-use super::homing::Switches;
+use super::dictionary::nearest;
+use super::homing::{Switches, TouchProbes};
 use super::motion::{HomingResult, Motion};
 use super::motor::{Actuation, Motor, Offsets};
 use super::parameters::Parameters;
 use super::power::{Action, PowerStage, StopMode};
-use super::rounding::nearest;
-use super::touch_probe::TouchProbes;
-use super::trace::{DriveTrace, MotionSample, TraceCause, TraceEvent};
-use crate::earliest::earliest;
+use super::trace::{DriveTrace, MotionSample, TargetHistory, TraceCause, TraceEvent};
+use crate::event_queue::earliest;
 
 /// EMCY error code: following error exceeds its window for too long.
 const FOLLOWING_ERROR: u16 = 0x8611;

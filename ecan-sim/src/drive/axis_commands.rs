@@ -3,12 +3,11 @@
 use ecan_canopen::{Controlword, DriveState, OperatingMode, object};
 
 use super::axis::{Axis, Targets};
-use super::history::{TargetKind, TargetRecord};
+use super::dictionary::nearest;
 use super::motion::MotionDemand;
 use super::parameters::Parameters;
 use super::power::{Conditions, halt_stop_mode};
-use super::rounding::nearest;
-use super::trace::{CommandSource, TraceCause, TraceEvent};
+use super::trace::{CommandSource, TargetKind, TargetRecord, TraceCause, TraceEvent};
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct ReceivedCommands {

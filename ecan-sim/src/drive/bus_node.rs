@@ -8,15 +8,14 @@ use ecan_canopen::{
 };
 use ecan_protocol::can::{CanFrame, FrameKind};
 
+use super::axis_unit::DriveAxis;
 use super::config::DriveConfig;
 use super::device::Device;
-use super::drive_axis::DriveAxis;
-use super::history::TargetHistory;
-use super::object_source::ObjectSource;
+use super::objects::ObjectSource;
+use super::pdo::StandardIds;
 use super::sdo_server::SdoServer;
-use super::standard_ids::StandardIds;
-use super::trace::DriveTrace;
-use crate::earliest::earliest;
+use super::trace::{DriveTrace, TargetHistory};
+use crate::event_queue::earliest;
 use crate::node::{Node, NodeOutput};
 
 /// A simulated CiA 402 drive: CANopen node, state machine, motor.

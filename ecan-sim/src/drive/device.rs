@@ -9,18 +9,14 @@ use ecan_canopen::{
 use ecan_protocol::can::{CanFrame, CanId};
 
 use super::axis::Report;
-use super::axis_objects::axis_index;
 use super::axis_unit::{AxisUnit, AxisUnits};
-use super::can_id_set::CanIdSet;
 use super::config::{DriveConfig, SdoRule};
-use super::dictionary::{Dictionary, Value};
-use super::emergency::Emergency;
-use super::guarding::Guarding;
-use super::lss_slave::{BitRateSwitch, LssSlave};
-use super::network::Network;
-use super::object_source::ObjectSource;
-use super::pdo::{ReceivePdo, TransmitPdo, numbers, valid_pdo_id};
-use crate::earliest::earliest;
+use super::dictionary::{Dictionary, Value, axis_index};
+use super::lss::{BitRateSwitch, LssSlave};
+use super::network::{Emergency, Guarding, Network};
+use super::objects::ObjectSource;
+use super::pdo::{CanIdSet, ReceivePdo, TransmitPdo, numbers, valid_pdo_id};
+use crate::event_queue::earliest;
 use crate::node::NodeOutput;
 
 /// EMCY error code: heartbeat of another node, or guarding request, missing.

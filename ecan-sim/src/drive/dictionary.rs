@@ -1,6 +1,6 @@
 //! The object dictionary: objects, access rights and values.
 
-use ecan_canopen::{AccessType, DataType};
+use ecan_canopen::{AccessType, DataType, object};
 use ecan_protocol::object::AbortCode;
 
 /// A value: raw bits of a number, or bytes.
@@ -211,6 +211,114 @@ impl Dictionary {
         {
             bytes.clear();
             bytes.extend_from_slice(data);
+        }
+    }
+}
+
+const COUNT: usize = 20;
+
+/// Indices for the first axis.
+const UPDATED_OBJECTS: [u16; COUNT] = [
+    object::ERROR_REGISTER,
+    object::ERROR_CODE,
+    object::STATUSWORD,
+    object::MODE_DISPLAY,
+    object::POSITION_DEMAND,
+    object::POSITION_ACTUAL_INTERNAL,
+    object::POSITION_ACTUAL,
+    object::VELOCITY_DEMAND,
+    object::VELOCITY_ACTUAL,
+    object::TORQUE_DEMAND,
+    object::TORQUE_ACTUAL,
+    object::FOLLOWING_ERROR,
+    object::DIGITAL_INPUTS,
+    object::VL_VELOCITY_DEMAND,
+    object::VL_VELOCITY_ACTUAL,
+    object::PROBE_STATUS,
+    object::PROBE_1_POSITIVE,
+    object::PROBE_1_NEGATIVE,
+    object::PROBE_2_POSITIVE,
+    object::PROBE_2_NEGATIVE,
+];
+
+/// Slots of these objects of an axis, as far as the dictionary has them, with their indices for the
+/// first axis.
+pub(super) type Slots = Vec<(Slot, u16)>;
+
+pub(super) fn find_updated(objects: &Dictionary, axis: usize, is_drive: bool) -> Slots {
+    let is_updated = |index| {
+        let is_shared = index == object::ERROR_REGISTER;
+        if axis == 0 { is_drive || is_shared } else { is_drive && !is_shared }
+    };
+    let find = |index| objects.find((axis_index(axis, index), 0)).ok().map(|slot| (slot, index));
+    UPDATED_OBJECTS.into_iter().filter(|index| is_updated(*index)).filter_map(find).collect()
+}
+
+/// Most axes of a node.
+pub(super) const MOST_AXES: usize = 8;
+
+/// Objects of the first axis; those of the others follow at this distance.
+const FIRST_OBJECTS: u16 = 0x6000;
+const OBJECTS: u16 = 0x800;
+
+/// Splits the index of an object of the profile into the axis and the index for the first axis; other
+/// objects belong to the first axis.
+pub(super) const fn split_index(index: u16) -> (usize, u16) {
+    match index.checked_sub(FIRST_OBJECTS) {
+        Some(offset) if (offset / OBJECTS) < MOST_AXES as u16 => {
+            ((offset / OBJECTS) as usize, FIRST_OBJECTS + offset % OBJECTS)
+        }
+        _ => (0, index),
+    }
+}
+
+/// Index of an object of an axis, by that of the first one.
+pub(super) const fn axis_index(axis: usize, index: u16) -> u16 {
+    if index >= FIRST_OBJECTS && index - FIRST_OBJECTS < OBJECTS {
+        index + axis as u16 * OBJECTS
+    } else {
+        index
+    }
+}
+
+/// The nearest integer, as `value.round() as i64`, which needs a call into a library on processors
+/// without SSE 4.1.
+pub(super) fn nearest(value: f64) -> i64 {
+    let whole = value as i64;
+    let rest = value - whole as f64;
+    whole.saturating_add(i64::from(rest >= 0.5)).saturating_sub(i64::from(rest <= -0.5))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn objects_of_an_axis_are_at_their_distance() {
+        assert_eq!(axis_index(0, 0x6040), 0x6040);
+        assert_eq!(axis_index(1, 0x6040), 0x6840);
+        assert_eq!(axis_index(7, 0x67FF), 0x9FFF);
+        assert_eq!(axis_index(3, 0x1017), 0x1017);
+        assert_eq!(axis_index(1, 0x6800), 0x6800, "already of the second axis");
+        for (index, expected) in [
+            (0x6040, (0, 0x6040)),
+            (0x6840, (1, 0x6040)),
+            (0x9FFF, (7, 0x67FF)),
+            (0xA000, (0, 0xA000)),
+            (0x2000, (0, 0x2000)),
+        ] {
+            assert_eq!(split_index(index), expected);
+        }
+    }
+
+    #[test]
+    fn nearest_integer_is_that_of_round() {
+        let edges = [0.0, 0.499_999_999_999_999_94, 0.5, 1.5, 2.5, 1e9 + 0.5, 4.5e15 + 0.5, 9.3e18];
+        let special = [f64::NAN, f64::INFINITY, f64::MAX, f64::MIN_POSITIVE, 2f64.powi(63)];
+        for value in edges.into_iter().chain(special) {
+            for value in [value, -value, value.next_up(), value.next_down()] {
+                assert_eq!(nearest(value), value.round() as i64, "{value:?}");
+            }
         }
     }
 }

@@ -4,17 +4,13 @@ use ecan_canopen::{AccessType, HeartbeatConsumer, OperatingMode, SupportedModes,
 use ecan_protocol::object::AbortCode;
 
 use super::axis_commands::ReceivedCommands;
-use super::axis_objects::{axis_index, split_index};
 use super::config::{SdoDirection, SdoEffect, SdoRule};
 use super::device::Device;
-use super::dictionary::{Key, Object, Slot, Value};
-use super::emergency::clear_history;
-use super::homing;
-use super::motion;
-use super::network::Network;
-use super::pdo::{ReceivePdo, TransmitPdo};
-use super::pdo_rules::PdoObject;
+use super::dictionary::{Key, Object, Slot, Value, axis_index, split_index};
+use super::network::{Network, clear_history};
+use super::pdo::{PdoObject, ReceivePdo, TransmitPdo};
 use super::sdo_server::TransferError;
+use super::{homing, motion};
 
 /// "save" and "load", little-endian.
 const SAVE: i64 = 0x6576_6173;

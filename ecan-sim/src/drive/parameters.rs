@@ -4,10 +4,9 @@ use ecan_canopen::{
     FaultReaction, HaltOption, NodeLossReaction, QuickStopOption, StopOption, object,
 };
 
-use super::axis_objects::axis_index;
-use super::dictionary::Dictionary;
+use super::dictionary::{Dictionary, axis_index};
+use super::motion::Bounds;
 use super::motor::Motor;
-use super::ramp::Bounds;
 
 /// Motion parameters; times in ns, positions in increments.
 #[derive(Clone, Copy, Debug)]

@@ -1,10 +1,16 @@
-use ecan_canopen::{DataType, MappingEntry, Mpdo, PdoCobId, TransmissionType, object};
-use ecan_protocol::can::CanId;
+//! Rules for writing PDO parameters (CiA 301, 7.5.2.35 to 7.5.2.38).
 
-use super::default_objects::PDO_ENTRIES;
+use ecan_canopen::{
+    CobId, DataType, MappingEntry, Mpdo, NmtState, NodeId, PdoCobId, ScannerEntry,
+    TransmissionType, object,
+};
+use ecan_protocol::can::CanId;
+use ecan_protocol::object::AbortCode;
+
+use super::config::DriveQuirks;
 use super::dictionary::{Dictionary, Slot, mapped_bits};
-use super::scanner_list::{ScannedObject, scanned_objects};
-use crate::earliest::earliest;
+use super::objects::PDO_ENTRIES;
+use crate::event_queue::earliest;
 
 pub(super) const PDO_BYTES: usize = 8;
 
@@ -288,5 +294,304 @@ impl TransmitPdo {
         let inhibited = (self.free_at > now).then_some(self.free_at);
         let timer = self.timer_at.map(|at| at.max(self.free_at));
         earliest([inhibited, timer])
+    }
+}
+
+/// PDO parameters: communication at 0x1400 and 0x1800, mapping at 0x1600 and 0x1A00.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct PdoObject {
+    pub(super) is_sent: bool,
+    is_mapping: bool,
+    pub(super) number: u16,
+}
+
+impl PdoObject {
+    pub(super) fn of(index: u16) -> Option<Self> {
+        (object::RPDO_COMMUNICATION..object::TPDO_MAPPING + 0x200).contains(&index).then_some(
+            Self {
+                is_sent: index >= object::TPDO_COMMUNICATION,
+                is_mapping: index & 0x200 != 0,
+                number: index & 0x1FF,
+            },
+        )
+    }
+
+    const fn communication(self) -> u16 {
+        let first =
+            if self.is_sent { object::TPDO_COMMUNICATION } else { object::RPDO_COMMUNICATION };
+        first + self.number
+    }
+
+    pub(super) fn check(
+        self,
+        objects: &Dictionary,
+        state: NmtState,
+        quirks: &DriveQuirks,
+        (index, subindex): (u16, u8),
+        value: u32,
+    ) -> Result<(), AbortCode> {
+        if !self.is_mapping {
+            return self.check_communication(objects, state, subindex, value);
+        }
+        if quirks.fixed_mapping {
+            return Err(AbortCode::READ_ONLY);
+        }
+        if state == NmtState::Operational {
+            return Err(AbortCode::DEVICE_STATE);
+        }
+        let must_be_invalid = quirks.rejects_mapping_while_valid && self.can_be_invalid(objects);
+        if must_be_invalid && self.valid_id(objects).is_some() {
+            return Err(AbortCode::UNSUPPORTED_ACCESS);
+        }
+        if subindex == 0 {
+            return self.check_count(objects, index, value);
+        }
+        if objects.number(index, 0).unwrap_or(0) != 0 {
+            return Err(AbortCode::SUBINDEX_LOCKED);
+        }
+        if value != 0 {
+            self.check_entry(objects, MappingEntry::from_raw(value))?;
+        }
+        Ok(())
+    }
+
+    /// Returns whether a client can write the COB-ID. Some devices have a constant one.
+    fn can_be_invalid(self, objects: &Dictionary) -> bool {
+        let slot = objects.find((self.communication(), 1)).ok();
+        let object = slot.and_then(|slot| objects.object(slot));
+        object.is_none_or(|object| object.access.is_writable())
+    }
+
+    fn valid_id(self, objects: &Dictionary) -> Option<CanId> {
+        valid_pdo_id(objects.number(self.communication(), 1)? as u32)
+    }
+
+    fn check_communication(
+        self,
+        objects: &Dictionary,
+        state: NmtState,
+        subindex: u8,
+        value: u32,
+    ) -> Result<(), AbortCode> {
+        match subindex {
+            1 => {
+                let new = PdoCobId::from_raw(value).ok_or(AbortCode::RANGE)?;
+                if new.is_valid && is_restricted(new.id) {
+                    return Err(AbortCode::RANGE);
+                }
+                if state == NmtState::Operational {
+                    return Err(AbortCode::DEVICE_STATE);
+                }
+                // The COB-ID of an existing PDO cannot change.
+                if new.is_valid && self.valid_id(objects).is_some_and(|old| old != new.id) {
+                    return Err(AbortCode::UNSUPPORTED_ACCESS);
+                }
+                Ok(())
+            }
+            2 => match TransmissionType::from_raw(value as u8) {
+                // Remote frames are not answered.
+                None | Some(TransmissionType::RtrSynchronous | TransmissionType::RtrEvent) => {
+                    Err(AbortCode::RANGE)
+                }
+                Some(_) => Ok(()),
+            },
+            3 | 6 if self.valid_id(objects).is_some() => Err(AbortCode::UNSUPPORTED_ACCESS),
+            _ => Ok(()),
+        }
+    }
+
+    /// Size of an object in bytes, if this PDO may map it.
+    fn check_entry(self, objects: &Dictionary, entry: MappingEntry) -> Result<usize, AbortCode> {
+        let bytes = usize::from(entry.bits / 8);
+        if !self.is_sent && is_dummy(entry) {
+            return Ok(bytes);
+        }
+        let slot = objects.find((entry.index, entry.subindex))?;
+        let object = objects.object(slot).ok_or(AbortCode::NO_OBJECT)?;
+        let carries = if self.is_sent { object.can_be_sent() } else { object.can_be_received() };
+        if carries && mapped_bits(object.data_type) == Some(entry.bits) {
+            Ok(bytes)
+        } else {
+            Err(AbortCode::NOT_MAPPABLE)
+        }
+    }
+
+    fn check_count(self, objects: &Dictionary, index: u16, count: u32) -> Result<(), AbortCode> {
+        // The drive sends MPDOs in source address mode only, and receives them in the other one only.
+        let mode = if self.is_sent { Mpdo::SOURCE_MAPPING } else { Mpdo::DESTINATION_MAPPING };
+        if count == u32::from(mode) {
+            return Ok(());
+        }
+        if count as usize > PDO_ENTRIES {
+            return Err(AbortCode::TOO_GREAT);
+        }
+        let mut length = 0;
+        for subindex in 1..=count as u8 {
+            let raw = objects.number(index, subindex).ok_or(AbortCode::RANGE)?;
+            length += self.check_entry(objects, MappingEntry::from_raw(raw as u32))?;
+        }
+        if length > PDO_BYTES { Err(AbortCode::PDO_LENGTH) } else { Ok(()) }
+    }
+}
+
+/// COB-IDs that CiA 301 reserves for other services.
+fn is_restricted(id: CanId) -> bool {
+    !id.is_extended()
+        && matches!(
+            id.raw(),
+            0x000..=0x07F | 0x101..=0x180 | 0x581..=0x5FF | 0x601..=0x67F | 0x6E0..=0x6FF
+                | 0x701..=0x7FF
+        )
+}
+
+/// A set of CAN IDs. Every frame on the bus is looked up in it.
+#[derive(Clone, Debug, Default)]
+pub(super) struct CanIdSet {
+    pub(super) standard: StandardIds,
+    extended: Vec<CanId>,
+    version: u32,
+}
+
+impl CanIdSet {
+    /// CAN IDs of the services that every drive has: NMT, LSS, its SDO server, heartbeats of other nodes,
+    /// and its guarding requests.
+    pub(super) fn services_of(node: NodeId) -> Self {
+        let mut services = Self::default();
+        services.insert(CobId::NMT.can_id());
+        services.insert(CobId::LSS_REQUEST.can_id());
+        services.insert(CobId::sdo_client(node).can_id());
+        for producer in (1..=127).filter_map(NodeId::new) {
+            services.insert(CobId::heartbeat(producer).can_id());
+        }
+        services
+    }
+
+    /// Changes with every change of the set; 0 at first.
+    pub(super) const fn version(&self) -> u32 {
+        self.version
+    }
+
+    pub(super) fn insert(&mut self, id: CanId) {
+        self.version = self.version.wrapping_add(1);
+        if id.is_extended() {
+            self.extended.push(id);
+        } else {
+            self.standard.insert(id.raw() as usize);
+        }
+    }
+
+    pub(super) fn contains(&self, id: CanId) -> bool {
+        if id.is_extended() {
+            return self.extended.contains(&id);
+        }
+        self.standard.contains(id.raw() as usize)
+    }
+
+    pub(super) fn reset(&mut self, services: &Self) {
+        self.version = self.version.wrapping_add(1);
+        self.standard = services.standard;
+        self.extended.clear();
+    }
+}
+
+/// Object of the scanner list, with the value that was sent last.
+#[derive(Clone, Debug)]
+pub(super) struct ScannedObject {
+    pub(super) slot: Slot,
+    sent: Option<u64>,
+}
+
+/// Objects of the scanner list 0x1FA0 that exist and have up to four bytes.
+pub(super) fn scanned_objects(objects: &Dictionary) -> Vec<ScannedObject> {
+    let count = objects.number(object::SCANNER_LIST, 0).unwrap_or(0).clamp(0, 254) as u8;
+    let entries = (1..=count)
+        .filter_map(|nth| objects.number(object::SCANNER_LIST, nth))
+        .filter_map(|raw| ScannerEntry::from_raw(raw as u32));
+    entries
+        .flat_map(|entry| {
+            (0..entry.count).filter_map(move |nth| {
+                let slot = objects.find((entry.index, entry.subindex.checked_add(nth)?)).ok()?;
+                let size = objects.object(slot)?.data_type.size()?;
+                (size <= 4).then_some(ScannedObject { slot, sent: None })
+            })
+        })
+        .collect()
+}
+
+impl ScannedObject {
+    /// Returns the value if it changed since it was sent.
+    pub(super) fn take_change(&mut self, objects: &Dictionary) -> Option<u64> {
+        let value = objects.raw(self.slot);
+        (self.sent.replace(value) != Some(value)).then_some(value)
+    }
+
+    pub(super) fn restart(&mut self) {
+        self.sent = None;
+    }
+}
+
+const WORD_BITS: usize = 64;
+const WORDS: usize = (1 << 11) / WORD_BITS;
+
+/// A set of standard CAN IDs.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct StandardIds {
+    words: [u64; WORDS],
+}
+
+impl StandardIds {
+    /// Every standard CAN ID.
+    pub(crate) const fn all() -> Self {
+        Self { words: [u64::MAX; WORDS] }
+    }
+
+    /// Adds an ID; another number than that of a standard ID has no effect.
+    pub(crate) fn insert(&mut self, raw: usize) {
+        if let Some(bits) = self.words.get_mut(raw / WORD_BITS) {
+            *bits |= 1 << (raw % WORD_BITS);
+        }
+    }
+
+    pub(crate) fn contains(&self, raw: usize) -> bool {
+        self.words.get(raw / WORD_BITS).is_some_and(|bits| bits >> (raw % WORD_BITS) & 1 == 1)
+    }
+
+    pub(crate) fn iter(&self) -> impl Iterator<Item = usize> {
+        self.differences(&Self::default())
+    }
+
+    /// The IDs that only one of the sets contains.
+    pub(crate) fn differences(&self, other: &Self) -> impl Iterator<Item = usize> + use<> {
+        let words = self.words.into_iter().zip(other.words).enumerate();
+        words.filter(|(_, (own, other))| own != other).flat_map(|(word, (own, other))| {
+            let differs = own ^ other;
+            (0..WORD_BITS)
+                .filter(move |bit| differs >> bit & 1 == 1)
+                .map(move |bit| word * WORD_BITS + bit)
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn set_contains_both_formats() {
+        let node = NodeId::new(5).unwrap();
+        let standard = |raw| CanId::standard(raw).unwrap();
+        let services = CanIdSet::services_of(node);
+        for (raw, is_in) in [(0, true), (0x605, true), (0x606, false), (0x700, false)] {
+            assert_eq!(services.contains(standard(raw)), is_in, "{raw:#X}");
+        }
+        assert!(services.contains(standard(0x701)) && services.contains(standard(0x77F)));
+        let extended = CanId::extended(0x205).unwrap();
+        let mut all = CanIdSet::default();
+        all.insert(extended);
+        assert!(all.contains(extended) && !all.contains(standard(0x205)));
+        all.insert(standard(0x205));
+        all.reset(&services);
+        assert!(!all.contains(extended) && !all.contains(standard(0x205)));
+        assert!(all.contains(standard(0x605)));
     }
 }

@@ -4,14 +4,11 @@ use ecan_canopen::{NmtState, TimeOfDay, object, parse_sync};
 use ecan_protocol::can::CanId;
 
 use super::axis_commands::ReceivedCommands;
-use super::axis_objects::{MOST_AXES, split_index};
 use super::axis_unit::AxisUnit;
 use super::device::{Device, send};
-use super::dictionary::{Dictionary, Slot};
-use super::emergency::register_of;
+use super::dictionary::{Dictionary, MOST_AXES, Slot, Slots, nearest, split_index};
+use super::network::register_of;
 use super::pdo::{Mapping, PDO_BYTES, TransmitPdo};
-use super::rounding::nearest;
-use super::updated_object::Slots;
 use crate::node::NodeOutput;
 
 /// EMCY error code: PDO with too few bytes.

@@ -12,10 +12,10 @@ use std::collections::VecDeque;
 
 use ecan_protocol::device::AlState;
 
+use super::sdo_transfer::{MailboxTransfer, Pace};
 use crate::ecrt::clocks::Clocks;
 use crate::ecrt::datagram::Queued;
 use crate::ecrt::domain::Domain;
-use crate::ecrt::mailbox::{MailboxTransfer, Pace};
 use crate::ecrt::slave_config::SlaveConfig;
 use crate::ecrt::slave_view::SlaveView;
 use crate::ecrt::timing::THREAD_GAP_NS;

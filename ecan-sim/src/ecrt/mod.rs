@@ -3,7 +3,6 @@
 //! Behaves as IgH EtherCAT master 1.6.2 (or 1.5.2) does towards an application. The kernel module
 //! and the user space library are one here.
 
-mod al_status;
 mod calls;
 mod clocks;
 mod datagram;
@@ -12,13 +11,8 @@ mod shared;
 // the crate root documents the safety contract of all functions, `ecrt_sys::Functions` each of them
 #[allow(missing_docs, clippy::missing_safety_doc)]
 pub(crate) mod functions;
-mod mailbox;
 mod master;
 mod pdo;
-mod pdo_assignment;
-mod process_memory;
-mod registry;
-mod sdo_object;
 mod sdo_transfer;
 mod slave_config;
 mod slave_view;

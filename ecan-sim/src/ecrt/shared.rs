@@ -6,14 +6,14 @@ use std::time::Duration;
 
 use ecrt_sys::{Clock as _, MonotonicClock};
 
+use super::sdo_transfer::{SdoFailure, SdoObject};
 use crate::backend_error::BackendError;
 use crate::ecrt::master::{MasterModel, Phase, dictionary_ns};
-use crate::ecrt::sdo_object::{SdoFailure, SdoObject};
 use crate::ecrt::threads::{Threads, Waiter};
 use crate::ecrt::timing::{BLOCKED_GIVE_UP_NS, DICTIONARY_WAIT_NS, SCAN_BASE_NS, SCAN_SLAVE_NS};
 use crate::node::BridgeFactory;
+use crate::random::WakeUps;
 use crate::scenario::{ClockKind, EcrtVersion, Scenario};
-use crate::wake_up::WakeUps;
 use crate::world::{EPOCH_NS, World};
 
 /// Longest step of a blocking call, to notice other threads.

@@ -1,8 +1,8 @@
 //! Configuration of one slave by the application.
 
+use super::domain::ProcessMemory;
+use super::sdo_transfer::SdoObject;
 use crate::ecrt::pdo::{Pdo, direction_of, pdo_bytes};
-use crate::ecrt::process_memory::ProcessMemory;
-use crate::ecrt::sdo_object::SdoObject;
 use crate::world::{ProcessDirection, SlaveDescription};
 
 pub(super) const MAX_SYNC_MANAGERS: usize = 16;

@@ -1,12 +1,11 @@
 //! State of a slave as known to the master since the last scan.
 
-use ecan_protocol::device::AlState;
+use ecan_protocol::device::{AlState, AlStatusCode};
 use ecan_protocol::mapping::{Direction, UNITS_PER_CHUNK, assignment_index, sync_manager};
 
-use crate::ecrt::al_status::{AL_ERROR, al_status};
-use crate::ecrt::mailbox::Transfer;
-use crate::ecrt::pdo::{Pdo, PdoEntry, SYNC_MANAGERS};
-use crate::ecrt::startup_state::Startup;
+use super::pdo::{Pdo, PdoEntry, SYNC_MANAGERS};
+use super::sdo_transfer::Transfer;
+use super::startup_state::Startup;
 use crate::scenario::IoSpec;
 use crate::world::{SlaveDescription, Slot, World};
 
@@ -144,4 +143,21 @@ fn read(world: &mut World, slot: Slot, index: u16, subindex: u8) -> Option<u32> 
         *to = *from;
     }
     Some(u32::from_le_bytes(word))
+}
+
+pub(super) const AL_ERROR: u8 = 0x10;
+
+/// AL status of a slave: its state, and the error bit.
+pub(crate) fn al_status(world: &World, slot: Slot) -> u8 {
+    let (state, has_error) = match slot {
+        Slot::Gateway(index) => {
+            let Some(gateway) = world.gateway(index) else { return 0 };
+            (gateway.al_state(), gateway.al_error())
+        }
+        Slot::Io(index) => {
+            let Some(io) = world.io(index) else { return 0 };
+            (io.al_state(), io.al_status_code() != AlStatusCode::OK.0)
+        }
+    };
+    state.raw() | if has_error { AL_ERROR } else { 0 }
 }

@@ -2,8 +2,8 @@
 
 use ecan_protocol::device::AlState;
 
-use crate::ecrt::mailbox::MailboxTransfer;
-use crate::ecrt::pdo_assignment::AssignmentWrite;
+use super::pdo::AssignmentWrite;
+use super::sdo_transfer::MailboxTransfer;
 
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) enum Startup {

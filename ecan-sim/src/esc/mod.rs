@@ -4,7 +4,6 @@
 mod clock;
 mod controller;
 mod eeprom;
-mod fmmu;
 mod frame;
 mod sync_manager;
 mod wire;

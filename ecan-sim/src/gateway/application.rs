@@ -4,14 +4,15 @@ use ecan_protocol::config::{
 use ecan_protocol::device::{AlState, AlStatusCode};
 use ecan_protocol::mapping::{CHANNELS, Direction};
 
-use super::channel_control::{self, FIRST_CHANNEL_OBJECT};
-use super::command::{FIRST_DATA_PATH, GLOBAL_DATA_PATH, SYSTEM};
+use super::board::PinRotation;
+use super::channel_control;
+use super::channel_control::FIRST_CHANNEL_OBJECT;
 use super::config::GatewayModelConfig;
-use super::configuration_image::ConfigurationImage;
+use super::configuration_store::ConfigurationImage;
 use super::controller::ControllerConfig;
 use super::data_path::DataPath;
+use super::maintenance::{FIRST_DATA_PATH, GLOBAL_DATA_PATH, SYSTEM};
 use super::object_server::ObjectServer;
-use super::pin_rotation::PinRotation;
 use super::sync_managers::SyncManagers;
 use super::variant::{ApplyAtSafeOp, FilterIndex};
 

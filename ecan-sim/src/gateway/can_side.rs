@@ -2,13 +2,11 @@
 
 use ecan_protocol::can::CanFrame;
 
-use crate::bus::{DetectedError, ErrorState, PhysicalLayer, StationConfig};
-
 use super::Gateway;
 use super::application::Application;
 use super::channel::Channel;
-use super::counters::GatewayCounters;
-use super::emergency::Emergency;
+use super::diagnostics::{Emergency, GatewayCounters};
+use crate::bus::{DetectedError, ErrorState, PhysicalLayer, StationConfig};
 
 impl Gateway {
     /// The channel at a connector, by the active pin rotation (0x8000:13).

@@ -4,14 +4,13 @@ use ecan_protocol::can::CanFrame;
 use ecan_protocol::config::{BusOffRecovery, DataPathConfig};
 use ecan_protocol::image::{ChannelState, ChannelStatus, ResultCode};
 
-use crate::bus::ErrorState;
-
 use super::config::GatewayModelConfig;
 use super::controller::{Controller, ControllerConfig, Rejection, STATUS_REGISTERS};
-use super::counters::{GatewayCounters, ReceiveLosses, TransmitLosses};
+use super::diagnostics::{GatewayCounters, ReceiveLosses, TransmitLosses};
 use super::receive_path::{ReceiveCounters, ReceivePath};
 use super::transmit_path::{TransmitCounters, TransmitPath};
 use super::variant::{BusOffWait, CriticalSet, RxDrain, TxPending};
+use crate::bus::ErrorState;
 
 /// Latched channel events, 0x9000:12. The manual names them but not their bits.
 mod event {

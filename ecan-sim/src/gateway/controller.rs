@@ -14,11 +14,11 @@ use crate::bus::{
     BusError, DelayCompensation, DetectedError, ErrorState, PhysicalLayer, StationConfig,
     StationMode, arbitration_key,
 };
-use crate::queue::take_first;
+use crate::event_queue::take_first;
 
-use super::counters::GatewayCounters;
-use super::filter::{Destination, FilterTable};
-use super::receive_fifo::{RX_ELEMENTS_MAX, ReceiveFifo, Received, wrap_increment};
+use super::diagnostics::GatewayCounters;
+use super::message_ram::{Destination, FilterTable};
+use super::message_ram::{RX_ELEMENTS_MAX, ReceiveFifo, Received, wrap_increment};
 use register_writes::WrittenRegisters;
 
 pub(super) use register_writes::FramesDropped;

@@ -7,20 +7,16 @@ use ecan_protocol::config::{
 use ecan_protocol::image::{FramePacket, OptionFlags, Packet, PdoError, ResultCode, Schedule};
 use ecan_protocol::mapping::{CHANNELS, Direction, HEADER_BYTES};
 
-use super::active_options::ActiveOptions;
-use super::budget::Budget;
 use super::channel::{Channel, ChannelModel, path_error};
 use super::config::GatewayModelConfig;
 use super::controller::{ControllerConfig, Rejection};
-use super::counters::GatewayCounters;
-use super::cycle_performance::CyclePerformance;
+use super::dc_clock::PulseTrain;
+use super::diagnostics::{CyclePerformance, GatewayCounters};
 use super::fault::PendingFaults;
 use super::maintenance::flag;
-use super::pulse_train::PulseTrain;
-use super::rx_pdo::RxPdoParser;
-use super::schedule::{ScheduleQueue, Scheduled};
-use super::transmit_path::{Pending, Reference, ResultQueue};
-use super::tx_pdo::TxPdoBuilder;
+use super::pdo::{RxPdoParser, TxPdoBuilder};
+use super::profile_control::ActiveOptions;
+use super::transmit_path::{Budget, Pending, Reference, ResultQueue, ScheduleQueue, Scheduled};
 use super::variant::{GatewayVariant, RxBudgetPolicy, ScheduledPulse, TxPdoNumbering};
 
 /// Service budget in microseconds if 0x8020:7 is 0.

@@ -1,4 +1,16 @@
 //! Distributed clock of a slave: a drifting oscillator with the corrections of the master.
+//!
+//! Outputs that arrive around a Sync0 pulse are missed by the firmware (manual 15.6.1, 16.1).
+//!
+//! The manual states the effect of outputs that are not there before Sync0, missing working counters
+//! or the loss of OP, but no times; all values here are assumptions. The model: an image that is
+//! complete within the window stays unread in SM2. The next write is therefore rejected, and the
+//! service after it reads the image. So every second write is missing in the working counter while
+//! all images arrive within the window.
+
+use ecan_protocol::device::AlStatusCode;
+
+use super::config::{Sync0, Sync0Window};
 
 /// Share of a difference that one correction removes at once.
 const STEP_SHARE: i64 = 4;
@@ -114,9 +126,157 @@ impl DcClock {
     }
 }
 
+#[derive(Clone, Debug)]
+pub(super) struct DistributedClock {
+    pub(super) clock: DcClock,
+    pub(super) sync0: Option<Sync0>,
+    pub(super) pulses: Option<PulseTrain>,
+    /// Sync1 is active, too (0x0981 bit 2).
+    pub(super) has_sync1: bool,
+}
+
+impl DistributedClock {
+    pub(super) fn new(drift_ppb: i32) -> Self {
+        Self { clock: DcClock::new(drift_ppb), sync0: None, pulses: None, has_sync1: false }
+    }
+
+    pub(super) fn set_sync0(&mut self, sync0: Option<Sync0>, now: u64) {
+        self.sync0 = sync0;
+        self.pulses = sync0.map(|sync0| PulseTrain::new(sync0, self.clock.line, now));
+    }
+
+    /// Changes the clock; the pulses follow it.
+    pub(super) fn change(&mut self, now: u64, change: impl FnOnce(&mut DcClock)) {
+        change(&mut self.clock);
+        let line = self.clock.line;
+        if let Some(pulses) = &mut self.pulses {
+            pulses.set_line(line, now);
+        }
+    }
+}
+
+/// Sync0 pulses (manual 8.4), equidistant in the slave's system time; results are simulated time.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct PulseTrain {
+    /// In system time; `None` if the start had passed when Sync0 was set: no pulse ever comes.
+    first_system_ns: Option<u64>,
+    cycle_ns: u64,
+    line: LinearClock,
+}
+
+impl PulseTrain {
+    pub(super) fn new(sync0: Sync0, line: LinearClock, now: u64) -> Self {
+        let first = sync0.start_ns.saturating_add_signed(i64::from(sync0.shift_ns));
+        Self {
+            first_system_ns: (first >= line.system(now)).then_some(first),
+            cycle_ns: u64::from(sync0.cycle_ns).max(1),
+            line,
+        }
+    }
+
+    /// The slave's clock was corrected or set. If it jumps over the first pulse, none ever comes.
+    pub(super) fn set_line(&mut self, line: LinearClock, now: u64) {
+        let has_begun = self.pulses_until(now) > 0;
+        self.line = line;
+        let is_jumped_over =
+            !has_begun && self.first_system_ns.is_some_and(|first| first < line.system(now));
+        if is_jumped_over {
+            self.first_system_ns = None;
+        }
+    }
+
+    pub(super) fn first_ns(self) -> u64 {
+        self.first_system_ns.map_or(u64::MAX, |first| self.line.simulated(first))
+    }
+
+    pub(super) fn cycle_ns(self) -> u64 {
+        self.cycle_ns
+    }
+
+    /// The first pulse strictly after `now`.
+    pub(super) fn next_after(self, now: u64) -> u64 {
+        self.next_system_after(now).map_or(u64::MAX, |next| self.line.simulated(next))
+    }
+
+    /// The same in system time; `None` if no pulse comes.
+    pub(super) fn next_system_after(self, now: u64) -> Option<u64> {
+        let passed = self.pulses_until(now).checked_mul(self.cycle_ns)?;
+        self.first_system_ns?.checked_add(passed)
+    }
+
+    fn since_first(self, now: u64) -> Option<u64> {
+        self.line.system(now).checked_sub(self.first_system_ns?)
+    }
+
+    /// Number of pulses from the first one up to and including `now`.
+    pub(super) fn pulses_until(self, now: u64) -> u64 {
+        self.since_first(now).map_or(0, |ns| (ns / self.cycle_ns).saturating_add(1))
+    }
+
+    /// Distance from the last pulse at or before `now`; 0 before the first one.
+    pub(super) fn phase(self, now: u64) -> u64 {
+        self.since_first(now).map_or(0, |ns| ns % self.cycle_ns)
+    }
+}
+
+/// Writes to SM2 against the pulses.
+#[derive(Clone, Debug)]
+pub(super) struct OutputTiming {
+    window: Sync0Window,
+    /// SM2 holds an image that the firmware has missed.
+    pub(super) is_image_missed: bool,
+    missed_in_a_row: u32,
+}
+
+impl OutputTiming {
+    pub(super) fn new(window: Sync0Window) -> Self {
+        Self { window, is_image_missed: false, missed_in_a_row: 0 }
+    }
+
+    pub(super) fn restart(&mut self) {
+        *self = Self::new(self.window);
+    }
+
+    /// Returns true if outputs that are complete at this time are missed.
+    fn is_missed(&self, pulses: Option<PulseTrain>, arrival: u64) -> bool {
+        let Some(pulses) = pulses.filter(|_| !self.window.is_off()) else { return false };
+        let has_begun = pulses.pulses_until(arrival) > 0;
+        let ahead = pulses.next_after(arrival).saturating_sub(arrival);
+        (has_begun && pulses.phase(arrival) < u64::from(self.window.after_ns))
+            || ahead <= u64::from(self.window.before_ns)
+    }
+
+    /// A write to SM2 in OP that is complete at `arrival`. Returns true if it is missed.
+    pub(super) fn outputs_written(&mut self, pulses: Option<PulseTrain>, arrival: u64) -> bool {
+        self.is_image_missed = self.is_missed(pulses, arrival);
+        self.count(self.is_image_missed);
+        self.is_image_missed
+    }
+
+    /// A write to SM2 in OP that was rejected because the buffer is full. Returns true if the buffer
+    /// holds a missed image: the firmware reads it in the next service.
+    pub(super) fn write_rejected(&mut self, pulses: Option<PulseTrain>, arrival: u64) -> bool {
+        if self.is_missed(pulses, arrival) {
+            self.count(true);
+        }
+        std::mem::take(&mut self.is_image_missed)
+    }
+
+    fn count(&mut self, is_missed: bool) {
+        self.missed_in_a_row = if is_missed { self.missed_in_a_row.saturating_add(1) } else { 0 };
+    }
+
+    /// AL status code if too many writes in a row were missed.
+    pub(super) fn error(&self) -> Option<AlStatusCode> {
+        let Sync0Window { missed_limit, al_status, .. } = self.window;
+        (missed_limit > 0 && self.missed_in_a_row >= missed_limit).then_some(al_status)
+    }
+}
+
 #[cfg(test)]
 mod tests {
-    use super::*;
+    use super::{LinearClock, *};
+    use crate::gateway::config::Sync0;
 
     /// Largest difference to simulated time in the last `look` of `count` corrections.
     fn worst(clock: &mut DcClock, count: u64, look: u64) -> i64 {
@@ -173,5 +333,59 @@ mod tests {
         clock.correct(1_000_000, 1_000_000);
         assert_eq!(clock.written_time(1_000_000), Some(1_100_000 - MAX_STEP_NS as u64));
         assert!(worst(&mut clock, 2_000, 100) < 20);
+    }
+
+    #[test]
+    fn pulses_follow_a_changed_clock() {
+        let mut clock = DistributedClock::new(0);
+        clock.set_sync0(Some(Sync0 { start_ns: 1_000, cycle_ns: 1_000, shift_ns: 0 }), 0);
+        assert_eq!(clock.pulses.map(|pulses| pulses.next_after(2_500)), Some(3_000));
+        clock.change(2_500, |clock| clock.jump(100, 2_500));
+        assert_eq!(clock.pulses.map(|pulses| pulses.next_after(2_500)), Some(2_900));
+    }
+
+    /// Pulses at 1, 2, 3 ms and so on.
+    fn pulses() -> Option<PulseTrain> {
+        let sync0 = Sync0 { start_ns: 1_000_000, cycle_ns: 1_000_000, shift_ns: 0 };
+        Some(PulseTrain::new(sync0, LinearClock::default(), 0))
+    }
+
+    #[test]
+    fn window_lies_around_each_pulse() {
+        let mut timing = OutputTiming::new(Sync0Window::default());
+        let mut missed = |at| timing.outputs_written(pulses(), at);
+        for pulse in [1_000_000, 7_000_000] {
+            let at = |distance: i64| u64::saturating_add_signed(pulse, distance);
+            assert!(!missed(at(-50_001)));
+            assert!(missed(at(-50_000)) && missed(at(0)) && missed(at(19_999)));
+            assert!(!missed(at(20_000)) && !missed(at(500_000)));
+        }
+        assert!(!missed(0) && !missed(900_000), "before the first pulse");
+    }
+
+    #[test]
+    fn window_that_is_off_misses_nothing() {
+        let mut timing = OutputTiming::new(Sync0Window::OFF);
+        assert!(!timing.outputs_written(pulses(), 1_000_000));
+        let mut timing = OutputTiming::new(Sync0Window::default());
+        assert!(!timing.outputs_written(None, 1_000_000), "no pulses");
+    }
+
+    #[test]
+    fn row_of_missed_writes_ends_with_a_write_in_time() {
+        let window = Sync0Window { missed_limit: 3, ..Sync0Window::default() };
+        let mut timing = OutputTiming::new(window);
+        assert!(timing.outputs_written(pulses(), 1_000_000));
+        assert!(timing.write_rejected(pulses(), 2_000_000), "holds the missed image");
+        assert!(!timing.outputs_written(pulses(), 2_500_000));
+        assert_eq!(timing.error(), None);
+        for cycle in 3..5 {
+            timing.outputs_written(pulses(), cycle * 1_000_000);
+        }
+        assert_eq!(timing.error(), None);
+        timing.write_rejected(pulses(), 5_000_000);
+        assert_eq!(timing.error(), Some(AlStatusCode::SYNC_ERROR));
+        timing.restart();
+        assert_eq!(timing.error(), None);
     }
 }

@@ -7,8 +7,8 @@ use super::Gateway;
 use super::al_state::Requirement;
 use super::config::{MAILBOXES, Sync0, SyncManagerConfig};
 use super::data_path::DataPath;
-use super::emergency::Emergency;
-use super::pulse_train::PulseTrain;
+use super::dc_clock::PulseTrain;
+use super::diagnostics::Emergency;
 use super::variant::{AssignActivate, Emergencies, ProcessDataWatchdog, SafeOpOutputs};
 
 impl Gateway {

@@ -18,83 +18,64 @@
 //! [`ConfigurationStore`], [`FirmwareUpdate`] and [`Eeprom`] survive power loss. Accesses come in by
 //! `ethercat_side`, `sdo_access`, `files` and `can_side`.
 
-mod active_options;
 mod al_state;
 mod application;
-mod bit_timing_choice;
-mod budget;
+mod board;
 mod can_side;
 mod channel;
 mod channel_control;
-mod command;
 mod complete_access;
 mod config;
-mod configuration_image;
 mod configuration_store;
 mod controller;
-mod counters;
-mod crc32;
-mod cycle_performance;
 mod data_path;
 mod dc_clock;
-mod dictionary_values;
-mod distributed_clock;
-mod eeprom;
-mod emergency;
+mod diagnostics;
 mod ethercat_side;
 mod fault;
 mod files;
-mod filter;
-mod firmware_package;
 mod firmware_update;
 mod maintenance;
+mod message_ram;
 mod object_server;
-mod pin_rotation;
-mod power_supply;
+mod pdo;
 mod profile_control;
-mod pulse_train;
-mod receive_fifo;
 mod receive_path;
 mod register_service;
-mod rx_pdo;
-mod schedule;
 mod sdo_access;
 mod service_timer;
-mod sync0_window;
 mod sync_managers;
 mod transmit_path;
-mod tx_pdo;
 pub mod variant;
-mod watchdog;
 
 use ecan_protocol::device::{AlState, AlStatusCode};
 use ecan_protocol::mapping::CHANNELS;
 
-use crate::earliest::earliest;
+use crate::event_queue::earliest;
 
 use al_state::AlStateMachine;
+use al_state::Watchdog;
 use application::Application;
+use board::Eeprom;
+use board::PowerSupply;
 use configuration_store::ConfigurationStore;
 use data_path::ServiceTimes;
-use distributed_clock::DistributedClock;
-use eeprom::Eeprom;
-use emergency::EmergencyQueue;
+use dc_clock::DistributedClock;
+use dc_clock::OutputTiming;
+use diagnostics::EmergencyQueue;
 use fault::PendingFaults;
 use firmware_update::FirmwareUpdate;
 use maintenance::Maintenance;
-use power_supply::PowerSupply;
 use service_timer::ServiceTimer;
 use sync_managers::SyncManagers;
-use sync0_window::OutputTiming;
 use variant::{ChannelsAtStart, SafeOpInputs, SafeOpOutputs};
-use watchdog::Watchdog;
 
 pub(crate) use config::MAILBOXES;
 pub use config::{GatewayModelConfig, Sync0, Sync0Window, SyncManagerConfig};
-pub use counters::{GatewayCounters, ReceiveLosses, TransmitLosses};
-pub(crate) use emergency::Emergency;
+pub(crate) use diagnostics::Emergency;
+pub use diagnostics::{GatewayCounters, ReceiveLosses, TransmitLosses};
 pub use fault::GatewayFault;
-pub use firmware_package::{FirmwarePackage, FirmwarePackageError};
+pub use firmware_update::{FirmwarePackage, FirmwarePackageError};
 pub use firmware_update::{FirmwareProgress, FirmwareUpdateError};
 pub(crate) use sdo_access::DEVICE_NAME;
 

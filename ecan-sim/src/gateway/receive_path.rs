@@ -6,12 +6,11 @@ use std::collections::VecDeque;
 use ecan_protocol::can::CanFrame;
 use ecan_protocol::config::{CriticalFrames, DataPathConfig, RxBudget, RxOverflow};
 
-use crate::queue::take_first;
-
 use super::controller::Controller;
-use super::counters::ReceiveLosses;
-use super::receive_fifo::Received;
+use super::diagnostics::ReceiveLosses;
+use super::message_ram::Received;
 use super::variant::{CriticalSet, RxDrain};
+use crate::event_queue::take_first;
 
 /// Largest size of an RX cache, 0xF000:28.
 const RX_CACHE_MAX: usize = 32;

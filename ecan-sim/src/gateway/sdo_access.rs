@@ -7,12 +7,11 @@ use ecan_protocol::object::{
 
 use super::Gateway;
 use super::channel_control::subindex::{APPLY_STATUS, FLASH_STATUS};
-use super::command::{
-    CYCLE_PERFORMANCE, Command, DIAGNOSTIC_TEST, FIRST_DATA_PATH, GLOBAL_DATA_PATH, MAINTENANCE,
-    MAINTENANCE_COMMAND, MODE_TIMEOUT,
-};
 use super::configuration_store::{Completion, Target};
-use super::maintenance::PendingCommand;
+use super::maintenance::{
+    CYCLE_PERFORMANCE, Command, DIAGNOSTIC_TEST, FIRST_DATA_PATH, GLOBAL_DATA_PATH, MAINTENANCE,
+    MAINTENANCE_COMMAND, MODE_TIMEOUT, PendingCommand,
+};
 use super::object_server::{ObjectServer, Payload, TEST_REJECT_REASON};
 use super::profile_control::{COMMAND_CLEAR_ERRORS, COMMAND_RESET_SESSION};
 use super::register_service::RegisterService;

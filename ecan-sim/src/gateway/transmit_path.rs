@@ -1,19 +1,23 @@
 //! From the RxPDO to the CAN controller: TX ring, service budget, and overflow policies (manual 10,
 //! 13.2.2).
+//!
+//! Scheduled transmission: frames that wait for a phase of a Sync0 cycle
+//! (manual 8.4 and 13.8).
 
 use std::collections::VecDeque;
 
 use ecan_protocol::can::CanFrame;
 use ecan_protocol::config::{DataPathConfig, TxOverflow};
-use ecan_protocol::image::{ResultCode, TxResult};
-
-use crate::queue::take_first;
+use ecan_protocol::image::{BudgetPolicy, PdoProfile, ResultCode, TxResult};
+use ecan_protocol::mapping::CHANNELS;
 
 use super::controller::{Controller, Rejection};
-use super::counters::{GatewayCounters, TransmitLosses};
+use super::diagnostics::{GatewayCounters, TransmitLosses};
 use super::variant::{
     GatewayVariant, ScheduledResults, TxResultCodes, TxResults, UnsendableResult,
 };
+use crate::event_queue::take_first;
+use crate::random::Random;
 
 /// Size of a TX ring, 0xF000:29.
 const TX_RING: usize = 64;
@@ -287,5 +291,146 @@ impl TransmitPath {
             }
             _ => {}
         }
+    }
+}
+
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Scheduled {
+    pub(super) due_ns: u64,
+    pub(super) channel: usize,
+    pub(super) frame: CanFrame,
+    /// For a result when the phase has come.
+    pub(super) reference: Option<Reference>,
+}
+
+/// Waiting frames in the order of their phases; equal phases keep PDO order.
+#[derive(Clone, Debug)]
+pub(super) struct ScheduleQueue {
+    entries: VecDeque<Scheduled>,
+    /// Largest number of waiting frames.
+    depth: usize,
+    /// Upper bound of the timer delay, and the seed of its random numbers.
+    jitter_ns: u64,
+    seed: u64,
+}
+
+impl ScheduleQueue {
+    pub(super) fn new(depth: usize, jitter_ns: u64, seed: u64) -> Self {
+        Self { entries: VecDeque::with_capacity(depth), depth, jitter_ns, seed }
+    }
+
+    /// Timer delay at a phase: random, equal for all frames of a phase.
+    fn timer_delay(&self, due_ns: u64) -> u64 {
+        match self.jitter_ns {
+            0 => 0,
+            jitter_ns => Random::new(self.seed ^ due_ns).below(jitter_ns + 1),
+        }
+    }
+
+    /// Adds a frame; returns `false` if the queue is full.
+    pub(super) fn insert(&mut self, entry: Scheduled) -> bool {
+        if self.entries.len() >= self.depth {
+            return false;
+        }
+        let index = self.entries.partition_point(|waiting| waiting.due_ns <= entry.due_ns);
+        self.entries.insert(index, entry);
+        true
+    }
+
+    /// When the next frame goes to its controller.
+    pub(super) fn next_due(&self) -> Option<u64> {
+        self.entries
+            .front()
+            .map(|entry| entry.due_ns.saturating_add(self.timer_delay(entry.due_ns)))
+    }
+
+    pub(super) fn pop_due(&mut self, now: u64) -> Option<Scheduled> {
+        if self.next_due()? <= now { self.entries.pop_front() } else { None }
+    }
+
+    pub(super) fn waiting(&self, channel: usize) -> usize {
+        self.entries.iter().filter(|entry| entry.channel == channel).count()
+    }
+
+    pub(super) fn flush(&mut self) -> usize {
+        let dropped = self.entries.len();
+        self.entries.clear();
+        dropped
+    }
+
+    pub(super) fn flush_channel(&mut self, channel: usize) -> usize {
+        let before = self.entries.len();
+        self.entries.retain(|entry| entry.channel != channel);
+        before - self.entries.len()
+    }
+}
+
+/// Bytes that the balanced policy reserves for each enabled channel: the largest packet of a
+/// classic frame without timestamp, padded. The manual specifies only "a minimum packet budget".
+const BALANCED_RESERVE: usize = 16;
+
+/// Division of the frame area of one image among the channels.
+#[derive(Clone, Debug)]
+pub(super) struct Budget {
+    reserved: [usize; CHANNELS],
+    shared: usize,
+    /// Largest packet.
+    greatest: usize,
+    /// Unused reserves can go to other channels at the end.
+    lends: bool,
+}
+
+impl Budget {
+    pub(super) fn new(profile: &PdoProfile) -> Self {
+        let area = profile.frame_area_bytes();
+        let enabled = (0..CHANNELS as u8).filter(|&channel| profile.has_channel(channel));
+        let count = enabled.clone().count().max(1);
+        let even = area / count;
+        let (reserve, shared, greatest, lends) = match profile.budget {
+            BudgetPolicy::Balanced => {
+                let reserve = BALANCED_RESERVE.min(even);
+                (reserve, area - reserve * count, area, true)
+            }
+            BudgetPolicy::SharedOnly => (0, area, area, false),
+            BudgetPolicy::Deterministic => (even, 0, even, false),
+        };
+        let mut reserved = [0; CHANNELS];
+        enabled.for_each(|channel| reserved[usize::from(channel)] = reserve);
+        Self { reserved, shared, greatest, lends }
+    }
+
+    pub(super) fn fits(&self, channel: usize, bytes: usize) -> bool {
+        bytes <= self.reserved[channel] + self.shared
+    }
+
+    /// Returns whether no image has space for a packet of this size under this policy.
+    pub(super) fn never_fits(&self, bytes: usize) -> bool {
+        bytes > self.greatest
+    }
+
+    /// Takes the bytes of a packet if they fit.
+    pub(super) fn try_take(&mut self, channel: usize, bytes: usize) -> bool {
+        let fits = self.fits(channel, bytes);
+        if fits {
+            self.take(channel, bytes);
+        }
+        fits
+    }
+
+    pub(super) fn take(&mut self, channel: usize, bytes: usize) {
+        let from_own = bytes.min(self.reserved[channel]);
+        self.reserved[channel] -= from_own;
+        self.shared = self.shared.saturating_sub(bytes - from_own);
+    }
+
+    /// All channels were served: the remaining reserves become common. Returns whether there were
+    /// any.
+    pub(super) fn release_reserves(&mut self) -> bool {
+        if !std::mem::take(&mut self.lends) {
+            return false;
+        }
+        let left: usize = std::mem::take(&mut self.reserved).iter().sum();
+        self.shared += left;
+        left > 0
     }
 }

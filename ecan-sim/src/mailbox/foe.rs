@@ -6,9 +6,8 @@
 //! BUSY, and the master repeats the packet. The last packet is acknowledged after the whole file
 //! was written and found valid.
 
+use super::messages::Context;
 use crate::gateway::{FirmwareProgress, FirmwareUpdateError, Gateway};
-
-use super::Context;
 
 const FILE_NAME: &[u8] = b"ecan_lite_app";
 const PASSWORD: u32 = 0;

@@ -3,12 +3,8 @@
 //! A node decides what to send and when; its controller (a [`StationConfig`](crate::StationConfig))
 //! and its queue belong to the world.
 
-mod bridge;
-mod echo;
-mod faulty;
+mod builtin;
 mod output;
-mod replay;
-mod silent;
 
 use std::any::Any;
 
@@ -16,12 +12,12 @@ use ecan_protocol::can::CanFrame;
 
 use crate::bus::StationConfig;
 
-pub use bridge::{BridgeFactory, BridgeProtocol, BridgeSpec};
-pub use echo::EchoNode;
-pub use faulty::{FaultyConfig, FaultyNode};
+pub use builtin::EchoNode;
+pub use builtin::SilentNode;
+pub use builtin::{FaultyConfig, FaultyNode};
+pub use builtin::{ReplayNode, ReplayRecord};
 pub use output::NodeOutput;
-pub use replay::{ReplayNode, ReplayRecord};
-pub use silent::SilentNode;
+pub use output::{BridgeFactory, BridgeProtocol, BridgeSpec};
 
 /// A participant of a CAN bus. All times are simulated nanoseconds.
 ///

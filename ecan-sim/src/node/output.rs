@@ -1,10 +1,14 @@
 //! Queue between a node and its controller.
 
 use std::collections::VecDeque;
+use std::error::Error;
+use std::net::IpAddr;
 
 use ecan_protocol::can::CanFrame;
+use serde::Deserialize;
 
-use crate::queue::take_first;
+use super::Node;
+use crate::event_queue::take_first;
 
 /// Frames to send, first in, first out.
 ///
@@ -54,3 +58,33 @@ impl NodeOutput {
         self.waiting.clear();
     }
 }
+
+/// Protocol between a bridge and its clients.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum BridgeProtocol {
+    /// ASCII protocol of Lawicel's serial adapters, over TCP.
+    #[default]
+    Slcan,
+    /// Raw mode of socketcand; classic CAN only.
+    Socketcand,
+}
+
+/// A node that connects other programs to its bus over TCP. `None` leaves a value to the
+/// [`BridgeFactory`].
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct BridgeSpec {
+    /// Protocol.
+    pub protocol: BridgeProtocol,
+    /// Address on which it listens; `None` is the loopback interface.
+    pub address: Option<IpAddr>,
+    /// TCP port; 0 takes any free one.
+    pub port: u16,
+    /// Maximum number of clients.
+    pub max_clients: Option<usize>,
+    /// Capacity in frames of the queue to the bus, and of the queue to each client.
+    pub queue: Option<usize>,
+}
+
+/// Makes the bridge of a scenario; `ecan-sim-bridge` contains one.
+pub type BridgeFactory = fn(&BridgeSpec) -> Result<Box<dyn Node>, Box<dyn Error + Send + Sync>>;

@@ -1,8 +1,8 @@
 use ecan_canopen::NodeId;
 
 use crate::drive::{DriveConfig, MotorConfig};
+use crate::random::WakeUpDelay;
 use crate::scenario::{DriveSpec, GatewaySpec, NodeKind, NodeSpec, Scenario};
-use crate::wake_up::WakeUpDelay;
 
 /// Names of the built-in scenarios.
 pub const BUILTIN_SCENARIOS: &[&str] = &["echo", "drives", "jitter"];

@@ -3,9 +3,7 @@
 //! The tables are read flat and then checked key by key, so that a key that does not belong to the
 //! kind of a node or fault is rejected as clearly as an unknown one.
 
-mod raw_io;
 mod raw_node;
-mod raw_physical_layer;
 
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -18,11 +16,11 @@ use toml::Spanned;
 
 use crate::fault::{FaultDescription, FaultError, ScriptedFault};
 use crate::gateway::Sync0Window;
-use crate::scenario::file::raw_io::RawIo;
+use crate::random::WakeUpDelay;
 use crate::scenario::file::raw_node::RawNode;
-use crate::scenario::file::raw_physical_layer::check_transceiver;
 use crate::scenario::{ClockKind, EcrtVersion, GatewaySpec, MasterBehaviour, Scenario, Topology};
-use crate::wake_up::WakeUpDelay;
+use raw_node::RawIo;
+use raw_node::check_transceiver;
 
 /// Error in a scenario file.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]

@@ -1,3 +1,5 @@
+//! Slave that is no gateway: a digital I/O.
+
 use std::path::PathBuf;
 
 use ecan_can_io::recording::ReadOptions;
@@ -9,8 +11,7 @@ use crate::drive::DriveConfig;
 use crate::fault::ScriptedFault;
 use crate::gateway::{GatewayModelConfig, SyncManagerConfig};
 use crate::node::{BridgeSpec, FaultyConfig};
-use crate::scenario::{IoSpec, MasterBehaviour};
-use crate::wake_up::WakeUpDelay;
+use crate::random::WakeUpDelay;
 
 /// Clock of a simulation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
@@ -214,6 +215,182 @@ impl Default for Scenario {
             ios: Vec::new(),
             nodes: Vec::new(),
             faults: Vec::new(),
+        }
+    }
+}
+
+/// Inputs of an I/O slave.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub enum IoBehaviour {
+    /// The outputs; further input bytes are 0.
+    #[default]
+    Loopback,
+    /// The number of reads by the master, little endian.
+    Counter,
+    /// These bytes; further input bytes are 0.
+    Fixed(Vec<u8>),
+}
+
+/// Names of the behaviours in scenario files.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub(crate) enum IoBehaviourName {
+    #[default]
+    Loopback,
+    Counter,
+    Fixed,
+}
+
+/// A digital I/O on the EtherCAT line, of another vendor: it has no mailbox and no distributed clock.
+///
+/// Its outputs are PDO 0x1600 in SM0, with the entries 0x7000:01 and so on of 8 bits; its inputs are PDO
+/// 0x1A00 in SM1, with the entries 0x6000:01 and so on.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct IoSpec {
+    /// Position on the line, from 0. The gateways have the other positions, in their order.
+    pub position: usize,
+    /// Name in the SII.
+    pub name: String,
+    /// Station alias; 0 is none.
+    pub alias: u16,
+    /// Vendor ID.
+    pub vendor_id: u32,
+    /// Product code.
+    pub product_code: u32,
+    /// Revision number.
+    pub revision: u32,
+    /// Serial number.
+    pub serial: u32,
+    /// Time from power-on until it responds, ms.
+    pub boot_ms: u32,
+    /// Number of output bytes.
+    pub outputs: u8,
+    /// Number of input bytes.
+    pub inputs: u8,
+    /// Values of the inputs.
+    pub behaviour: IoBehaviour,
+}
+
+impl IoSpec {
+    /// Largest number of bytes of one direction.
+    pub const MAX_BYTES: u8 = 64;
+
+    /// A digital I/O with two bytes in each direction, looped back.
+    pub fn at(position: usize) -> Self {
+        Self {
+            position,
+            name: "Digital I/O".to_owned(),
+            alias: 0,
+            vendor_id: 0x0000_0D10,
+            product_code: 0x0000_1010,
+            revision: 1,
+            serial: 1,
+            boot_ms: 50,
+            outputs: 2,
+            inputs: 2,
+            behaviour: IoBehaviour::Loopback,
+        }
+    }
+}
+
+/// Pace and side activities of the simulated master.
+///
+/// [`IDEAL`](Self::IDEAL) answers as fast as a master can; [`IGH`](Self::IGH) has what was measured
+/// on IgH 1.6.2 (Debian 6.1, `ec_generic`, 250 ticks per second).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(from = "RawBehaviour")]
+pub struct MasterBehaviour {
+    /// Microseconds of one step of an SDO transfer before activation; a transfer takes four.
+    pub idle_step_us: u32,
+    /// After activation the master's thread needs time between a receive and the next send to
+    /// advance its state machines with that send. If both follow each other, only every second send
+    /// advances them. False: each send does.
+    pub needs_gap: bool,
+    /// Internal SDO requests are served one after the other over all slaves, after a round of state
+    /// polling, and not while a slave is configured. False: at once, slaves in parallel.
+    pub serves_in_turn: bool,
+    /// A scan in the operation phase takes its steps: SII, and the mapping of each assigned PDO.
+    /// False: 200 ms per slave.
+    pub scans_in_steps: bool,
+    /// The object dictionary of each slave is fetched once after a scan, from 3 s after PREOP on.
+    /// Transfers of other programs and blocking calls to that slave get no response during it.
+    pub fetches_dictionary: bool,
+    /// The bus is scanned again when the master is released.
+    pub scans_after_release: bool,
+    /// A register request whose configuration has lost its slave stays busy, also when it is started
+    /// again. False: as in IgH, the start queues it again.
+    pub keeps_lost_requests: bool,
+}
+
+impl MasterBehaviour {
+    /// As fast as a master can be, without side activities.
+    pub const IDEAL: Self = Self {
+        idle_step_us: 500,
+        needs_gap: false,
+        serves_in_turn: false,
+        scans_in_steps: false,
+        fetches_dictionary: false,
+        scans_after_release: false,
+        keeps_lost_requests: false,
+    };
+
+    /// As IgH 1.6.2. It scans after a release only if a datagram gets lost at the change of its
+    /// threads, so `scans_after_release` is false.
+    pub const IGH: Self = Self {
+        idle_step_us: 8_000,
+        needs_gap: true,
+        serves_in_turn: true,
+        scans_in_steps: true,
+        fetches_dictionary: true,
+        scans_after_release: false,
+        keeps_lost_requests: false,
+    };
+}
+
+impl Default for MasterBehaviour {
+    fn default() -> Self {
+        Self::IDEAL
+    }
+}
+
+#[derive(Clone, Copy, Default, Deserialize)]
+#[serde(rename_all = "lowercase")]
+enum Model {
+    #[default]
+    Ideal,
+    Igh,
+}
+
+/// The table `[master]` of a scenario file.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct RawBehaviour {
+    #[serde(default)]
+    like: Model,
+    idle_step_us: Option<u32>,
+    needs_gap: Option<bool>,
+    serves_in_turn: Option<bool>,
+    scans_in_steps: Option<bool>,
+    fetches_dictionary: Option<bool>,
+    scans_after_release: Option<bool>,
+    keeps_lost_requests: Option<bool>,
+}
+
+impl From<RawBehaviour> for MasterBehaviour {
+    fn from(raw: RawBehaviour) -> Self {
+        let base = match raw.like {
+            Model::Ideal => Self::IDEAL,
+            Model::Igh => Self::IGH,
+        };
+        let choose = |given: Option<bool>, default| given.unwrap_or(default);
+        Self {
+            idle_step_us: raw.idle_step_us.unwrap_or(base.idle_step_us),
+            needs_gap: choose(raw.needs_gap, base.needs_gap),
+            serves_in_turn: choose(raw.serves_in_turn, base.serves_in_turn),
+            scans_in_steps: choose(raw.scans_in_steps, base.scans_in_steps),
+            fetches_dictionary: choose(raw.fetches_dictionary, base.fetches_dictionary),
+            scans_after_release: choose(raw.scans_after_release, base.scans_after_release),
+            keeps_lost_requests: choose(raw.keeps_lost_requests, base.keeps_lost_requests),
         }
     }
 }

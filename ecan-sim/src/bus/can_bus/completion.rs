@@ -3,12 +3,10 @@
 use ecan_protocol::can::Phase;
 
 use super::CanBus;
-use crate::bus::broadcast::Broadcast;
 use crate::bus::can_bus::planning::{Transmission, TransmissionResult};
-use crate::bus::error_confinement::{BusError, DetectedError, ErrorState};
-use crate::bus::event::BusEvent;
-use crate::bus::frame_timing::INTERMISSION_BITS;
-use crate::bus::station::{Mismatch, StationId, StationMode};
+use crate::bus::event::{Broadcast, BusEvent};
+use crate::bus::station::{BusError, DetectedError, ErrorState, Mismatch, StationId, StationMode};
+use crate::bus::timing::INTERMISSION_BITS;
 
 /// Suspend transmission time of an error-passive sender after the intermission.
 const SUSPEND_BITS: u32 = 8;

@@ -2,13 +2,14 @@
 
 use ecan_protocol::can::{CanFrame, Phase};
 
-use crate::earliest::earliest;
-
 use super::{CanBus, Undisturbed};
-use crate::bus::error_confinement::{ErrorCounters, ErrorState};
-use crate::bus::frame_timing::{FrameTiming, bits_ns};
-use crate::bus::physical_layer::{BitRates, Draw, PhysicalLayer, Sample, SwitchError};
-use crate::bus::station::{Mismatch, Station, StationConfig, StationMode};
+use crate::bus::station::{
+    ErrorCounters, ErrorState, Mismatch, Station, StationConfig, StationMode,
+};
+use crate::bus::timing::{
+    BitRates, Draw, FrameTiming, PhysicalLayer, Sample, SwitchError, bits_ns,
+};
+use crate::event_queue::earliest;
 
 /// Bits until a disturbed frame fails: in the control field of a standard frame.
 const DISTURBED_AFTER_BITS: u32 = 20;

@@ -1,10 +1,5 @@
-use super::{on_master, store};
-use crate::ecrt::calls::CallResult;
-use crate::ecrt::master::object_count;
-use crate::ecrt::pdo::{Pdo, direction_of};
-use crate::ecrt::shared::State;
-use crate::ecrt::slave_view::SlaveView;
-use crate::world::ProcessDirection;
+//! State of the master, of its slaves and of their configurations.
+
 use ecrt_sys::{
     EC_DIR_INPUT, EC_DIR_INVALID, EC_DIR_OUTPUT, EC_PORT_MII, EC_PORT_NOT_IMPLEMENTED,
     EC_WD_DISABLE, EC_WD_ENABLE, ec_master_info_t, ec_master_link_state_t,
@@ -12,6 +7,14 @@ use ecrt_sys::{
     ec_slave_info_t, ec_sync_info_t,
 };
 use libc::{c_char, c_uint};
+
+use super::boundary::{on_master, store};
+use crate::ecrt::calls::CallResult;
+use crate::ecrt::master::object_count;
+use crate::ecrt::pdo::{Pdo, direction_of};
+use crate::ecrt::shared::State;
+use crate::ecrt::slave_view::SlaveView;
+use crate::world::ProcessDirection;
 
 fn slave_info(slave: &SlaveView, position: u16, count: usize) -> ec_slave_info_t {
     let description = &slave.description;

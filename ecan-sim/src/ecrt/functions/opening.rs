@@ -1,11 +1,19 @@
+//! The function table, and the functions that open masters.
+
 use std::sync::Arc;
 
-use super::{guarded, handle_or_null, on_master};
-use crate::ecrt::registry::{self, Handle, Target};
-use crate::ecrt::shared::Shared;
-use crate::simulation::Simulation;
-use ecrt_sys::{OpenMaster, ec_master_t};
+use ecrt_sys::{Ecrt, Functions, OpenMaster, Status, ec_master_t};
 use libc::c_uint;
+
+use super::boundary::{guarded, handle_or_null, on_master};
+use crate::ecrt::calls;
+use crate::ecrt::calls::{Handle, Target};
+use crate::ecrt::shared::Shared;
+use crate::scenario::EcrtVersion;
+use crate::simulation::Simulation;
+
+#[allow(clippy::wildcard_imports)]
+use super::{bus::*, configuration::*, process_data::*};
 
 /// `ecrt_request_master`: a master of this simulation, reserved for the caller.
 ///
@@ -23,7 +31,7 @@ pub unsafe extern "C" fn release_master(master: *mut ec_master_t) {
     let _ = guarded(|| {
         let call = on_master(master)?;
         call.shared.release_client(call.client);
-        registry::forget(&call.shared, call.client, true);
+        calls::forget(&call.shared, call.client, true);
         Ok(())
     });
 }
@@ -59,7 +67,7 @@ fn obtain(shared: &Arc<Shared>, index: u32, reserved: bool) -> *mut ec_master_t 
         if reserved {
             shared.reserve(client)?;
         }
-        Ok(registry::insert(Handle { shared: shared.clone(), client, target: Target::Master }))
+        Ok(calls::insert(Handle { shared: shared.clone(), client, target: Target::Master }))
     })
 }
 
@@ -71,4 +79,40 @@ impl OpenMaster for SimulatedMasters {
     fn open(&self, index: u32) -> *mut ec_master_t {
         obtain(&self.shared, index, false)
     }
+}
+
+pub(crate) fn simulated_library(simulation: &Simulation) -> Ecrt {
+    let shared = simulation.shared().clone();
+    let version = shared.version;
+    let masters = Arc::new(SimulatedMasters { shared });
+    let scenario = simulation.scenario_name();
+    let clock = Arc::new(simulation.clock());
+    // SAFETY: every entry of the table behaves as libethercat's function of that name: it takes
+    // only handles that it gave out, and touches only its own memory and what its caller passes.
+    unsafe { Ecrt::simulated(table(version), masters, version.magic(), scenario, clock) }
+}
+
+/// Function table of a simulated release.
+pub fn table(version: EcrtVersion) -> Functions {
+    let is_1_6 = version != EcrtVersion::V1_5;
+    macro_rules! entry {
+        (required $name:ident) => {
+            $name
+        };
+        (optional $name:ident) => {
+            is_1_6.then_some($name)
+        };
+        (status $name:ident) => {
+            if is_1_6 { Status::Reported($name) } else { Status::Silent($name::silent) }
+        };
+        (optional_status $name:ident) => {
+            is_1_6.then_some(Status::Reported($name))
+        };
+    }
+    macro_rules! table {
+        ($( $(#[$doc:meta])* $kind:ident $name:ident($($arguments:tt)*) $(-> $result:ty)?; )*) => {
+            Functions { $( $name: entry!($kind $name), )* }
+        };
+    }
+    ecrt_sys::for_each_function!(table)
 }

@@ -2,10 +2,14 @@
 
 use std::ptr::{null, null_mut};
 
+use ecrt_sys::{Errno, Functions, OpenMaster as _, Status, ec_master_t};
+use libc::c_int;
+
+use super::boundary::{data_or_null, guarded, handle_or_null, status};
 use super::opening::SimulatedMasters;
 use super::*;
-use crate::scenario::{ClockKind, echo};
-use ecrt_sys::OpenMaster as _;
+use crate::scenario::{ClockKind, EcrtVersion, echo};
+use crate::simulation::Simulation;
 
 fn simulated() -> (Functions, SimulatedMasters) {
     let simulation = Simulation::new(&echo(1), ClockKind::Stepped, None).unwrap();

@@ -4,8 +4,7 @@ use ecan_protocol::device::{AlState, AlStatusCode};
 use ecan_protocol::mapping::{Direction, UNITS_PER_CHUNK};
 
 use super::{MasterModel, Phase};
-use crate::ecrt::al_status::{AL_ERROR, al_status};
-use crate::ecrt::slave_view::{SlaveView, assigned_count};
+use crate::ecrt::slave_view::{AL_ERROR, SlaveView, al_status, assigned_count};
 use crate::ecrt::startup_state::Startup;
 use crate::ecrt::timing::{
     ACTIVE_POLL_NS, IDLE_POLL_NS, POLL_STEP_NS, SCAN_BASE_NS, SCAN_SLAVE_NS,

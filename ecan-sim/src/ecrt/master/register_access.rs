@@ -6,9 +6,9 @@ use ecan_protocol::device::AlState;
 use libc::c_int;
 
 use super::{MasterModel, Phase};
-use crate::ecrt::al_status::al_status;
-use crate::ecrt::mailbox::{Transfer, TransferOwner};
+use crate::ecrt::sdo_transfer::{Transfer, TransferOwner};
 use crate::ecrt::slave_config::{RegRequest, RequestId, RequestProgress};
+use crate::ecrt::slave_view::al_status;
 use crate::ecrt::timing::REGISTER_NS;
 use crate::gateway::Gateway;
 use crate::world::{Slot, World};

@@ -1,9 +1,9 @@
 //! SDO transfers: blocking ones, and requests in parallel with the cycle.
 
 use super::{MasterModel, Phase};
-use crate::ecrt::mailbox::{Transfer, TransferOwner};
-use crate::ecrt::sdo_object::{SdoFailure, SdoObject};
-use crate::ecrt::sdo_transfer::{Payload, Progress, Receiver, proceed};
+use crate::ecrt::sdo_transfer::{
+    Payload, Progress, Receiver, SdoFailure, SdoObject, Transfer, TransferOwner, proceed,
+};
 use crate::ecrt::slave_config::{RequestId, RequestProgress, SdoRequest};
 use crate::world::World;
 

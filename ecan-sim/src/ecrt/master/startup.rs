@@ -8,14 +8,13 @@ use ecan_protocol::mapping::{Direction, sync_manager};
 use ecan_protocol::object::describe;
 
 use super::{MasterModel, Phase};
-use crate::ecrt::al_status::{AL_ERROR, al_status};
 use crate::ecrt::clocks::Clocks;
-use crate::ecrt::mailbox::MailboxTransfer;
-use crate::ecrt::pdo::pdo_bytes;
-use crate::ecrt::pdo_assignment::{AssignmentWrite, assignment_writes};
-use crate::ecrt::sdo_object::{SdoFailure, SdoObject};
-use crate::ecrt::sdo_transfer::{Payload, Progress, Receiver, proceed};
+use crate::ecrt::pdo::{AssignmentWrite, assignment_writes, pdo_bytes};
+use crate::ecrt::sdo_transfer::{
+    MailboxTransfer, Payload, Progress, Receiver, SdoFailure, SdoObject, proceed,
+};
 use crate::ecrt::slave_config::SyncWatchdog;
+use crate::ecrt::slave_view::{AL_ERROR, al_status};
 use crate::ecrt::startup_state::Startup;
 use crate::ecrt::timing::{
     CLOCK_NEAR_NS, CLOCK_SETTLE_NS, CLOCK_TIMEOUT_NS, REGISTER_NS, STATE_POLL_NS, STATE_TIMEOUT_NS,

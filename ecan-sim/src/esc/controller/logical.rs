@@ -1,10 +1,10 @@
 //! Logical datagrams: mapping by FMMUs.
 
 use super::super::Context;
-use super::super::fmmu::{Part, copy_bits};
 use super::super::frame::Datagram;
 use super::registers::REGISTER_BYTES;
 use super::{Access, Controller, DATAGRAM_BYTES};
+use crate::esc::sync_manager::{Part, copy_bits};
 
 impl Controller {
     /// Processes a logical datagram. The received data is written before the inputs of this slave

@@ -2,12 +2,11 @@
 
 use ecan_protocol::device::AlState;
 
-use super::super::Context;
-use super::super::clock;
 use super::super::eeprom::{Effect, INTERFACE_BYTES};
-use super::super::fmmu::{FMMU_BYTES, FMMUS, Fmmu};
 use super::super::sync_manager::{SYNC_MANAGER_BYTES, SYNC_MANAGERS};
+use super::super::{Context, clock};
 use super::Controller;
+use crate::esc::sync_manager::{FMMU_BYTES, FMMUS, Fmmu};
 
 pub(super) const REGISTER_BYTES: usize = 0x1000;
 

@@ -3,10 +3,11 @@
 use ecan_protocol::device::AlState;
 use proptest::prelude::*;
 
-use super::{Context, FoeServer};
+use super::FoeServer;
 use crate::gateway::{
     FirmwarePackage, Gateway, GatewayFault, GatewayModelConfig, SyncManagerConfig,
 };
+use crate::mailbox::messages::Context;
 
 const MS: u64 = 1_000_000;
 const NAME: &[u8] = b"ecan_lite_app";

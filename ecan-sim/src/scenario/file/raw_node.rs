@@ -1,15 +1,19 @@
+//! Sample points and delays of a node.
+
 use std::net::IpAddr;
 use std::path::{Path, PathBuf};
 
 use ecan_can_io::recording::ReadOptions;
 use ecan_canopen::NodeId;
+use ecan_protocol::can::SamplePoint;
 use serde::Deserialize;
 
+use super::set;
+use crate::bus::{DelayCompensation, PhysicalLayer};
 use crate::drive::{DriveConfig, DriveQuirks, MotorConfig};
 use crate::node::{BridgeProtocol, BridgeSpec, FaultyConfig};
-use crate::scenario::file::raw_physical_layer::RawPhysicalLayer;
-use crate::scenario::file::set;
-use crate::scenario::{DriveSpec, NodeKind, NodeSpec, Scenario};
+use crate::scenario::model::IoBehaviourName;
+use crate::scenario::{DriveSpec, IoBehaviour, IoSpec, NodeKind, NodeSpec, Scenario};
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -197,4 +201,144 @@ impl RawNode {
         let eds = self.eds.map(|file| directory.join(file));
         Ok(DriveSpec { config, eds })
     }
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct RawIo {
+    position: usize,
+    name: Option<String>,
+    alias: Option<u16>,
+    vendor_id: Option<u32>,
+    product_code: Option<u32>,
+    revision: Option<u32>,
+    serial: Option<u32>,
+    boot_ms: Option<u32>,
+    outputs: Option<u8>,
+    inputs: Option<u8>,
+    #[serde(default)]
+    behaviour: IoBehaviourName,
+    values: Option<Vec<u8>>,
+}
+
+impl RawIo {
+    /// Builds the slave of a scenario whose gateways are read; `slaves` is the number of all slaves.
+    pub(super) fn build(self, scenario: &Scenario, slaves: usize) -> Result<IoSpec, String> {
+        let position = self.position;
+        if position >= slaves {
+            return Err(format!(
+                "`position` {position} is out of range; the line has {slaves} slave(s), {} of them \
+                 gateways: allowed: 0 to {}",
+                scenario.gateways.len(),
+                slaves - 1
+            ));
+        }
+        if scenario.ios.iter().any(|io| io.position == position) {
+            return Err(format!("position {position} is used twice; each I/O has its own"));
+        }
+        let mut spec = IoSpec::at(position);
+        set!(spec from self: name, alias, vendor_id, product_code, revision, serial, boot_ms);
+        set!(spec from self: outputs, inputs);
+        for (key, bytes) in [("outputs", spec.outputs), ("inputs", spec.inputs)] {
+            if bytes > IoSpec::MAX_BYTES {
+                return Err(format!(
+                    "`{key}` is out of range; allowed: 0 to {} bytes",
+                    IoSpec::MAX_BYTES
+                ));
+            }
+        }
+        if spec.outputs == 0 && spec.inputs == 0 {
+            return Err("an I/O needs `outputs` or `inputs`; both are 0".to_owned());
+        }
+        spec.behaviour = behaviour(self.behaviour, self.values, spec.inputs)?;
+        Ok(spec)
+    }
+}
+
+fn behaviour(
+    name: IoBehaviourName,
+    values: Option<Vec<u8>>,
+    inputs: u8,
+) -> Result<IoBehaviour, String> {
+    match (name, values) {
+        (IoBehaviourName::Loopback, None) => Ok(IoBehaviour::Loopback),
+        (IoBehaviourName::Counter, None) => Ok(IoBehaviour::Counter),
+        (IoBehaviourName::Fixed, Some(values)) if values.len() > usize::from(inputs) => {
+            Err(format!("`values` has {} bytes; `inputs` is {inputs}", values.len()))
+        }
+        (IoBehaviourName::Fixed, Some(values)) => Ok(IoBehaviour::Fixed(values)),
+        (IoBehaviourName::Fixed, None) => {
+            Err("behaviour \"fixed\" needs `values`, the input bytes".to_owned())
+        }
+        (_, Some(_)) => Err("`values` belongs to behaviour \"fixed\" only".to_owned()),
+    }
+}
+
+const SAMPLE_POINTS: std::ops::RangeInclusive<f64> = 50.0..=95.0;
+const CABLE_MAX_NS: u32 = 10_000;
+const TRANSCEIVER_MAX_NS: u32 = 1_000;
+const OFFSET_MAX_NS: u32 = 10_000;
+
+/// Keys of a node.
+#[derive(Clone, Copy)]
+pub(super) struct RawPhysicalLayer {
+    pub(super) sample_point: Option<f64>,
+    pub(super) data_sample_point: Option<f64>,
+    pub(super) tdc: Option<bool>,
+    pub(super) tdc_offset_ns: Option<u32>,
+    pub(super) cable_ns: Option<u32>,
+    pub(super) transceiver_ns: Option<u32>,
+}
+
+impl RawPhysicalLayer {
+    pub(super) fn build(self) -> Result<Option<PhysicalLayer>, String> {
+        let Some(nominal) = self.sample_point else {
+            let keys = [
+                ("data_sample_point", self.data_sample_point.is_some()),
+                ("tdc", self.tdc.is_some()),
+                ("tdc_offset_ns", self.tdc_offset_ns.is_some()),
+                ("cable_ns", self.cable_ns.is_some()),
+                ("transceiver_ns", self.transceiver_ns.is_some()),
+            ];
+            let stray = keys.into_iter().find(|(_, is_given)| *is_given);
+            return stray.map_or(Ok(None), |(key, _)| Err(format!("`{key}` needs `sample_point`")));
+        };
+        let data = self.data_sample_point.unwrap_or(nominal);
+        let mut layer =
+            PhysicalLayer::new(point("sample_point", nominal)?, point("data_sample_point", data)?);
+        let offset_ns = self.tdc_offset_ns.unwrap_or(0);
+        if self.tdc == Some(false) && self.tdc_offset_ns.is_some() {
+            return Err("`tdc_offset_ns` needs `tdc`".to_owned());
+        }
+        check("tdc_offset_ns", offset_ns, OFFSET_MAX_NS)?;
+        layer.compensation = match self.tdc {
+            Some(false) => None,
+            _ => Some(DelayCompensation { offset_ns, filter_ns: 0 }),
+        };
+        layer.cable_ns = self.cable_ns.unwrap_or(layer.cable_ns);
+        check("cable_ns", layer.cable_ns, CABLE_MAX_NS)?;
+        layer.transceiver_ns = self.transceiver_ns.unwrap_or(layer.transceiver_ns);
+        check_transceiver(layer.transceiver_ns)?;
+        Ok(Some(layer))
+    }
+}
+
+pub(super) fn check_transceiver(ns: u32) -> Result<(), String> {
+    check("transceiver_ns", ns, TRANSCEIVER_MAX_NS)
+}
+
+fn check(key: &str, value: u32, max: u32) -> Result<(), String> {
+    if value > max {
+        return Err(format!("`{key}` {value} is out of range; allowed: 0 to {max}"));
+    }
+    Ok(())
+}
+
+/// A sample point in percent.
+fn point(key: &str, percent: f64) -> Result<SamplePoint, String> {
+    if !SAMPLE_POINTS.contains(&percent) {
+        let (min, max) = (SAMPLE_POINTS.start(), SAMPLE_POINTS.end());
+        return Err(format!("`{key}` {percent} is out of range; allowed: {min} to {max}"));
+    }
+    Ok(SamplePoint((percent * 100.0).round() as u16))
 }
