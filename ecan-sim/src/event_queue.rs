@@ -2,7 +2,13 @@
 
 use std::collections::VecDeque;
 
-const NEVER: u64 = u64::MAX;
+/// Time of an event that does not occur.
+pub(crate) const NEVER: u64 = u64::MAX;
+
+/// Milliseconds in nanoseconds.
+pub(crate) fn ms(ms: u32) -> u64 {
+    u64::from(ms) * 1_000_000
+}
 
 /// The earliest of several times; `u64::MAX` counts as `None`. Runs after every event: branch-free.
 #[inline]

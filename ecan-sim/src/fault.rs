@@ -1,7 +1,7 @@
 //! Faults: their types, their textual form, their schedule and the log of those that took effect.
 
 mod description;
-mod script;
+mod schedule;
 mod text;
 
 use serde::{Deserialize, Serialize};
@@ -9,10 +9,9 @@ use serde::{Deserialize, Serialize};
 use crate::gateway::GatewayFault;
 
 pub use description::{FaultDescription, FaultError, FaultKey, FaultKind, FaultValue};
-pub use script::FaultRecord;
+pub use schedule::FaultRecord;
 
-pub(crate) use script::FaultLog;
-pub(crate) use script::FaultScript;
+pub(crate) use schedule::{CycleFaults, FaultSchedule};
 
 /// Direction in which a frame is lost.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, Serialize)]

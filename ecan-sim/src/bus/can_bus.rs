@@ -129,7 +129,8 @@ impl CanBus {
         if let Some(slot) = self.stations.get_mut(station.0) {
             slot.physical_layer = layer;
         }
-        let sampling = self.stations.iter().filter(|it| it.physical_layer.is_some()).count();
+        let sampling =
+            self.stations.iter().filter(|station| station.physical_layer.is_some()).count();
         self.has_sampling = sampling > 1;
         self.undisturbed = None;
         self.needs_plan = true;

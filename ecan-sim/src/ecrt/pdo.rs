@@ -1,7 +1,8 @@
 //! PDOs with their mapping, and the sync managers that carry them.
 
 use super::slave_config::SlaveConfig;
-use crate::world::{ProcessDirection, SlaveDescription};
+use crate::sii::SlaveDescription;
+use crate::world::ProcessDirection;
 
 /// Sync managers of the gateway: two mailboxes, outputs, inputs.
 pub(super) const SYNC_MANAGERS: u8 = 4;

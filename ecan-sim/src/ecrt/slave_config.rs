@@ -3,7 +3,8 @@
 use super::domain::ProcessMemory;
 use super::sdo_transfer::SdoObject;
 use crate::ecrt::pdo::{Pdo, direction_of, pdo_bytes};
-use crate::world::{ProcessDirection, SlaveDescription};
+use crate::sii::SlaveDescription;
+use crate::world::ProcessDirection;
 
 pub(super) const MAX_SYNC_MANAGERS: usize = 16;
 

@@ -7,7 +7,8 @@ use super::pdo::{Pdo, PdoEntry, SYNC_MANAGERS};
 use super::sdo_transfer::Transfer;
 use super::startup_state::Startup;
 use crate::scenario::IoSpec;
-use crate::world::{SlaveDescription, Slot, World};
+use crate::sii::SlaveDescription;
+use crate::world::{Slot, World};
 
 /// PDOs by sync manager.
 type Assignment = [Vec<Pdo>; SYNC_MANAGERS as usize];
@@ -40,14 +41,14 @@ pub(crate) struct SlaveView {
 
 impl SlaveView {
     pub(crate) fn scanned(world: &mut World, slot: Slot) -> Option<Self> {
-        let description = world.describe(slot)?;
-        let assigned = match world.io_in(slot) {
+        let description = world.line().describe(slot)?;
+        let assigned = match world.line().io_in(slot) {
             Some(io) => fixed_assignment(io.spec()),
             None => uploaded_assignment(world, slot),
         };
         Some(Self {
             slot,
-            generation: world.generation(slot),
+            generation: world.line().generation(slot),
             description,
             current: al_status(world, slot),
             requested: AlState::PreOp,
@@ -65,7 +66,7 @@ impl SlaveView {
 
     /// Returns whether the scanned slave is still present.
     pub(crate) fn is_present(&self, world: &World) -> bool {
-        world.reaches(self.slot) && world.generation(self.slot) == self.generation
+        world.reaches(self.slot) && world.line().generation(self.slot) == self.generation
     }
 
     /// Returns whether the last AL status permits mailbox traffic.

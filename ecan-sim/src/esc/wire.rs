@@ -1,12 +1,11 @@
-use crate::backend_error::BackendError;
-use crate::fault::LossDirection;
-use crate::node::BridgeFactory;
-use crate::scenario::{Scenario, Topology};
-use crate::world::{CycleFaults, World};
-
 use super::Context;
 use super::controller::Controller;
 use super::frame::{FrameFault, for_each_datagram, mark_as_processed};
+use crate::backend_error::BackendError;
+use crate::fault::{CycleFaults, LossDirection};
+use crate::node::BridgeFactory;
+use crate::scenario::{Scenario, Topology};
+use crate::world::World;
 
 /// Time that a frame takes from one slave to the next, ns: processing and cable.
 const HOP_NS: u64 = 600;
@@ -186,7 +185,7 @@ impl Wire {
         for index in 0..self.world.gateway_count() {
             if self.world.is_reachable(index) {
                 self.reached.push(index);
-            } else if self.world.topology() == Topology::Line {
+            } else if self.world.line().topology() == Topology::Line {
                 break;
             }
         }

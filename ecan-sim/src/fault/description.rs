@@ -448,7 +448,7 @@ impl Resolver<'_> {
         let name = self.need("node", self.raw.node.as_ref())?;
         let node = self.scenario.nodes.iter().find(|known| known.name == *name);
         node.ok_or_else(|| {
-            let known = self.scenario.nodes.iter().map(|it| it.name.as_str());
+            let known = self.scenario.nodes.iter().map(|node| node.name.as_str());
             FaultError::NoSuchNode {
                 name: name.clone(),
                 known: known.collect::<Vec<_>>().join(", "),

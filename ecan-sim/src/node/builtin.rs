@@ -212,8 +212,9 @@ impl ReplayNode {
     #[must_use]
     pub fn from_recording(recording: &Recording, interface: Option<&str>) -> Self {
         let is_selected = |name: &str| interface.is_none_or(|interface| interface == name);
-        let frames = recording.frames.iter().filter(|it| is_selected(&it.interface));
-        let record = |it: &LoggedFrame| ReplayRecord { time_ns: it.time_ns, frame: it.frame };
+        let frames = recording.frames.iter().filter(|frame| is_selected(&frame.interface));
+        let record =
+            |logged: &LoggedFrame| ReplayRecord { time_ns: logged.time_ns, frame: logged.frame };
         Self::new(frames.map(record).collect())
     }
 

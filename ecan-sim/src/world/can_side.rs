@@ -1,161 +1,311 @@
-//! CAN side of the world: moves frames between gateways, nodes and buses.
+//! CAN side of the world: the buses, their nodes, and the frames between gateways, nodes and buses.
 
+use ecan_canopen::{Emcy, ErrorRegister, NodeId};
 use ecan_protocol::mapping::CHANNELS;
 
-use crate::bus::{BusEvent, BusFault, CanBus, StationConfig, StationId, StationMode};
-use crate::world::deadline_set::DeadlineSet;
-use crate::world::line::LineSlot;
-use crate::world::listeners::Listeners;
+use crate::backend_error::BackendError;
+use crate::bus::{
+    BusEvent, BusFault, CanBus, ErrorState, StationConfig, StationId, StationMode,
+    StationStatistics,
+};
+use crate::drive::Drive;
+use crate::event_queue::{NEVER, ms};
+use crate::fault::DriveFault;
+use crate::gateway::Gateway;
+use crate::node::{BridgeFactory, Node, SilentNode};
+use crate::scenario::Scenario;
+use crate::world::bus_slot::{BusSlot, Owner};
+use crate::world::line::Line;
 use crate::world::node_slot::{NodeBody, NodeSlot};
-use crate::world::{NEVER, World};
+use crate::world::recording::{BusFrame, Recording, Scope};
 
-/// Owner of a station.
-#[derive(Clone, Copy)]
-pub(super) enum Owner {
-    Channel { gateway: usize, channel: usize },
-    Node(usize),
-}
-
+/// A gateway's channel as a station on its bus.
 #[derive(Clone)]
-pub(super) struct BusSlot {
-    pub(super) bus: CanBus,
-    /// By station.
-    pub(super) owners: Vec<Owner>,
-    /// Time of the next event of the bus.
-    pub(super) next: u64,
-    /// Time of the next event of each node, by station.
-    pub(super) nodes_due: DeadlineSet,
-    /// The gateways with a channel on the bus.
-    gateways: Vec<usize>,
-    listeners: Listeners,
-    /// A node may connect it with other buses.
-    has_external_node: bool,
+struct ChannelLink {
+    bus: usize,
+    station: StationId,
+    /// Configuration generation that the bus has applied.
+    generation: Option<u32>,
+    /// Error state and counters last passed to the gateway.
+    reported: (ErrorState, u16, u16),
+    /// All errors of the station, and those that raised a counter.
+    errors_reported: (u64, u64),
 }
 
-impl BusSlot {
-    pub(super) fn new(bus: CanBus) -> Self {
-        Self {
-            bus,
-            owners: Vec::new(),
-            next: NEVER,
-            nodes_due: DeadlineSet::default(),
-            gateways: Vec::new(),
-            listeners: Listeners::default(),
-            has_external_node: false,
+impl ChannelLink {
+    fn new((bus, station): (usize, StationId)) -> Self {
+        let reported = (ErrorState::Active, 0, 0);
+        Self { bus, station, generation: None, reported, errors_reported: (0, 0) }
+    }
+}
+
+/// The CAN buses of a world with their nodes. Gateways are on the [`Line`], which the calls take.
+pub(super) struct CanSide {
+    seed: u64,
+    buses: Vec<BusSlot>,
+    nodes: Vec<NodeSlot>,
+    /// The channels of each gateway.
+    links: Vec<[ChannelLink; CHANNELS]>,
+    /// True if the nodes due at this instant have run.
+    nodes_had_turn: bool,
+    events: Vec<BusEvent>,
+    recording: Option<Recording>,
+}
+
+impl CanSide {
+    /// The buses and nodes of a scenario.
+    ///
+    /// # Errors
+    /// A recording or an EDS cannot be read, or a bridge cannot be made.
+    pub(super) fn new(
+        scenario: &Scenario,
+        now: u64,
+        bridges: Option<BridgeFactory>,
+    ) -> Result<Self, BackendError> {
+        let mut can = Self {
+            seed: scenario.seed,
+            buses: Vec::new(),
+            nodes: Vec::with_capacity(scenario.nodes.len()),
+            links: Vec::with_capacity(scenario.gateways.len()),
+            nodes_had_turn: true,
+            events: Vec::with_capacity(64),
+            recording: None,
+        };
+        for (gateway, spec) in scenario.gateways.iter().enumerate() {
+            let links = std::array::from_fn(|channel| {
+                let owner = Owner::Channel { gateway, channel };
+                ChannelLink::new(can.attach(&spec.buses[channel], owner))
+            });
+            can.links.push(links);
         }
-    }
-
-    /// Returns whether the bus has no influence on other buses, except through its gateways.
-    pub(super) fn is_independent(&self) -> bool {
-        !self.has_external_node && self.bus.is_undisturbed()
-    }
-
-    pub(super) fn attach(&mut self, owner: Owner) -> StationId {
-        self.listeners.add(self.owners.len());
-        self.owners.push(owner);
-        self.nodes_due.add();
-        if let Owner::Channel { gateway, .. } = owner {
-            self.gateways.push(gateway);
+        for (index, spec) in scenario.nodes.iter().enumerate() {
+            let (bus, station) = can.attach(&spec.bus, Owner::Node(index));
+            let seed = scenario.seed.rotate_left(17) ^ 0xD1B5_4A32_D192_ED03 ^ index as u64;
+            can.add_node(NodeSlot::new(spec, bus, station, seed, bridges)?);
+            if let Some(slot) = can.buses.get_mut(bus) {
+                slot.bus.set_physical_layer(station, spec.physical_layer);
+            }
         }
-        self.bus.attach()
+        for index in 0..can.nodes.len() {
+            if let Some(config) = can.nodes.get(index).and_then(|node| node.fixed) {
+                can.configure_node(now, index, config);
+            }
+        }
+        Ok(can)
     }
 
-    /// Time of the next event of the bus or of one of its nodes.
+    /// A copy in the present state; `None` if a node cannot be copied.
+    pub(super) fn try_clone(&self) -> Option<Self> {
+        Some(Self {
+            seed: self.seed,
+            buses: self.buses.clone(),
+            nodes: self.nodes.iter().map(NodeSlot::try_clone).collect::<Option<_>>()?,
+            links: self.links.clone(),
+            nodes_had_turn: self.nodes_had_turn,
+            events: self.events.clone(),
+            recording: self.recording.clone(),
+        })
+    }
+
+    /// Adds a station to a bus; creates the bus if necessary.
+    fn attach(&mut self, name: &str, owner: Owner) -> (usize, StationId) {
+        let bus = self.buses.iter().position(|slot| slot.bus.name() == name).unwrap_or_else(|| {
+            let seed = self.seed.rotate_left(29) ^ self.buses.len() as u64;
+            self.buses.push(BusSlot::new(CanBus::new(name).with_seed(seed)));
+            self.buses.len() - 1
+        });
+        // infallible: the index was found or made above
+        let slot = &mut self.buses[bus];
+        (bus, slot.attach(owner))
+    }
+
+    pub(super) fn buses(&self) -> impl Iterator<Item = &CanBus> {
+        self.buses.iter().map(|slot| &slot.bus)
+    }
+
+    fn link(&self, gateway: usize, channel: usize) -> Option<&ChannelLink> {
+        self.links.get(gateway)?.get(channel)
+    }
+
+    /// The bus of a gateway's channel.
+    pub(super) fn bus_of(&self, gateway: usize, channel: usize) -> Option<&CanBus> {
+        self.buses.get(self.link(gateway, channel)?.bus).map(|slot| &slot.bus)
+    }
+
+    /// Counters of a gateway's channel as a station on its bus.
+    pub(super) fn channel_statistics(
+        &self,
+        gateway: usize,
+        channel: usize,
+    ) -> Option<StationStatistics> {
+        let link = self.link(gateway, channel)?;
+        self.buses.get(link.bus).map(|slot| slot.bus.station_statistics(link.station))
+    }
+
+    /// The nodes, each with the name of its bus.
+    pub(super) fn nodes(&self) -> impl Iterator<Item = (&str, &dyn Node)> {
+        self.nodes.iter().filter(|slot| !slot.detached).filter_map(|slot| {
+            let bus = self.buses.get(slot.bus)?;
+            Some((bus.bus.name(), slot.node.as_node()))
+        })
+    }
+
+    /// The drives with their names, in the order of the scenario.
+    pub(super) fn drives(&self) -> impl Iterator<Item = (&str, &Drive)> {
+        self.nodes.iter().filter_map(NodeSlot::drive)
+    }
+
+    /// The drive with this node-ID on a gateway's channel, with its name.
+    pub(super) fn drive_at(
+        &self,
+        gateway: usize,
+        channel: usize,
+        node: NodeId,
+    ) -> Option<(&str, &Drive)> {
+        let bus = self.link(gateway, channel)?.bus;
+        let mut drives =
+            self.nodes.iter().filter(|slot| slot.bus == bus).filter_map(NodeSlot::drive);
+        drives.find(|(_, drive)| drive.node_id() == node)
+    }
+
+    /// Time of the next event of a bus or a node.
     pub(super) fn next_event(&self) -> u64 {
-        self.next.min(self.nodes_due.first())
+        let mut next = NEVER;
+        for slot in &self.buses {
+            next = next.min(slot.next_event());
+        }
+        next
     }
 
-    pub(super) fn refresh(&mut self) {
-        self.next = self.bus.next_event().unwrap_or(NEVER);
+    /// Begins an instant: what nodes have to do now comes after the faults and the gateways.
+    pub(super) fn begin_instant(&mut self) {
+        self.nodes_had_turn = false;
     }
 
-    fn replan(&mut self) {
-        self.bus.replan();
-        self.refresh();
+    /// Ends an instant: runs the buses with their nodes.
+    pub(super) fn end_instant(&mut self, now: u64, line: &mut Line) {
+        self.nodes_had_turn = true;
+        for index in 0..self.buses.len() {
+            self.run_bus_with_nodes(now, line, index);
+        }
     }
-}
 
-impl World {
+    /// Executes what happens on each bus from `begin` to `end`, where no gateway acts and no fault is due: until
+    /// then the buses have no influence on each other. A bus with errors is left to
+    /// [`end_instant`](Self::end_instant), since its gateways report them in the order of time, and one with
+    /// a node of the application.
+    pub(super) fn run_buses_before(&mut self, begin: u64, end: u64, line: &mut Line) {
+        for index in 0..self.buses.len() {
+            while let Some(slot) = self.buses.get(index)
+                && slot.is_independent()
+                && slot.next_event() < end
+            {
+                let now = slot.next_event().max(begin);
+                self.run_bus_with_nodes(now, line, index);
+            }
+        }
+    }
+
+    fn run_bus_with_nodes(&mut self, now: u64, line: &mut Line, index: usize) {
+        let Some(slot) = self.buses.get(index) else { return };
+        if slot.nodes_due.first() <= now {
+            for station in 0..slot.owners.len() {
+                self.run_node(now, index, station);
+            }
+        }
+        self.run_bus(now, line, index);
+    }
+
+    /// Lets the nodes do what they have postponed.
+    pub(super) fn catch_up(&mut self, now: u64) {
+        for slot in self.nodes.iter_mut().filter(|slot| !slot.is_postponed) {
+            slot.node.catch_up(now);
+        }
+    }
+
     /// Applies changes in a gateway: channel configuration, frames to send, next event.
-    pub(super) fn update_gateway(&mut self, index: usize) {
-        let now = self.now;
-        for channel in 0..CHANNELS {
-            self.update_channel(index, channel);
+    pub(super) fn update_gateway(&mut self, now: u64, line: &mut Line, index: usize) {
+        if let Some(gateway) = line.gateway_mut(index) {
+            for channel in 0..CHANNELS {
+                self.update_channel(now, gateway, index, channel);
+            }
         }
-        if let Some(slot) = self.slots.get_mut(index) {
-            // A gateway with something due now runs at the end of this instant, so that it cannot
-            // stop time.
-            slot.due = slot.gateway.next_event().unwrap_or(NEVER);
-            slot.next = slot.due.max(now + 1);
-            slot.acts_seen = Some(slot.gateway.acts);
-        }
+        line.mark_updated(index, now);
     }
 
     /// Applies what an event on a channel's bus changed in its gateway: only that channel, unless
     /// the gateway had something due at this instant.
-    fn update_gateway_after_event(&mut self, index: usize, channel: usize) {
-        match self.slots.get(index) {
-            Some(slot) if slot.acts_seen == Some(slot.gateway.acts) => {
-                self.update_channel(index, channel);
-            }
-            _ => self.update_gateway(index),
+    fn update_gateway_after_event(
+        &mut self,
+        now: u64,
+        line: &mut Line,
+        index: usize,
+        channel: usize,
+    ) {
+        if line.is_unchanged(index)
+            && let Some(gateway) = line.gateway_mut(index)
+        {
+            self.update_channel(now, gateway, index, channel);
+        } else {
+            self.update_gateway(now, line, index);
         }
     }
 
-    fn update_channel(&mut self, index: usize, channel: usize) {
-        let now = self.now;
-        let Some(slot) = self.slots.get_mut(index) else { return };
-        let Some(link) = slot.links.get_mut(channel) else { return };
-        let Some(bus) = self.buses.get_mut(link.bus) else { return };
-        let generation = slot.gateway.station_generation(channel);
+    fn update_channel(&mut self, now: u64, gateway: &mut Gateway, index: usize, channel: usize) {
+        let generation = gateway.station_generation(channel);
+        let Some(link) = self.links.get_mut(index).and_then(|links| links.get_mut(channel)) else {
+            return;
+        };
+        let (bus, station) = (link.bus, link.station);
         if link.generation != Some(generation) {
             link.generation = Some(generation);
-            let config = slot.gateway.station_config(channel);
-            bus.bus.configure(now, link.station, config);
-            bus.bus.set_physical_layer(link.station, slot.gateway.physical_layer(channel));
-            let bus = link.bus;
-            if let Some(config) = config {
-                self.configure_followers(bus, config);
+            let config = gateway.station_config(channel);
+            if let Some(slot) = self.buses.get_mut(bus) {
+                slot.bus.configure(now, station, config);
+                slot.bus.set_physical_layer(station, gateway.physical_layer(channel));
             }
-            self.report_bus_state(index, channel);
+            if let Some(config) = config {
+                self.configure_followers(now, bus, config);
+            }
+            self.report_bus_state(now, gateway, index, channel);
             if let Some(slot) = self.buses.get_mut(bus) {
                 slot.refresh();
             }
-            // The borrows have ended; start over with the configuration in place.
-            return self.update_channel(index, channel);
+            // Reporting may have changed the configuration: start over with this one in place.
+            return self.update_channel(now, gateway, index, channel);
         }
+        let Some(slot) = self.buses.get_mut(bus) else { return };
         let mut changed = false;
-        if slot.gateway.take_recovery_request(channel) {
-            bus.bus.recover(now, link.station);
+        if gateway.take_recovery_request(channel) {
+            slot.bus.recover(now, station);
             changed = true;
         }
-        changed |= offer_next(now, slot, channel, bus);
+        changed |= offer_next(now, gateway, channel, station, slot);
         if changed {
-            bus.replan();
+            slot.replan();
         }
     }
 
     /// Applies the bit rates of a gateway's channel to the nodes that use them. A node starts with
     /// its first configuration.
-    pub(super) fn configure_followers(&mut self, bus: usize, config: StationConfig) {
+    fn configure_followers(&mut self, now: u64, bus: usize, config: StationConfig) {
         let config = StationConfig { mode: StationMode::Normal, auto_retransmit: true, ..config };
         let follows = |node: &NodeSlot| node.bus == bus && node.fixed.is_none() && !node.detached;
         for index in 0..self.nodes.len() {
             if self.nodes.get(index).is_some_and(follows) {
-                self.configure_node(index, config);
+                self.configure_node(now, index, config);
             }
         }
     }
 
-    pub(super) fn add_node(&mut self, node: NodeSlot) {
+    fn add_node(&mut self, node: NodeSlot) {
         if let Some(bus) = self.buses.get_mut(node.bus) {
             bus.has_external_node |= node.is_external;
         }
         self.nodes.push(node);
     }
 
-    pub(super) fn configure_node(&mut self, index: usize, config: StationConfig) {
-        let now = self.now;
+    fn configure_node(&mut self, now: u64, index: usize, config: StationConfig) {
         let Some(slot) = self.nodes.get_mut(index) else { return };
         let before = slot.config.replace(config);
         if before == Some(config) {
@@ -167,26 +317,25 @@ impl World {
         if before.is_none() {
             node.started(now, &mut slot.output);
         }
-        self.collect_output(index);
+        self.collect_output(now, index);
     }
 
     /// Runs the node at a station, if it is due.
-    pub(super) fn run_node(&mut self, bus: usize, station: usize) {
-        let now = self.now;
+    fn run_node(&mut self, now: u64, bus: usize, station: usize) {
         let Some(bus) = self.buses.get(bus).filter(|bus| bus.nodes_due.get(station) <= now) else {
             return;
         };
         let Some(&Owner::Node(index)) = bus.owners.get(station) else { return };
         if let Some(slot) = self.nodes.get_mut(index) {
             slot.node.as_node_mut().advance(now, &mut slot.output);
-            self.collect_output(index);
+            self.collect_output(now, index);
         }
     }
 
     /// Takes the frames of a node, puts the first into arbitration, and connects or disconnects its
     /// controller.
-    pub(super) fn collect_output(&mut self, index: usize) {
-        let changed = self.collect_unplanned(index);
+    fn collect_output(&mut self, now: u64, index: usize) {
+        let changed = self.collect_unplanned(now, index);
         let bus = self.nodes.get(index).map(|slot| slot.bus);
         if let Some(bus) = bus.and_then(|bus| self.buses.get_mut(bus)) {
             if changed {
@@ -198,28 +347,27 @@ impl World {
 
     /// As [`collect_output`](Self::collect_output) for one of several nodes of a bus. Returns whether the
     /// bus must be planned again.
-    fn collect_unplanned(&mut self, index: usize) -> bool {
+    fn collect_unplanned(&mut self, now: u64, index: usize) -> bool {
         let Some(slot) = self.nodes.get_mut(index) else { return false };
         let Some(bus) = self.buses.get_mut(slot.bus) else { return false };
-        collect(self.now, self.nodes_had_turn, slot, bus)
+        collect(now, self.nodes_had_turn, slot, bus)
     }
 
     /// Runs a bus up to now and delivers its events.
-    pub(super) fn run_bus(&mut self, index: usize) {
-        let now = self.now;
+    fn run_bus(&mut self, now: u64, line: &mut Line, index: usize) {
         loop {
             let Some(slot) = self.buses.get_mut(index) else { return };
             if slot.next > now {
                 return;
             }
-            if self.run_broadcast(index) {
+            if self.run_broadcast(now, line, index) {
                 continue;
             }
             let Some(slot) = self.buses.get_mut(index) else { return };
             let mut events = std::mem::take(&mut self.events);
             slot.bus.advance_unplanned(now, &mut events);
             for event in &events {
-                self.deliver(index, event);
+                self.deliver(now, line, index, event);
             }
             let quiet = events.is_empty();
             events.clear();
@@ -233,20 +381,17 @@ impl World {
                     return;
                 }
             } else {
-                self.after_events(index);
+                self.after_events(now, line, index);
             }
         }
     }
 
     /// Ends a frame that all stations of a bus receive, and lets those that react offer their next one.
     /// Returns false without effect if something else happens, too.
-    fn run_broadcast(&mut self, index: usize) -> bool {
-        let Self { now, buses, nodes, slots, recording, nodes_had_turn, .. } = self;
-        let now = *now;
+    fn run_broadcast(&mut self, now: u64, line: &mut Line, index: usize) -> bool {
+        let Self { buses, nodes, recording, nodes_had_turn, .. } = self;
         let Some(bus) = buses.get_mut(index) else { return false };
-        let is_idle =
-            |gateway: &usize| slots.get(*gateway).is_some_and(|slot| slot.is_idle_at(now));
-        if !bus.gateways.iter().all(is_idle) {
+        if !bus.gateways.iter().all(|gateway| line.is_idle_at(*gateway, now)) {
             return false;
         }
         let Some(broadcast) = bus.bus.take_broadcast(now) else { return false };
@@ -257,9 +402,9 @@ impl World {
         let sender = broadcast.sender.index();
         match bus.owners.get(sender) {
             Some(&Owner::Channel { gateway, channel }) => {
-                if let Some(slot) = slots.get_mut(gateway) {
-                    slot.gateway.confirm(now, channel);
-                    offer_next(now, slot, channel, bus);
+                if let Some(gateway) = line.gateway_mut(gateway) {
+                    gateway.confirm(now, channel);
+                    offer_next(now, gateway, channel, broadcast.sender, bus);
                 }
             }
             Some(&Owner::Node(node)) => {
@@ -278,8 +423,8 @@ impl World {
             }
             match bus.owners.get(station) {
                 Some(&Owner::Channel { gateway, channel }) => {
-                    if let Some(slot) = slots.get_mut(gateway) {
-                        slot.gateway.receive(now, channel, frame, broadcast.start_ns);
+                    if let Some(gateway) = line.gateway_mut(gateway) {
+                        gateway.receive(now, channel, frame, broadcast.start_ns);
                     }
                 }
                 Some(&Owner::Node(node)) => {
@@ -298,8 +443,7 @@ impl World {
 
     /// Delivers an event to the owner of a station. Its response is sent in
     /// [`after_events`](Self::after_events).
-    fn deliver(&mut self, bus: usize, event: &BusEvent) {
-        let now = self.now;
+    fn deliver(&mut self, now: u64, line: &mut Line, bus: usize, event: &BusEvent) {
         if let Some(recording) = &mut self.recording {
             let owners = self.buses.get(bus).map_or(&[][..], |slot| &slot.owners);
             recording.note(bus, owners, event);
@@ -314,8 +458,7 @@ impl World {
         let owners = self.buses.get(bus).map(|slot| &slot.owners);
         match owners.and_then(|owners| owners.get(station.index())) {
             Some(&Owner::Channel { gateway, channel }) => {
-                let Some(slot) = self.slots.get_mut(gateway) else { return };
-                let gateway = &mut slot.gateway;
+                let Some(gateway) = line.gateway_mut(gateway) else { return };
                 match event {
                     BusEvent::Transmitted { frame, .. } => gateway.transmitted(now, channel, frame),
                     BusEvent::Received { frame, start_ns, .. } => {
@@ -342,22 +485,22 @@ impl World {
 
     /// Passes error counters to gateways, and lets every station with an event offer its next
     /// frame.
-    fn after_events(&mut self, bus: usize) {
+    fn after_events(&mut self, now: u64, line: &mut Line, bus: usize) {
         let Some(slot) = self.buses.get(bus) else { return };
         let (stations, is_undisturbed) = (slot.owners.len(), slot.bus.is_undisturbed());
         for station in 0..stations {
             let owner = self.buses.get(bus).and_then(|slot| slot.owners.get(station)).copied();
             match owner {
                 Some(Owner::Channel { gateway, channel }) => {
-                    if !is_undisturbed {
-                        self.report_bus_state(gateway, channel);
+                    if !is_undisturbed && let Some(model) = line.gateway_mut(gateway) {
+                        self.report_bus_state(now, model, gateway, channel);
                     }
-                    self.update_gateway_after_event(gateway, channel);
+                    self.update_gateway_after_event(now, line, gateway, channel);
                 }
                 Some(Owner::Node(index))
                     if self.nodes.get(index).is_some_and(|slot| slot.has_events) =>
                 {
-                    self.recover_node(index);
+                    self.recover_node(now, index);
                 }
                 Some(Owner::Node(_)) | None => {}
             }
@@ -368,26 +511,25 @@ impl World {
     }
 
     /// Nodes recover from bus-off automatically, as most do.
-    fn recover_node(&mut self, index: usize) {
-        let now = self.now;
+    fn recover_node(&mut self, now: u64, index: usize) {
         let Some(slot) = self.nodes.get(index) else { return };
         let Some(bus) = self.buses.get_mut(slot.bus) else { return };
-        if bus.bus.error_state(slot.station) == crate::bus::ErrorState::BusOff {
+        if bus.bus.error_state(slot.station) == ErrorState::BusOff {
             bus.bus.recover(now, slot.station);
         }
-        self.collect_unplanned(index);
+        self.collect_unplanned(now, index);
     }
 
-    fn report_bus_state(&mut self, index: usize, channel: usize) {
-        let now = self.now;
-        let Some(slot) = self.slots.get_mut(index) else { return };
-        let Some(link) = slot.links.get_mut(channel) else { return };
+    fn report_bus_state(&mut self, now: u64, gateway: &mut Gateway, index: usize, channel: usize) {
+        let Some(link) = self.links.get_mut(index).and_then(|links| links.get_mut(channel)) else {
+            return;
+        };
         let Some(bus) = self.buses.get(link.bus) else { return };
         let (tec, rec) = bus.bus.error_counters(link.station);
         let state = (bus.bus.error_state(link.station), tec, rec);
         if link.reported != state {
             link.reported = state;
-            slot.gateway.bus_state(now, channel, state.0, tec, rec);
+            gateway.bus_state(now, channel, state.0, tec, rec);
         }
         let errors = bus.bus.error_counts(link.station);
         if link.errors_reported != errors
@@ -395,19 +537,20 @@ impl World {
         {
             let counted = errors.1 - link.errors_reported.1;
             link.errors_reported = errors;
-            slot.gateway.bus_errors(now, channel, counted, last);
+            gateway.bus_errors(now, channel, counted, last);
         }
     }
 
-    /// Returns whether the channel exists.
+    /// Injects a fault on the bus of a channel. Returns whether the channel exists.
     pub(super) fn bus_fault(
         &mut self,
+        now: u64,
+        line: &mut Line,
         gateway: usize,
         channel: usize,
         fault: impl FnOnce(StationId) -> BusFault,
     ) -> bool {
-        let now = self.now;
-        let link = self.slots.get(gateway).and_then(|slot| slot.links.get(channel));
+        let link = self.link(gateway, channel);
         let Some((bus, station)) = link.map(|link| (link.bus, link.station)) else { return false };
         let Some(slot) = self.buses.get_mut(bus) else { return false };
         let mut events = std::mem::take(&mut self.events);
@@ -416,7 +559,7 @@ impl World {
         slot.bus.inject(fault(station));
         slot.refresh();
         for event in &events {
-            self.deliver(bus, event);
+            self.deliver(now, line, bus, event);
         }
         events.clear();
         self.events = events;
@@ -424,10 +567,113 @@ impl World {
         for node in self.nodes.iter_mut().filter(|node| node.bus == bus) {
             node.has_events = true;
         }
-        let has_bus = |slot: &&mut LineSlot| slot.links.iter().any(|link| link.bus == bus);
-        self.slots.iter_mut().filter(has_bus).for_each(|slot| slot.acts_seen = None);
-        self.after_events(bus);
+        for (gateway, links) in self.links.iter().enumerate() {
+            if links.iter().any(|link| link.bus == bus) {
+                line.force_update(gateway);
+            }
+        }
+        self.after_events(now, line, bus);
         true
+    }
+
+    /// Puts a node of the application on an existing or a new bus and returns its index.
+    pub(super) fn attach_node(
+        &mut self,
+        now: u64,
+        bus: &str,
+        name: &str,
+        node: Box<dyn Node>,
+    ) -> usize {
+        let index = self.nodes.len();
+        let (bus, station) = self.attach(bus, Owner::Node(index));
+        let slot = NodeSlot::with_node(name.to_owned(), NodeBody::Other(node), bus, station);
+        self.add_node(NodeSlot { is_external: true, ..slot });
+        // The gateway's channel may be running already.
+        let config_of_channel = self.links.iter().flatten().find_map(|link| {
+            let config = self.buses.get(link.bus)?.bus.config(link.station)?;
+            (link.bus == bus).then_some(config)
+        });
+        if let Some(config) = config_of_channel {
+            self.configure_followers(now, bus, config);
+        }
+        index
+    }
+
+    /// Takes a node off its bus for good and returns it.
+    pub(super) fn detach_node(&mut self, now: u64, index: usize) -> Option<Box<dyn Node>> {
+        let slot = self.nodes.get_mut(index)?;
+        let silent = NodeBody::Other(Box::new(SilentNode));
+        let node = std::mem::replace(&mut slot.node, silent);
+        (slot.fixed, slot.detached) = (None, true);
+        slot.config = None;
+        slot.controller = None;
+        slot.output.clear();
+        if let Some(bus) = self.buses.get_mut(slot.bus) {
+            bus.nodes_due.set(slot.station.index(), NEVER);
+            bus.bus.configure(now, slot.station, None);
+            bus.refresh();
+        }
+        Some(node.into_node())
+    }
+
+    /// Injects a fault in a drive. Returns whether the drive exists.
+    pub(super) fn drive_fault(&mut self, now: u64, name: &str, fault: DriveFault) -> bool {
+        let Some(index) = self.nodes.iter().position(|slot| slot.name == name) else {
+            return false;
+        };
+        let Some(NodeSlot { node: NodeBody::Drive(drive), output, .. }) = self.nodes.get_mut(index)
+        else {
+            return false;
+        };
+        match fault {
+            DriveFault::Error { code } => drive.fail(now, code, output),
+            DriveFault::AxisError { axis, code } => {
+                drive.fail_axis(now, axis.into(), code, output);
+            }
+            DriveFault::Emcy { code, register } => {
+                let register = ErrorRegister(register);
+                drive.warn(now, Emcy { code, register, manufacturer: [0; 5] }, output);
+            }
+            DriveFault::PowerCycle { off_ms } => drive.power_cycle(now, now + ms(off_ms)),
+            DriveFault::BusOff { for_ms } => drive.bus_off(now, now + ms(for_ms), output),
+            DriveFault::Value { index, subindex, value } => {
+                drive.set_object(now, (index, subindex), value, output);
+            }
+            DriveFault::Blocked { for_ms } => drive.block(now, now + ms(for_ms), output),
+        }
+        self.collect_output(now, index);
+        true
+    }
+
+    /// Lets a node send nothing until a time. Returns whether the node exists.
+    pub(super) fn silence_node(&mut self, name: &str, until: u64) -> bool {
+        let Some(slot) = self.nodes.iter_mut().find(|slot| slot.name == name) else { return false };
+        slot.muted_until = until;
+        slot.output.clear();
+        true
+    }
+
+    /// Starts a recording of the bus of a gateway's channel. Returns false if the channel does not exist; then
+    /// nothing is recorded.
+    pub(super) fn record_bus_of(&mut self, gateway: usize, channel: usize) -> bool {
+        let link = self.link(gateway, channel);
+        let scope = link.map(|link| Scope::Channel { bus: link.bus, station: link.station });
+        self.recording = scope.map(Recording::new);
+        self.recording.is_some()
+    }
+
+    pub(super) fn record_all_buses(&mut self) {
+        self.recording = Some(Recording::new(Scope::All));
+    }
+
+    /// Passes the recorded frames to `take` in the order in which they ended, each with the name of its bus.
+    pub(super) fn drain_recorded(&mut self, mut take: impl FnMut(&str, &BusFrame)) {
+        let Some(recording) = &mut self.recording else { return };
+        for (bus, frame) in recording.drain() {
+            if let Some(slot) = self.buses.get(bus) {
+                take(slot.bus.name(), &frame);
+            }
+        }
     }
 }
 
@@ -478,11 +724,16 @@ fn collect(now: u64, nodes_had_turn: bool, slot: &mut NodeSlot, bus: &mut BusSlo
 
 /// Puts the next frame of a gateway's channel into arbitration. Returns whether the bus must be planned
 /// again.
-fn offer_next(now: u64, slot: &mut LineSlot, channel: usize, bus: &mut BusSlot) -> bool {
-    let Some(station) = slot.links.get(channel).map(|link| link.station) else { return false };
+fn offer_next(
+    now: u64,
+    gateway: &mut Gateway,
+    channel: usize,
+    station: StationId,
+    bus: &mut BusSlot,
+) -> bool {
     if bus.bus.config(station).is_some()
         && !bus.bus.is_offering(station)
-        && let Some(frame) = slot.gateway.next_transmit(channel)
+        && let Some(frame) = gateway.next_transmit(channel)
     {
         return bus.bus.offer_unplanned(now, station, &frame);
     }

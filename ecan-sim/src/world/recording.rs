@@ -1,8 +1,9 @@
+//! Recording of the frames on buses.
+
 use ecan_protocol::can::CanFrame;
 
 use crate::bus::{Broadcast, BusEvent, StationId};
-use crate::world::World;
-use crate::world::can_side::Owner;
+use crate::world::bus_slot::Owner;
 
 /// A frame that was sent on a bus and acknowledged.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -21,7 +22,7 @@ pub struct BusFrame {
 }
 
 #[derive(Clone)]
-enum Scope {
+pub(super) enum Scope {
     Channel { bus: usize, station: StationId },
     All,
 }
@@ -34,7 +35,7 @@ pub(super) struct Recording {
 }
 
 impl Recording {
-    fn new(scope: Scope) -> Self {
+    pub(super) fn new(scope: Scope) -> Self {
         Self { scope, frames: Vec::new() }
     }
 
@@ -42,6 +43,12 @@ impl Recording {
     /// they were noted bus by bus.
     fn sort(&mut self) {
         self.frames.sort_unstable_by_key(|(bus, frame)| (frame.end_ns, *bus));
+    }
+
+    /// Takes the frames in the order in which they ended, each with the index of its bus; keeps the memory.
+    pub(super) fn drain(&mut self) -> impl Iterator<Item = (usize, BusFrame)> {
+        self.sort();
+        self.frames.drain(..)
     }
 
     pub(super) fn note(&mut self, bus: usize, owners: &[Owner], event: &BusEvent) {
@@ -64,45 +71,5 @@ impl Recording {
         };
         let frame = BusFrame { start_ns, end_ns: at_ns, frame, is_from_channel, channel };
         self.frames.push((bus, frame));
-    }
-}
-
-impl World {
-    /// Starts recording every frame on the bus of a gateway's channel; replaces a running
-    /// recording. Returns false if the channel does not exist. A recording needs memory for each
-    /// frame until it is taken.
-    pub fn record_bus_of(&mut self, gateway: usize, channel: usize) -> bool {
-        let link = self.slots.get(gateway).and_then(|slot| slot.links.get(channel));
-        let scope = link.map(|link| Scope::Channel { bus: link.bus, station: link.station });
-        self.recording = scope.map(Recording::new);
-        self.recording.is_some()
-    }
-
-    /// Starts recording every frame on every bus; replaces a running recording. A recording needs
-    /// memory for each frame until it is taken.
-    pub fn record_all_buses(&mut self) {
-        self.recording = Some(Recording::new(Scope::All));
-    }
-
-    /// Takes the frames recorded since the last call, in the order of the bus. Empty if nothing is
-    /// recorded.
-    pub fn take_recorded(&mut self) -> Vec<BusFrame> {
-        let frames = self.recording.as_mut().map(|it| {
-            it.sort();
-            std::mem::take(&mut it.frames)
-        });
-        frames.unwrap_or_default().into_iter().map(|(_, frame)| frame).collect()
-    }
-
-    /// As [`take_recorded`](Self::take_recorded), with the bus name of each frame, in the order in
-    /// which the frames ended; keeps the memory allocated.
-    pub fn drain_recorded(&mut self, mut take: impl FnMut(&str, &BusFrame)) {
-        let Some(recording) = &mut self.recording else { return };
-        recording.sort();
-        for (bus, frame) in recording.frames.drain(..) {
-            if let Some(slot) = self.buses.get(bus) {
-                take(slot.bus.name(), &frame);
-            }
-        }
     }
 }

@@ -111,7 +111,8 @@ impl CanBus {
 
     /// Returns whether all stations receive a frame that starts then, and acknowledge it.
     pub(super) fn is_received_by_all(&self, start: u64) -> bool {
-        self.undisturbed.is_some_and(|it| it.has_receivers && start >= it.from)
+        self.undisturbed
+            .is_some_and(|undisturbed| undisturbed.has_receivers && start >= undisturbed.from)
     }
 
     fn plan(&self) -> Option<Transmission> {
@@ -181,7 +182,10 @@ impl CanBus {
             }
             let sampling = sampling.as_ref();
             match t.read_by(sampling, index, station, config) {
-                Ok(()) if sampling.is_some_and(|it| it.acknowledges_late(index, station)) => {
+                Ok(())
+                    if sampling
+                        .is_some_and(|sampling| sampling.acknowledges_late(index, station)) =>
+                {
                     is_late = true;
                 }
                 Ok(()) => acknowledged = true,

@@ -66,7 +66,7 @@ unsafe fn store_pdo_info<T>(
     let value = on_master(master)?.with(|state| {
         let slave = state.master.slaves.get(usize::from(position));
         let has_sync = |slave: &&SlaveView| sync < slave.description.sync_managers;
-        let pdos = slave.filter(has_sync).and_then(|it| it.assigned.get(usize::from(sync)));
+        let pdos = slave.filter(has_sync).and_then(|slave| slave.assigned.get(usize::from(sync)));
         pdos.and_then(|pdos| info(pdos)).ok_or(libc::EINVAL)
     })?;
     // SAFETY: the caller's promise.

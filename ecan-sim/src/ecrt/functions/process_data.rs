@@ -71,7 +71,7 @@ functions! {
     two_forms domain_process(domain: *mut ec_domain_t) {
         let call = on_domain(domain)?;
         call.driving(|State { world, master, .. }| {
-            world.library_call(LibraryCall::DomainProcess)?;
+            world.fault_schedule_mut().library_call(LibraryCall::DomainProcess)?;
             master.domain(call.object)?.process();
             Ok(())
         })
@@ -80,7 +80,7 @@ functions! {
     two_forms domain_queue(domain: *mut ec_domain_t) {
         let call = on_domain(domain)?;
         call.driving(|State { world, master, .. }| {
-            world.library_call(LibraryCall::DomainQueue)?;
+            world.fault_schedule_mut().library_call(LibraryCall::DomainQueue)?;
             for datagram in 0..master.domain(call.object)?.datagrams.len() {
                 master.enqueue(Queued::Domain { domain: call.object, datagram });
             }
@@ -91,7 +91,7 @@ functions! {
     two_forms domain_state(domain: *const ec_domain_t, state: *mut ec_domain_state_t) {
         let call = on_domain(domain)?;
         let value = call.with(|State { world, master, .. }| {
-            world.library_call(LibraryCall::DomainState)?;
+            world.fault_schedule_mut().library_call(LibraryCall::DomainState)?;
             let domain = master.domain(call.object)?;
             let working_counter = domain.working_counter;
             let wc_state = match working_counter {
@@ -107,7 +107,7 @@ functions! {
 
     two_forms master_send(master: *mut ec_master_t) {
         on_master(master)?.driving(|State { world, master, .. }| {
-            world.library_call(LibraryCall::Send)?;
+            world.fault_schedule_mut().library_call(LibraryCall::Send)?;
             master.send(world);
             if master.phase == Phase::Active
                 && !master.blocked
@@ -121,7 +121,7 @@ functions! {
 
     two_forms master_receive(master: *mut ec_master_t) {
         on_master(master)?.driving(|State { world, master, .. }| {
-            world.library_call(LibraryCall::Receive)?;
+            world.fault_schedule_mut().library_call(LibraryCall::Receive)?;
             master.receive(world.now_ns());
             Ok(())
         })

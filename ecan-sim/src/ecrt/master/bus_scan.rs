@@ -114,7 +114,7 @@ impl MasterModel {
             slave.due = now;
         }
         if has_error {
-            let code = AlStatusCode(world.al_status_code(slave.slot));
+            let code = AlStatusCode(world.line().al_status_code(slave.slot));
             self.log(index, &format!("acknowledged AL status code {code}"));
         }
         true
@@ -212,7 +212,7 @@ fn scan_steps(world: &mut World, slot: Slot) -> u64 {
         .sum();
     // a count per direction; of each PDO its index, its count and its entries
     let uploads = 2 + chunks * (2 + UNITS_PER_CHUNK as u64);
-    let has_pdos = world.describe(slot).is_some_and(|slave| slave.sii_pdos);
+    let has_pdos = world.line().describe(slot).is_some_and(|slave| slave.sii_pdos);
     let sii = SCAN_SII_STEPS + if has_pdos { SCAN_SII_PDO_STEPS } else { 0 };
     sii + uploads * STEPS_PER_UPLOAD
 }

@@ -65,7 +65,8 @@ impl MasterModel {
             }
             return;
         };
-        let time = world.gateway_in(reference).and_then(|gateway| gateway.dc_system_time(now));
+        let time =
+            world.line().gateway_in(reference).and_then(|gateway| gateway.dc_system_time(now));
         match item {
             Queued::ReferenceClock => {
                 let target = self.clocks.reference_target;
@@ -87,7 +88,7 @@ impl MasterModel {
             Queued::ClockMonitor => {
                 let slots = self.slaves.iter().map(|slave| slave.slot);
                 let reached = slots.filter(|slot| world.reaches(*slot));
-                let shown = reached.filter_map(|slot| world.gateway_in(slot));
+                let shown = reached.filter_map(|slot| world.line().gateway_in(slot));
                 self.clocks.monitor_value =
                     shown.fold(0, |sum, gateway| sum | magnitude(gateway.dc_difference_ns()));
             }

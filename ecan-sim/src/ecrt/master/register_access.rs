@@ -108,12 +108,13 @@ impl MasterModel {
 /// Reads a register byte. Only AL status, its code and the sync managers are modelled, the others
 /// read as 0.
 fn register(world: &World, slot: Slot, address: u16) -> u8 {
-    let [low, high] = world.al_status_code(slot).to_le_bytes();
+    let [low, high] = world.line().al_status_code(slot).to_le_bytes();
     match address {
         AL_STATUS => al_status(world, slot),
         AL_STATUS_CODE => low,
         a if a == AL_STATUS_CODE + 1 => high,
         a if SYNC_MANAGERS.contains(&a) => world
+            .line()
             .gateway_in(slot)
             .map_or(0, |gateway| sync_manager_register(gateway, a - SYNC_MANAGERS.start)),
         _ => 0,

@@ -88,7 +88,7 @@ impl MasterModel {
 
     pub(crate) fn choose_transfer(&mut self, index: usize, world: &World) {
         let now = world.now_ns();
-        let held_until = world.requests_held_until();
+        let held_until = world.fault_schedule().requests_held_until(world.now_ns());
         let mailbox = self.begin_transfer(now);
         let Some(slave) = self.slaves.get_mut(index) else { return };
         slave.due = u64::MAX;

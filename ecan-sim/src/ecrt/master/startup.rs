@@ -87,14 +87,14 @@ impl MasterModel {
             }
             Startup::Wait { to, from, since } => self.wait_state(index, world, to, from, since),
             Startup::ClearRegisters => {
-                world.set_fmmus(slot, []);
+                world.line_mut().set_fmmus(slot, []);
                 world.with_gateway_in(slot, |gateway, _| {
                     for number in 0..4 {
                         gateway.configure_sync_manager(number, None);
                     }
                     gateway.set_dc_sync0(None);
                 });
-                if let Some(io) = world.io_in_mut(slot) {
+                if let Some(io) = world.line_mut().io_in_mut(slot) {
                     io.clear_registers();
                 }
                 Next::Step(Startup::Mailboxes, 3 * REGISTER_NS)
@@ -116,7 +116,7 @@ impl MasterModel {
                     let intervals = if intervals == 0 { WATCHDOG_INTERVALS } else { intervals };
                     let ns = (u64::from(divider) + 2) * WATCHDOG_STEP_NS * u64::from(intervals);
                     world.with_gateway_in(slot, |gateway, _| gateway.set_watchdog_ns(ns));
-                    if let Some(io) = world.io_in_mut(slot) {
+                    if let Some(io) = world.line_mut().io_in_mut(slot) {
                         io.set_watchdog_ns(ns);
                     }
                 }
@@ -132,7 +132,7 @@ impl MasterModel {
                         let own = domain.fmmus.iter().filter(move |fmmu| fmmu.config == config);
                         own.map(|fmmu| domain.slave_fmmu(fmmu))
                     });
-                    world.set_fmmus(slot, fmmus);
+                    world.line_mut().set_fmmus(slot, fmmus);
                 }
                 let dc = self.attached(index).and_then(|config| config.dc);
                 let has_clock =
@@ -148,7 +148,7 @@ impl MasterModel {
             }
             Startup::ClockCycle => Next::Step(Startup::ClockSettle { since: now }, CLOCK_SETTLE_NS),
             Startup::ClockSettle { since } => {
-                let difference = world.gateway_in(slot).map_or(0, Gateway::dc_difference_ns);
+                let difference = world.line().gateway_in(slot).map_or(0, Gateway::dc_difference_ns);
                 if difference.unsigned_abs() > CLOCK_NEAR_NS {
                     if now.saturating_sub(since) < CLOCK_TIMEOUT_NS {
                         return Next::Step(Startup::ClockSettle { since }, STATE_POLL_NS);
@@ -202,7 +202,7 @@ impl MasterModel {
             };
         }
         if status & AL_ERROR != 0 {
-            let code = world.al_status_code(slot);
+            let code = world.line().al_status_code(slot);
             self.log(
                 index,
                 &format!("rejected the change to {to}: AL status code {}", AlStatusCode(code)),
@@ -254,7 +254,8 @@ impl MasterModel {
         let next = self.begin_transfer(world.now_ns());
         let Some(sdo) = config.sdos.get(at) else {
             let slave = self.slaves.get(index);
-            let list = slave.map_or_else(Vec::new, |it| assignment_writes(config, &it.description));
+            let list =
+                slave.map_or_else(Vec::new, |slave| assignment_writes(config, &slave.description));
             return Next::Step(Startup::Assignment { list, at: 0, mailbox: next }, 0);
         };
         let object = sdo.object;
@@ -326,7 +327,7 @@ impl MasterModel {
     /// configuration determines direction and watchdog.
     fn set_up_sync_managers(&mut self, index: usize, world: &mut World) {
         let Some(slot) = self.slaves.get(index).map(|slave| slave.slot) else { return };
-        if world.io_in(slot).is_some() {
+        if world.line().io_in(slot).is_some() {
             return self.set_up_io(index, slot, world);
         }
         for direction in [Direction::RxPdo, Direction::TxPdo] {
@@ -335,7 +336,7 @@ impl MasterModel {
                 self.attached(index).and_then(|config| config.syncs.get(usize::from(number)));
             let length = sync.map_or(0, |sync| pdo_bytes(&sync.pdos));
             let watchdog = sync.map_or(SyncWatchdog::Default, |sync| sync.watchdog);
-            let sii = world.gateway_in(slot).map_or(&[][..], Gateway::eeprom);
+            let sii = world.line().gateway_in(slot).map_or(&[][..], Gateway::eeprom);
             let Some(sii) = sync_manager_config(sii, number) else { continue };
             let written_by_master =
                 if direction == Direction::RxPdo { WRITTEN_BY_MASTER } else { 0 };
@@ -372,7 +373,7 @@ impl MasterModel {
         if lengths.iter().any(|(fixed, configured)| fixed != configured) {
             self.log(index, "does not support changing its PDO assignment and mapping");
         }
-        if let Some(io) = world.io_in_mut(slot) {
+        if let Some(io) = world.line_mut().io_in_mut(slot) {
             for (number, (_, configured)) in lengths.into_iter().enumerate() {
                 io.configure_sync_manager(number, configured);
             }

@@ -3,8 +3,8 @@
 use super::MasterModel;
 use crate::ecrt::datagram::{DatagramState, Queued};
 use crate::ecrt::timing::{BYTE_NS, DATAGRAM_TIMEOUT_NS, HOST_LATENCY_NS, SLAVE_LATENCY_NS};
-use crate::fault::LossDirection;
-use crate::world::{CycleFaults, LogicalCommand, World};
+use crate::fault::{CycleFaults, LossDirection};
+use crate::world::{LogicalCommand, World};
 
 /// Payload of an Ethernet frame.
 const FRAME_BYTES: usize = 1500;
@@ -72,7 +72,7 @@ impl MasterModel {
         });
         let faults = match carries_process_data {
             true => world.begin_cycle(),
-            false => world.faults_between_cycles(),
+            false => world.fault_schedule().faults_between_cycles(),
         };
         let passed = world.reached().count();
         let mut delay_ns = HOST_LATENCY_NS + passed as u64 * SLAVE_LATENCY_NS;

@@ -147,9 +147,12 @@ impl RawNode {
             RawNodeKind::Drive => NodeKind::Drive(Box::new(self.drive(scenario, directory)?)),
             RawNodeKind::Replay => {
                 let file = self.file.ok_or("a node of kind \"replay\" needs `file`")?;
-                let format =
-                    self.format.map(|it| it.parse().map_err(of_key("format"))).transpose()?;
-                let times = self.time_stamps.map(|it| it.parse().map_err(of_key("time_stamps")));
+                let format = self
+                    .format
+                    .map(|format| format.parse().map_err(of_key("format")))
+                    .transpose()?;
+                let times =
+                    self.time_stamps.map(|times| times.parse().map_err(of_key("time_stamps")));
                 let options = ReadOptions { format, screen_times: times.transpose()? };
                 NodeKind::Replay { file: directory.join(file), options }
             }

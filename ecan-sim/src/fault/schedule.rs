@@ -1,7 +1,9 @@
+//! The faults of a world: those that are scheduled, those that are active, and the log of those that took effect.
+
 use std::collections::VecDeque;
 use std::fmt;
 
-use super::{Fault, ScriptedFault, When};
+use super::{Fault, LibraryCall, LossDirection, ScriptedFault, When};
 
 /// The scheduled faults. Those of one instant occur in the order in which they were added.
 #[derive(Clone, Debug, Default)]
@@ -157,6 +159,108 @@ impl FaultLog {
     }
 }
 
+/// Effect of the faults on the frames of one send.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct CycleFaults {
+    pub(crate) lost: Option<LossDirection>,
+    pub(crate) counter_offset: i32,
+}
+
+/// An effect with the number of times that it still occurs.
+#[derive(Clone, Copy, Debug, Default)]
+struct Repeated<T> {
+    effect: T,
+    times: u32,
+}
+
+impl<T: Copy> Repeated<T> {
+    fn get(&self) -> Option<T> {
+        (self.times > 0).then_some(self.effect)
+    }
+
+    fn take(&mut self) -> Option<T> {
+        let effect = self.get();
+        self.times = self.times.saturating_sub(1);
+        effect
+    }
+}
+
+/// The faults of a world: those to come, those of the master's frames and calls that are active, and the log.
+#[derive(Default)]
+pub(crate) struct FaultSchedule {
+    script: FaultScript,
+    log: FaultLog,
+    lost: Repeated<LossDirection>,
+    counter_offset: Repeated<i32>,
+    /// Error numbers by call of the library.
+    library_errors: [Repeated<i32>; LibraryCall::ALL.len()],
+    /// Time until which the master starts no request.
+    requests_held_until: u64,
+}
+
+impl FaultSchedule {
+    /// A copy without the observer.
+    pub(crate) fn unobserved(&self) -> Self {
+        Self { script: self.script.clone(), log: self.log.unobserved(), ..*self }
+    }
+
+    pub(crate) fn script(&self) -> &FaultScript {
+        &self.script
+    }
+
+    pub(crate) fn script_mut(&mut self) -> &mut FaultScript {
+        &mut self.script
+    }
+
+    pub(crate) fn log(&self) -> &FaultLog {
+        &self.log
+    }
+
+    pub(crate) fn log_mut(&mut self) -> &mut FaultLog {
+        &mut self.log
+    }
+
+    pub(crate) fn lose_frames(&mut self, direction: LossDirection, cycles: u32) {
+        self.lost = Repeated { effect: direction, times: cycles };
+    }
+
+    pub(crate) fn offset_counters(&mut self, offset: i32, cycles: u32) {
+        self.counter_offset = Repeated { effect: offset, times: cycles };
+    }
+
+    pub(crate) fn fail_calls(&mut self, call: LibraryCall, errno: i32, times: u32) {
+        if let Some(entry) = self.library_errors.get_mut(call as usize) {
+            *entry = Repeated { effect: errno, times };
+        }
+    }
+
+    pub(crate) fn hold_requests(&mut self, until: u64) {
+        self.requests_held_until = until;
+    }
+
+    /// Takes the faults of a send with process data.
+    pub(crate) fn take_cycle_faults(&mut self) -> CycleFaults {
+        let counter_offset = self.counter_offset.take().unwrap_or_default();
+        CycleFaults { lost: self.lost.take(), counter_offset }
+    }
+
+    /// Faults of a send without process data.
+    pub(crate) fn faults_between_cycles(&self) -> CycleFaults {
+        CycleFaults { lost: self.lost.get(), ..CycleFaults::default() }
+    }
+
+    /// Error number of this call of the library, if a fault makes the call fail.
+    pub(crate) fn library_call(&mut self, call: LibraryCall) -> Result<(), i32> {
+        let entry = self.library_errors.get_mut(call as usize);
+        entry.and_then(Repeated::take).map_or(Ok(()), Err)
+    }
+
+    /// Time from which the master starts requests again, if a fault prevents it now.
+    pub(crate) fn requests_held_until(&self, now: u64) -> Option<u64> {
+        (self.requests_held_until > now).then_some(self.requests_held_until)
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -194,7 +298,7 @@ mod tests {
         script.begin_op(500);
         assert_eq!(script.op_at(), Some(500));
         script.add(0, after_op(15, 3));
-        let times: Vec<_> = script.pending(100).map(|it| it.when).collect();
+        let times: Vec<_> = script.pending(100).map(|scripted| scripted.when).collect();
         assert_eq!(times, [When::At(410), When::At(415), When::At(420)]);
         script.begin_op(510);
         assert_eq!((script.op_at(), script.ready_at()), (Some(500), None));
