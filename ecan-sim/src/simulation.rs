@@ -138,13 +138,13 @@ impl Simulation {
     /// The kernel log of the master, oldest line first. Only it states which startup SDO failed and
     /// why.
     pub fn kernel_log(&self) -> Vec<String> {
-        self.shared.with(|state| state.master.log_lines().map(str::to_owned).collect())
+        self.shared.with(|state| state.master.log.lines().map(str::to_owned).collect())
     }
 
     /// Number of lines that failed clock calls in the cycle would have written to stderr with a
     /// real library.
     pub fn stderr_lines(&self) -> u64 {
-        self.shared.with(|state| state.master.stderr_lines)
+        self.shared.with(|state| state.master.clocks.stderr_lines())
     }
 
     /// Puts a node on a bus (see [`World::bus_names`]) until the handle is dropped. The node has the

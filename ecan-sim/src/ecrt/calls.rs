@@ -11,8 +11,8 @@ use std::sync::{Arc, LazyLock, PoisonError, RwLock};
 
 use libc::c_int;
 
+use super::sdo_transfer::RequestId;
 use super::shared::{Shared, State};
-use super::slave_config::RequestId;
 
 /// Result of a call; the error is a positive error number.
 pub(super) type CallResult<T = ()> = Result<T, c_int>;
@@ -46,7 +46,7 @@ impl<T> Call<T> {
         action: impl FnOnce(&mut State) -> CallResult<R>,
     ) -> CallResult<R> {
         self.with(|state| {
-            state.master.may_exchange(self.client)?;
+            state.master.reservation.may_exchange(self.client)?;
             action(state)
         })
     }
@@ -57,7 +57,7 @@ impl<T> Call<T> {
         action: impl FnOnce(&mut State) -> CallResult<R>,
     ) -> CallResult<R> {
         self.with(|state| {
-            state.master.may_configure(self.client)?;
+            state.master.reservation.may_configure(self.client)?;
             action(state)
         })
     }

@@ -7,6 +7,7 @@ mod calls;
 mod clocks;
 mod datagram;
 mod domain;
+mod kernel_log;
 mod shared;
 // the crate root documents the safety contract of all functions, `ecrt_sys::Functions` each of them
 #[allow(missing_docs, clippy::missing_safety_doc)]
@@ -16,7 +17,6 @@ mod pdo;
 mod sdo_transfer;
 mod slave_config;
 mod slave_view;
-mod startup_state;
 mod threads;
 mod timing;
 

@@ -2,7 +2,6 @@
 
 use ecan_protocol::object::AbortCode;
 
-use super::slave_config::RequestId;
 use super::timing::{MAILBOX_TIMEOUT_NS, SDO_NS, STATE_POLL_NS};
 use crate::world::{Slot, World};
 
@@ -207,6 +206,12 @@ impl MailboxTransfer {
         }
         MailboxStep::Wait(0)
     }
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct RequestId {
+    pub(crate) config: usize,
+    pub(crate) request: usize,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -8,7 +8,7 @@ use ecrt_sys::{Clock as _, MonotonicClock};
 
 use super::sdo_transfer::{SdoFailure, SdoObject};
 use crate::backend_error::BackendError;
-use crate::ecrt::master::{MasterModel, Phase, dictionary_ns};
+use crate::ecrt::master::{MasterModel, dictionary_ns};
 use crate::ecrt::threads::{Threads, Waiter};
 use crate::ecrt::timing::{BLOCKED_GIVE_UP_NS, DICTIONARY_WAIT_NS, SCAN_BASE_NS, SCAN_SLAVE_NS};
 use crate::node::BridgeFactory;
@@ -38,10 +38,7 @@ impl State {
     /// When the master's state machines continue without a send of the application: never in the
     /// operation phase.
     fn machines_due(&self) -> u64 {
-        match self.master.phase {
-            Phase::Active => u64::MAX,
-            _ => self.master.next_due(),
-        }
+        if self.master.reservation.is_active() { u64::MAX } else { self.master.next_due() }
     }
 
     fn run_until(&mut self, to: u64) {
@@ -159,7 +156,7 @@ impl Shared {
         self.wait(|state, is_alone| {
             let is_over = state.world.now_ns() >= deadline;
             state.threads.has_cycle &= !is_alone;
-            let has_cycle = state.threads.has_cycle && state.master.phase == Phase::Active;
+            let has_cycle = state.threads.has_cycle && state.master.reservation.is_active();
             (is_over || !has_cycle).then_some(is_over)
         })
     }
@@ -198,8 +195,8 @@ impl Shared {
     /// on, see [`Threads`].
     pub(crate) fn open_client(&self) -> u64 {
         self.with(|state| {
-            let client = state.master.new_client();
-            if self.kind == ClockKind::Stepped && state.master.phase == Phase::Active {
+            let client = state.master.reservation.new_client();
+            if self.kind == ClockKind::Stepped && state.master.reservation.is_active() {
                 state.threads.open(client);
             }
             client
@@ -253,12 +250,13 @@ impl Shared {
                 self.notify_settled(&state);
                 return result;
             }
-            let active = state.master.phase == Phase::Active;
+            let active = state.master.reservation.is_active();
             if self.kind == ClockKind::Stepped && active {
                 waiter.begin(&mut state.threads);
                 self.notify_settled(&state);
                 // a blocked queue needs no patience
-                let patience = if state.master.blocked { BLOCKED_PATIENCE } else { PATIENCE };
+                let patience =
+                    if state.master.transport.is_blocked() { BLOCKED_PATIENCE } else { PATIENCE };
                 let idle = |state: &mut State| !waiter.is_over(&state.threads);
                 let waited = self.moved.wait_timeout_while(state, patience, idle);
                 let (mut state, timeout) = waited.unwrap_or_else(PoisonError::into_inner);
@@ -291,25 +289,27 @@ impl Shared {
     ) -> Result<Vec<u8>, SdoFailure> {
         let (id, mut moved_at, mut sends) = self.with(|state| {
             let now = state.world.now_ns();
-            let id = state.master.queue_blocking(usize::from(position), object, download, now)?;
-            Ok((id, now, state.master.sends))
+            let (slaves, position) = (&mut state.master.slaves, usize::from(position));
+            let id =
+                state.master.requests.queue_blocking(slaves, position, object, download, now)?;
+            Ok((id, now, state.master.transport.sends()))
         })?;
         self.wait(|state, is_alone| {
-            let result = state.master.take_blocking(id);
-            if result.is_some() || state.master.phase != Phase::Active {
+            let result = state.master.requests.take_blocking(id);
+            if result.is_some() || !state.master.reservation.is_active() {
                 return result;
             }
             // a blocked send queue never sends the mailbox datagrams
-            if state.master.sends != sends && !state.master.blocked {
-                (moved_at, sends) = (state.world.now_ns(), state.master.sends);
+            if state.master.transport.sends() != sends && !state.master.transport.is_blocked() {
+                (moved_at, sends) = (state.world.now_ns(), state.master.transport.sends());
             }
             let waited = state.world.now_ns().saturating_sub(moved_at);
             if !is_alone && waited <= BLOCKED_GIVE_UP_NS {
                 return None;
             }
-            state.master.cancel_blocking(id);
-            if !state.master.blocked {
-                state.master.log_line(format!(
+            state.master.requests.cancel_blocking(id);
+            if !state.master.transport.is_blocked() {
+                state.master.log.push(format!(
                     "simulator: cancelled a blocking transfer of slave {position} because the \
                      application does not send; a real master waits for ever"
                 ));
@@ -321,7 +321,7 @@ impl Shared {
     /// Reserves the master for a handle, after the scan and the slaves' transition to PREOP.
     pub(crate) fn reserve(&self, client: u64) -> Result<(), i32> {
         let claim = |state: &mut State, _| {
-            if !state.master.is_free() {
+            if !state.master.reservation.is_free() {
                 return Some(Err(libc::EBUSY));
             }
             if !state.master.is_settled() {

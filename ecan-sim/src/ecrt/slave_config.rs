@@ -1,12 +1,12 @@
 //! Configuration of one slave by the application.
 
-use super::domain::ProcessMemory;
-use super::sdo_transfer::SdoObject;
-use crate::ecrt::pdo::{Pdo, direction_of, pdo_bytes};
+use super::domain::{Domain, ProcessMemory};
+use super::pdo::{Pdo, direction_of, pdo_bytes};
+use super::sdo_transfer::{RequestId, SdoObject};
 use crate::sii::SlaveDescription;
 use crate::world::ProcessDirection;
 
-pub(super) const MAX_SYNC_MANAGERS: usize = 16;
+const MAX_SYNC_MANAGERS: usize = 16;
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) enum SyncWatchdog {
@@ -35,12 +35,6 @@ pub(crate) struct DcConfig {
     pub(crate) sync0_cycle: u32,
     pub(crate) sync0_shift: i32,
     pub(crate) sync1_cycle: u32,
-}
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct RequestId {
-    pub(crate) config: usize,
-    pub(crate) request: usize,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -223,5 +217,76 @@ impl RegRequest {
             self.memory.write(0, &self.data);
         }
         self.progress
+    }
+}
+
+/// The configurations of the application: slaves and domains.
+#[derive(Debug, Default)]
+pub(crate) struct Configs {
+    slaves: Vec<SlaveConfig>,
+    domains: Vec<Domain>,
+}
+
+impl Configs {
+    pub(crate) fn clear(&mut self) {
+        self.slaves.clear();
+        self.domains.clear();
+    }
+
+    /// Index of the configuration with this address, if there is one.
+    pub(crate) fn find(&self, alias: u16, position: u16) -> Option<usize> {
+        self.slaves.iter().position(|config| config.alias == alias && config.position == position)
+    }
+
+    /// Adds a configuration and returns its index.
+    pub(crate) fn add(&mut self, config: SlaveConfig) -> usize {
+        self.slaves.push(config);
+        self.slaves.len() - 1
+    }
+
+    pub(crate) fn get(&self, index: usize) -> Option<&SlaveConfig> {
+        self.slaves.get(index)
+    }
+
+    pub(crate) fn get_mut(&mut self, index: usize) -> Option<&mut SlaveConfig> {
+        self.slaves.get_mut(index)
+    }
+
+    pub(crate) fn len(&self) -> usize {
+        self.slaves.len()
+    }
+
+    pub(crate) fn iter(&self) -> impl Iterator<Item = &SlaveConfig> {
+        self.slaves.iter()
+    }
+
+    pub(crate) fn iter_mut(&mut self) -> impl Iterator<Item = &mut SlaveConfig> {
+        self.slaves.iter_mut()
+    }
+
+    pub(crate) fn request(&mut self, id: RequestId) -> Option<&mut SdoRequest> {
+        self.slaves.get_mut(id.config)?.requests.get_mut(id.request)
+    }
+
+    pub(crate) fn reg_request(&mut self, id: RequestId) -> Option<&mut RegRequest> {
+        self.slaves.get_mut(id.config)?.reg_requests.get_mut(id.request)
+    }
+
+    /// Adds a domain and returns its index.
+    pub(crate) fn add_domain(&mut self) -> usize {
+        self.domains.push(Domain::default());
+        self.domains.len() - 1
+    }
+
+    pub(crate) fn domain(&mut self, index: usize) -> Result<&mut Domain, i32> {
+        self.domains.get_mut(index).ok_or(libc::ENOENT)
+    }
+
+    pub(crate) fn domains(&self) -> &[Domain] {
+        &self.domains
+    }
+
+    pub(crate) fn domains_mut(&mut self) -> &mut [Domain] {
+        &mut self.domains
     }
 }

@@ -3,9 +3,8 @@
 use ecan_protocol::device::{AlState, AlStatusCode};
 use ecan_protocol::mapping::{Direction, UNITS_PER_CHUNK, assignment_index, sync_manager};
 
-use super::pdo::{Pdo, PdoEntry, SYNC_MANAGERS};
-use super::sdo_transfer::Transfer;
-use super::startup_state::Startup;
+use super::pdo::{AssignmentWrite, Pdo, PdoEntry, SYNC_MANAGERS};
+use super::sdo_transfer::{MailboxTransfer, Transfer};
 use crate::scenario::IoSpec;
 use crate::sii::SlaveDescription;
 use crate::world::{Slot, World};
@@ -13,9 +12,29 @@ use crate::world::{Slot, World};
 /// PDOs by sync manager.
 type Assignment = [Vec<Pdo>; SYNC_MANAGERS as usize];
 
+/// Steps of the state machine that brings a slave to its requested state.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) enum Startup {
+    Request(AlState),
+    Wait { to: AlState, from: u8, since: u64 },
+    ClearRegisters,
+    Mailboxes,
+    Sdo { at: usize, mailbox: MailboxTransfer },
+    Assignment { list: Vec<AssignmentWrite>, at: usize, mailbox: MailboxTransfer },
+    Watchdog,
+    SyncManagers,
+    Fmmus,
+    ClockCycle,
+    ClockSettle { since: u64 },
+    ClockStart,
+}
+
+impl Startup {
+    pub(crate) const BEGIN: Self = Self::Request(AlState::Init);
+}
+
 #[derive(Debug)]
 pub(crate) struct SlaveView {
-    /// Its place in the world.
     pub(crate) slot: Slot,
     /// Losses of supply of the slave when it was scanned.
     pub(crate) generation: u32,
@@ -25,17 +44,16 @@ pub(crate) struct SlaveView {
     pub(crate) requested: AlState,
     pub(crate) error_flag: bool,
     pub(crate) force_config: bool,
-    /// When the master brought it to PREOP; `None` if it was there or above at the scan.
+    /// When the master brought the slave to PREOP; `None` if the slave was there or above at the scan.
     pub(crate) preop_at: Option<u64>,
-    /// Its object dictionary was fetched since the scan, or is being fetched.
+    /// The master has fetched this slave's object dictionary since the last scan, or is fetching it.
     pub(crate) has_dictionary: bool,
     pub(crate) config: Option<usize>,
     /// Assigned PDOs as the scan found them, by sync manager.
     pub(crate) assigned: Assignment,
-    /// The state machine that brings it to the requested state.
     pub(crate) startup: Option<Startup>,
     pub(crate) transfer: Option<Transfer>,
-    /// When either of them continues.
+    /// When the startup or the transfer continues.
     pub(crate) due: u64,
 }
 
@@ -79,6 +97,22 @@ impl SlaveView {
     pub(crate) fn is_idle(&self) -> bool {
         self.startup.is_none() && self.transfer.is_none()
     }
+}
+
+/// Returns whether a slave is being configured. The master polls no other slave until that has ended.
+pub(super) fn is_any_configured(slaves: &[SlaveView]) -> bool {
+    slaves.iter().any(|slave| slave.startup.is_some())
+}
+
+/// Position of a slave by alias and distance; alias 0 counts from the master.
+pub(super) fn find_slave(slaves: &[SlaveView], alias: u16, distance: u16) -> Option<usize> {
+    let from = if alias == 0 {
+        0
+    } else {
+        slaves.iter().position(|slave| slave.description.alias == alias)?
+    };
+    let position = from + usize::from(distance);
+    (position < slaves.len()).then_some(position)
 }
 
 /// PDOs of an I/O: its SII lists them.

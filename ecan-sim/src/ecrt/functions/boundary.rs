@@ -13,7 +13,8 @@ use ecrt_sys::{
 use libc::{c_int, size_t};
 
 use crate::ecrt::calls::{Call, CallResult, Target};
-use crate::ecrt::slave_config::{RegRequest, RequestId, SdoRequest, SlaveConfig, SyncConfig};
+use crate::ecrt::sdo_transfer::RequestId;
+use crate::ecrt::slave_config::{RegRequest, SdoRequest, SlaveConfig, SyncConfig};
 
 pub(super) fn pointer<T>(address: usize) -> *mut T {
     std::ptr::without_provenance_mut(address)
@@ -113,7 +114,7 @@ pub(super) fn with_request<R>(
     action: impl FnOnce(&mut SdoRequest) -> R,
 ) -> CallResult<R> {
     let call = on_request(request)?;
-    call.with(|state| Ok(action(state.master.request(call.object).ok_or(libc::ENOENT)?)))
+    call.with(|state| Ok(action(state.master.configs.request(call.object).ok_or(libc::ENOENT)?)))
 }
 
 pub(super) fn with_reg_request<R>(
@@ -121,7 +122,9 @@ pub(super) fn with_reg_request<R>(
     action: impl FnOnce(&mut RegRequest) -> R,
 ) -> CallResult<R> {
     let call = on_reg_request(request)?;
-    call.with(|state| Ok(action(state.master.reg_request(call.object).ok_or(libc::ENOENT)?)))
+    call.with(|state| {
+        Ok(action(state.master.configs.reg_request(call.object).ok_or(libc::ENOENT)?))
+    })
 }
 
 /// Functions that return a status. One of two forms also has the form of 1.5, in a module of its

@@ -76,7 +76,8 @@ unsafe fn store_pdo_info<T>(
 /// Number of responding slaves, their AL states, and whether the link is up.
 fn link_state(master: *const ec_master_t) -> CallResult<(c_uint, c_uint, c_uint)> {
     on_master(master)?.with(|State { world, master, .. }| {
-        Ok((master.responding, master.al_states.into(), world.link_is_up().into()))
+        let (responding, al_states) = master.scan.responses();
+        Ok((responding, al_states.into(), world.link_is_up().into()))
     })
 }
 
@@ -85,8 +86,8 @@ functions! {
         let value = on_master(master)?.with(|State { world, master, .. }| {
             let mut value = ec_master_info_t {
                 slave_count: master.slaves.len() as c_uint,
-                scan_busy: u8::from(master.scan.is_some()),
-                app_time: master.clocks.app_time,
+                scan_busy: u8::from(master.scan.is_running()),
+                app_time: master.clocks.app_time(),
                 ..Default::default()
             };
             value.set_link_up(c_uint::from(world.link_is_up()));
@@ -101,7 +102,7 @@ functions! {
     ) {
         let value = on_master(master)?.with(|state| {
             let scanned = state.master.slaves.len() as c_uint;
-            let total = state.master.scan.as_ref().map_or(scanned, |scan| scan.slots.len() as c_uint);
+            let total = state.master.scan.slave_count().map_or(scanned, |count| count as c_uint);
             Ok(ec_master_scan_progress_t { slave_count: total, scan_index: scanned })
         })?;
         // SAFETY: the caller passes a pointer for the progress, or null.

@@ -18,12 +18,9 @@ use super::boundary::{
 };
 use crate::ecrt::calls;
 use crate::ecrt::calls::{CallResult, Target};
-use crate::ecrt::master::Phase;
 use crate::ecrt::pdo::{Pdo, PdoEntry};
-use crate::ecrt::sdo_transfer::SdoObject;
-use crate::ecrt::slave_config::{
-    DcConfig, EntrySelector, RequestId, SdoRequest, StartupSdo, SyncWatchdog,
-};
+use crate::ecrt::sdo_transfer::{RequestId, SdoObject};
+use crate::ecrt::slave_config::{DcConfig, EntrySelector, SdoRequest, StartupSdo, SyncWatchdog};
 use crate::ecrt::timing::ACTIVATE_NS;
 use crate::world::ProcessDirection;
 
@@ -34,8 +31,7 @@ const OPERATIONAL: u8 = 8;
 fn take_emergency(config: *const ec_slave_config_t) -> CallResult<[u8; 8]> {
     let call = on_config(config)?;
     call.with(|state| {
-        let slave = state.master.config(call.object)?.slave;
-        let slave = slave.and_then(|slave| state.master.slaves.get(slave)).ok_or(libc::ENOENT)?;
+        let slave = state.master.slave_of(call.object)?.ok_or(libc::ENOENT)?;
         let taken = state.world.with_gateway_in(slave.slot, |gateway, _| gateway.take_emergency());
         taken.flatten().map(crate::gateway::Emergency::message).ok_or(libc::ENOENT)
     })
@@ -44,10 +40,7 @@ fn take_emergency(config: *const ec_slave_config_t) -> CallResult<[u8; 8]> {
 pub unsafe extern "C" fn master_create_domain(master: *mut ec_master_t) -> *mut ec_domain_t {
     handle_or_null(|| {
         let call = on_master(master)?;
-        let index = call.configuring(|state| {
-            state.master.domains.push(Default::default());
-            Ok(state.master.domains.len() - 1)
-        })?;
+        let index = call.configuring(|state| Ok(state.master.configs.add_domain()))?;
         Ok(call.insert(Target::Domain(index)))
     })
 }
@@ -106,7 +99,7 @@ pub(super) unsafe fn register_entry(
             let config = state.master.config(call.object)?;
             let (sync, direction, size, bit) = config.locate(entry).ok_or(libc::ENOENT)?;
             let direction = direction.ok_or(libc::EINVAL)?;
-            let domain = state.master.domain(domain.object)?;
+            let domain = state.master.configs.domain(domain.object)?;
             let base = domain.add_fmmu(call.object, sync, direction, size);
             Ok((base + bit / 8, (bit % 8) as c_uint))
         })?;
@@ -144,7 +137,7 @@ functions! {
     ) {
         let config = if config.is_null() { None } else { Some(on_config(config)?.object) };
         on_master(master)?.configuring(|state| {
-            state.master.clocks.selected = config;
+            state.master.clocks.select_reference(config);
             Ok(())
         })
     }
@@ -161,7 +154,7 @@ functions! {
         let call = on_master(master)?;
         let done = call.driving(|state| {
             let now = state.world.now_ns();
-            let fresh = state.master.phase != Phase::Active;
+            let fresh = !state.master.reservation.is_active();
             if fresh {
                 state.master.activate(&state.world);
             }
@@ -218,8 +211,7 @@ functions! {
     ) {
         let call = on_config(config)?;
         call.configuring(|state| {
-            let slave = state.master.config(call.object)?.slave;
-            let slave = slave.and_then(|slave| state.master.slaves.get(slave));
+            let slave = state.master.slave_of(call.object)?;
             let mut known = slave.iter().flat_map(|slave| slave.assigned.iter().flatten());
             let known = known.find(|pdo| pdo.index == pdo_index).cloned();
             let pdo = known.unwrap_or(Pdo { index: pdo_index, entries: Vec::new() });
@@ -331,8 +323,7 @@ functions! {
         let call = on_config(config)?;
         let mut value = ec_slave_config_state_t::default();
         call.with(|state| {
-            let slave = state.master.config(call.object)?.slave;
-            if let Some(slave) = slave.and_then(|slave| state.master.slaves.get(slave)) {
+            if let Some(slave) = state.master.slave_of(call.object)? {
                 let operational = slave.current == OPERATIONAL
                     && !slave.force_config
                     && slave.startup.is_none();

@@ -12,17 +12,16 @@ use super::boundary::{
     on_request, store, with_reg_request, with_request,
 };
 use crate::ecrt::calls::{Call, CallResult, Target};
-use crate::ecrt::datagram::{DatagramState, Queued};
-use crate::ecrt::master::Phase;
-use crate::ecrt::sdo_transfer::SdoObject;
+use crate::ecrt::datagram::Queued;
+use crate::ecrt::sdo_transfer::{RequestId, SdoObject};
 use crate::ecrt::shared::State;
-use crate::ecrt::slave_config::{RegRequest, RequestId, RequestProgress, SdoRequest};
+use crate::ecrt::slave_config::{RegRequest, RequestProgress, SdoRequest};
 use crate::fault::LibraryCall;
 
 pub unsafe extern "C" fn domain_size(domain: *const ec_domain_t) -> size_t {
     let size = guarded(|| {
         let call = on_domain(domain)?;
-        call.with(|state| Ok(state.master.domain(call.object)?.size))
+        call.with(|state| Ok(state.master.configs.domain(call.object)?.size))
     });
     size.unwrap_or(size_t::MAX)
 }
@@ -31,7 +30,7 @@ pub unsafe extern "C" fn domain_data(domain: *mut ec_domain_t) -> *mut u8 {
     data_or_null(|| {
         let call = on_domain(domain)?;
         call.with(|state| {
-            let memory = &state.master.domain(call.object)?.memory;
+            let memory = &state.master.configs.domain(call.object)?.memory;
             Ok(memory.as_ref().ok_or(libc::EAGAIN)?.as_ptr())
         })
     })
@@ -44,9 +43,9 @@ fn queue_clock(call: &Call<()>, item: Queued, target: Option<u64>) -> CallResult
             return Err(libc::ENXIO);
         }
         let clocks = &mut state.master.clocks;
-        if clocks.are_set {
+        if clocks.are_set() {
             if item == Queued::ReferenceClock {
-                clocks.reference_target = target.unwrap_or(clocks.app_time);
+                clocks.aim_reference(target);
             }
             state.master.enqueue(item);
         }
@@ -56,13 +55,7 @@ fn queue_clock(call: &Call<()>, item: Queued, target: Option<u64>) -> CallResult
 
 pub unsafe extern "C" fn master_sync_monitor_process(master: *mut ec_master_t) -> u32 {
     let difference = guarded(|| {
-        on_master(master)?.driving(|state| match state.master.clocks.monitor {
-            DatagramState::Received => Ok(state.master.clocks.monitor_value),
-            _ => {
-                state.master.stderr_lines += 1;
-                Ok(u32::MAX)
-            }
-        })
+        on_master(master)?.driving(|state| Ok(state.master.clocks.take_monitor_value()))
     });
     difference.unwrap_or(u32::MAX)
 }
@@ -72,7 +65,7 @@ functions! {
         let call = on_domain(domain)?;
         call.driving(|State { world, master, .. }| {
             world.fault_schedule_mut().library_call(LibraryCall::DomainProcess)?;
-            master.domain(call.object)?.process();
+            master.configs.domain(call.object)?.process();
             Ok(())
         })
     }
@@ -81,7 +74,7 @@ functions! {
         let call = on_domain(domain)?;
         call.driving(|State { world, master, .. }| {
             world.fault_schedule_mut().library_call(LibraryCall::DomainQueue)?;
-            for datagram in 0..master.domain(call.object)?.datagrams.len() {
+            for datagram in 0..master.configs.domain(call.object)?.datagrams.len() {
                 master.enqueue(Queued::Domain { domain: call.object, datagram });
             }
             Ok(())
@@ -92,7 +85,7 @@ functions! {
         let call = on_domain(domain)?;
         let value = call.with(|State { world, master, .. }| {
             world.fault_schedule_mut().library_call(LibraryCall::DomainState)?;
-            let domain = master.domain(call.object)?;
+            let domain = master.configs.domain(call.object)?;
             let working_counter = domain.working_counter;
             let wc_state = match working_counter {
                 0 => EC_WC_ZERO,
@@ -109,12 +102,6 @@ functions! {
         on_master(master)?.driving(|State { world, master, .. }| {
             world.fault_schedule_mut().library_call(LibraryCall::Send)?;
             master.send(world);
-            if master.phase == Phase::Active
-                && !master.blocked
-                && master.advances_with_send(world.now_ns())
-            {
-                master.step(world);
-            }
             Ok(())
         })
     }
@@ -149,15 +136,8 @@ functions! {
     // like the real function, it writes each failure to stderr
     one_form master_reference_clock_time(master: *mut ec_master_t, time_ns: *mut u32) {
         let value = on_master(master)?.driving(|state| {
-            let clocks = &state.master.clocks;
-            let time = match (clocks.slaves, clocks.are_set) {
-                _ if state.master.reference_clock().is_none() => Err(libc::ENXIO),
-                (DatagramState::Received, true) => Ok(clocks.reference_value),
-                (DatagramState::Received, false) => Err(libc::EAGAIN),
-                _ => Err(libc::EIO),
-            };
-            state.master.stderr_lines += u64::from(time.is_err());
-            time
+            let has_reference = state.master.reference_clock().is_some();
+            state.master.clocks.take_reference_value(has_reference)
         })?;
         // SAFETY: the caller passes a pointer for the time, or null.
         unsafe { store(time_ns, value) }

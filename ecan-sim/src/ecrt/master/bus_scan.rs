@@ -3,12 +3,12 @@
 use ecan_protocol::device::{AlState, AlStatusCode};
 use ecan_protocol::mapping::{Direction, UNITS_PER_CHUNK};
 
-use super::{MasterModel, Phase};
-use crate::ecrt::slave_view::{AL_ERROR, SlaveView, al_status, assigned_count};
-use crate::ecrt::startup_state::Startup;
-use crate::ecrt::timing::{
-    ACTIVE_POLL_NS, IDLE_POLL_NS, POLL_STEP_NS, SCAN_BASE_NS, SCAN_SLAVE_NS,
+use super::MasterModel;
+use super::phase::{Phase, polling_round_ns};
+use crate::ecrt::slave_view::{
+    AL_ERROR, SlaveView, Startup, al_status, assigned_count, find_slave,
 };
+use crate::ecrt::timing::{ACTIVE_POLL_NS, IDLE_POLL_NS, SCAN_BASE_NS, SCAN_SLAVE_NS};
 use crate::world::{Slot, World};
 
 /// Registers and SII of a slave.
@@ -19,9 +19,9 @@ const SCAN_SII_PDO_STEPS: u64 = 1728;
 const STEPS_PER_UPLOAD: u64 = 3;
 
 #[derive(Debug)]
-pub(crate) struct Scan {
-    /// Slaves that responded at its begin.
-    pub(crate) slots: Vec<Slot>,
+struct Scan {
+    /// Slaves that responded at the begin of the scan.
+    slots: Vec<Slot>,
     at: usize,
     prepared: bool,
     /// The present slave was in INIT.
@@ -30,9 +30,50 @@ pub(crate) struct Scan {
     until_step: u64,
 }
 
+/// Polling of the slaves, and the scan of the bus after a change.
+#[derive(Debug, Default)]
+pub(crate) struct BusScan {
+    scan: Option<Scan>,
+    poll_due: u64,
+    /// A slave did not respond: the bus must be scanned when that is allowed.
+    is_required: bool,
+    responding: u32,
+    al_states: u8,
+    /// The master was released: it scans the bus when it is idle.
+    scans_when_idle: bool,
+}
+
+impl BusScan {
+    pub(crate) fn is_running(&self) -> bool {
+        self.scan.is_some()
+    }
+
+    /// Number of slaves of the running scan.
+    pub(crate) fn slave_count(&self) -> Option<usize> {
+        self.scan.as_ref().map(|scan| scan.slots.len())
+    }
+
+    /// Number of slaves that responded to the last poll, and their AL states.
+    pub(crate) fn responses(&self) -> (u32, u8) {
+        (self.responding, self.al_states)
+    }
+
+    pub(super) fn poll_due(&self) -> u64 {
+        self.poll_due
+    }
+
+    pub(super) fn poll_at(&mut self, time: u64) {
+        self.poll_due = time;
+    }
+
+    pub(super) fn set_scan_when_idle(&mut self, scans: bool) {
+        self.scans_when_idle = scans;
+    }
+}
+
 impl MasterModel {
     pub(crate) fn run_bus(&mut self, world: &mut World) {
-        match self.scan.take() {
+        match self.scan.scan.take() {
             Some(scan) => self.scan_step(scan, world),
             None => self.poll(world),
         }
@@ -40,10 +81,10 @@ impl MasterModel {
 
     fn poll(&mut self, world: &mut World) {
         let now = world.now_ns();
-        let active = self.phase == Phase::Active;
-        self.poll_due = now
+        let active = self.reservation.phase() == Phase::Active;
+        self.scan.poll_due = now
             + match self.behaviour.serves_in_turn {
-                true => self.polling_round_ns(),
+                true => polling_round_ns(self.slaves.len()),
                 false if active => ACTIVE_POLL_NS,
                 false => IDLE_POLL_NS,
             };
@@ -54,27 +95,24 @@ impl MasterModel {
                 states |= al_status(world, slot) & 0x0F;
             }
         }
-        (self.responding, self.al_states) = (responding, states);
-        let scans_now = self.phase == Phase::Idle && std::mem::take(&mut self.scans_when_idle);
-        let changed = self.rescan_required
+        (self.scan.responding, self.scan.al_states) = (responding, states);
+        let scans_now = self.reservation.phase() == Phase::Idle
+            && std::mem::take(&mut self.scan.scans_when_idle);
+        let changed = self.scan.is_required
             || scans_now
             || responding as usize != self.slaves.len()
             || self.slaves.iter().any(|slave| !slave.is_present(world));
         // between reservation and activation the slave list does not change
-        if changed && self.phase != Phase::Reserved {
+        if changed && self.reservation.phase() != Phase::Reserved {
             self.begin_scan(world);
             return;
         }
-        if active && !self.clocks.are_set {
-            self.set_clocks(world);
+        if active && !self.clocks.are_set() {
+            let error_ns = self.pacing.clock_error_ns(now);
+            self.clocks.set_times(&self.slaves, error_ns, world);
         }
         self.poll_from(0, world);
-        self.choose_dictionary(now);
-    }
-
-    /// One round of state polling: a broadcast, and one read per slave.
-    pub(super) fn polling_round_ns(&self) -> u64 {
-        (1 + self.slaves.len() as u64) * POLL_STEP_NS
+        self.dictionary.choose(now, self.pacing.steps(), &mut self.slaves, &self.configs);
     }
 
     /// Polls the slaves from this one on until one must be configured; polling continues after that
@@ -95,10 +133,10 @@ impl MasterModel {
         let Some(slave) = self.slaves.get_mut(index) else { return false };
         if !slave.is_present(world) {
             slave.error_flag = true;
-            self.rescan_required = true;
-            let may_scan = self.phase != Phase::Reserved;
+            self.scan.is_required = true;
+            let may_scan = self.reservation.phase() != Phase::Reserved;
             if may_scan {
-                self.poll_due = now;
+                self.scan.poll_due = now;
             }
             return may_scan;
         }
@@ -115,44 +153,46 @@ impl MasterModel {
         }
         if has_error {
             let code = AlStatusCode(world.line().al_status_code(slave.slot));
-            self.log(index, &format!("acknowledged AL status code {code}"));
+            self.log.push_slave(index, &format!("acknowledged AL status code {code}"));
         }
         true
     }
 
     fn begin_scan(&mut self, world: &World) {
-        self.fail_transfers();
+        let keeps_lost_requests = self.behaviour.keeps_lost_requests;
+        self.requests.fail_all(&mut self.slaves, &mut self.configs, keeps_lost_requests);
         self.slaves.clear();
-        self.clocks.are_set = false;
-        self.rescan_required = false;
-        for config in &mut self.configs {
+        self.clocks.set_again();
+        self.scan.is_required = false;
+        for config in self.configs.iter_mut() {
             config.slave = None;
         }
         let slots: Vec<_> = if world.link_is_up() { world.reached().collect() } else { Vec::new() };
-        self.scan = Some(Scan { slots, at: 0, prepared: false, was_in_init: false, until_step: 0 });
-        self.poll_due = world.now_ns() + SCAN_BASE_NS;
+        self.scan.scan =
+            Some(Scan { slots, at: 0, prepared: false, was_in_init: false, until_step: 0 });
+        self.scan.poll_due = world.now_ns() + SCAN_BASE_NS;
     }
 
     fn scan_step(&mut self, mut scan: Scan, world: &mut World) {
         let now = world.now_ns();
         let Some(slot) = scan.slots.get(scan.at).copied() else {
-            self.poll_due = now;
+            self.scan.poll_due = now;
             for config in 0..self.configs.len() {
                 self.attach_config(config);
             }
             return;
         };
-        let by_steps = self.behaviour.scans_in_steps && self.phase == Phase::Active;
-        if scan.prepared && by_steps && self.steps < scan.until_step {
-            self.poll_due = now;
-            self.scan = Some(scan);
+        let by_steps = self.behaviour.scans_in_steps && self.reservation.phase() == Phase::Active;
+        if scan.prepared && by_steps && self.pacing.steps() < scan.until_step {
+            self.scan.poll_due = now;
+            self.scan.scan = Some(scan);
             return;
         }
         if scan.prepared {
             if world.reaches(slot) {
                 let mut scanned = SlaveView::scanned(world, slot);
                 if let Some(slave) = &mut scanned {
-                    let stays = self.phase == Phase::Active && !scan.was_in_init;
+                    let stays = self.reservation.phase() == Phase::Active && !scan.was_in_init;
                     slave.preop_at = (!stays).then_some(now);
                     slave.has_dictionary =
                         !self.behaviour.fetches_dictionary && slave.description.has_information;
@@ -161,7 +201,7 @@ impl MasterModel {
             }
             scan.at += 1;
             scan.prepared = false;
-            self.poll_due = now;
+            self.scan.poll_due = now;
         } else {
             scan.was_in_init = al_status(world, slot) & 0x0F == AlState::Init.raw();
             if scan.was_in_init {
@@ -169,10 +209,10 @@ impl MasterModel {
                 world.request_al_state(slot, AlState::PreOp);
             }
             scan.prepared = true;
-            scan.until_step = self.steps + scan_steps(world, slot);
-            self.poll_due = now + if by_steps { 0 } else { SCAN_SLAVE_NS };
+            scan.until_step = self.pacing.steps() + scan_steps(world, slot);
+            self.scan.poll_due = now + if by_steps { 0 } else { SCAN_SLAVE_NS };
         }
-        self.scan = Some(scan);
+        self.scan.scan = Some(scan);
     }
 
     /// Attaches one configuration if its slave is present, unconfigured, and has the configured
@@ -195,7 +235,7 @@ impl MasterModel {
             slave.due = 0;
         }
         config.slave = Some(position);
-        if self.phase == Phase::Active {
+        if self.reservation.phase() == Phase::Active {
             slave.requested = AlState::Op;
         }
     }
@@ -215,15 +255,4 @@ fn scan_steps(world: &mut World, slot: Slot) -> u64 {
     let has_pdos = world.line().describe(slot).is_some_and(|slave| slave.sii_pdos);
     let sii = SCAN_SII_STEPS + if has_pdos { SCAN_SII_PDO_STEPS } else { 0 };
     sii + uploads * STEPS_PER_UPLOAD
-}
-
-/// Position of a slave by alias and distance; alias 0 counts from the master.
-pub(crate) fn find_slave(slaves: &[SlaveView], alias: u16, distance: u16) -> Option<usize> {
-    let from = if alias == 0 {
-        0
-    } else {
-        slaves.iter().position(|slave| slave.description.alias == alias)?
-    };
-    let position = from + usize::from(distance);
-    (position < slaves.len()).then_some(position)
 }

@@ -5,23 +5,21 @@
 
 use ecan_protocol::device::{AlState, AlStatusCode};
 use ecan_protocol::mapping::{Direction, sync_manager};
-use ecan_protocol::object::describe;
 
-use super::{MasterModel, Phase};
 use crate::ecrt::clocks::Clocks;
+use crate::ecrt::kernel_log::KernelLog;
 use crate::ecrt::pdo::{AssignmentWrite, assignment_writes, pdo_bytes};
 use crate::ecrt::sdo_transfer::{
-    MailboxTransfer, Payload, Progress, Receiver, SdoFailure, SdoObject, proceed,
+    MailboxTransfer, Pace, Payload, Progress, Receiver, SdoFailure, SdoObject, proceed,
 };
-use crate::ecrt::slave_config::SyncWatchdog;
-use crate::ecrt::slave_view::{AL_ERROR, al_status};
-use crate::ecrt::startup_state::Startup;
+use crate::ecrt::slave_config::{Configs, SlaveConfig, SyncWatchdog};
+use crate::ecrt::slave_view::{AL_ERROR, SlaveView, Startup, al_status};
 use crate::ecrt::timing::{
     CLOCK_NEAR_NS, CLOCK_SETTLE_NS, CLOCK_TIMEOUT_NS, REGISTER_NS, STATE_POLL_NS, STATE_TIMEOUT_NS,
 };
 use crate::gateway::{Gateway, SyncManagerConfig};
 use crate::sii::sync_manager_config;
-use crate::world::{Slot, World};
+use crate::world::World;
 
 /// Control bits of the direction; 1 is written by the master.
 const DIRECTION: u8 = 0x0C;
@@ -44,22 +42,36 @@ enum Next {
     Lost,
 }
 
-impl MasterModel {
-    /// Continues the configuration of a slave. After it the master polls the following slaves.
-    pub(crate) fn run_startup(&mut self, index: usize, world: &mut World) {
+/// One step of the startup of a slave.
+pub(super) struct SlaveStartup<'a> {
+    pub(super) index: usize,
+    pub(super) slave: &'a mut SlaveView,
+    pub(super) configs: &'a Configs,
+    pub(super) clocks: &'a Clocks,
+    pub(super) log: &'a mut KernelLog,
+    pub(super) pace: Pace,
+    /// Steps of the master so far.
+    pub(super) steps: u64,
+}
+
+impl<'a> SlaveStartup<'a> {
+    /// Continues the configuration of the slave. Returns whether it ends.
+    pub(super) fn run(mut self, world: &mut World) -> bool {
         let now = world.now_ns();
-        let step_ns = if self.phase == Phase::Active { 0 } else { self.idle_step_ns() };
         // The master's thread sleeps between the register accesses of a step.
-        let idle_ns = |delay_ns| delay_ns / REGISTER_NS * step_ns;
-        let Some(slave) = self.slaves.get_mut(index) else { return };
-        let Some(step) = slave.startup.take() else { return };
-        let next = if slave.is_present(world) {
-            self.startup_step(index, world, step)
+        let pace = self.pace;
+        let idle_ns = |delay_ns| match pace {
+            Pace::Timed(step_ns) => delay_ns / REGISTER_NS * step_ns,
+            Pace::Sends(_) => 0,
+        };
+        let Some(step) = self.slave.startup.take() else { return false };
+        let next = if self.slave.is_present(world) {
+            self.run_step(world, step)
         } else {
-            self.log(index, "does not respond");
+            self.log.push_slave(self.index, "does not respond");
             Next::Lost
         };
-        let Some(slave) = self.slaves.get_mut(index) else { return };
+        let slave = self.slave;
         slave.current = al_status(world, slave.slot);
         slave.due = now;
         match next {
@@ -71,21 +83,27 @@ impl MasterModel {
             Next::Failed => slave.error_flag = true,
             Next::Lost => {}
         }
-        if slave.startup.is_none() {
-            self.poll_from(index + 1, world);
-        }
+        slave.startup.is_none()
     }
 
-    fn startup_step(&mut self, index: usize, world: &mut World, step: Startup) -> Next {
-        let Some(slave) = self.slaves.get(index) else { return Next::Failed };
-        let (slot, now) = (slave.slot, world.now_ns());
+    /// The configuration of the slave.
+    fn config(&self) -> Option<&'a SlaveConfig> {
+        self.configs.get(self.slave.config?)
+    }
+
+    fn begin_transfer(&self, now: u64) -> MailboxTransfer {
+        MailboxTransfer::begin(now, self.steps)
+    }
+
+    fn run_step(&mut self, world: &mut World, step: Startup) -> Next {
+        let (slot, now) = (self.slave.slot, world.now_ns());
         match step {
             Startup::Request(to) => {
-                let from = slave.current & 0x0F;
+                let from = self.slave.current & 0x0F;
                 world.request_al_state(slot, to);
                 Next::Step(Startup::Wait { to, from, since: now }, STATE_POLL_NS)
             }
-            Startup::Wait { to, from, since } => self.wait_state(index, world, to, from, since),
+            Startup::Wait { to, from, since } => self.wait_state(world, to, from, since),
             Startup::ClearRegisters => {
                 world.line_mut().set_fmmus(slot, []);
                 world.with_gateway_in(slot, |gateway, _| {
@@ -103,14 +121,14 @@ impl MasterModel {
                 world.with_gateway_in(slot, |gateway, _| gateway.set_up_mailboxes());
                 Next::Step(Startup::Request(AlState::PreOp), REGISTER_NS)
             }
-            Startup::Sdo { at, mailbox } => self.startup_sdo(index, slot, world, at, mailbox),
+            Startup::Sdo { at, mailbox } => self.run_sdo(world, at, mailbox),
             Startup::Assignment { list, at, mailbox } => {
-                self.assignment_step(index, slot, world, list, at, mailbox)
+                self.run_assignment(world, list, at, mailbox)
             }
             Startup::Watchdog => {
                 // without a setting the slave keeps its values; one of both sets the other to its
                 // default
-                let (divider, intervals) = self.attached(index).map_or((0, 0), |c| c.watchdog);
+                let (divider, intervals) = self.config().map_or((0, 0), |c| c.watchdog);
                 if (divider, intervals) != (0, 0) {
                     let divider = if divider == 0 { WATCHDOG_DIVIDER } else { divider };
                     let intervals = if intervals == 0 { WATCHDOG_INTERVALS } else { intervals };
@@ -123,26 +141,25 @@ impl MasterModel {
                 Next::Step(Startup::SyncManagers, 2 * REGISTER_NS)
             }
             Startup::SyncManagers => {
-                self.set_up_sync_managers(index, world);
+                self.set_up_sync_managers(world);
                 Next::Step(Startup::Fmmus, REGISTER_NS)
             }
             Startup::Fmmus => {
-                if let Some(config) = slave.config {
-                    let fmmus = self.domains.iter().flat_map(|domain| {
+                if let Some(config) = self.slave.config {
+                    let fmmus = self.configs.domains().iter().flat_map(|domain| {
                         let own = domain.fmmus.iter().filter(move |fmmu| fmmu.config == config);
                         own.map(|fmmu| domain.slave_fmmu(fmmu))
                     });
                     world.line_mut().set_fmmus(slot, fmmus);
                 }
-                let dc = self.attached(index).and_then(|config| config.dc);
-                let has_clock =
-                    self.slaves.get(index).is_some_and(|slave| slave.description.has_clock);
+                let dc = self.config().and_then(|config| config.dc);
+                let has_clock = self.slave.description.has_clock;
                 let next = match dc {
                     Some(dc) if dc.assign_activate != 0 && has_clock => Startup::ClockCycle,
                     _ => Startup::Request(AlState::SafeOp),
                 };
                 if dc.is_some() && !has_clock {
-                    self.log(index, "does not support distributed clocks");
+                    self.log.push_slave(self.index, "does not support distributed clocks");
                 }
                 Next::Step(next, REGISTER_NS)
             }
@@ -153,15 +170,18 @@ impl MasterModel {
                     if now.saturating_sub(since) < CLOCK_TIMEOUT_NS {
                         return Next::Step(Startup::ClockSettle { since }, STATE_POLL_NS);
                     }
-                    self.log(index, "did not follow the reference clock in time");
+                    self.log.push_slave(self.index, "did not follow the reference clock in time");
                 }
                 Next::Step(Startup::ClockStart, 0)
             }
             Startup::ClockStart => {
-                let dc = self.attached(index).and_then(|config| config.dc);
+                let dc = self.config().and_then(|config| config.dc);
                 let sync0 = dc.and_then(|dc| self.clocks.sync0(&dc));
-                if self.clocks.reference_time == 0 {
-                    self.log(index, "has no application time: Sync0 will not be in phase");
+                if !self.clocks.has_phase() {
+                    self.log.push_slave(
+                        self.index,
+                        "has no application time: Sync0 will not be in phase",
+                    );
                 }
                 let has_sync1 = dc.is_some_and(|dc| Clocks::has_sync1(&dc));
                 world.with_gateway_in(slot, |gateway, _| {
@@ -173,21 +193,13 @@ impl MasterModel {
         }
     }
 
-    fn wait_state(
-        &mut self,
-        index: usize,
-        world: &mut World,
-        to: AlState,
-        from: u8,
-        since: u64,
-    ) -> Next {
+    fn wait_state(&mut self, world: &mut World, to: AlState, from: u8, since: u64) -> Next {
         let now = world.now_ns();
-        let Some(slave) = self.slaves.get_mut(index) else { return Next::Failed };
-        let (slot, requested) = (slave.slot, slave.requested);
+        let (slot, requested) = (self.slave.slot, self.slave.requested);
         let status = al_status(world, slot);
         if status == to.raw() {
             if to == AlState::PreOp {
-                slave.preop_at = Some(now);
+                self.slave.preop_at = Some(now);
             }
             if to == requested {
                 return Next::Done;
@@ -203,8 +215,8 @@ impl MasterModel {
         }
         if status & AL_ERROR != 0 {
             let code = world.line().al_status_code(slot);
-            self.log(
-                index,
+            self.log.push_slave(
+                self.index,
                 &format!("rejected the change to {to}: AL status code {}", AlStatusCode(code)),
             );
             // the master acknowledges the error in the state that the slave reports
@@ -214,14 +226,14 @@ impl MasterModel {
             return Next::Failed;
         }
         let limit = self
-            .attached(index)
+            .config()
             .and_then(|config| {
                 let known = config.state_timeouts.iter().rev();
                 known.clone().find(|(f, t, _)| *f == from && *t == to.raw())
             })
             .map_or(STATE_TIMEOUT_NS, |(_, _, limit)| *limit);
         if now.saturating_sub(since) > limit {
-            self.log(index, &format!("did not change to {to} in time"));
+            self.log.push_slave(self.index, &format!("did not change to {to} in time"));
             return Next::Failed;
         }
         Next::Step(Startup::Wait { to, from, since }, STATE_POLL_NS)
@@ -230,72 +242,60 @@ impl MasterModel {
     /// Continues a download.
     fn download(
         &self,
-        slot: Slot,
         world: &mut World,
         mailbox: &mut MailboxTransfer,
         object: SdoObject,
         data: &[u8],
     ) -> Progress {
-        let receiver = Receiver { slot, is_present: true };
-        proceed(world, receiver, mailbox, self.pace(), object, Payload::Download(data))
+        let receiver = Receiver { slot: self.slave.slot, is_present: true };
+        proceed(world, receiver, mailbox, self.pace, object, Payload::Download(data))
     }
 
-    fn startup_sdo(
-        &mut self,
-        index: usize,
-        slot: Slot,
-        world: &mut World,
-        at: usize,
-        mut mailbox: MailboxTransfer,
-    ) -> Next {
-        let Some(config) = self.attached(index) else {
+    fn run_sdo(&mut self, world: &mut World, at: usize, mut mailbox: MailboxTransfer) -> Next {
+        let Some(config) = self.config() else {
             return Next::Step(Startup::Watchdog, REGISTER_NS);
         };
         let next = self.begin_transfer(world.now_ns());
         let Some(sdo) = config.sdos.get(at) else {
-            let slave = self.slaves.get(index);
-            let list =
-                slave.map_or_else(Vec::new, |slave| assignment_writes(config, &slave.description));
+            let list = assignment_writes(config, &self.slave.description);
             return Next::Step(Startup::Assignment { list, at: 0, mailbox: next }, 0);
         };
         let object = sdo.object;
-        if self.slaves.get(index).is_some_and(|slave| !slave.description.has_coe) {
-            self.log_sdo(index, "startup SDO", object, SdoFailure::NO_COE);
+        if !self.slave.description.has_coe {
+            self.log.push_sdo(self.index, "startup SDO", object, SdoFailure::NO_COE);
             return Next::Failed;
         }
-        match self.download(slot, world, &mut mailbox, object, &sdo.data) {
+        match self.download(world, &mut mailbox, object, &sdo.data) {
             Progress::Waiting(delay) => Next::Step(Startup::Sdo { at, mailbox }, delay),
             Progress::Done(Ok(())) => Next::Step(Startup::Sdo { at: at + 1, mailbox: next }, 0),
             Progress::Done(Err(failure)) => {
-                self.log_sdo(index, "startup SDO", object, failure);
+                self.log.push_sdo(self.index, "startup SDO", object, failure);
                 Next::Failed
             }
         }
     }
 
-    fn assignment_step(
+    fn run_assignment(
         &mut self,
-        index: usize,
-        slot: Slot,
         world: &mut World,
         list: Vec<AssignmentWrite>,
         at: usize,
         mut mailbox: MailboxTransfer,
     ) -> Next {
         let Some(write) = list.get(at).copied() else {
-            self.note_assignment(index);
+            self.note_assignment();
             return Next::Step(Startup::Watchdog, REGISTER_NS);
         };
         let object = SdoObject::entry(write.index, write.subindex);
         let bytes = write.value.to_le_bytes();
         let data = bytes.get(..write.size).unwrap_or(&bytes);
-        let at = match self.download(slot, world, &mut mailbox, object, data) {
+        let at = match self.download(world, &mut mailbox, object, data) {
             Progress::Waiting(delay) => {
                 return Next::Step(Startup::Assignment { list, at, mailbox }, delay);
             }
             Progress::Done(Ok(())) => at + 1,
             Progress::Done(Err(failure)) => {
-                self.log_sdo(index, "warning: PDO configuration", object, failure);
+                self.log.push_sdo(self.index, "warning: PDO configuration", object, failure);
                 write.after_failure
             }
         };
@@ -304,12 +304,9 @@ impl MasterModel {
     }
 
     /// The configured assignment replaces the one that the scan found.
-    fn note_assignment(&mut self, index: usize) {
-        let Some(config) = self.slaves.get(index).and_then(|slave| slave.config) else { return };
-        let (Some(slave), Some(config)) = (self.slaves.get_mut(index), self.configs.get(config))
-        else {
-            return;
-        };
+    fn note_assignment(&mut self) {
+        let Some(config) = self.config() else { return };
+        let slave = &mut *self.slave;
         if !slave.description.pdo_assign {
             return;
         }
@@ -325,15 +322,14 @@ impl MasterModel {
 
     /// Start and control byte are those of the SII, the length is that of the assigned PDOs; the
     /// configuration determines direction and watchdog.
-    fn set_up_sync_managers(&mut self, index: usize, world: &mut World) {
-        let Some(slot) = self.slaves.get(index).map(|slave| slave.slot) else { return };
+    fn set_up_sync_managers(&mut self, world: &mut World) {
+        let slot = self.slave.slot;
         if world.line().io_in(slot).is_some() {
-            return self.set_up_io(index, slot, world);
+            return self.set_up_io(world);
         }
         for direction in [Direction::RxPdo, Direction::TxPdo] {
             let number = sync_manager(direction);
-            let sync =
-                self.attached(index).and_then(|config| config.syncs.get(usize::from(number)));
+            let sync = self.config().and_then(|config| config.syncs.get(usize::from(number)));
             let length = sync.map_or(0, |sync| pdo_bytes(&sync.pdos));
             let watchdog = sync.map_or(SyncWatchdog::Default, |sync| sync.watchdog);
             let sii = world.line().gateway_in(slot).map_or(&[][..], Gateway::eeprom);
@@ -358,40 +354,27 @@ impl MasterModel {
     }
 
     /// The sync managers of an I/O have the lengths of the configured PDOs, otherwise those of its SII.
-    fn set_up_io(&mut self, index: usize, slot: Slot, world: &mut World) {
-        let Some(slave) = self.slaves.get(index) else { return };
-        let lengths: Vec<_> = slave
+    fn set_up_io(&mut self, world: &mut World) {
+        let slot = self.slave.slot;
+        let lengths: Vec<_> = self
+            .slave
             .assigned
             .iter()
             .enumerate()
             .map(|(number, assigned)| {
-                let configured = self.attached(index).and_then(|config| config.syncs.get(number));
+                let configured = self.config().and_then(|config| config.syncs.get(number));
                 let length = |pdos: &[_]| u16::try_from(pdo_bytes(pdos)).unwrap_or(u16::MAX);
                 (length(assigned), configured.map_or(0, |sync| length(&sync.pdos)))
             })
             .collect();
         if lengths.iter().any(|(fixed, configured)| fixed != configured) {
-            self.log(index, "does not support changing its PDO assignment and mapping");
+            self.log
+                .push_slave(self.index, "does not support changing its PDO assignment and mapping");
         }
         if let Some(io) = world.line_mut().io_in_mut(slot) {
             for (number, (_, configured)) in lengths.into_iter().enumerate() {
                 io.configure_sync_manager(number, configured);
             }
         }
-    }
-
-    fn log_sdo(&mut self, index: usize, what: &str, object: SdoObject, failure: SdoFailure) {
-        let object = describe(object.index, object.subindex);
-        let text = if failure == SdoFailure::NO_COE {
-            format!("{what} {object}: the slave does not support CoE")
-        } else if failure.abort_code == 0 {
-            format!("{what} {object}: no response")
-        } else {
-            format!(
-                "{what} {object} aborted: {}",
-                ecan_protocol::object::AbortCode(failure.abort_code)
-            )
-        };
-        self.log(index, &text);
     }
 }

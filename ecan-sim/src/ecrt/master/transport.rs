@@ -1,10 +1,13 @@
 //! Send queue: frames, losses, and blocking by an oversized datagram.
 
-use super::MasterModel;
+use crate::ecrt::clocks::Clocks;
 use crate::ecrt::datagram::{DatagramState, Queued};
+use crate::ecrt::domain::DomainDatagram;
+use crate::ecrt::slave_config::Configs;
+use crate::ecrt::slave_view::SlaveView;
 use crate::ecrt::timing::{BYTE_NS, DATAGRAM_TIMEOUT_NS, HOST_LATENCY_NS, SLAVE_LATENCY_NS};
 use crate::fault::{CycleFaults, LossDirection};
-use crate::world::{LogicalCommand, World};
+use crate::world::{LogicalCommand, Slot, World};
 
 /// Payload of an Ethernet frame.
 const FRAME_BYTES: usize = 1500;
@@ -19,93 +22,51 @@ fn outward_ns(delay_ns: u64) -> u64 {
     delay_ns.saturating_sub(HOST_LATENCY_NS / 2)
 }
 
-impl MasterModel {
-    /// Queues a datagram; a queued one keeps its position and is sent once.
-    pub(crate) fn enqueue(&mut self, item: Queued) {
-        if !self.queue.contains(&item) {
-            self.queue.push(item);
-        }
-        if let Some(state) = self.datagram_state(item) {
-            *state = DatagramState::Queued;
-        }
+/// What the datagrams of a queue exchange: domains and clocks.
+pub(super) struct Contents<'a> {
+    pub(super) configs: &'a mut Configs,
+    pub(super) clocks: &'a mut Clocks,
+    pub(super) slaves: &'a [SlaveView],
+    /// The slave of the reference clock.
+    pub(super) reference: Option<Slot>,
+}
+
+impl Contents<'_> {
+    fn datagram(&mut self, domain: usize, datagram: usize) -> Option<&mut DomainDatagram> {
+        self.configs.domain(domain).ok()?.datagrams.get_mut(datagram)
     }
 
-    fn datagram_state(&mut self, item: Queued) -> Option<&mut DatagramState> {
-        Some(match item {
+    fn state(&mut self, item: Queued) -> Option<&mut DatagramState> {
+        match item {
             Queued::Domain { domain, datagram } => {
-                &mut self.domains.get_mut(domain)?.datagrams.get_mut(datagram)?.state
+                self.datagram(domain, datagram).map(|datagram| &mut datagram.state)
             }
-            Queued::ReferenceClock => &mut self.clocks.reference,
-            Queued::SlaveClocks => &mut self.clocks.slaves,
-            Queued::ClockMonitor => &mut self.clocks.monitor,
-        })
+            _ => self.clocks.datagram_state(item),
+        }
     }
 
     fn pending_bytes(&mut self, item: Queued) -> Option<usize> {
-        if *self.datagram_state(item)? != DatagramState::Queued {
+        if *self.state(item)? != DatagramState::Queued {
             return None;
         }
         Some(match item {
-            Queued::Domain { domain, datagram } => {
-                self.domains.get(domain)?.datagrams.get(datagram)?.wire.len()
-            }
+            Queued::Domain { domain, datagram } => self.datagram(domain, datagram)?.wire.len(),
             _ => CLOCK_BYTES,
         })
-    }
-
-    /// Sends the queue in frames. A datagram larger than a frame blocks all datagrams after it, now
-    /// and at each later send. Without a link nothing is sent.
-    pub(crate) fn send(&mut self, world: &mut World) {
-        self.sends = self.sends.wrapping_add(1);
-        self.blocked = false;
-        if !world.link_is_up() {
-            while let Some(item) = self.queue.pop() {
-                if let Some(state) = self.datagram_state(item) {
-                    *state = DatagramState::Lost;
-                }
-            }
-            return;
-        }
-        let queue = std::mem::take(&mut self.queue);
-        let carries_process_data = queue.iter().any(|item| {
-            matches!(item, Queued::Domain { .. }) && self.pending_bytes(*item).is_some()
-        });
-        let faults = match carries_process_data {
-            true => world.begin_cycle(),
-            false => world.fault_schedule().faults_between_cycles(),
-        };
-        let passed = world.reached().count();
-        let mut delay_ns = HOST_LATENCY_NS + passed as u64 * SLAVE_LATENCY_NS;
-        let mut frame = FRAME_HEADER_BYTES;
-        for &item in &queue {
-            let Some(bytes) = self.pending_bytes(item) else { continue };
-            let bytes = bytes + DATAGRAM_OVERHEAD;
-            if frame + bytes > FRAME_BYTES {
-                frame = FRAME_HEADER_BYTES;
-            }
-            if frame + bytes > FRAME_BYTES && !self.carries_large_pdos {
-                self.blocked = true;
-                break;
-            }
-            frame += bytes;
-            delay_ns += bytes as u64 * BYTE_NS;
-            self.transmit(item, world, faults, delay_ns);
-        }
-        self.queue = queue;
     }
 
     fn transmit(&mut self, item: Queued, world: &mut World, faults: CycleFaults, delay_ns: u64) {
         let at_ns = world.now_ns();
         let arrives_ns = faults.lost.is_none().then_some(at_ns + delay_ns);
         let Queued::Domain { domain, datagram } = item else {
-            self.exchange_clock(item, world, faults.lost);
-            let arrives_ns = arrives_ns.filter(|_| self.reference_clock().is_some());
-            if let Some(state) = self.datagram_state(item) {
+            self.clocks.exchange(item, self.reference, self.slaves, world, faults.lost);
+            let arrives_ns = arrives_ns.filter(|_| self.reference.is_some());
+            if let Some(state) = self.state(item) {
                 *state = DatagramState::Sent { at_ns, arrives_ns };
             }
             return;
         };
-        let Some(domain) = self.domains.get_mut(domain) else { return };
+        let Ok(domain) = self.configs.domain(domain) else { return };
         let base = domain.logical_base;
         let (Some(datagram), Some(memory)) =
             (domain.datagrams.get_mut(datagram), domain.memory.as_ref())
@@ -124,16 +85,9 @@ impl MasterModel {
         datagram.state = DatagramState::Sent { at_ns, arrives_ns };
     }
 
-    /// Receives the returned datagrams and times out the overdue ones.
-    pub(crate) fn receive(&mut self, now: u64) {
-        self.received_at = now;
-        let mut queue = std::mem::take(&mut self.queue);
-        queue.retain(|item| !self.receive_one(*item, now));
-        self.queue = queue;
-    }
-
-    fn receive_one(&mut self, item: Queued, now: u64) -> bool {
-        let Some(state) = self.datagram_state(item) else { return true };
+    /// Receives a datagram or times it out. Returns whether it leaves the queue.
+    fn receive(&mut self, item: Queued, now: u64) -> bool {
+        let Some(state) = self.state(item) else { return true };
         let DatagramState::Sent { at_ns, arrives_ns } = *state else { return false };
         let has_arrived = arrives_ns.is_some_and(|at| at <= now);
         if !has_arrived && now.saturating_sub(at_ns) <= DATAGRAM_TIMEOUT_NS {
@@ -142,7 +96,7 @@ impl MasterModel {
         *state = if has_arrived { DatagramState::Received } else { DatagramState::Lost };
         if has_arrived
             && let Queued::Domain { domain, datagram } = item
-            && let Some(domain) = self.domains.get(domain)
+            && let Ok(domain) = self.configs.domain(domain)
             && let Some(datagram) = domain.datagrams.get(datagram)
             && let Some(memory) = &domain.memory
             && datagram.command != LogicalCommand::Write
@@ -150,5 +104,95 @@ impl MasterModel {
             memory.write(datagram.offset, &datagram.wire);
         }
         true
+    }
+}
+
+/// The send queue.
+#[derive(Debug, Default)]
+pub(crate) struct Transport {
+    carries_large_pdos: bool,
+    queue: Vec<Queued>,
+    /// The last send stopped at a datagram that fits no frame.
+    is_blocked: bool,
+    sends: u64,
+}
+
+impl Transport {
+    pub(super) fn new(carries_large_pdos: bool) -> Self {
+        Self { carries_large_pdos, queue: Vec::with_capacity(16), ..Self::default() }
+    }
+
+    /// Returns whether the last send stopped at a datagram that fits no frame.
+    pub(crate) fn is_blocked(&self) -> bool {
+        self.is_blocked
+    }
+
+    /// Number of sends.
+    pub(crate) fn sends(&self) -> u64 {
+        self.sends
+    }
+
+    /// Makes room for the datagrams of the domains and of the clocks.
+    pub(super) fn reserve(&mut self, datagrams: usize) {
+        self.queue.reserve(datagrams);
+    }
+
+    pub(super) fn clear(&mut self) {
+        self.queue.clear();
+        self.is_blocked = false;
+    }
+
+    /// Queues a datagram; a queued one keeps its position and is sent once.
+    pub(super) fn enqueue(&mut self, item: Queued, contents: &mut Contents<'_>) {
+        if !self.queue.contains(&item) {
+            self.queue.push(item);
+        }
+        if let Some(state) = contents.state(item) {
+            *state = DatagramState::Queued;
+        }
+    }
+
+    /// Sends the queue in frames. A datagram larger than a frame blocks all datagrams after it, now
+    /// and at each later send. Without a link nothing is sent.
+    pub(super) fn send(&mut self, world: &mut World, contents: &mut Contents<'_>) {
+        self.sends = self.sends.wrapping_add(1);
+        self.is_blocked = false;
+        if !world.link_is_up() {
+            while let Some(item) = self.queue.pop() {
+                if let Some(state) = contents.state(item) {
+                    *state = DatagramState::Lost;
+                }
+            }
+            return;
+        }
+        let carries_process_data = self.queue.iter().any(|item| {
+            matches!(item, Queued::Domain { .. }) && contents.pending_bytes(*item).is_some()
+        });
+        let faults = match carries_process_data {
+            true => world.begin_cycle(),
+            false => world.fault_schedule().faults_between_cycles(),
+        };
+        let passed = world.reached().count();
+        let mut delay_ns = HOST_LATENCY_NS + passed as u64 * SLAVE_LATENCY_NS;
+        let mut frame = FRAME_HEADER_BYTES;
+        for &item in &self.queue {
+            let Some(bytes) = contents.pending_bytes(item) else { continue };
+            let bytes = bytes + DATAGRAM_OVERHEAD;
+            if frame + bytes > FRAME_BYTES {
+                frame = FRAME_HEADER_BYTES;
+            }
+            if frame + bytes > FRAME_BYTES && !self.carries_large_pdos {
+                self.is_blocked = true;
+                break;
+            }
+            frame += bytes;
+            delay_ns += bytes as u64 * BYTE_NS;
+            contents.transmit(item, world, faults, delay_ns);
+        }
+    }
+
+    /// Receives the returned datagrams and times out the overdue ones.
+    pub(super) fn receive(&mut self, now: u64, contents: &mut Contents<'_>) {
+        self.queue.retain(|item| !contents.receive(*item, now));
     }
 }

@@ -1,0 +1,151 @@
+//! Phases of the master: the handle that has reserved it, and the pace of its state machines.
+
+use crate::ecrt::sdo_transfer::{MailboxTransfer, Pace};
+use crate::ecrt::timing::{POLL_STEP_NS, THREAD_GAP_NS, TICK_NS};
+use crate::scenario::MasterBehaviour;
+
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) enum Phase {
+    #[default]
+    Idle,
+    Reserved,
+    /// Activated: the master's datagrams travel with the application's sends.
+    Active,
+}
+
+/// The handles of the master, and the one that has reserved it.
+#[derive(Debug, Default)]
+pub(crate) struct Reservation {
+    /// Another program has reserved the master.
+    is_held_elsewhere: bool,
+    phase: Phase,
+    owner: Option<u64>,
+    clients: u64,
+}
+
+impl Reservation {
+    pub(super) fn new(is_held_elsewhere: bool) -> Self {
+        Self { is_held_elsewhere, ..Self::default() }
+    }
+
+    /// Number of a new handle.
+    pub(crate) fn new_client(&mut self) -> u64 {
+        self.clients += 1;
+        self.clients
+    }
+
+    pub(crate) fn phase(&self) -> Phase {
+        self.phase
+    }
+
+    pub(crate) fn is_active(&self) -> bool {
+        self.phase == Phase::Active
+    }
+
+    pub(crate) fn is_free(&self) -> bool {
+        !self.is_held_elsewhere && self.owner.is_none()
+    }
+
+    pub(super) fn is_owner(&self, client: u64) -> bool {
+        self.owner == Some(client)
+    }
+
+    pub(super) fn reserve(&mut self, client: u64) {
+        (self.owner, self.phase) = (Some(client), Phase::Reserved);
+    }
+
+    pub(super) fn release(&mut self) {
+        (self.owner, self.phase) = (None, Phase::Idle);
+    }
+
+    pub(super) fn activate(&mut self) {
+        self.phase = Phase::Active;
+    }
+
+    pub(super) fn deactivate(&mut self) {
+        if self.is_active() {
+            self.phase = Phase::Reserved;
+        }
+    }
+
+    /// Returns whether this handle can configure: it has reserved the master, which is not active.
+    pub(crate) fn may_configure(&self, client: u64) -> Result<(), i32> {
+        self.may_exchange(client)?;
+        if self.is_active() { Err(libc::EBUSY) } else { Ok(()) }
+    }
+
+    pub(crate) fn may_exchange(&self, client: u64) -> Result<(), i32> {
+        if self.is_owner(client) { Ok(()) } else { Err(libc::EPERM) }
+    }
+}
+
+/// Steps of the master's state machines, which the application's sends advance in the operation phase.
+#[derive(Debug, Default)]
+pub(crate) struct Pacing {
+    needs_gap: bool,
+    idle_step_us: u32,
+    /// Steps of the state machines in the operation phase.
+    steps: u64,
+    /// Every second send without a gap advances the state machines.
+    has_half_step: bool,
+    received_at: u64,
+    sent_at: u64,
+    /// Time between the last two sends.
+    send_interval_ns: u64,
+}
+
+impl Pacing {
+    pub(super) fn new(behaviour: &MasterBehaviour) -> Self {
+        let MasterBehaviour { needs_gap, idle_step_us, .. } = *behaviour;
+        Self { needs_gap, idle_step_us: idle_step_us.into(), ..Self::default() }
+    }
+
+    pub(super) fn steps(&self) -> u64 {
+        self.steps
+    }
+
+    pub(super) fn note_receive(&mut self, now: u64) {
+        self.received_at = now;
+    }
+
+    /// Returns whether the master's thread does not run between the last receive and a send now.
+    fn lacks_gap(&self, now: u64) -> bool {
+        self.needs_gap && now.saturating_sub(self.received_at) < THREAD_GAP_NS
+    }
+
+    /// Counts a send in the operation phase; returns whether the state machines advance with it.
+    pub(super) fn advance_with_send(&mut self, now: u64) -> bool {
+        self.send_interval_ns = now.saturating_sub(self.sent_at);
+        self.sent_at = now;
+        let advances = !self.lacks_gap(now) || self.has_half_step;
+        self.has_half_step = !advances;
+        self.steps = self.steps.wrapping_add(u64::from(advances));
+        advances
+    }
+
+    /// Error of a clock that is written now. IgH adds whole ticks for the time since it read the slave's clock;
+    /// without a gap between receive and send it has read it one interval ago.
+    pub(super) fn clock_error_ns(&self, now: u64) -> u64 {
+        if self.lacks_gap(now) { self.send_interval_ns % TICK_NS } else { 0 }
+    }
+
+    pub(super) fn begin_transfer(&self, now: u64) -> MailboxTransfer {
+        MailboxTransfer::begin(now, self.steps)
+    }
+
+    pub(super) fn idle_step_ns(&self) -> u64 {
+        u64::from(self.idle_step_us) * 1_000
+    }
+
+    pub(super) fn pace(&self, phase: Phase) -> Pace {
+        match phase {
+            Phase::Active => Pace::Sends(self.steps),
+            Phase::Idle | Phase::Reserved => Pace::Timed(self.idle_step_ns()),
+        }
+    }
+}
+
+/// One round of state polling: a broadcast, and one read per slave.
+pub(super) fn polling_round_ns(slaves: usize) -> u64 {
+    (1 + slaves as u64) * POLL_STEP_NS
+}
