@@ -1,21 +1,14 @@
-//! Slave controller: addressing of datagrams and working counters.
+//! Slave controller: addressing of datagrams, logical mapping, and working counters.
 
-mod logical;
-mod mailbox_buffers;
-mod memory;
-mod registers;
+use std::ops::Range;
 
 use ecan_protocol::device::AlState;
 
 use super::Context;
-use super::clock::ClockRegisters;
-use super::eeprom::EepromInterface;
+use super::buffers::{Area, Buffers, REGISTER_BYTES};
 use super::frame::{Datagram, FrameFault, for_each_datagram};
-use super::sync_manager::{FMMUS, Fmmu};
-use super::sync_manager::{SYNC_MANAGERS, SyncManager};
-use mailbox_buffers::MailboxBuffers;
-use memory::{INPUTS, MEMORY_BYTES, OUTPUTS, READ_MAILBOX, WRITE_MAILBOX};
-use registers::{address, event};
+use super::registers::Registers;
+use super::sync_manager::{Part, copy_bits};
 
 /// Longest data of a datagram: its length has 11 bits.
 const DATAGRAM_BYTES: usize = 0x7FF;
@@ -39,66 +32,26 @@ impl Access {
     }
 }
 
-/// DL control bit: the alias is also a station address.
-const ALIAS_IS_ADDRESS: u8 = 1;
-
-/// Number of times that the firmware stopped mailboxes and process data.
-#[derive(Clone, Copy, Default, PartialEq, Eq)]
-struct Stops {
-    mailbox: u32,
-    process_data: u32,
-}
-
-impl Stops {
-    fn of(context: &Context<'_>) -> Self {
-        Self {
-            mailbox: context.gateway.mailbox_stops(),
-            process_data: context.gateway.process_data_stops(),
-        }
-    }
-}
-
 /// A slave controller. EtherCAT state, clock and process data buffers belong to the gateway.
 #[derive(Clone)]
-pub(super) struct Controller {
-    registers: Box<[u8]>,
-    memory: Box<[u8]>,
-    sync_managers: [SyncManager; SYNC_MANAGERS],
-    fmmus: [Option<Fmmu>; FMMUS],
-    clock: ClockRegisters,
-    eeprom: EepromInterface,
-    /// Written start time of the cyclic unit.
-    cyclic_start: [u8; 8],
-    /// Event requests of link and AL state.
-    events: u16,
-    /// Watchdog expirations at the last clear of the counter.
-    watchdogs_cleared: u32,
-    mailbox: MailboxBuffers,
+pub(super) struct SlaveController {
+    registers: Registers,
+    buffers: Buffers,
     scratch: Box<[u8]>,
     /// Number of gateway boots at the last reset of this controller.
     boots: Option<u32>,
-    stops: Stops,
     /// AL state and error indication in the last frame.
     last_state: (AlState, bool),
     has_next: bool,
 }
 
-impl Controller {
+impl SlaveController {
     pub(super) fn new() -> Self {
         Self {
-            registers: registers::initial(),
-            memory: vec![0; MEMORY_BYTES].into_boxed_slice(),
-            sync_managers: [SyncManager::default(); SYNC_MANAGERS],
-            fmmus: [None; FMMUS],
-            clock: ClockRegisters::default(),
-            eeprom: EepromInterface::default(),
-            cyclic_start: [0; 8],
-            events: 0,
-            watchdogs_cleared: 0,
-            mailbox: MailboxBuffers::default(),
+            registers: Registers::new(),
+            buffers: Buffers::new(),
             scratch: vec![0; DATAGRAM_BYTES].into_boxed_slice(),
             boots: None,
-            stops: Stops::default(),
             last_state: (AlState::Init, false),
             has_next: false,
         }
@@ -108,7 +61,7 @@ impl Controller {
         self.catch_up(context);
         match for_each_datagram(frame, |datagram| self.serve(datagram, context)) {
             Ok(()) | Err(FrameFault::NotEtherCat) => {}
-            Err(_) => self.count(address::PROCESSING_ERRORS),
+            Err(_) => self.registers.count_processing_error(),
         }
     }
 
@@ -119,53 +72,20 @@ impl Controller {
             // local time starts at power-on
             let since_boot = context.gateway.dc_time_since_boot(context.now);
             context.gateway.write_dc_system_time(context.now, since_boot);
-            self.stops = Stops::of(context);
-            let words = context.gateway.eeprom();
-            self.load_configuration(words);
-            self.eeprom.check(words);
+            self.buffers.begin(context);
+            self.registers.load_configuration(context.gateway.eeprom());
         }
         let has_next = context.return_ns.is_some();
         if std::mem::replace(&mut self.has_next, has_next) != has_next {
-            self.events |= event::DL_STATUS;
-            if !has_next {
-                self.count_lost_link(1);
-            }
+            self.registers.note_link(has_next);
         }
         let state = (context.gateway.al_state(), context.gateway.al_error());
         if std::mem::replace(&mut self.last_state, state) != state {
-            self.events |= event::AL_STATUS;
+            self.registers.note_al_status();
         }
-        self.check_stops(context);
-        self.check_buffers(context);
-        self.serve_mailbox(context);
-    }
-
-    /// Voids partial accesses and buffer contents that the firmware has stopped.
-    pub(super) fn check_stops(&mut self, context: &Context<'_>) {
-        let stops = Stops::of(context);
-        let before = std::mem::replace(&mut self.stops, stops);
-        if stops.mailbox != before.mailbox {
-            self.mailbox = MailboxBuffers::default();
-            self.sync_managers[WRITE_MAILBOX].discard();
-            self.sync_managers[READ_MAILBOX].discard();
-        }
-        if stops.process_data != before.process_data {
-            self.sync_managers[OUTPUTS].discard();
-            self.sync_managers[INPUTS].discard();
-        }
-    }
-
-    pub(super) fn dl_status(&self, context: &Context<'_>) -> u16 {
-        // loaded, device watchdog, link and communication at port 0, ports 2 and 3 closed
-        const FIXED: u16 = 1 << 0 | 1 << 1 | 1 << 4 | 1 << 9 | 1 << 12 | 1 << 14;
-        // port 1: link and communication, or closed
-        FIXED | if context.return_ns.is_some() { 1 << 5 | 1 << 11 } else { 1 << 10 }
-    }
-
-    fn is_addressed(&self, station: u16) -> bool {
-        let is = |at| u16::from_le_bytes(self.stored(at)) == station;
-        let [.., has_alias] = self.stored::<4>(address::DL_CONTROL);
-        is(address::STATION) || (has_alias & ALIAS_IS_ADDRESS != 0 && is(address::ALIAS))
+        self.buffers.check_stops(context);
+        self.buffers.check_buffers(context);
+        self.buffers.serve_mailbox(context);
     }
 
     fn serve(&mut self, mut datagram: Datagram<'_>, context: &mut Context<'_>) {
@@ -174,7 +94,7 @@ impl Controller {
             // APRD, APWR, APRW, ARMW: the slave that finds the address 0; each one counts it up
             1..=3 | 13 => address == 0,
             // FPRD, FPWR, FPRW, FRMW
-            4..=6 | 14 => self.is_addressed(address),
+            4..=6 | 14 => self.registers.is_addressed(address),
             // BRD, BWR, BRW; LRD, LWR, LRW
             7..=12 => true,
             // NOP and undefined commands pass unchanged
@@ -195,9 +115,8 @@ impl Controller {
         } else if is_addressed || command >= 13 {
             self.access(access, is_broadcast, &mut datagram, context);
         }
-        let mask = u16::from_le_bytes(self.stored(address::EVENT_MASK));
-        if mask != 0 {
-            datagram.add_events(self.event_requests() & mask);
+        if let Some(events) = self.registers.unmasked_events(&self.buffers) {
+            datagram.add_events(events);
         }
     }
 
@@ -229,4 +148,121 @@ impl Controller {
         }
         self.scratch = scratch;
     }
+
+    /// Processes a logical datagram. The received data is written before the inputs of this slave
+    /// are inserted.
+    fn map(&mut self, access: Access, datagram: &mut Datagram<'_>, context: &mut Context<'_>) {
+        let logical = datagram.logical_address();
+        let bytes = datagram.data().len();
+        let mut is_done = [false; 2];
+        for (is_write, is_done) in [true, false].into_iter().zip(&mut is_done) {
+            for fmmu in self.registers.fmmus().into_iter().flatten() {
+                let maps = match is_write {
+                    true => fmmu.writes && access.writes(),
+                    false => fmmu.reads && access.reads(),
+                };
+                if let Some(part) = fmmu.part(logical, bytes).filter(|_| maps) {
+                    *is_done |= self.map_part(part, is_write, datagram.data(), context);
+                }
+            }
+        }
+        let [is_written, is_read] = is_done;
+        let weight = if access == Access::Exchange { 2 } else { 1 };
+        datagram.count(u16::from(is_read) + if is_written { weight } else { 0 });
+    }
+
+    fn map_part(
+        &mut self,
+        part: Part,
+        is_write: bool,
+        data: &mut [u8],
+        context: &mut Context<'_>,
+    ) -> bool {
+        let (at, length, physical) = match part {
+            Part::Bytes { at, length, physical } => {
+                let bytes = data.get_mut(at..at + length).unwrap_or_default();
+                return match is_write {
+                    true => self.write(physical, bytes, context),
+                    false => self.read(physical, bytes, context),
+                };
+            }
+            Part::Bits { at, length, physical } => (at, length, physical),
+        };
+        let (first, bytes) = byte_range(physical, length);
+        let Ok(address) = u16::try_from(first) else { return false };
+        let mut scratch = std::mem::take(&mut self.scratch);
+        let own = &mut scratch[..bytes.min(DATAGRAM_BYTES)];
+        let is_done = if is_write {
+            // the other bits keep their value
+            let stored = if first < REGISTER_BYTES {
+                self.registers.stored_bytes(first, own.len())
+            } else {
+                self.buffers.memory_at(first, own.len())
+            };
+            own[..stored.len()].copy_from_slice(stored);
+            copy_bits(data, at, own, physical % 8, length);
+            self.write(address, own, context)
+        } else {
+            let is_read = self.read(address, own, context);
+            if is_read {
+                copy_bits(own, physical % 8, data, at, length);
+            }
+            is_read
+        };
+        self.scratch = scratch;
+        is_done
+    }
+
+    /// Passes each area of an access to `part`, with its address and its range in the data.
+    fn visit(
+        &mut self,
+        at: u16,
+        bytes: usize,
+        mut part: impl FnMut(&mut Self, Area, usize, Range<usize>) -> bool,
+    ) -> bool {
+        let (mut done, mut is_accepted) = (0, false);
+        while done < bytes {
+            let at = usize::from(at) + done;
+            let (area, end) = self.buffers.area(at);
+            let length = (end - at).min(bytes - done);
+            is_accepted |= part(self, area, at, done..done + length);
+            done += length;
+        }
+        is_accepted
+    }
+
+    /// Reads for the master. A rejected part leaves `out` unchanged.
+    fn read(&mut self, at: u16, out: &mut [u8], context: &mut Context<'_>) -> bool {
+        self.visit(at, out.len(), |this, area, at, range| {
+            let part = &mut out[range];
+            match area {
+                Area::Registers => this.registers.read(at, part, &this.buffers, context),
+                Area::Buffer(number) => return this.buffers.read_buffer(number, at, part, context),
+                Area::Memory => part.copy_from_slice(this.buffers.memory_at(at, part.len())),
+                Area::Nothing => return false,
+            }
+            true
+        })
+    }
+
+    fn write(&mut self, at: u16, data: &[u8], context: &mut Context<'_>) -> bool {
+        self.visit(at, data.len(), |this, area, at, range| {
+            let part = &data[range];
+            match area {
+                Area::Registers => this.registers.write(at, part, &mut this.buffers, context),
+                Area::Buffer(number) => this.buffers.write_buffer(number, at, part, context),
+                Area::Memory => {
+                    this.buffers.memory_mut(at, part.len()).copy_from_slice(part);
+                    true
+                }
+                Area::Nothing => false,
+            }
+        })
+    }
+}
+
+/// First byte of a bit range, and number of bytes.
+fn byte_range(first_bit: usize, bits: usize) -> (usize, usize) {
+    let first = first_bit / 8;
+    (first, (first_bit + bits).div_ceil(8) - first)
 }

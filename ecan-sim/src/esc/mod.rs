@@ -1,10 +1,12 @@
 //! EtherCAT front end: a slave controller (ESC, ETG.1000.4) before each gateway, driven by Ethernet
 //! frames. It drives the same firmware as the simulated libethercat, [`crate::gateway`].
 
+mod buffers;
 mod clock;
 mod controller;
 mod eeprom;
 mod frame;
+mod registers;
 mod sync_manager;
 mod wire;
 

@@ -1,5 +1,5 @@
 use super::Context;
-use super::controller::Controller;
+use super::controller::SlaveController;
 use super::frame::{FrameFault, for_each_datagram, mark_as_processed};
 use crate::backend_error::BackendError;
 use crate::fault::{CycleFaults, LossDirection};
@@ -31,7 +31,7 @@ pub struct WireStatistics {
 /// creation of the `Wire`, when the gateways boot.
 pub struct Wire {
     world: World,
-    controllers: Vec<Controller>,
+    controllers: Vec<SlaveController>,
     reached: Vec<usize>,
     /// Lowest logical address so far, and the faults of the present cycle.
     lowest_logical: u32,
@@ -63,7 +63,7 @@ impl Wire {
         }
         let mut world = World::new(scenario, now, bridges)?;
         world.begin(&scenario.faults);
-        let controllers = (0..world.gateway_count()).map(|_| Controller::new()).collect();
+        let controllers = (0..world.gateway_count()).map(|_| SlaveController::new()).collect();
         Ok(Self {
             world,
             controllers,

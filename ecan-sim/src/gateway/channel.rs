@@ -5,7 +5,7 @@ use ecan_protocol::config::{BusOffRecovery, DataPathConfig};
 use ecan_protocol::image::{ChannelState, ChannelStatus, ResultCode};
 
 use super::config::GatewayModelConfig;
-use super::controller::{Controller, ControllerConfig, Rejection, STATUS_REGISTERS};
+use super::controller::{CanController, ControllerConfig, Rejection, STATUS_REGISTERS};
 use super::diagnostics::{GatewayCounters, ReceiveLosses, TransmitLosses};
 use super::receive_path::{ReceiveCounters, ReceivePath};
 use super::transmit_path::{TransmitCounters, TransmitPath};
@@ -42,7 +42,7 @@ pub(super) mod path_error {
 
 #[derive(Clone, Debug, Default)]
 pub(super) struct Channel {
-    pub(super) controller: Controller,
+    pub(super) controller: CanController,
     pub(super) receive: ReceivePath,
     pub(super) transmit: TransmitPath,
     pub(super) policy: DataPathConfig,
@@ -94,7 +94,7 @@ impl Channel {
     pub(super) fn new(model: ChannelModel) -> Self {
         Self {
             model,
-            controller: Controller::new(model.transceiver_ns),
+            controller: CanController::new(model.transceiver_ns),
             receive: ReceivePath::new(model.rx_drain, model.critical_frames),
             transmit: TransmitPath::new(),
             ..Self::default()

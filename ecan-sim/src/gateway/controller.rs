@@ -66,7 +66,7 @@ pub(super) enum Rejection {
 }
 
 #[derive(Clone, Debug, Default)]
-pub(super) struct Controller {
+pub(super) struct CanController {
     pub(super) config: Option<ControllerConfig>,
     pub(super) generation: u32,
     fifos: [ReceiveFifo; 2],
@@ -91,7 +91,7 @@ pub(super) struct Controller {
     has_measured_delay: bool,
 }
 
-impl Controller {
+impl CanController {
     pub(super) fn new(transceiver_ns: u32) -> Self {
         Self {
             transceiver_ns,

@@ -6,7 +6,7 @@ use std::collections::VecDeque;
 use ecan_protocol::can::CanFrame;
 use ecan_protocol::config::{CriticalFrames, DataPathConfig, RxBudget, RxOverflow};
 
-use super::controller::Controller;
+use super::controller::CanController;
 use super::diagnostics::ReceiveLosses;
 use super::message_ram::Received;
 use super::variant::{CriticalSet, RxDrain};
@@ -110,7 +110,7 @@ impl ReceivePath {
     /// frames.
     pub(super) fn drain(
         &mut self,
-        controller: &mut Controller,
+        controller: &mut CanController,
         policy: &DataPathConfig,
         allowance: u32,
         carried: bool,
@@ -146,7 +146,7 @@ impl ReceivePath {
     /// Moves `granted` frames from the controller to the cache; returns their number.
     fn take_granted(
         &mut self,
-        controller: &mut Controller,
+        controller: &mut CanController,
         policy: &DataPathConfig,
         granted: u32,
         carried: bool,
@@ -176,7 +176,7 @@ impl ReceivePath {
     /// Moves all frames from the controller to the cache.
     fn take_all(
         &mut self,
-        controller: &mut Controller,
+        controller: &mut CanController,
         policy: &DataPathConfig,
         carried: bool,
         losses: &mut ReceiveLosses,

@@ -11,7 +11,7 @@ use ecan_protocol::config::{DataPathConfig, TxOverflow};
 use ecan_protocol::image::{BudgetPolicy, PdoProfile, ResultCode, TxResult};
 use ecan_protocol::mapping::CHANNELS;
 
-use super::controller::{Controller, Rejection};
+use super::controller::{CanController, Rejection};
 use super::diagnostics::{GatewayCounters, TransmitLosses};
 use super::variant::{
     GatewayVariant, ScheduledResults, TxResultCodes, TxResults, UnsendableResult,
@@ -193,7 +193,7 @@ impl TransmitPath {
     /// Returns the number of frames.
     pub(super) fn serve(
         &mut self,
-        controller: &mut Controller,
+        controller: &mut CanController,
         policy: &DataPathConfig,
         allowance: u32,
         results: &mut ResultQueue,

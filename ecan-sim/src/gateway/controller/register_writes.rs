@@ -18,7 +18,7 @@ use ecan_protocol::config::NonMatch;
 use crate::bus::StationMode;
 
 use super::registers::{TEST_LOOPBACK, cccr, written_timing};
-use super::{Controller, offset};
+use super::{CanController, offset};
 
 const DBTP_DELAY_COMPENSATION: u32 = 1 << 23;
 
@@ -54,7 +54,7 @@ pub(in crate::gateway) struct FramesDropped {
     pub(in crate::gateway) receive: usize,
 }
 
-impl Controller {
+impl CanController {
     /// Whether a write to this register has no effect now.
     pub(in crate::gateway) fn is_locked(&self, offset: u16) -> bool {
         let stored = STORED.iter().find(|(at, ..)| *at == offset);

@@ -5,7 +5,7 @@ use ecan_protocol::can::{BitTiming, Phase};
 
 use crate::bus::{ErrorState, StationMode};
 
-use super::{Controller, ErrorCodes, offset};
+use super::{CanController, ErrorCodes, offset};
 
 /// Registers at 0x9000:1 to :8.
 pub(in crate::gateway) const STATUS_REGISTERS: [u16; 8] = [
@@ -33,7 +33,7 @@ pub(super) mod cccr {
 
 pub(super) const TEST_LOOPBACK: u32 = 1 << 4;
 
-impl Controller {
+impl CanController {
     /// Value of a register; 0 for one that the model does not have. Reading PSR and ECR clears the last
     /// error codes and the error logging.
     pub(in crate::gateway) fn read_register(&mut self, offset: u16) -> u32 {

@@ -1,54 +1,52 @@
-//! Registers of a slave controller (ETG.1000.4): addresses, writability, values.
+//! Registers of a slave controller (ETG.1000.4): addresses, writability, values, and the effect of writes.
 
 use ecan_protocol::device::AlState;
 
-use super::super::eeprom::{Effect, INTERFACE_BYTES};
-use super::super::sync_manager::{SYNC_MANAGER_BYTES, SYNC_MANAGERS};
-use super::super::{Context, clock};
-use super::Controller;
-use crate::esc::sync_manager::{FMMU_BYTES, FMMUS, Fmmu};
+use super::buffers::{Buffers, REGISTER_BYTES};
+use super::clock::ClockRegisters;
+use super::eeprom::{EepromInterface, Effect, INTERFACE_BYTES};
+use super::sync_manager::{FMMU_BYTES, FMMUS, Fmmu, SYNC_MANAGER_BYTES, SYNC_MANAGERS};
+use super::{Context, clock};
 
-pub(super) const REGISTER_BYTES: usize = 0x1000;
-
-pub(super) mod address {
-    pub(crate) const TYPE: usize = 0x0000;
-    pub(crate) const STATION: usize = 0x0010;
-    pub(crate) const ALIAS: usize = 0x0012;
-    pub(crate) const WRITE_PROTECTION: usize = 0x0020;
-    pub(crate) const DL_CONTROL: usize = 0x0100;
-    pub(crate) const PHYSICAL_ACCESS: usize = 0x0108;
-    pub(crate) const DL_STATUS: usize = 0x0110;
-    pub(crate) const AL_CONTROL: usize = 0x0120;
-    pub(crate) const AL_STATUS: usize = 0x0130;
-    pub(crate) const AL_STATUS_CODE: usize = 0x0134;
-    pub(crate) const PDI: usize = 0x0140;
-    pub(crate) const EVENT_MASK: usize = 0x0200;
-    pub(crate) const EVENTS: usize = 0x0210;
-    pub(crate) const DEVICE_EVENTS: usize = 0x0220;
-    pub(crate) const RECEIVE_ERRORS: usize = 0x0300;
-    pub(crate) const PROCESSING_ERRORS: usize = 0x030C;
-    pub(crate) const LOST_LINKS: usize = 0x0310;
-    pub(crate) const WATCHDOG_DIVIDER: usize = 0x0400;
-    pub(crate) const WATCHDOG_DEVICE: usize = 0x0410;
-    pub(crate) const WATCHDOG_TIME: usize = 0x0420;
-    pub(crate) const WATCHDOG_STATUS: usize = 0x0440;
-    pub(crate) const WATCHDOG_COUNTERS: usize = 0x0442;
-    pub(crate) const EEPROM_OWNER: usize = 0x0500;
-    pub(crate) const EEPROM: usize = 0x0502;
-    pub(crate) const FMMU: usize = 0x0600;
-    pub(crate) const SYNC_MANAGER: usize = 0x0800;
-    pub(crate) const RECEIVE_TIMES: usize = 0x0900;
-    pub(crate) const SYSTEM_TIME: usize = 0x0910;
-    pub(crate) const TIME_OFFSET: usize = 0x0920;
-    pub(crate) const TIME_DELAY: usize = 0x0928;
-    pub(crate) const SPEED_COUNTER: usize = 0x0930;
-    pub(crate) const FILTER_DEPTHS: usize = 0x0934;
-    pub(crate) const CYCLIC_CONTROL: usize = 0x0980;
-    pub(crate) const ACTIVATION: usize = 0x0981;
-    pub(crate) const PULSE_LENGTH: usize = 0x0982;
-    pub(crate) const CYCLIC_START: usize = 0x0990;
-    pub(crate) const SYNC0_CYCLE: usize = 0x09A0;
-    pub(crate) const USER: usize = 0x0F80;
+mod address {
+    pub(super) const TYPE: usize = 0x0000;
+    pub(super) const STATION: usize = 0x0010;
+    pub(super) const ALIAS: usize = 0x0012;
+    pub(super) const WRITE_PROTECTION: usize = 0x0020;
+    pub(super) const DL_CONTROL: usize = 0x0100;
+    pub(super) const PHYSICAL_ACCESS: usize = 0x0108;
+    pub(super) const DL_STATUS: usize = 0x0110;
+    pub(super) const AL_CONTROL: usize = 0x0120;
+    pub(super) const AL_STATUS: usize = 0x0130;
+    pub(super) const AL_STATUS_CODE: usize = 0x0134;
+    pub(super) const PDI: usize = 0x0140;
+    pub(super) const EVENT_MASK: usize = 0x0200;
+    pub(super) const EVENTS: usize = 0x0210;
+    pub(super) const DEVICE_EVENTS: usize = 0x0220;
+    pub(super) const RECEIVE_ERRORS: usize = 0x0300;
+    pub(super) const PROCESSING_ERRORS: usize = 0x030C;
+    pub(super) const LOST_LINKS: usize = 0x0310;
+    pub(super) const WATCHDOG_DIVIDER: usize = 0x0400;
+    pub(super) const WATCHDOG_DEVICE: usize = 0x0410;
+    pub(super) const WATCHDOG_TIME: usize = 0x0420;
+    pub(super) const WATCHDOG_STATUS: usize = 0x0440;
+    pub(super) const WATCHDOG_COUNTERS: usize = 0x0442;
+    pub(super) const EEPROM_OWNER: usize = 0x0500;
+    pub(super) const EEPROM: usize = 0x0502;
+    pub(super) const FMMU: usize = 0x0600;
+    pub(super) const SYNC_MANAGER: usize = 0x0800;
+    pub(super) const RECEIVE_TIMES: usize = 0x0900;
+    pub(super) const SYSTEM_TIME: usize = 0x0910;
+    pub(super) const TIME_OFFSET: usize = 0x0920;
+    pub(super) const TIME_DELAY: usize = 0x0928;
+    pub(super) const SPEED_COUNTER: usize = 0x0930;
+    pub(super) const FILTER_DEPTHS: usize = 0x0934;
+    pub(super) const CYCLIC_CONTROL: usize = 0x0980;
+    pub(super) const ACTIVATION: usize = 0x0981;
+    pub(super) const PULSE_LENGTH: usize = 0x0982;
+    pub(super) const CYCLIC_START: usize = 0x0990;
+    pub(super) const SYNC0_CYCLE: usize = 0x09A0;
+    pub(super) const USER: usize = 0x0F80;
 }
 
 /// Writable registers, except sync managers and EEPROM: address and length.
@@ -98,10 +96,10 @@ const WATCHDOG_STEP_NS: u64 = 40;
 const AL_STATE: u8 = 0x0F;
 const AL_ACKNOWLEDGE: u8 = 0x10;
 
-pub(super) mod event {
-    pub(crate) const DL_STATUS: u16 = 1 << 2;
-    pub(crate) const AL_STATUS: u16 = 1 << 3;
-    pub(crate) const FIRST_SYNC_MANAGER: u16 = 1 << 4;
+mod event {
+    pub(super) const DL_STATUS: u16 = 1 << 2;
+    pub(super) const AL_STATUS: u16 = 1 << 3;
+    pub(super) const FIRST_SYNC_MANAGER: u16 = 1 << 4;
 }
 const FIRST_DEVICE_SYNC_MANAGER: u32 = 1 << 8;
 
@@ -109,7 +107,7 @@ fn touches(at: usize, bytes: usize, register: usize, length: usize) -> bool {
     at < register + length && register < at + bytes
 }
 
-pub(super) fn initial() -> Box<[u8]> {
+fn initial() -> Box<[u8]> {
     let mut registers = vec![0; REGISTER_BYTES].into_boxed_slice();
     for (at, bytes) in DEFAULTS {
         registers[at..at + bytes.len()].copy_from_slice(bytes);
@@ -117,25 +115,100 @@ pub(super) fn initial() -> Box<[u8]> {
     registers
 }
 
-impl Controller {
-    pub(super) fn stored<const N: usize>(&self, at: usize) -> [u8; N] {
-        self.registers.get(at..at + N).and_then(|bytes| bytes.try_into().ok()).unwrap_or([0; N])
+/// DL control bit: the alias is also a station address.
+const ALIAS_IS_ADDRESS: u8 = 1;
+
+/// The registers, with the units behind them. EtherCAT state and clock belong to the gateway.
+#[derive(Clone)]
+pub(super) struct Registers {
+    bytes: Box<[u8]>,
+    fmmus: [Option<Fmmu>; FMMUS],
+    clock: ClockRegisters,
+    eeprom: EepromInterface,
+    /// Written start time of the cyclic unit.
+    cyclic_start: [u8; 8],
+    /// Event requests of link and AL state.
+    events: u16,
+    /// Watchdog expirations at the last clear of the counter.
+    watchdogs_cleared: u32,
+}
+
+impl Registers {
+    pub(super) fn new() -> Self {
+        Self {
+            bytes: initial(),
+            fmmus: [None; FMMUS],
+            clock: ClockRegisters::default(),
+            eeprom: EepromInterface::default(),
+            cyclic_start: [0; 8],
+            events: 0,
+            watchdogs_cleared: 0,
+        }
     }
 
-    pub(super) fn store(&mut self, at: usize, bytes: &[u8]) {
-        if let Some(to) = self.registers.get_mut(at..at + bytes.len()) {
+    pub(super) fn fmmus(&self) -> [Option<Fmmu>; FMMUS] {
+        self.fmmus
+    }
+
+    /// The stored bytes, without an update; shorter at the end.
+    pub(super) fn stored_bytes(&self, at: usize, bytes: usize) -> &[u8] {
+        self.bytes.get(at..at + bytes).unwrap_or_default()
+    }
+
+    /// Event requests that the master has unmasked; `None` without a mask.
+    pub(super) fn unmasked_events(&self, buffers: &Buffers) -> Option<u16> {
+        let mask = u16::from_le_bytes(self.stored(address::EVENT_MASK));
+        (mask != 0).then(|| self.event_requests(buffers) & mask)
+    }
+
+    /// Notes a change of the link to the next slave.
+    pub(super) fn note_link(&mut self, is_up: bool) {
+        self.events |= event::DL_STATUS;
+        if !is_up {
+            self.count(address::LOST_LINKS + 1);
+        }
+    }
+
+    /// Notes a change of the AL state.
+    pub(super) fn note_al_status(&mut self) {
+        self.events |= event::AL_STATUS;
+    }
+
+    pub(super) fn count_processing_error(&mut self) {
+        self.count(address::PROCESSING_ERRORS);
+    }
+
+    /// Returns whether a station address is that of the slave.
+    pub(super) fn is_addressed(&self, station: u16) -> bool {
+        let is = |at| u16::from_le_bytes(self.stored(at)) == station;
+        let [.., has_alias] = self.stored::<4>(address::DL_CONTROL);
+        is(address::STATION) || (has_alias & ALIAS_IS_ADDRESS != 0 && is(address::ALIAS))
+    }
+
+    fn stored<const N: usize>(&self, at: usize) -> [u8; N] {
+        self.bytes.get(at..at + N).and_then(|bytes| bytes.try_into().ok()).unwrap_or([0; N])
+    }
+
+    fn store(&mut self, at: usize, bytes: &[u8]) {
+        if let Some(to) = self.bytes.get_mut(at..at + bytes.len()) {
             to.copy_from_slice(bytes);
         }
     }
 
-    pub(super) fn count(&mut self, at: usize) {
+    fn count(&mut self, at: usize) {
         let [value] = self.stored(at);
         self.store(at, &[value.saturating_add(1)]);
     }
 
-    pub(super) fn read_registers(&mut self, at: usize, out: &mut [u8], context: &Context<'_>) {
-        self.refresh(at, out.len(), context);
-        if let Some(from) = self.registers.get(at..at + out.len()) {
+    pub(super) fn read(
+        &mut self,
+        at: usize,
+        out: &mut [u8],
+        buffers: &Buffers,
+        context: &Context<'_>,
+    ) {
+        self.refresh(at, out.len(), buffers, context);
+        if let Some(from) = self.bytes.get(at..at + out.len()) {
             out.copy_from_slice(from);
         }
         // reading acknowledges
@@ -147,10 +220,10 @@ impl Controller {
         }
     }
 
-    fn refresh(&mut self, at: usize, bytes: usize, context: &Context<'_>) {
+    fn refresh(&mut self, at: usize, bytes: usize, buffers: &Buffers, context: &Context<'_>) {
         let touches = |register, length| touches(at, bytes, register, length);
         if touches(address::DL_STATUS, 2) {
-            self.store(address::DL_STATUS, &self.dl_status(context).to_le_bytes());
+            self.store(address::DL_STATUS, &dl_status(context).to_le_bytes());
         }
         if touches(address::AL_STATUS, 6) {
             let gateway = &context.gateway;
@@ -159,10 +232,11 @@ impl Controller {
             self.store(address::AL_STATUS_CODE, &gateway.al_status_code().to_le_bytes());
         }
         if touches(address::EVENTS, 2) {
-            self.store(address::EVENTS, &self.event_requests().to_le_bytes());
+            self.store(address::EVENTS, &self.event_requests(buffers).to_le_bytes());
         }
         if touches(address::DEVICE_EVENTS, 4) {
-            let sms = self.sync_managers.iter().enumerate().filter(|(_, sm)| sm.has_device_event());
+            let sms =
+                buffers.sync_managers().iter().enumerate().filter(|(_, sm)| sm.has_device_event());
             let events: u32 = sms.map(|(number, _)| FIRST_DEVICE_SYNC_MANAGER << number).sum();
             self.store(address::DEVICE_EVENTS, &events.to_le_bytes());
         }
@@ -178,17 +252,17 @@ impl Controller {
         }
         if touches(address::SYNC_MANAGER, SYNC_MANAGERS * SYNC_MANAGER_BYTES) {
             for number in 0..SYNC_MANAGERS {
-                let is_full = self.buffer_is_full(number, context);
+                let is_full = buffers.buffer_is_full(number, context);
                 let first = address::SYNC_MANAGER + number * SYNC_MANAGER_BYTES;
                 for byte in 0..SYNC_MANAGER_BYTES {
-                    let value = self.sync_managers[number].register(byte, is_full);
+                    let value = buffers.sync_managers()[number].register(byte, is_full);
                     self.store(first + byte, &[value]);
                 }
             }
         }
         if touches(address::RECEIVE_TIMES, 0x30) {
             let end = address::RECEIVE_TIMES + 0x30;
-            self.clock.show(&mut self.registers[address::RECEIVE_TIMES..end], context);
+            self.clock.show(&mut self.bytes[address::RECEIVE_TIMES..end], context);
         }
         if touches(address::CYCLIC_START, 8)
             && let Some(next) = context.gateway.next_sync0_system_time(context.now)
@@ -197,8 +271,8 @@ impl Controller {
         }
     }
 
-    pub(super) fn event_requests(&self) -> u16 {
-        let sync_managers = self.sync_managers.iter().enumerate();
+    pub(super) fn event_requests(&self, buffers: &Buffers) -> u16 {
+        let sync_managers = buffers.sync_managers().iter().enumerate();
         self.events
             | sync_managers
                 .filter(|(_, sm)| sm.has_event())
@@ -207,10 +281,11 @@ impl Controller {
     }
 
     /// The master writes registers; returns whether any of them is writable.
-    pub(super) fn write_registers(
+    pub(super) fn write(
         &mut self,
         at: usize,
         data: &[u8],
+        buffers: &mut Buffers,
         context: &mut Context<'_>,
     ) -> bool {
         let mut is_done = false;
@@ -224,29 +299,35 @@ impl Controller {
             // any write clears a counter
             let is_counter = matches!(first, address::RECEIVE_ERRORS | address::WATCHDOG_COUNTERS);
             for byte in from..to {
-                self.registers[byte] = if is_counter { 0 } else { data[byte - at] };
+                self.bytes[byte] = if is_counter { 0 } else { data[byte - at] };
             }
         }
         let sync_managers =
             address::SYNC_MANAGER..address::SYNC_MANAGER + SYNC_MANAGERS * SYNC_MANAGER_BYTES;
         for (byte, value) in (at..).zip(data).filter(|(byte, _)| sync_managers.contains(byte)) {
             let offset = byte - address::SYNC_MANAGER;
-            let sm = &mut self.sync_managers[offset / SYNC_MANAGER_BYTES];
+            let sm = buffers.sync_manager_mut(offset / SYNC_MANAGER_BYTES);
             is_done |= sm.write_register(offset % SYNC_MANAGER_BYTES, *value);
         }
         if touches(at, data.len(), address::EEPROM, INTERFACE_BYTES) {
             is_done |= self.write_eeprom_interface(at, data, context);
         }
         if is_done {
-            self.after_write(at, data.len(), context);
+            self.after_write(at, data.len(), buffers, context);
         }
         is_done
     }
 
-    fn after_write(&mut self, at: usize, bytes: usize, context: &mut Context<'_>) {
+    fn after_write(
+        &mut self,
+        at: usize,
+        bytes: usize,
+        buffers: &mut Buffers,
+        context: &mut Context<'_>,
+    ) {
         let touches = |register, length| touches(at, bytes, register, length);
         if touches(address::AL_CONTROL, 1) {
-            self.request_state(context);
+            self.request_state(buffers, context);
         }
         if touches(address::WATCHDOG_COUNTERS, 2) {
             self.watchdogs_cleared = context.gateway.watchdog_expirations();
@@ -265,11 +346,11 @@ impl Controller {
         // reading gives the next pulse instead
         for (nth, byte) in self.cyclic_start.iter_mut().enumerate() {
             if touches(address::CYCLIC_START + nth, 1) {
-                *byte = self.registers[address::CYCLIC_START + nth];
+                *byte = self.bytes[address::CYCLIC_START + nth];
             }
         }
         if touches(address::SYNC_MANAGER, SYNC_MANAGERS * SYNC_MANAGER_BYTES) {
-            self.after_sync_manager_write(context);
+            pass_sync_managers(buffers, context);
         }
         if touches(address::RECEIVE_TIMES, 4) {
             self.clock.latch(context);
@@ -299,7 +380,7 @@ impl Controller {
 
     /// AL control was written. With a pending error only a request that acknowledges it is
     /// accepted; a request for INIT always is.
-    fn request_state(&mut self, context: &mut Context<'_>) {
+    fn request_state(&self, buffers: &mut Buffers, context: &mut Context<'_>) {
         let [control] = self.stored(address::AL_CONTROL);
         let state = AlState::from_raw(control & AL_STATE);
         let acknowledges = control & AL_ACKNOWLEDGE != 0 || state == Some(AlState::Init);
@@ -310,17 +391,7 @@ impl Controller {
             Some(state) => context.gateway.request_al_state(context.now, state),
             None => context.gateway.reject_unknown_al_state(context.now),
         }
-        self.check_stops(context);
-    }
-
-    /// Passes SM0 to SM3 to the firmware.
-    fn after_sync_manager_write(&mut self, context: &mut Context<'_>) {
-        for number in 0..4 {
-            let sm = self.sync_managers[number];
-            let config = sm.is_enabled().then_some(sm.config);
-            context.gateway.configure_sync_manager(number as u8, config);
-        }
-        self.repeat_if_requested();
+        buffers.check_stops(context);
     }
 
     fn write_eeprom_interface(
@@ -352,20 +423,34 @@ impl Controller {
         true
     }
 
+    /// Loads the configuration from the EEPROM, as at power-on.
     pub(super) fn load_configuration(&mut self, words: &[u16]) {
+        self.eeprom.check(words);
         self.load_interface_configuration(words);
         self.store(address::ALIAS, &words.get(4).copied().unwrap_or(0).to_le_bytes());
     }
 
-    /// Loads the part of it that a reload also loads.
-    pub(super) fn load_interface_configuration(&mut self, words: &[u16]) {
+    /// Loads the part of the configuration that a reload also loads.
+    fn load_interface_configuration(&mut self, words: &[u16]) {
         let word = |at: usize| words.get(at).copied().unwrap_or(0).to_le_bytes();
         self.store(address::PDI, &word(0));
         self.store(address::PULSE_LENGTH, &word(2));
     }
+}
 
-    pub(super) fn count_lost_link(&mut self, port: usize) {
-        self.count(address::LOST_LINKS + port);
-        self.events |= event::DL_STATUS;
+fn dl_status(context: &Context<'_>) -> u16 {
+    // loaded, device watchdog, link and communication at port 0, ports 2 and 3 closed
+    const FIXED: u16 = 1 << 0 | 1 << 1 | 1 << 4 | 1 << 9 | 1 << 12 | 1 << 14;
+    // port 1: link and communication, or closed
+    FIXED | if context.return_ns.is_some() { 1 << 5 | 1 << 11 } else { 1 << 10 }
+}
+
+/// Passes SM0 to SM3 to the firmware.
+fn pass_sync_managers(buffers: &mut Buffers, context: &mut Context<'_>) {
+    for number in 0..4 {
+        let sm = buffers.sync_managers()[number];
+        let config = sm.is_enabled().then_some(sm.config);
+        context.gateway.configure_sync_manager(number as u8, config);
     }
+    buffers.repeat_if_requested();
 }
