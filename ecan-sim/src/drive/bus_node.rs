@@ -8,9 +8,10 @@ use ecan_canopen::{
 };
 use ecan_protocol::can::{CanFrame, FrameKind};
 
-use super::axis_unit::DriveAxis;
+use super::axis_unit::AxisUnit;
 use super::config::DriveConfig;
 use super::device::Device;
+use super::model::ObjectModel;
 use super::objects::ObjectSource;
 use super::pdo::StandardIds;
 use super::sdo_server::SdoServer;
@@ -74,20 +75,20 @@ impl Drive {
     /// Active node-ID; `None` before LSS has configured one.
     #[must_use]
     pub fn active_node_id(&self) -> Option<NodeId> {
-        self.device.node_id()
+        self.device.lss.node()
     }
 
     /// Last time that the drive received by TIME; `None` before the first, or if it does not consume TIME.
     #[must_use]
     pub const fn time_of_day(&self) -> Option<TimeOfDay> {
-        self.device.time_of_day
+        self.device.pdos.time_of_day()
     }
 
     /// Returns whether the node is a drive (CiA 402). The getters of motion have no meaning for
     /// another node.
     #[must_use]
     pub const fn is_drive(&self) -> bool {
-        self.device.is_drive
+        self.device.model.is_drive
     }
 
     /// Returns whether the drive has its supply.
@@ -105,118 +106,118 @@ impl Drive {
     /// Number of axes. The getters of motion without a number are those of the first one.
     #[must_use]
     pub fn axis_count(&self) -> usize {
-        self.device.units.count()
+        self.device.model.units.count()
     }
 
     /// State of an axis; `None` if the drive does not have it.
     #[must_use]
     pub fn axis(&self, number: usize) -> Option<DriveAxis<'_>> {
-        self.device.units.get(number).map(|unit| DriveAxis::new(&self.device, unit))
+        self.device.model.units.get(number).map(|unit| DriveAxis::new(&self.device, unit))
     }
 
     /// State of the power stage.
     #[must_use]
     pub const fn state(&self) -> DriveState {
-        self.device.units.first.axis.power.state
+        self.device.model.units.first.axis.power.state
     }
 
     /// Present statusword.
     #[must_use]
     pub fn statusword(&self) -> Statusword {
-        self.device.statusword(&self.device.units.first)
+        self.device.statusword(&self.device.model.units.first)
     }
 
     /// Active mode of operation; `None` is no mode.
     #[must_use]
     pub const fn mode(&self) -> Option<OperatingMode> {
-        self.device.units.first.axis.mode
+        self.device.model.units.first.axis.mode
     }
 
     /// Actual position (0x6064) in increments.
     #[must_use]
     pub fn position(&self) -> i32 {
-        self.device.units.first.axis.position()
+        self.device.model.units.first.axis.position()
     }
 
     /// Mechanical position in increments, from a zero that neither homing nor loss of supply
     /// changes.
     #[must_use]
     pub fn mechanical_position(&self) -> f64 {
-        self.device.units.first.axis.motor.position
+        self.device.model.units.first.axis.motor.position
     }
 
     /// Velocity in increments per second.
     #[must_use]
     pub fn velocity(&self) -> f64 {
-        self.device.units.first.axis.motor.velocity
+        self.device.model.units.first.axis.motor.velocity
     }
 
     /// Torque in thousandths of the rated torque.
     #[must_use]
     pub fn torque(&self) -> f64 {
-        self.device.units.first.axis.motor.torque
+        self.device.model.units.first.axis.motor.torque
     }
 
     /// Position demand value (0x6062) in increments.
     #[must_use]
     pub fn demand(&self) -> i32 {
-        self.device.units.first.axis.demand()
+        self.device.model.units.first.axis.demand()
     }
 
     /// Position demand minus actual position (0x60F4) in increments; 0 if no position is
     /// controlled.
     #[must_use]
     pub fn following_error(&self) -> i32 {
-        self.device.units.first.axis.following_error()
+        self.device.model.units.first.axis.following_error()
     }
 
     /// The received targets.
     #[must_use]
     pub const fn targets(&self) -> &TargetHistory {
-        &self.device.units.first.axis.history
+        &self.device.model.units.first.axis.history
     }
 
     /// The last events.
     #[must_use]
     pub const fn trace(&self) -> &DriveTrace {
-        &self.device.units.first.axis.trace
+        &self.device.model.units.first.axis.trace
     }
 
     /// Error code of the present fault or warning (0x603F); 0 if none.
     #[must_use]
     pub const fn error_code(&self) -> u16 {
-        self.device.emergency.code
+        self.device.model.emergency.code
     }
 
     /// Error register (0x1001).
     #[must_use]
     pub const fn error_register(&self) -> ErrorRegister {
-        ErrorRegister(self.device.emergency.register)
+        ErrorRegister(self.device.model.emergency.register)
     }
 
     /// Number of sent emergency messages.
     #[must_use]
     pub const fn emergencies_sent(&self) -> u64 {
-        self.device.emergency.sent
+        self.device.model.emergency.sent
     }
 
     /// Number of received SYNC messages.
     #[must_use]
     pub const fn syncs(&self) -> u64 {
-        self.device.syncs
+        self.device.pdos.syncs()
     }
 
     /// Number of PDOs received in NMT state Operational that were long enough.
     #[must_use]
     pub const fn received_pdos(&self) -> u64 {
-        self.device.received_pdos
+        self.device.pdos.received()
     }
 
     /// Value of a numeric object; `None` if the object does not exist or holds bytes. Objects that
     /// the drive updates have the value of the last frame that read them.
     #[must_use]
     pub fn object(&self, index: u16, subindex: u8) -> Option<i64> {
-        self.device.objects.number(index, subindex)
+        self.device.model.objects.number(index, subindex)
     }
 
     /// Sets a numeric object, as the process of an I/O module changes an input; excess bits are cut
@@ -230,13 +231,17 @@ impl Drive {
         out: &mut NodeOutput,
     ) -> bool {
         let device = &self.device;
-        let slot = device.objects.find((index, subindex)).ok();
-        let is_updated =
-            device.units.iter().flat_map(|unit| &unit.slots).any(|(it, _)| Some(*it) == slot);
-        if !device.powered || is_updated || device.objects.number(index, subindex).is_none() {
+        let slot = device.model.objects.find((index, subindex)).ok();
+        let is_updated = device
+            .model
+            .units
+            .iter()
+            .flat_map(|unit| &unit.slots)
+            .any(|(updated, _)| Some(*updated) == slot);
+        if !device.powered || is_updated || device.model.objects.number(index, subindex).is_none() {
             return false;
         }
-        self.act(now, out, |drive, _| drive.device.objects.set(index, subindex, value));
+        self.act(now, out, |drive, _| drive.device.model.objects.set(index, subindex, value));
         true
     }
 
@@ -249,7 +254,7 @@ impl Drive {
     /// Injects a fault of an axis, as [`fail`](Self::fail) does of the first one.
     pub fn fail_axis(&mut self, now: u64, axis: usize, code: u16, out: &mut NodeOutput) {
         self.act(now, out, |drive, _| {
-            if let Some(unit) = drive.device.units.get_mut(axis) {
+            if let Some(unit) = drive.device.model.units.get_mut(axis) {
                 unit.axis.fault(code, &unit.parameters);
             }
         });
@@ -258,14 +263,14 @@ impl Drive {
     /// Sends an emergency message about an error that has already gone; the state does not change.
     pub fn warn(&mut self, now: u64, emcy: Emcy, out: &mut NodeOutput) {
         self.act(now, out, |drive, _| {
-            let Device { emergency, objects, .. } = &mut drive.device;
+            let ObjectModel { emergency, objects, .. } = &mut drive.device.model;
             emergency.report(emcy.code, emcy.register, objects);
         });
     }
 
     /// Blocks the motor until `until`.
     pub fn block(&mut self, now: u64, until: u64, out: &mut NodeOutput) {
-        self.act(now, out, |drive, _| drive.device.units.first.axis.block(until));
+        self.act(now, out, |drive, _| drive.device.model.units.first.axis.block(until));
     }
 
     /// The drive's CAN controller is bus-off until `until`: the drive reacts as to a loss of the
@@ -307,7 +312,7 @@ impl Drive {
 
     /// Sends the next segment of a block upload after the previous one was sent.
     fn pump(&mut self, out: &mut NodeOutput) {
-        if self.segment_waits || !self.device.responses.is_empty() {
+        if self.segment_waits || self.device.has_responses() {
             return;
         }
         if let Some(segment) = self.sdo.next_segment() {
@@ -319,15 +324,15 @@ impl Drive {
     fn frame(&mut self, frame: &CanFrame, out: &mut NodeOutput) {
         let (id, data) = (frame.id(), frame.data());
         let node = self.node_id();
-        if self.device.sync_id == Some(id) {
+        if self.device.pdos.sync_id() == Some(id) {
             return self.device.on_sync(data, out);
         }
-        if self.device.time_id == Some(id) {
+        if self.device.pdos.time_id() == Some(id) {
             return self.device.on_time(data);
         }
         match CobId::classify(id) {
             Some(Service::LssRequest) => self.device.on_lss(data, out),
-            _ if self.device.is_unconfigured() => {}
+            _ if self.device.lss.node().is_none() => {}
             Some(Service::Heartbeat(own)) if own == node && frame.is_remote() => {
                 self.device.guarding_request(out);
             }
@@ -362,12 +367,12 @@ impl Drive {
 
     /// Changes with the [standard CAN IDs](Self::standard_ids); 0 at first.
     pub(crate) const fn filter_version(&self) -> u32 {
-        self.device.received_ids.version()
+        self.device.pdos.received_ids().version()
     }
 
     /// The standard CAN IDs that the drive may read.
     pub(crate) const fn standard_ids(&self) -> &StandardIds {
-        &self.device.received_ids.standard
+        &self.device.pdos.received_ids().standard
     }
 
     /// Receives a frame; returns false if the drive has nothing to do then: it ignores the frame, or stores it
@@ -375,14 +380,14 @@ impl Drive {
     pub(crate) fn receive(&mut self, now: u64, frame: &CanFrame, out: &mut NodeOutput) -> bool {
         let has_booted = self.device.network.state != NmtState::Initialising;
         let is_read = match frame.kind() {
-            FrameKind::Data => has_booted || self.device.is_unconfigured() && self.device.on_bus,
+            FrameKind::Data => has_booted || self.device.lss.node().is_none() && self.device.on_bus,
             // Only guarding requests.
             FrameKind::Remote => {
                 has_booted && frame.id() == CobId::heartbeat(self.node_id()).can_id()
             }
             FrameKind::Fd { .. } => false,
         };
-        if !is_read || !self.device.received_ids.contains(frame.id()) {
+        if !is_read || !self.device.pdos.received_ids().contains(frame.id()) {
             return false;
         }
         let is_data = frame.kind() == FrameKind::Data;
@@ -425,6 +430,61 @@ impl Node for Drive {
     }
 
     fn bit_rate(&self) -> Option<u32> {
-        self.device.bit_per_s
+        self.device.lss.bit_per_s()
+    }
+}
+
+/// State of one axis of a [`Drive`](super::Drive): the actual state, not what the drive sent.
+#[derive(Clone, Copy, Debug)]
+pub struct DriveAxis<'a> {
+    device: &'a Device,
+    unit: &'a AxisUnit,
+}
+
+impl<'a> DriveAxis<'a> {
+    pub(super) const fn new(device: &'a Device, unit: &'a AxisUnit) -> Self {
+        Self { device, unit }
+    }
+
+    /// State of the power stage.
+    #[must_use]
+    pub const fn state(&self) -> DriveState {
+        self.unit.axis.power.state
+    }
+
+    /// Present statusword.
+    #[must_use]
+    pub fn statusword(&self) -> Statusword {
+        self.device.statusword(self.unit)
+    }
+
+    /// Active mode of operation; `None` is no mode.
+    #[must_use]
+    pub const fn mode(&self) -> Option<OperatingMode> {
+        self.unit.axis.mode
+    }
+
+    /// Actual position (0x6064) in increments.
+    #[must_use]
+    pub fn position(&self) -> i32 {
+        self.unit.axis.position()
+    }
+
+    /// Velocity in increments per second.
+    #[must_use]
+    pub const fn velocity(&self) -> f64 {
+        self.unit.axis.motor.velocity
+    }
+
+    /// The received targets.
+    #[must_use]
+    pub const fn targets(&self) -> &'a TargetHistory {
+        &self.unit.axis.history
+    }
+
+    /// The last events.
+    #[must_use]
+    pub const fn trace(&self) -> &'a DriveTrace {
+        &self.unit.axis.trace
     }
 }

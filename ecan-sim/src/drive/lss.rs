@@ -1,13 +1,13 @@
-//! LSS slave of a drive (CiA 305): states, addresses and pending settings, without time and bus.
+//! LSS slave of a drive (CiA 305): states, addresses, pending settings, and the switch of the bit rate.
 
-use super::device::Device;
-use super::dictionary::Object;
-use super::pdo::CanIdSet;
-use crate::node::NodeOutput;
 use ecan_canopen::{
-    CobId, LssAddress, LssAddressRange, LssBitRate, LssConfirmation, LssPart, LssRequest,
-    LssResponse, NodeId, RangePart, UNCONFIGURED_NODE_ID, object,
+    LssAddress, LssAddressRange, LssBitRate, LssConfirmation, LssPart, LssRequest, LssResponse,
+    NodeId, RangePart, UNCONFIGURED_NODE_ID, object,
 };
+
+use super::dictionary::Dictionary;
+
+const MS: u64 = 1_000_000;
 
 /// Reaction of the drive to a request, besides the response.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -20,10 +20,10 @@ pub(super) enum LssAction {
 
 /// Switch of the bit rate in progress.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct BitRateSwitch {
-    pub(super) bit_per_s: Option<u32>,
+struct BitRateSwitch {
+    bit_per_s: Option<u32>,
     /// End of both delays: the drive takes part in the bus again.
-    pub(super) ends_at: u64,
+    ends_at: u64,
 }
 
 /// Node-ID and bit rate; `None` is no node-ID, and the bit rate of the scenario.
@@ -44,12 +44,46 @@ pub(super) struct LssSlave {
     range_parts: u8,
     fastscan_part: LssPart,
     /// Active node-ID.
-    pub(super) node: Option<NodeId>,
+    node: Option<NodeId>,
+    /// Bit rate that was configured, in bit/s.
+    bit_per_s: Option<u32>,
+    switch: Option<BitRateSwitch>,
     pending: Settings,
     stored: Settings,
 }
 
 impl LssSlave {
+    /// Active node-ID; `None` before one was configured.
+    pub(super) const fn node(&self) -> Option<NodeId> {
+        self.node
+    }
+
+    /// Bit rate that was configured, in bit/s.
+    pub(super) const fn bit_per_s(&self) -> Option<u32> {
+        self.bit_per_s
+    }
+
+    /// Begins a switch of the bit rate: the drive is off the bus during both delays.
+    pub(super) fn begin_switch(&mut self, bit_per_s: Option<u32>, delay_ms: u16, now: u64) {
+        let delays = 2 * u64::from(delay_ms) * MS;
+        let ends_at = now.saturating_add(delays.max(1));
+        self.switch = Some(BitRateSwitch { bit_per_s, ends_at });
+    }
+
+    /// Ends a switch of the bit rate that is due. Returns whether there was one.
+    pub(super) fn finish_switch(&mut self, now: u64) -> bool {
+        let due = self.switch.take_if(|switch| switch.ends_at <= now);
+        due.map(|switch| self.bit_per_s = switch.bit_per_s).is_some()
+    }
+
+    pub(super) fn cancel_switch(&mut self) {
+        self.switch = None;
+    }
+
+    pub(super) fn switch_ends_at(&self) -> Option<u64> {
+        self.switch.map(|switch| switch.ends_at)
+    }
+
     pub(super) const fn new(node: Option<NodeId>, can_store: bool) -> Self {
         let settings = Settings { node, bit_rate: None };
         Self {
@@ -60,16 +94,18 @@ impl LssSlave {
             range_parts: 0,
             fastscan_part: LssPart::Vendor,
             node,
+            bit_per_s: None,
+            switch: None,
             pending: settings,
             stored: settings,
         }
     }
 
-    /// Power-on or reset of the node: the stored settings apply. Returns the bit rate in bit/s.
-    pub(super) fn reset_node(&mut self) -> Option<u32> {
+    /// Power-on or reset of the node: the stored settings apply.
+    pub(super) fn reset_node(&mut self) {
         self.pending = self.stored;
         self.reset_communication();
-        self.pending.bit_rate.and_then(LssBitRate::bit_per_s)
+        self.bit_per_s = self.pending.bit_rate.and_then(LssBitRate::bit_per_s);
     }
 
     /// Reset of communication: the pending node-ID applies.
@@ -200,81 +236,12 @@ const fn confirmation(is_accepted: bool) -> LssConfirmation {
     if is_accepted { LssConfirmation::OK } else { LssConfirmation::UNSUPPORTED }
 }
 
-const MS: u64 = 1_000_000;
-/// Objects whose values a change of the node-ID resets: the communication profile.
-const COMMUNICATION: std::ops::RangeInclusive<u16> = 0x1000..=0x1FFF;
-
-impl Device {
-    pub(super) fn on_lss(&mut self, data: &[u8], out: &mut NodeOutput) {
-        if self.config.quirks.no_lss {
-            return;
-        }
-        let Some(request) = LssRequest::parse(data) else { return };
-        let own = self.lss_address();
-        let (response, action) = self.lss.receive(request, &own);
-        if let Some(response) = response {
-            self.send(out, CobId::LSS_RESPONSE, &response.to_bytes());
-        }
-        match action {
-            None => {}
-            Some(LssAction::Boot) => self.restart_communication(),
-            Some(LssAction::SwitchBitRate { bit_per_s, delay_ms }) => {
-                let delays = 2 * u64::from(delay_ms) * MS;
-                let ends_at = self.now.saturating_add(delays.max(1));
-                self.bit_rate_switch = Some(BitRateSwitch { bit_per_s, ends_at });
-                self.on_bus = false;
-            }
-        }
+/// LSS address of a drive: its identity object.
+pub(super) fn lss_address(objects: &Dictionary) -> LssAddress {
+    let mut address = LssAddress::default();
+    for part in LssPart::ALL {
+        let value = objects.number(object::IDENTITY, part.raw() + 1).unwrap_or(0);
+        address.set_part(*part, value as u32);
     }
-
-    pub(super) fn lss_address(&self) -> LssAddress {
-        let mut address = LssAddress::default();
-        for part in LssPart::ALL {
-            let value = self.objects.number(object::IDENTITY, part.raw() + 1).unwrap_or(0);
-            address.set_part(*part, value as u32);
-        }
-        address
-    }
-
-    /// Ends a switch of the bit rate that is due.
-    pub(super) fn switch_bit_rate(&mut self) {
-        if let Some(switch) = self.bit_rate_switch.take_if(|switch| switch.ends_at <= self.now) {
-            self.bit_per_s = switch.bit_per_s;
-            self.on_bus = true;
-        }
-    }
-
-    /// Applies the node-ID of the LSS slave. Objects outside the communication profile keep their values.
-    pub(super) fn apply_node_id(&mut self) {
-        let Some(node) = self.lss.node.filter(|node| *node != self.config.node) else { return };
-        self.config.node = node;
-        self.services = CanIdSet::services_of(node);
-        let (mut objects, _) = self.source.objects(&self.config);
-        for object in objects.iter_mut() {
-            let Ok(slot) = self.objects.find(object.key()) else { continue };
-            if let Some(before) = self.objects.object(slot) {
-                carry_over(before, object);
-            }
-        }
-        self.objects = objects;
-    }
-
-    pub(super) fn is_unconfigured(&self) -> bool {
-        self.lss.node.is_none()
-    }
-
-    /// Node-ID; `None` before LSS has configured one.
-    pub(super) fn node_id(&self) -> Option<NodeId> {
-        self.lss.node
-    }
-}
-
-/// Keeps the saved value, unless it depends on the node-ID as the default does.
-fn carry_over(before: &Object, object: &mut Object) {
-    if before.default == object.default {
-        object.saved.clone_from(&before.saved);
-    }
-    if !COMMUNICATION.contains(&object.index) {
-        object.value.clone_from(&before.value);
-    }
+    address
 }

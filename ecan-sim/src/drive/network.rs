@@ -1,13 +1,16 @@
-//! NMT slave, heartbeat producer and consumer.
+//! NMT slave of a drive: heartbeats, node guarding, and emergency messages.
 
 use std::collections::VecDeque;
 
 use ecan_canopen::{
     Emcy, EmcyClass, ErrorRegister, GuardResponse, HeartbeatConsumer, NmtState, NodeId, object,
 };
+use ecan_protocol::can::{CanFrame, CanId};
 
+use super::config::DriveConfig;
 use super::dictionary::Dictionary;
 use crate::event_queue::earliest;
+use crate::node::NodeOutput;
 
 #[derive(Clone, Copy, Debug)]
 struct Watch {
@@ -289,5 +292,14 @@ fn add_to_history(objects: &mut Dictionary, code: u16) {
 pub(super) fn clear_history(objects: &mut Dictionary) {
     for subindex in 0..=HISTORY as u8 {
         objects.set(object::ERROR_HISTORY, subindex, 0);
+    }
+}
+
+/// Sends a frame, unless the drive is silent.
+pub(super) fn send(config: &DriveConfig, out: &mut NodeOutput, id: CanId, data: &[u8]) {
+    if !config.quirks.silent
+        && let Ok(frame) = CanFrame::classic(id, data)
+    {
+        out.send(frame);
     }
 }

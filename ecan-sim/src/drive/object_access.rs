@@ -1,27 +1,32 @@
 //! SDO access to the dictionary: rules, checks, and effects of a write.
 
-use ecan_canopen::{AccessType, HeartbeatConsumer, OperatingMode, SupportedModes, object};
+use ecan_canopen::{AccessType, HeartbeatConsumer, Mpdo, MpdoAddress, object};
 use ecan_protocol::object::AbortCode;
 
 use super::axis_commands::ReceivedCommands;
 use super::config::{SdoDirection, SdoEffect, SdoRule};
 use super::device::Device;
-use super::dictionary::{Key, Object, Slot, Value, axis_index, split_index};
+use super::dictionary::{Key, Object, Slot, Value, split_index};
+use super::homing;
 use super::network::{Network, clear_history};
-use super::pdo::{PdoObject, ReceivePdo, TransmitPdo};
+use super::pdo::PdoObject;
 use super::sdo_server::TransferError;
-use super::{homing, motion};
 
 /// "save" and "load", little-endian.
 const SAVE: i64 = 0x6576_6173;
 const LOAD: i64 = 0x6461_6F6C;
 
+/// EMCY error code: the destination object of an MPDO is not available.
+const NO_DESTINATION: u16 = 0x8230;
+/// EMCY error code: MPDO with another length than 8 bytes.
+const LENGTH: u16 = 0x8210;
+
 impl Device {
     pub(super) fn upload(&mut self, key: Key, out: &mut Vec<u8>) -> Result<(), TransferError> {
         self.apply_rule(key, SdoDirection::Read)?;
-        self.publish();
-        let slot = self.objects.find(key)?;
-        Ok(self.objects.read(slot, out)?)
+        self.model.publish(self.network.state);
+        let slot = self.model.objects.find(key)?;
+        Ok(self.model.objects.read(slot, out)?)
     }
 
     /// Checks whether a download of `length` bytes may start.
@@ -31,23 +36,38 @@ impl Device {
         length: Option<usize>,
     ) -> Result<(), TransferError> {
         self.apply_rule(key, SdoDirection::Write)?;
-        let slot = self.objects.find(key)?;
-        Ok(self.objects.check_write(slot, length)?)
+        let slot = self.model.objects.find(key)?;
+        Ok(self.model.objects.check_write(slot, length)?)
     }
 
     pub(super) fn download(&mut self, key: Key, value: &[u8]) -> Result<(), TransferError> {
-        let slot = self.objects.find(key)?;
-        match self.objects.decode(slot, value)? {
+        let slot = self.model.objects.find(key)?;
+        match self.model.objects.decode(slot, value)? {
             Some(number) => self.write(slot, key, number)?,
-            None => self.objects.put_bytes(slot, value),
+            None => self.model.objects.put_bytes(slot, value),
         }
         Ok(())
     }
 
+    /// Writes the object that a multiplexed PDO (CiA 301, 7.2.2.4) in destination address mode names.
+    pub(super) fn on_mpdo(&mut self, data: &[u8]) {
+        let Ok(mpdo) = Mpdo::parse(data) else { return self.model.report(LENGTH) };
+        let is_destination = matches!(mpdo.address, MpdoAddress::Destination(_));
+        if !is_destination || !mpdo.is_for(self.config.node) {
+            return;
+        }
+        self.pdos.count_multiplexed();
+        let key = (mpdo.index, mpdo.subindex);
+        let value = self.size(key).and_then(|size| mpdo.data.get(..size));
+        if value.is_none_or(|value| self.download(key, value).is_err()) {
+            self.model.report(NO_DESTINATION);
+        }
+    }
+
     /// Size of an object's type, for expedited downloads without size.
     pub(super) fn size(&self, key: Key) -> Option<usize> {
-        let slot = self.objects.find(key).ok()?;
-        self.objects.object(slot)?.data_type.size()
+        let slot = self.model.objects.find(key).ok()?;
+        self.model.objects.object(slot)?.data_type.size()
     }
 
     fn apply_rule(
@@ -71,21 +91,11 @@ impl Device {
         })
     }
 
-    /// Returns whether an axis supports a mode of operation; 0 (no mode) is supported.
-    pub(super) fn has_mode(&self, axis: usize, raw: i8) -> bool {
-        let index = axis_index(axis, object::SUPPORTED_MODES);
-        let modes = self.objects.number(index, 0).unwrap_or(0);
-        match OperatingMode::from_raw(raw) {
-            Some(mode) => motion::is_supported(mode) && SupportedModes(modes as u32).contains(mode),
-            None => raw == 0,
-        }
-    }
-
     fn write(&mut self, slot: Slot, key: Key, number: i64) -> Result<(), AbortCode> {
         self.check(key, number)?;
         match key {
             (object::STORE_PARAMETERS, group) if number == SAVE => {
-                for object in self.objects.iter_mut().filter(|object| is_parameter(object)) {
+                for object in self.model.objects.iter_mut().filter(|object| is_parameter(object)) {
                     if group_range(group).contains(&object.index) {
                         object.saved = Some(object.value.clone());
                     }
@@ -93,7 +103,7 @@ impl Device {
             }
             // The defaults apply after the next reset.
             (object::RESTORE_PARAMETERS, group) if number == LOAD => {
-                for object in self.objects.iter_mut() {
+                for object in self.model.objects.iter_mut() {
                     if group_range(group).contains(&object.index) {
                         object.saved = None;
                     }
@@ -102,9 +112,9 @@ impl Device {
             (object::STORE_PARAMETERS | object::RESTORE_PARAMETERS, _) => {
                 return Err(AbortCode::NOT_STORED);
             }
-            (object::ERROR_HISTORY, 0) => clear_history(&mut self.objects),
+            (object::ERROR_HISTORY, 0) => clear_history(&mut self.model.objects),
             _ => {
-                self.objects.put(slot, number as u64);
+                self.model.objects.put(slot, number as u64);
                 self.date_expires(slot, key);
                 self.follow_up(key, number);
             }
@@ -114,10 +124,10 @@ impl Device {
 
     /// The configuration date 0x1020 applies to unchanged parameters only.
     fn date_expires(&mut self, slot: Slot, (index, _): Key) {
-        let is_changed = self.objects.object(slot).is_some_and(is_parameter);
+        let is_changed = self.model.objects.object(slot).is_some_and(is_parameter);
         if is_changed && index != object::CONFIGURATION_DATE {
-            self.objects.set(object::CONFIGURATION_DATE, 1, 0);
-            self.objects.set(object::CONFIGURATION_DATE, 2, 0);
+            self.model.objects.set(object::CONFIGURATION_DATE, 1, 0);
+            self.model.objects.set(object::CONFIGURATION_DATE, 2, 0);
         }
     }
 
@@ -125,7 +135,7 @@ impl Device {
     fn check(&self, (index, subindex): Key, number: i64) -> Result<(), AbortCode> {
         if let Some(pdo) = PdoObject::of(index) {
             return pdo.check(
-                &self.objects,
+                &self.model.objects,
                 self.network.state,
                 &self.config.quirks,
                 (index, subindex),
@@ -135,18 +145,18 @@ impl Device {
         let (axis, index) = split_index(index);
         match (index, subindex) {
             (object::MODE_OF_OPERATION, _)
-                if self.is_drive && !self.has_mode(axis, number as i8) =>
+                if self.model.is_drive && !self.model.has_mode(axis, number as i8) =>
             {
                 Err(AbortCode::RANGE)
             }
             (object::HOMING_METHOD, _)
-                if self.is_drive && number != 0 && !homing::is_supported(number as i8) =>
+                if self.model.is_drive && number != 0 && !homing::is_supported(number as i8) =>
             {
                 Err(AbortCode::RANGE)
             }
             // Only while the communication cycle period is 0; the counter counts at least to 2.
             (object::SYNC_COUNTER_OVERFLOW, _) => {
-                match self.objects.number(object::COMMUNICATION_CYCLE, 0).unwrap_or(0) {
+                match self.model.objects.number(object::COMMUNICATION_CYCLE, 0).unwrap_or(0) {
                     0 if number == 1 => Err(AbortCode::RANGE),
                     0 => Ok(()),
                     _ => Err(AbortCode::DEVICE_STATE),
@@ -159,7 +169,9 @@ impl Device {
             // The drive is not a SYNC producer, and supports 11-bit CAN IDs only.
             (object::SYNC_COB_ID, _) if number as u32 & !0x7FF != 0 => Err(AbortCode::RANGE),
             (object::CONSUMER_HEARTBEAT, 1..) => match HeartbeatConsumer::from_raw(number as u32) {
-                Some(entry) if Network::is_watched(&self.objects, entry.producer, subindex) => {
+                Some(entry)
+                    if Network::is_watched(&self.model.objects, entry.producer, subindex) =>
+                {
                     Err(AbortCode::PARAMETER_INCOMPATIBLE)
                 }
                 _ => Ok(()),
@@ -170,50 +182,33 @@ impl Device {
 
     fn follow_up(&mut self, (index, subindex): Key, number: i64) {
         if let Some(pdo) = PdoObject::of(index) {
-            return self.load_pdo(pdo);
+            return self.pdos.load_pdo(pdo, &mut self.model);
         }
         match index {
-            object::PRODUCER_HEARTBEAT => self.network.load(self.now, &self.objects),
+            object::PRODUCER_HEARTBEAT => self.network.load(self.now, &self.model.objects),
             object::CONSUMER_HEARTBEAT if subindex > 0 => {
-                self.network.load_watches(&self.objects);
+                self.network.load_watches(&self.model.objects);
             }
-            object::SYNC_COB_ID | object::SYNC_COUNTER_OVERFLOW => self.load_sync(),
-            object::TIME_COB_ID => self.load_time(),
-            object::SCANNER_LIST => self.load_scanner_lists(),
-            object::GUARD_TIME | object::LIFE_TIME_FACTOR => self.guarding.load(&self.objects),
-            _ if !self.is_drive => {}
+            object::SYNC_COB_ID | object::SYNC_COUNTER_OVERFLOW => {
+                self.pdos.load_sync(&self.model.objects)
+            }
+            object::TIME_COB_ID => self.pdos.load_time(&self.model.objects),
+            object::SCANNER_LIST => self.pdos.load_transmit(&mut self.model),
+            object::GUARD_TIME | object::LIFE_TIME_FACTOR => {
+                self.guarding.load(&self.model.objects)
+            }
+            _ if !self.model.is_drive => {}
             _ => {
                 let mut received = ReceivedCommands { by_sdo: true, ..ReceivedCommands::default() };
                 let (axis, of_first) = split_index(index);
-                let Some(unit) = self.units.get_mut(axis) else { return };
+                let Some(unit) = self.model.units.get_mut(axis) else { return };
                 if unit.axis.store_command(of_first, number, &mut received) {
                     unit.apply(&received);
                 } else if index >= 0x6000 {
-                    self.load_parameters();
+                    self.model.load_parameters();
                 }
             }
         }
-    }
-
-    fn load_scanner_lists(&mut self) {
-        for pdo in &mut self.transmit {
-            *pdo = TransmitPdo::load(&self.objects, pdo.number);
-        }
-        self.update_pdos();
-    }
-
-    fn load_pdo(&mut self, pdo: PdoObject) {
-        let PdoObject { number, is_sent, .. } = pdo;
-        if is_sent {
-            for pdo in self.transmit.iter_mut().filter(|pdo| pdo.number == number) {
-                *pdo = TransmitPdo::load(&self.objects, number);
-            }
-        } else {
-            for pdo in self.receive.iter_mut().filter(|pdo| pdo.number == number) {
-                *pdo = ReceivePdo::load(&self.objects, number);
-            }
-        }
-        self.update_pdos();
     }
 }
 
