@@ -54,7 +54,7 @@ pub(crate) fn proceed(
         return Progress::Done(response);
     }
     let response = execute(world, slave.slot, object, payload);
-    match world.with_gateway_in(slave.slot, |gateway, _| gateway.take_lost_response()) {
+    match world.with_gateway_in(slave.slot, |gateway, _| gateway.parts().1.take_lost_response()) {
         Some(true) => {
             mailbox.respond(now + MAILBOX_TIMEOUT_NS, Err(SdoFailure::UNANSWERED));
         }
@@ -78,7 +78,9 @@ fn execute(
 ) -> Result<(), SdoFailure> {
     let SdoObject { index, subindex, complete } = object;
     let result = world.with_gateway_in(slot, |gateway, now| match payload {
-        Payload::Download(data) if complete => gateway.sdo_download_complete(now, index, 0, data),
+        Payload::Download(data) if complete => {
+            gateway.objects(now).download_complete(index, 0, data)
+        }
         Payload::Download(data) => gateway.sdo_download(now, index, subindex, data),
         // no call of the library uploads a whole object
         Payload::Upload(_) if complete => Err(AbortCode::UNSUPPORTED_ACCESS),

@@ -32,8 +32,8 @@ struct Stops {
 impl Stops {
     fn of(context: &Context<'_>) -> Self {
         Self {
-            mailbox: context.gateway.mailbox_stops(),
-            process_data: context.gateway.process_data_stops(),
+            mailbox: context.gateway.side().mailbox_stops(),
+            process_data: context.gateway.side().process_data_stops(),
         }
     }
 }
@@ -138,14 +138,15 @@ impl Buffers {
         context: &mut Context<'_>,
     ) -> bool {
         let is_full = self.buffer_is_full(number, context);
-        if number == OUTPUTS && !context.gateway.exchanges_process_data() {
+        if number == OUTPUTS && !context.gateway.side().exchanges_process_data() {
             return false;
         }
         let sm = &mut self.sync_managers[number];
         let progress = sm.write(at - sm.start(), data.len(), is_full);
         if progress == Progress::Rejected {
             if number == OUTPUTS {
-                context.gateway.reject_outputs(context.now);
+                let (side, mut firmware) = context.gateway.parts();
+                side.reject_outputs(context.now, &mut firmware);
             }
             return false;
         }
@@ -176,7 +177,7 @@ impl Buffers {
         context: &mut Context<'_>,
     ) -> bool {
         let is_full = self.buffer_is_full(number, context);
-        if number == INPUTS && !context.gateway.exchanges_process_data() {
+        if number == INPUTS && !context.gateway.side().exchanges_process_data() {
             return false;
         }
         let sm = &mut self.sync_managers[number];
@@ -184,13 +185,13 @@ impl Buffers {
         let progress = sm.read(at - start, out.len(), is_full);
         if progress == Progress::Rejected {
             if number == INPUTS {
-                context.gateway.count_rejected_read();
+                context.gateway.parts().1.count_rejected_read();
             }
             return false;
         }
         if number == INPUTS && at == start {
             // the image does not change until it has been read
-            let image = context.gateway.input_image();
+            let image = context.gateway.side().input_image();
             let to = start - REGISTER_BYTES;
             if let Some(to) = self.memory.get_mut(to..to + length.min(image.len())) {
                 to.copy_from_slice(&image[..to.len()]);
@@ -199,12 +200,15 @@ impl Buffers {
         let from = self.memory_at(at, out.len());
         out[..from.len()].copy_from_slice(from);
         if progress == Progress::Begun && number == INPUTS {
-            context.gateway.begin_partial_read();
+            context.gateway.parts().0.begin_partial_read();
         }
         if progress == Progress::Complete {
             self.sync_managers[number].mark_empty();
             match number {
-                INPUTS => context.gateway.inputs_were_read(context.now),
+                INPUTS => {
+                    let (side, mut firmware) = context.gateway.ethercat(context.now);
+                    side.inputs_were_read(&mut firmware);
+                }
                 READ_MAILBOX => self.read_mailbox_was_read(context),
                 _ => {}
             }

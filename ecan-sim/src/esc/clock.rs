@@ -3,9 +3,8 @@
 //! The clock itself belongs to the gateway: local time is system time without the offset that the
 //! master wrote, so the control loop affects both.
 
-use crate::gateway::{Gateway, Sync0};
-
 use super::Context;
+use crate::gateway::{Gateway, Sync0};
 
 const PORTS: usize = 4;
 /// Activation bits: cyclic unit, Sync0.
@@ -24,7 +23,7 @@ pub(super) struct ClockRegisters {
 
 impl ClockRegisters {
     fn system_time(self, context: &Context<'_>) -> u64 {
-        context.gateway.dc_time(context.now).wrapping_add(context.delay_ns)
+        context.gateway.side().dc_time(context.now).wrapping_add(context.delay_ns)
     }
 
     /// A write to 0x0900 latches the arrival of this frame at the ports.
@@ -78,7 +77,7 @@ impl ClockRegisters {
     /// The master sets the offset of the system time (0x0920).
     pub(super) fn set_offset(&mut self, offset: u64, context: &mut Context<'_>) {
         let moved = offset.wrapping_sub(std::mem::replace(&mut self.offset, offset));
-        let time = context.gateway.dc_time(context.now).wrapping_add(moved);
+        let time = context.gateway.side().dc_time(context.now).wrapping_add(moved);
         context.gateway.write_dc_system_time(context.now, time);
     }
 }

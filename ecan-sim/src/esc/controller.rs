@@ -66,11 +66,13 @@ impl SlaveController {
     }
 
     fn catch_up(&mut self, context: &mut Context<'_>) {
-        let boots = context.gateway.boots();
+        let boots = context.gateway.supply().boots;
         if self.boots != Some(boots) {
             *self = Self { boots: Some(boots), has_next: self.has_next, ..Self::new() };
             // local time starts at power-on
-            let since_boot = context.gateway.dc_time_since_boot(context.now);
+            let side = context.gateway.side();
+            let boot = side.dc_time(context.gateway.supply().booted_at);
+            let since_boot = side.dc_time(context.now).saturating_sub(boot);
             context.gateway.write_dc_system_time(context.now, since_boot);
             self.buffers.begin(context);
             self.registers.load_configuration(context.gateway.eeprom());

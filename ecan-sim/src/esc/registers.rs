@@ -241,9 +241,9 @@ impl Registers {
             self.store(address::DEVICE_EVENTS, &events.to_le_bytes());
         }
         if touches(address::WATCHDOG_STATUS, 4) {
-            let is_fed = !context.gateway.watchdog_has_expired();
+            let is_fed = !context.gateway.side().watchdog_has_expired();
             self.store(address::WATCHDOG_STATUS, &[is_fed.into()]);
-            let expired = context.gateway.watchdog_expirations();
+            let expired = context.gateway.side().watchdog_expirations();
             let seen = expired.wrapping_sub(self.watchdogs_cleared).min(0xFF) as u8;
             self.store(address::WATCHDOG_COUNTERS, &[seen]);
         }
@@ -265,7 +265,7 @@ impl Registers {
             self.clock.show(&mut self.bytes[address::RECEIVE_TIMES..end], context);
         }
         if touches(address::CYCLIC_START, 8)
-            && let Some(next) = context.gateway.next_sync0_system_time(context.now)
+            && let Some(next) = context.gateway.side().next_sync0_system_time(context.now)
         {
             self.store(address::CYCLIC_START, &next.to_le_bytes());
         }
@@ -330,7 +330,7 @@ impl Registers {
             self.request_state(buffers, context);
         }
         if touches(address::WATCHDOG_COUNTERS, 2) {
-            self.watchdogs_cleared = context.gateway.watchdog_expirations();
+            self.watchdogs_cleared = context.gateway.side().watchdog_expirations();
         }
         if touches(address::WATCHDOG_DIVIDER, 2) || touches(address::WATCHDOG_TIME, 2) {
             let divider = u64::from(u16::from_le_bytes(self.stored(address::WATCHDOG_DIVIDER)));
@@ -368,7 +368,7 @@ impl Registers {
             self.clock.write_time(&written_time[..if is_whole { 8 } else { 4 }], context);
         }
         if touches(address::SPEED_COUNTER, 2) {
-            context.gateway.restart_dc_control(context.now);
+            context.gateway.parts().0.restart_dc_control(context.now);
         }
         if touches(address::CYCLIC_CONTROL, 2) {
             let [activation] = self.stored(address::ACTIVATION);
@@ -389,7 +389,12 @@ impl Registers {
         }
         match state {
             Some(state) => context.gateway.request_al_state(context.now, state),
-            None => context.gateway.reject_unknown_al_state(context.now),
+            None => {
+                context.gateway.advance(context.now);
+                if context.gateway.is_responding() {
+                    context.gateway.parts().0.reject_unknown_al_state();
+                }
+            }
         }
         buffers.check_stops(context);
     }

@@ -1,3 +1,6 @@
+//! The firmware application: objects, data path and the four CAN connectors.
+
+use ecan_protocol::can::CanFrame;
 use ecan_protocol::config::{
     ApplyStatus, ConfigObject, DataPathConfig, DataPathFault, DataPathGlobal, FilterWindow,
 };
@@ -5,22 +8,25 @@ use ecan_protocol::device::{AlState, AlStatusCode};
 use ecan_protocol::mapping::{CHANNELS, Direction};
 
 use super::board::PinRotation;
+use super::channel::Channel;
 use super::channel_control;
 use super::channel_control::FIRST_CHANNEL_OBJECT;
 use super::config::GatewayModelConfig;
 use super::configuration_store::ConfigurationImage;
 use super::controller::ControllerConfig;
 use super::data_path::DataPath;
+use super::diagnostics::{Emergency, GatewayCounters};
 use super::maintenance::{FIRST_DATA_PATH, GLOBAL_DATA_PATH, SYSTEM};
 use super::object_server::ObjectServer;
 use super::sync_managers::SyncManagers;
-use super::variant::{ApplyAtSafeOp, FilterIndex};
+use super::variant::{ApplyAtSafeOp, ChannelsAtStart, FilterIndex};
+use crate::bus::{DetectedError, ErrorState, PhysicalLayer, StationConfig};
 
 /// Subindex of the apply status of 0x8020..0x8024.
 const DATA_PATH_STATUS: u8 = 3;
 
 #[derive(Clone, Debug)]
-pub(super) struct Application {
+pub(crate) struct Application {
     pub(super) objects: ObjectServer,
     pub(super) data_path: DataPath,
     pub(super) pins: PinRotation,
@@ -88,7 +94,7 @@ impl Application {
     }
 
     /// Applies the stored configuration of a channel, with its status.
-    pub(super) fn start_channel(&mut self, number: usize) {
+    fn start_channel(&mut self, number: usize) {
         let status = self.apply_channel(number);
         self.set_apply_status(number, status);
     }
@@ -155,6 +161,15 @@ impl Application {
         policy
     }
 
+    /// Starts with the saved configuration.
+    pub(super) fn start(&mut self, saved: Option<ConfigurationImage>, state: AlState) {
+        if let Some(image) = saved {
+            self.load_at_start(&image, state);
+        } else if self.data_path.variant().channels_at_start == ChannelsAtStart::Active {
+            (0..CHANNELS).for_each(|channel| self.start_channel(channel));
+        }
+    }
+
     pub(super) fn configuration(&self) -> ConfigurationImage {
         let channels = &self.data_path.channels;
         let runs = std::array::from_fn(|number| channels[number].controller.config.is_some());
@@ -199,6 +214,102 @@ impl Application {
         let status = self.apply_channel(number);
         self.set_apply_status(number, status);
         status
+    }
+
+    /// The channel at a connector, by the active pin rotation (0x8000:13).
+    fn channel_at(&self, connector: usize) -> Option<&Channel> {
+        let Self { pins, data_path, .. } = self;
+        Some(&data_path.channels[pins.channel_at(connector)?])
+    }
+
+    /// The channel at a connector to change, with its number and the counters.
+    fn channel_at_mut(
+        &mut self,
+        connector: usize,
+    ) -> Option<(usize, &mut Channel, &mut GatewayCounters)> {
+        let Self { pins, data_path, .. } = self;
+        let number = pins.channel_at(connector)?;
+        Some((number, &mut data_path.channels[number], &mut data_path.counters))
+    }
+
+    /// How the controller at a connector (0 to 3) takes part in its bus; `None` while it is
+    /// not configured, in INIT by its own register, or without supply.
+    pub(super) fn station_config(&self, connector: usize) -> Option<StationConfig> {
+        self.channel_at(connector)?.controller.station()
+    }
+
+    /// Sample points and delays of the controller at a connector; `None` while it is not configured.
+    pub(super) fn physical_layer(&self, connector: usize) -> Option<PhysicalLayer> {
+        self.channel_at(connector)?.controller.physical_layer()
+    }
+
+    /// Changes when [`station_config`](Self::station_config) may have changed or the controller
+    /// was restarted.
+    pub(super) fn station_generation(&self, connector: usize) -> u32 {
+        let restarts =
+            self.channel_at(connector).map_or(0, |channel| channel.controller.generation);
+        // a rotation connects another controller, which may have the same number of restarts
+        restarts.wrapping_add(self.pins.changes() << 16)
+    }
+
+    /// Takes the next frame that the controller at a connector puts into arbitration; `None`
+    /// without one, or while the last one is neither confirmed nor abandoned.
+    pub(super) fn next_transmit(&mut self, connector: usize) -> Option<CanFrame> {
+        self.channel_at_mut(connector)?.1.controller.next_transmit()
+    }
+
+    /// Takes a request of the controller at a connector to recover from bus-off.
+    pub(super) fn take_recovery_request(&mut self, connector: usize) -> bool {
+        let channel = self.channel_at_mut(connector);
+        channel.is_some_and(|(_, channel, _)| channel.controller.take_recovery_request())
+    }
+
+    /// The bus confirms the frame that was taken last.
+    pub(crate) fn confirm(&mut self, connector: usize) {
+        if let Some((_, channel, counters)) = self.channel_at_mut(connector) {
+            counters.frames_on_bus += u64::from(channel.controller.transmitted());
+        }
+    }
+
+    /// The bus abandoned the frame that was taken last.
+    pub(super) fn abandon(&mut self, connector: usize) {
+        if let Some((_, channel, counters)) = self.channel_at_mut(connector) {
+            let abandoned = channel.controller.abandoned();
+            counters.transmit_losses.not_retransmitted += u64::from(abandoned);
+        }
+    }
+
+    /// A frame arrives from the bus, complete at `now`.
+    pub(crate) fn receive(&mut self, now: u64, connector: usize, frame: &CanFrame, start_ns: u64) {
+        if let Some((_, channel, counters)) = self.channel_at_mut(connector) {
+            channel.controller.receive(frame, start_ns, now, counters);
+        }
+    }
+
+    /// The bus reports error state and error counters of the controller at a connector. Returns the emergency that
+    /// follows.
+    pub(super) fn set_bus_state(
+        &mut self,
+        connector: usize,
+        state: ErrorState,
+        tec: u16,
+        rec: u16,
+    ) -> Option<Emergency> {
+        let (number, channel, counters) = self.channel_at_mut(connector)?;
+        let was_bus_off = channel.controller.is_bus_off();
+        channel.bus_state(state, tec, rec, counters);
+        match (was_bus_off, channel.controller.is_bus_off()) {
+            (false, true) => Some(Emergency::bus_off(number)),
+            (true, false) => Some(Emergency::bus_off_recovered(number)),
+            _ => None,
+        }
+    }
+
+    /// The controller at a connector detected errors on the bus.
+    pub(super) fn note_bus_errors(&mut self, connector: usize, counted: u64, last: DetectedError) {
+        if let Some((_, channel, _)) = self.channel_at_mut(connector) {
+            channel.controller.note_errors(counted, last);
+        }
     }
 }
 

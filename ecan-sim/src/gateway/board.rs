@@ -16,13 +16,13 @@ enum PowerState {
 }
 
 #[derive(Clone, Debug)]
-pub(super) struct PowerSupply {
+pub(crate) struct PowerSupply {
     state: PowerState,
     boot_ns: u64,
     /// From the reboot command to the reboot: the master fetches the response in this time.
     reboot_delay_ns: u64,
-    pub(super) boots: u32,
-    pub(super) booted_at: u64,
+    pub(crate) boots: u32,
+    pub(crate) booted_at: u64,
     pub(super) reboot_at: Option<u64>,
 }
 

@@ -1,9 +1,6 @@
 //! Faults that a scenario or a test injects into a gateway.
 
-use ecan_protocol::device::AlStatusCode;
 use ecan_protocol::object::AbortCode;
-
-use super::{Gateway, NS_PER_MS};
 
 /// A fault of a gateway.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -69,30 +66,6 @@ pub enum GatewayFault {
     },
 }
 
-impl Gateway {
-    /// Injects a fault.
-    pub fn inject(&mut self, now: u64, fault: GatewayFault) {
-        self.advance(now);
-        let until = |ms: u32| now + u64::from(ms) * NS_PER_MS;
-        let faults = &mut self.faults;
-        match fault {
-            GatewayFault::SdoAbort { index, subindex, code, times } => {
-                faults.sdo_aborts.push(SdoFault { index, subindex, code, times })
-            }
-            GatewayFault::SdoResponseLost { index, subindex, times } => {
-                faults.lost_responses.push(SdoFault { index, subindex, code: 0, times })
-            }
-            GatewayFault::TornTxPdo { images } => faults.torn_images.add(images),
-            GatewayFault::CrcErrorTxPdo { images } => faults.crc_errors.add(images),
-            GatewayFault::FlashFailure { times } => faults.flash_failures.add(times),
-            GatewayFault::MailboxSilent { ms } => faults.mailbox_silent_until = until(ms),
-            GatewayFault::ServiceStall { ms } => self.services.stalled_until = until(ms),
-            GatewayFault::AlError { code } => self.fall_back(AlStatusCode(code)),
-            GatewayFault::ClockJump { ns } => self.clock.change(now, |clock| clock.jump(ns, now)),
-        }
-    }
-}
-
 #[derive(Clone, Copy, Debug)]
 struct SdoFault {
     index: u16,
@@ -145,6 +118,20 @@ pub(super) struct PendingFaults {
 }
 
 impl PendingFaults {
+    /// Aborts transfers of an object.
+    pub(super) fn abort_transfers(&mut self, index: u16, subindex: u8, code: u32, times: u32) {
+        self.sdo_aborts.push(SdoFault { index, subindex, code, times });
+    }
+
+    /// Loses the responses of transfers of an object.
+    pub(super) fn lose_responses(&mut self, index: u16, subindex: u8, times: u32) {
+        self.lost_responses.push(SdoFault { index, subindex, code: 0, times });
+    }
+
+    pub(super) fn silence_mailbox(&mut self, until: u64) {
+        self.mailbox_silent_until = until;
+    }
+
     pub(super) fn is_mailbox_silent(&self, now: u64) -> bool {
         now < self.mailbox_silent_until
     }

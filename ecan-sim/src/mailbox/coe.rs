@@ -7,7 +7,7 @@ use ecan_protocol::object::{AbortCode, Access, Entry, Object, ObjectType, object
 use super::messages::{COE_HEADER_BYTES, Context, MailboxError, coe_message, service};
 use super::sdo_server::SdoServer;
 use crate::gateway::variant::{GatewayVariant, SdoInformation};
-use crate::gateway::{Emergency, Gateway};
+use crate::gateway::{Emergency, Gateway, find_entry};
 
 pub(super) fn emergency_message(emergency: Emergency) -> Vec<u8> {
     coe_message(service::EMERGENCY, &[&emergency.message()])
@@ -161,7 +161,11 @@ fn find_object(index: u16, gateway: &Gateway) -> Result<(&'static Object, u8), A
 pub(super) fn describe_object(index: u16, gateway: &Gateway) -> Result<Vec<u8>, AbortCode> {
     let (object, highest) = find_object(index, gateway)?;
     let (data_type, code) = match highest {
-        0 => (gateway.find_entry(index, 0).map_or(0, |(_, entry)| type_code(entry.ty)), code::VAR),
+        0 => (
+            find_entry(&gateway.config().variant, index, 0)
+                .map_or(0, |(_, entry)| type_code(entry.ty)),
+            code::VAR,
+        ),
         _ => object_kind(index, object),
     };
     let kind = [highest, code];
@@ -185,7 +189,7 @@ pub(super) fn describe_entry(
     if subindex > highest {
         return Err(AbortCode::NO_SUBINDEX);
     }
-    let Ok((_, entry)) = gateway.find_entry(index, subindex) else {
+    let Ok((_, entry)) = find_entry(&gateway.config().variant, index, subindex) else {
         // a gap: no type, no length, no access, no name
         let [i0, i1] = index.to_le_bytes();
         return Ok([&[i0, i1, subindex][..], &[0; GAP_BYTES]].concat());

@@ -7,7 +7,8 @@ use std::collections::VecDeque;
 
 use ecan_protocol::object::AbortCode;
 
-use crate::gateway::Gateway;
+use crate::gateway::variant::GatewayVariant;
+use crate::gateway::{Gateway, ObjectAccess};
 
 pub(super) const HEADER_BYTES: usize = 6;
 
@@ -199,6 +200,14 @@ pub(super) struct Context<'a> {
 }
 
 impl Context<'_> {
+    pub(super) fn objects(&mut self) -> ObjectAccess<'_> {
+        self.gateway.objects(self.now)
+    }
+
+    pub(super) fn variant(&self) -> &GatewayVariant {
+        &self.gateway.config().variant
+    }
+
     pub(super) fn sdo_upload(&mut self, index: u16, subindex: u8) -> Result<Vec<u8>, AbortCode> {
         let mut data = Vec::new();
         self.gateway.sdo_upload(self.now, index, subindex, &mut data).map(|()| data)

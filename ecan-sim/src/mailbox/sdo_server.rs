@@ -4,6 +4,7 @@
 use ecan_protocol::object::{AbortCode, object};
 
 use super::messages::{COE_HEADER_BYTES, Context, MailboxError, coe_message, service};
+use crate::gateway::{check_complete_access, find_entry};
 
 /// Bytes of an SDO message after the CoE header, before the data of a normal transfer.
 const SDO_BYTES: usize = 8;
@@ -289,7 +290,7 @@ impl Target {
     pub(super) fn upload(self, context: &mut Context<'_>) -> Result<Vec<u8>, AbortCode> {
         let Self { index, subindex, is_complete } = self;
         match is_complete {
-            true => context.gateway.sdo_upload_complete(context.now, index, subindex),
+            true => context.objects().upload_complete(index, subindex),
             false => context.sdo_upload(index, subindex),
         }
     }
@@ -297,7 +298,7 @@ impl Target {
     pub(super) fn download(self, data: &[u8], context: &mut Context<'_>) -> Result<(), AbortCode> {
         let Self { index, subindex, is_complete } = self;
         match is_complete {
-            true => context.gateway.sdo_download_complete(context.now, index, subindex, data),
+            true => context.objects().download_complete(index, subindex, data),
             false => context.sdo_download(index, subindex, data),
         }
     }
@@ -308,9 +309,9 @@ impl Target {
         size: usize,
         context: &Context<'_>,
     ) -> Result<(), AbortCode> {
-        let (_, entry) = context.gateway.find_entry(self.index, self.subindex)?;
+        let (_, entry) = find_entry(context.variant(), self.index, self.subindex)?;
         if self.is_complete {
-            return context.gateway.check_complete_access();
+            return check_complete_access(context.gateway.config());
         }
         if !entry.access.can_write() {
             return Err(AbortCode::READ_ONLY);

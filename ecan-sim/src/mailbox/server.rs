@@ -54,7 +54,7 @@ impl MailboxServer {
         }
         let room = reply_bytes.saturating_sub(HEADER_BYTES);
         let answer = self.answer(header, rest, &mut Context { now, room, gateway });
-        if gateway.take_lost_response() {
+        if gateway.parts().1.take_lost_response() {
             return;
         }
         let (protocol, messages) = match answer {
@@ -76,7 +76,7 @@ impl MailboxServer {
     /// empty.
     pub(crate) fn is_due(&self, now: u64, gateway: &Gateway) -> bool {
         let is_ready = self.responses.next_ready().is_some_and(|time| time <= now);
-        let has_emergency = gateway.has_emergency() && gateway.al_state() != AlState::Boot;
+        let has_emergency = gateway.side().has_emergency() && gateway.al_state() != AlState::Boot;
         gateway.mailbox_answers(now) && (is_ready || has_emergency)
     }
 
@@ -88,7 +88,7 @@ impl MailboxServer {
             return false;
         }
         let speaks_coe = gateway.al_state() != AlState::Boot;
-        while let Some(emergency) = gateway.take_emergency().filter(|_| speaks_coe) {
+        while let Some(emergency) = gateway.parts().0.take_emergency().filter(|_| speaks_coe) {
             let to = MessageAddress { address: 0, protocol: protocol::COE };
             if self.responses.write(to, &coe::emergency_message(emergency), out) {
                 return true;

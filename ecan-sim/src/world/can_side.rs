@@ -403,7 +403,7 @@ impl CanSide {
         match bus.owners.get(sender) {
             Some(&Owner::Channel { gateway, channel }) => {
                 if let Some(gateway) = line.gateway_mut(gateway) {
-                    gateway.confirm(now, channel);
+                    gateway.can_side(now).confirm(channel);
                     offer_next(now, gateway, channel, broadcast.sender, bus);
                 }
             }
@@ -424,7 +424,7 @@ impl CanSide {
             match bus.owners.get(station) {
                 Some(&Owner::Channel { gateway, channel }) => {
                     if let Some(gateway) = line.gateway_mut(gateway) {
-                        gateway.receive(now, channel, frame, broadcast.start_ns);
+                        gateway.can_side(now).receive(now, channel, frame, broadcast.start_ns);
                     }
                 }
                 Some(&Owner::Node(node)) => {

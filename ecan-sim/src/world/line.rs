@@ -335,7 +335,10 @@ impl Line {
         let before = datagram.counter;
         for fmmu in &*fmmus {
             datagram.exchange(fmmu, |direction, part| match direction {
-                ProcessDirection::Output => gateway.write_outputs_arriving(now, arrival, part),
+                ProcessDirection::Output => {
+                    let (side, mut firmware) = gateway.ethercat(now);
+                    side.write_outputs(arrival, part, &mut firmware)
+                }
                 ProcessDirection::Input => gateway.read_inputs(now, part),
             });
         }

@@ -32,7 +32,9 @@ fn take_emergency(config: *const ec_slave_config_t) -> CallResult<[u8; 8]> {
     let call = on_config(config)?;
     call.with(|state| {
         let slave = state.master.slave_of(call.object)?.ok_or(libc::ENOENT)?;
-        let taken = state.world.with_gateway_in(slave.slot, |gateway, _| gateway.take_emergency());
+        let taken = state
+            .world
+            .with_gateway_in(slave.slot, |gateway, _| gateway.parts().0.take_emergency());
         taken.flatten().map(crate::gateway::Emergency::message).ok_or(libc::ENOENT)
     })
 }

@@ -453,6 +453,6 @@ fn write_registers(world: &mut World, slot: Slot, address: u16, data: &[u8]) {
     }
     let start = SPEED_COUNTER_START.checked_sub(address).and_then(|at| data.get(usize::from(at)));
     if start.is_some() {
-        world.with_gateway_in(slot, |gateway, now| gateway.restart_dc_control(now));
+        world.with_gateway_in(slot, |gateway, now| gateway.parts().0.restart_dc_control(now));
     }
 }
