@@ -1,11 +1,13 @@
-//! A bus in the world: the owners of its stations, the frames that each of them reads, and the times at which its
-//! nodes are due.
+//! A bus in the world: the owners of its stations, the frames that each of them reads, the times at which its
+//! nodes are due, and the link of a gateway to it.
 
 use ecan_protocol::can::CanId;
 
+use crate::bus::ErrorState;
 use crate::bus::{CanBus, StationId, StationSet};
 use crate::drive::StandardIds;
 use crate::event_queue::NEVER;
+use crate::gateway::Gateway;
 
 /// Owner of a station.
 #[derive(Clone, Copy)]
@@ -70,6 +72,62 @@ impl BusSlot {
     pub(super) fn replan(&mut self) {
         self.bus.replan();
         self.refresh();
+    }
+
+    /// Puts the next frame of a gateway's channel into arbitration. Returns whether the bus must be planned
+    /// again.
+    pub(super) fn offer_next(
+        &mut self,
+        now: u64,
+        gateway: &mut Gateway,
+        channel: usize,
+        station: StationId,
+    ) -> bool {
+        if self.bus.config(station).is_some()
+            && !self.bus.is_offering(station)
+            && let Some(frame) = gateway.next_transmit(channel)
+        {
+            return self.bus.offer_unplanned(now, station, &frame);
+        }
+        false
+    }
+}
+
+/// A gateway's channel as a station on its bus.
+#[derive(Clone)]
+pub(super) struct ChannelLink {
+    pub(super) bus: usize,
+    pub(super) station: StationId,
+    /// Configuration generation that the bus has applied.
+    pub(super) generation: Option<u32>,
+    /// Error state and counters last passed to the gateway.
+    reported: (ErrorState, u16, u16),
+    /// All errors of the station, and those that raised a counter.
+    errors_reported: (u64, u64),
+}
+
+impl ChannelLink {
+    pub(super) fn new((bus, station): (usize, StationId)) -> Self {
+        let reported = (ErrorState::Active, 0, 0);
+        Self { bus, station, generation: None, reported, errors_reported: (0, 0) }
+    }
+
+    /// Passes a change of error state, error counters or errors on the bus to the gateway.
+    pub(super) fn report(&mut self, now: u64, bus: &CanBus, gateway: &mut Gateway, channel: usize) {
+        let (tec, rec) = bus.error_counters(self.station);
+        let state = (bus.error_state(self.station), tec, rec);
+        if self.reported != state {
+            self.reported = state;
+            gateway.bus_state(now, channel, state.0, tec, rec);
+        }
+        let errors = bus.error_counts(self.station);
+        if self.errors_reported != errors
+            && let Some(last) = bus.last_error(self.station)
+        {
+            let counted = errors.1 - self.errors_reported.1;
+            self.errors_reported = errors;
+            gateway.bus_errors(now, channel, counted, last);
+        }
     }
 }
 

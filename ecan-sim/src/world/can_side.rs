@@ -1,6 +1,6 @@
 //! CAN side of the world: the buses, their nodes, and the frames between gateways, nodes and buses.
 
-use ecan_canopen::{Emcy, ErrorRegister, NodeId};
+use ecan_canopen::NodeId;
 use ecan_protocol::mapping::CHANNELS;
 
 use crate::backend_error::BackendError;
@@ -9,35 +9,15 @@ use crate::bus::{
     StationStatistics,
 };
 use crate::drive::Drive;
-use crate::event_queue::{NEVER, ms};
+use crate::event_queue::NEVER;
 use crate::fault::DriveFault;
 use crate::gateway::Gateway;
-use crate::node::{BridgeFactory, Node, SilentNode};
+use crate::node::{BridgeFactory, Node};
 use crate::scenario::Scenario;
-use crate::world::bus_slot::{BusSlot, Owner};
+use crate::world::bus_slot::{BusSlot, ChannelLink, Owner};
 use crate::world::line::Line;
 use crate::world::node_slot::{NodeBody, NodeSlot};
 use crate::world::recording::{BusFrame, Recording, Scope};
-
-/// A gateway's channel as a station on its bus.
-#[derive(Clone)]
-struct ChannelLink {
-    bus: usize,
-    station: StationId,
-    /// Configuration generation that the bus has applied.
-    generation: Option<u32>,
-    /// Error state and counters last passed to the gateway.
-    reported: (ErrorState, u16, u16),
-    /// All errors of the station, and those that raised a counter.
-    errors_reported: (u64, u64),
-}
-
-impl ChannelLink {
-    fn new((bus, station): (usize, StationId)) -> Self {
-        let reported = (ErrorState::Active, 0, 0);
-        Self { bus, station, generation: None, reported, errors_reported: (0, 0) }
-    }
-}
 
 /// The CAN buses of a world with their nodes. Gateways are on the [`Line`], which the calls take.
 pub(super) struct CanSide {
@@ -280,7 +260,7 @@ impl CanSide {
             slot.bus.recover(now, station);
             changed = true;
         }
-        changed |= offer_next(now, gateway, channel, station, slot);
+        changed |= slot.offer_next(now, gateway, channel, station);
         if changed {
             slot.replan();
         }
@@ -350,7 +330,7 @@ impl CanSide {
     fn collect_unplanned(&mut self, now: u64, index: usize) -> bool {
         let Some(slot) = self.nodes.get_mut(index) else { return false };
         let Some(bus) = self.buses.get_mut(slot.bus) else { return false };
-        collect(now, self.nodes_had_turn, slot, bus)
+        slot.collect(now, self.nodes_had_turn, bus)
     }
 
     /// Runs a bus up to now and delivers its events.
@@ -404,13 +384,13 @@ impl CanSide {
             Some(&Owner::Channel { gateway, channel }) => {
                 if let Some(gateway) = line.gateway_mut(gateway) {
                     gateway.can_side(now).confirm(channel);
-                    offer_next(now, gateway, channel, broadcast.sender, bus);
+                    bus.offer_next(now, gateway, channel, broadcast.sender);
                 }
             }
             Some(&Owner::Node(node)) => {
                 if let Some(slot) = nodes.get_mut(node) {
                     slot.node.transmitted(now, frame, &mut slot.output);
-                    collect(now, *nodes_had_turn, slot, bus);
+                    slot.collect(now, *nodes_had_turn, bus);
                 }
             }
             None => {}
@@ -431,7 +411,7 @@ impl CanSide {
                     if let Some(slot) = nodes.get_mut(node)
                         && slot.node.received(now, frame, &mut slot.output)
                     {
-                        collect(now, *nodes_had_turn, slot, bus);
+                        slot.collect(now, *nodes_had_turn, bus);
                     }
                 }
                 None => {}
@@ -521,23 +501,10 @@ impl CanSide {
     }
 
     fn report_bus_state(&mut self, now: u64, gateway: &mut Gateway, index: usize, channel: usize) {
-        let Some(link) = self.links.get_mut(index).and_then(|links| links.get_mut(channel)) else {
-            return;
-        };
-        let Some(bus) = self.buses.get(link.bus) else { return };
-        let (tec, rec) = bus.bus.error_counters(link.station);
-        let state = (bus.bus.error_state(link.station), tec, rec);
-        if link.reported != state {
-            link.reported = state;
-            gateway.bus_state(now, channel, state.0, tec, rec);
-        }
-        let errors = bus.bus.error_counts(link.station);
-        if link.errors_reported != errors
-            && let Some(last) = bus.bus.last_error(link.station)
+        if let Some(link) = self.links.get_mut(index).and_then(|links| links.get_mut(channel))
+            && let Some(slot) = self.buses.get(link.bus)
         {
-            let counted = errors.1 - link.errors_reported.1;
-            link.errors_reported = errors;
-            gateway.bus_errors(now, channel, counted, last);
+            link.report(now, &slot.bus, gateway, channel);
         }
     }
 
@@ -602,18 +569,12 @@ impl CanSide {
     /// Takes a node off its bus for good and returns it.
     pub(super) fn detach_node(&mut self, now: u64, index: usize) -> Option<Box<dyn Node>> {
         let slot = self.nodes.get_mut(index)?;
-        let silent = NodeBody::Other(Box::new(SilentNode));
-        let node = std::mem::replace(&mut slot.node, silent);
-        (slot.fixed, slot.detached) = (None, true);
-        slot.config = None;
-        slot.controller = None;
-        slot.output.clear();
         if let Some(bus) = self.buses.get_mut(slot.bus) {
             bus.nodes_due.set(slot.station.index(), NEVER);
             bus.bus.configure(now, slot.station, None);
             bus.refresh();
         }
-        Some(node.into_node())
+        Some(slot.detach())
     }
 
     /// Injects a fault in a drive. Returns whether the drive exists.
@@ -621,25 +582,8 @@ impl CanSide {
         let Some(index) = self.nodes.iter().position(|slot| slot.name == name) else {
             return false;
         };
-        let Some(NodeSlot { node: NodeBody::Drive(drive), output, .. }) = self.nodes.get_mut(index)
-        else {
+        if !self.nodes.get_mut(index).is_some_and(|slot| slot.inject(now, fault)) {
             return false;
-        };
-        match fault {
-            DriveFault::Error { code } => drive.fail(now, code, output),
-            DriveFault::AxisError { axis, code } => {
-                drive.fail_axis(now, axis.into(), code, output);
-            }
-            DriveFault::Emcy { code, register } => {
-                let register = ErrorRegister(register);
-                drive.warn(now, Emcy { code, register, manufacturer: [0; 5] }, output);
-            }
-            DriveFault::PowerCycle { off_ms } => drive.power_cycle(now, now + ms(off_ms)),
-            DriveFault::BusOff { for_ms } => drive.bus_off(now, now + ms(for_ms), output),
-            DriveFault::Value { index, subindex, value } => {
-                drive.set_object(now, (index, subindex), value, output);
-            }
-            DriveFault::Blocked { for_ms } => drive.block(now, now + ms(for_ms), output),
         }
         self.collect_output(now, index);
         true
@@ -675,67 +619,4 @@ impl CanSide {
             }
         }
     }
-}
-
-/// Reads what a node has to send and when it is due, and connects or disconnects its controller. Returns
-/// whether the bus must be planned again.
-fn collect(now: u64, nodes_had_turn: bool, slot: &mut NodeSlot, bus: &mut BusSlot) -> bool {
-    slot.has_events = false;
-    let controller = slot.node.controller();
-    if slot.controller != Some(controller) {
-        slot.controller = Some(controller);
-        let config = slot.config.filter(|_| controller.is_on_bus).map(|config| StationConfig {
-            nominal_bitrate: controller.bit_rate.unwrap_or(config.nominal_bitrate),
-            ..config
-        });
-        if bus.bus.config(slot.station) != config {
-            bus.bus.configure(now, slot.station, config);
-        }
-    }
-    if let NodeBody::Drive(drive) = &slot.node
-        && slot.filter_version != drive.filter_version()
-    {
-        slot.filter_version = drive.filter_version();
-        bus.listeners.filter(slot.station.index(), drive.standard_ids());
-    }
-    if now < slot.muted_until || slot.config.is_none() || !controller.is_on_bus {
-        slot.output.clear();
-    }
-    slot.is_postponed = false;
-    let due = if nodes_had_turn {
-        slot.node.next_due()
-    } else {
-        // What is due now comes after the event that is being processed.
-        slot.node.catch_up(now - 1);
-        let due = slot.node.as_node().next_event();
-        slot.is_postponed = due.is_some_and(|at| at <= now);
-        due
-    };
-    bus.nodes_due.set(slot.station.index(), due.map_or(NEVER, |at| at.max(now + 1)));
-    if let Some(frame) = slot.output.front()
-        && !bus.bus.is_offering(slot.station)
-        && bus.bus.offer_unplanned(now, slot.station, frame)
-    {
-        slot.output.pop();
-        return true;
-    }
-    false
-}
-
-/// Puts the next frame of a gateway's channel into arbitration. Returns whether the bus must be planned
-/// again.
-fn offer_next(
-    now: u64,
-    gateway: &mut Gateway,
-    channel: usize,
-    station: StationId,
-    bus: &mut BusSlot,
-) -> bool {
-    if bus.bus.config(station).is_some()
-        && !bus.bus.is_offering(station)
-        && let Some(frame) = gateway.next_transmit(channel)
-    {
-        return bus.bus.offer_unplanned(now, station, &frame);
-    }
-    false
 }

@@ -2,15 +2,18 @@
 
 use std::path::Path;
 
-use ecan_can_io::recording::{ReadOptions, Recording};
-use ecan_canopen::DeviceFile;
+use ecan_canopen::{DeviceFile, Emcy, ErrorRegister};
 use ecan_protocol::can::CanFrame;
+use ecan_can_io::recording::{ReadOptions, Recording};
 
 use crate::backend_error::BackendError;
 use crate::bus::{StationConfig, StationId};
 use crate::drive::Drive;
+use crate::event_queue::{NEVER, ms};
+use crate::fault::DriveFault;
 use crate::node::{BridgeFactory, EchoNode, FaultyNode, Node, NodeOutput, ReplayNode, SilentNode};
 use crate::scenario::{DriveSpec, NodeKind, NodeSpec};
+use crate::world::bus_slot::BusSlot;
 
 /// A node; drives are kept apart because tests read them and faults address them.
 pub(super) enum NodeBody {
@@ -134,6 +137,84 @@ impl NodeSlot {
             NodeBody::Drive(drive) => Some((&self.name, drive)),
             NodeBody::Other(_) => None,
         }
+    }
+
+    /// Reads what a node has to send and when it is due, and connects or disconnects its controller. Returns
+    /// whether the bus must be planned again.
+    pub(super) fn collect(&mut self, now: u64, nodes_had_turn: bool, bus: &mut BusSlot) -> bool {
+        self.has_events = false;
+        let controller = self.node.controller();
+        if self.controller != Some(controller) {
+            self.controller = Some(controller);
+            let config = self.config.filter(|_| controller.is_on_bus).map(|config| StationConfig {
+                nominal_bitrate: controller.bit_rate.unwrap_or(config.nominal_bitrate),
+                ..config
+            });
+            if bus.bus.config(self.station) != config {
+                bus.bus.configure(now, self.station, config);
+            }
+        }
+        if let NodeBody::Drive(drive) = &self.node
+            && self.filter_version != drive.filter_version()
+        {
+            self.filter_version = drive.filter_version();
+            bus.listeners.filter(self.station.index(), drive.standard_ids());
+        }
+        if now < self.muted_until || self.config.is_none() || !controller.is_on_bus {
+            self.output.clear();
+        }
+        self.is_postponed = false;
+        let due = if nodes_had_turn {
+            self.node.next_due()
+        } else {
+            // What is due now comes after the event that is being processed.
+            self.node.catch_up(now - 1);
+            let due = self.node.as_node().next_event();
+            self.is_postponed = due.is_some_and(|at| at <= now);
+            due
+        };
+        bus.nodes_due.set(self.station.index(), due.map_or(NEVER, |at| at.max(now + 1)));
+        if let Some(frame) = self.output.front()
+            && !bus.bus.is_offering(self.station)
+            && bus.bus.offer_unplanned(now, self.station, frame)
+        {
+            self.output.pop();
+            return true;
+        }
+        false
+    }
+
+    /// Injects a fault in a drive. Returns whether the node is a drive.
+    pub(super) fn inject(&mut self, now: u64, fault: DriveFault) -> bool {
+        let Self { node: NodeBody::Drive(drive), output, .. } = self else { return false };
+        match fault {
+            DriveFault::Error { code } => drive.fail(now, code, output),
+            DriveFault::AxisError { axis, code } => {
+                drive.fail_axis(now, axis.into(), code, output);
+            }
+            DriveFault::Emcy { code, register } => {
+                let register = ErrorRegister(register);
+                drive.warn(now, Emcy { code, register, manufacturer: [0; 5] }, output);
+            }
+            DriveFault::PowerCycle { off_ms } => drive.power_cycle(now, now + ms(off_ms)),
+            DriveFault::BusOff { for_ms } => drive.bus_off(now, now + ms(for_ms), output),
+            DriveFault::Value { index, subindex, value } => {
+                drive.set_object(now, (index, subindex), value, output);
+            }
+            DriveFault::Blocked { for_ms } => drive.block(now, now + ms(for_ms), output),
+        }
+        true
+    }
+
+    /// Ends the node and returns it.
+    pub(super) fn detach(&mut self) -> Box<dyn Node> {
+        let silent = NodeBody::Other(Box::new(SilentNode));
+        let node = std::mem::replace(&mut self.node, silent);
+        (self.fixed, self.detached) = (None, true);
+        self.config = None;
+        self.controller = None;
+        self.output.clear();
+        node.into_node()
     }
 
     /// A copy of the node; `None` if it cannot be copied.
