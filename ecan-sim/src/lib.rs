@@ -8,8 +8,8 @@ mod gateway;
 
 pub use gateway::{
     FirmwarePackage, FirmwarePackageError, FirmwareProgress, FirmwareUpdateError, Gateway,
-    GatewayCounters, GatewayFault, GatewayModelConfig, ReceiveLosses, Sync0, Sync0Window,
-    SyncManagerConfig, TransmitLosses,
+    GatewayCounters, GatewayModelConfig, ReceiveLosses, Sync0, Sync0Window, SyncManagerConfig,
+    TransmitLosses,
 };
 
 pub use gateway::variant;
@@ -85,7 +85,7 @@ pub use ecrt_sys::{ECRT_VARIABLE, EcrtSetting};
 pub use esc::{ETHERCAT_ETHERTYPE, Wire, WireStatistics};
 pub use fault::{
     DriveFault, Fault, FaultDescription, FaultEffect, FaultError, FaultKey, FaultKind, FaultRecord,
-    FaultValue, LibraryCall, LossDirection, ScriptedFault, When,
+    FaultValue, GatewayFault, LibraryCall, LossDirection, ScriptedFault, When,
 };
 pub use random::WakeUpDelay;
 pub use scenario::{

@@ -4,8 +4,8 @@
 use ecan_protocol::mapping::CHANNELS;
 use serde::{Deserialize, Serialize};
 
-use crate::fault::{DriveFault, Fault, LibraryCall, LossDirection, When};
-use crate::gateway::GatewayFault;
+use super::schedule::When;
+use super::table::{DriveFault, Fault, GatewayFault, LibraryCall, LossDirection, fault_table};
 use crate::scenario::{NodeKind, NodeSpec, Scenario};
 
 /// A key of a [`FaultDescription`].
@@ -54,8 +54,10 @@ key_types! {
     toml::Value => NumberOrText,
 }
 
+/// Declares the keys. `[= value]` is a key with a default, `[required]` one without; the resolver has a method of
+/// the key's name for each of them. The methods of other keys are written out.
 macro_rules! keys {
-    ($( $(#[doc = $help:literal])+ $key:ident: $type:ty, )+) => {
+    ($( $(#[doc = $help:literal])+ $key:ident: $type:ty [$($rule:tt)*], )+) => {
         /// A fault as text describes it: its kind, its keys and perhaps its time.
         ///
         /// Made by deserialisation, and checked against a scenario when it is used.
@@ -78,144 +80,143 @@ macro_rules! keys {
                     help: concat!($($help),+).trim_ascii(),
                 }, )+];
         }
+
+        impl Resolver<'_> {
+            $( key_method! { $key: $type [$($rule)*] } )+
+        }
+    };
+}
+
+macro_rules! key_method {
+    ($key:ident: $type:ty []) => {};
+    ($key:ident: $type:ty [required]) => {
+        fn $key(&self) -> Result<$type, FaultError> {
+            self.need(stringify!($key), self.raw.$key)
+        }
+    };
+    ($key:ident: $type:ty [= $default:expr]) => {
+        fn $key(&self) -> Result<$type, FaultError> {
+            Ok(self.raw.$key.unwrap_or($default))
+        }
     };
 }
 
 keys! {
     /// Time: the n-th send with process data since the start of the simulation, from 1
-    cycle: u64,
+    cycle: u64 [],
     /// Time since the start of the simulation
-    at_ms: u64,
+    at_ms: u64 [],
     /// Time from now; in a scenario file from the start of the simulation
-    after_ms: u64,
+    after_ms: u64 [],
     /// Time since all gateways are in OP for the first time
-    after_op_ms: u64,
+    after_op_ms: u64 [],
     /// Time since the program has all gateways ready for the first time
-    after_ready_ms: u64,
+    after_ready_ms: u64 [],
     /// Index of the gateway [default: the only one]
-    gateway: usize,
+    gateway: usize [],
     /// Index of the I/O slave [default: the only one]
-    io: usize,
+    io: usize [],
     /// Channel, 0 to 3
-    channel: usize,
+    channel: usize [],
     /// Name of the node
-    node: String,
+    node: String [],
     /// Lost before the first slave (outward) or after the last one (return) [default: outward]
-    way: LossDirection,
+    way: LossDirection [= LossDirection::default()],
     /// Number of sends with process data [default: 1]
-    cycles: u32,
+    cycles: u32 [= 1],
     /// Difference of the working counter
-    offset: i32,
+    offset: i32 [required],
     /// Time without supply [default: 1000 ms]
-    off_ms: u32,
+    off_ms: u32 [= 1000],
     /// Duration
-    for_ms: u32,
+    for_ms: u32 [required],
     /// Index of the object
-    index: u16,
+    index: u16 [required],
     /// Subindex of the object [default: 0]
-    subindex: u8,
+    subindex: u8 [= 0],
     /// SDO abort code, AL status code or CiA 402 error code
-    code: u32,
+    code: u32 [required],
     /// Error register of the emergency message [default: 1]
-    register: u8,
+    register: u8 [= 1],
     /// Number of times [default: 1]
-    times: u32,
+    times: u32 [= 1],
     /// Function: receive, send, domain_process, domain_queue or domain_state
-    call: LibraryCall,
+    call: LibraryCall [required],
     /// Error number, or its name such as EINTR
-    errno: toml::Value,
+    errno: toml::Value [],
     /// Jump, in ns
-    ns: i64,
+    ns: i64 [required],
     /// Value of the object; excess bits are cut off
-    value: i64,
+    value: i64 [required],
 }
 
+/// Declares the kinds in the order of the table, and what each of them resolves to.
 macro_rules! kinds {
-    ($( $(#[doc = $help:literal])+ $kind:ident $name:literal ($($key:literal),*), )+) => {
+    (
+        line { $($line:tt)* }
+        gateway { $($gateway:tt)* }
+        bus { $($bus:tt)* }
+        drive { $($drive:tt)* }
+        library { $($library:tt)* }
+    ) => {
+        kinds! { @groups
+            { Fault whole $($line)* }
+            { GatewayFault in_gateway $($gateway)* }
+            { Fault whole $($bus)* }
+            { DriveFault in_drive $($drive)* }
+            { Fault whole $($library)* }
+        }
+    };
+    (@groups $( { $type:ident $wrap:ident $(
+        $(#[$variant_meta:meta])*
+        $variant:ident $fields:tt
+        $( kind $kind:ident $name:literal ($($key:literal),*) $help:literal )?
+        text ($($text:tt)*);
+    )* } )*) => {
         /// Kind of a fault in its textual form.
         #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, Serialize)]
         pub enum FaultKind {
-            $( $(#[doc = $help])+ #[serde(rename = $name)] $kind, )+
+            $( $( $( #[doc = $help] #[serde(rename = $name)] $kind, )? )* )*
         }
 
         impl FaultKind {
             /// All kinds.
-            pub const ALL: &[Self] = &[$( Self::$kind ),+];
+            pub const ALL: &[Self] = &[$( $( $( Self::$kind, )? )* )*];
 
             /// Name in scenario files.
             pub fn name(self) -> &'static str {
-                match self { $( Self::$kind => $name ),+ }
+                match self { $( $( $( Self::$kind => $name, )? )* )* }
             }
 
             /// The keys of this kind, besides those of the time.
             pub fn keys(self) -> &'static [&'static str] {
-                match self { $( Self::$kind => &[$($key),*] ),+ }
+                match self { $( $( $( Self::$kind => &[$($key),*], )? )* )* }
             }
 
             /// Effect, in one line.
             pub fn help(self) -> &'static str {
-                match self { $( Self::$kind => concat!($($help),+).trim_ascii() ),+ }
+                match self { $( $( $( Self::$kind => $help.trim_ascii(), )? )* )* }
+            }
+        }
+
+        impl Resolver<'_> {
+            fn fault(&self) -> Result<Fault, FaultError> {
+                match self.raw.kind { $( $( $(
+                    FaultKind::$kind => self.$wrap(kinds! { @fields
+                        $type $variant self $fields
+                    }),
+                )? )* )* }
             }
         }
     };
+    (@fields $type:ident $variant:ident $this:ident { $(
+        $(#[$meta:meta])* $field:ident: $field_type:ty = $source:ident,
+    )* }) => {
+        $type::$variant { $( $field: $this.$source()?, )* }
+    };
 }
 
-kinds! {
-    /// The frames of some cycles are lost
-    LostFrame "lost_frame" ("way", "cycles"),
-    /// The working counters of some cycles are changed
-    WorkingCounterOffset "working_counter_offset" ("offset", "cycles"),
-    /// The gateway loses its supply, then boots
-    PowerCycle "power_cycle" ("gateway", "off_ms"),
-    /// The gateway loses its supply
-    PowerOff "power_off" ("gateway"),
-    /// The gateway gets its supply back and boots
-    PowerOn "power_on" ("gateway"),
-    /// The cable before the gateway is open
-    LinkLoss "link_loss" ("gateway", "for_ms"),
-    /// An I/O slave loses its supply, then boots
-    IoPowerCycle "io_power_cycle" ("io", "off_ms"),
-    /// Transfers of an object are aborted
-    SdoAbort "sdo_abort" ("gateway", "index", "subindex", "code", "times"),
-    /// Transfers of an object are executed, but their response is lost
-    SdoResponseLost "sdo_response_lost" ("gateway", "index", "subindex", "times"),
-    /// The mailbox does not respond
-    MailboxTimeout "mailbox_timeout" ("gateway", "for_ms"),
-    /// TxPDO images are torn: read during an update
-    TornImage "torn_image" ("gateway", "times"),
-    /// TxPDO images carry a wrong CRC
-    CrcError "crc_error" ("gateway", "times"),
-    /// The gateway leaves OP with an AL status code
-    AlError "al_error" ("gateway", "code"),
-    /// The data path of the firmware is blocked
-    ServiceStall "service_stall" ("gateway", "for_ms"),
-    /// Erasures or writes of the flash fail
-    FlashFailure "flash_failure" ("gateway", "times"),
-    /// The distributed clock of the gateway jumps
-    ClockJump "clock_jump" ("gateway", "ns"),
-    /// The CAN controller of a channel becomes bus-off
-    BusOff "bus_off" ("gateway", "channel"),
-    /// Transmissions of a channel end in error frames
-    ErrorFrames "error_frames" ("gateway", "channel", "times"),
-    /// A node sends nothing, but acknowledges
-    NodeSilent "node_silent" ("node", "for_ms"),
-    /// A drive detects a fault
-    DriveError "drive_error" ("node", "code"),
-    /// A drive sends an emergency message without a change of state
-    DriveEmcy "drive_emcy" ("node", "code", "register"),
-    /// A drive loses its supply, then boots
-    DrivePowerCycle "drive_power_cycle" ("node", "off_ms"),
-    /// The CAN controller of a drive is bus-off
-    DriveBusOff "drive_bus_off" ("node", "for_ms"),
-    /// The motor of a drive is blocked
-    DriveBlocked "drive_blocked" ("node", "for_ms"),
-    /// An object of a drive or an I/O node gets a value, as an input
-    DriveValue "drive_value" ("node", "index", "subindex", "value"),
-    /// Calls of a function of the library fail without effect
-    LibraryError "library_error" ("call", "errno", "times"),
-    /// The master starts no SDO and register requests of the program
-    RequestsHeld "requests_held" ("for_ms"),
-}
+fault_table!(kinds);
 
 /// Reason why a [`FaultDescription`] does not describe a fault of a scenario.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -345,78 +346,8 @@ struct Resolver<'a> {
 }
 
 impl Resolver<'_> {
-    fn fault(&self) -> Result<Fault, FaultError> {
-        use FaultKind as Kind;
-        let raw = self.raw;
-        let times = raw.times.unwrap_or(1);
-        let cycles = raw.cycles.unwrap_or(1);
-        let off_ms = raw.off_ms.unwrap_or(1000);
-        Ok(match raw.kind {
-            Kind::LostFrame => Fault::LostFrame { direction: raw.way.unwrap_or_default(), cycles },
-            Kind::WorkingCounterOffset => {
-                Fault::WorkingCounterOffset { offset: self.need("offset", raw.offset)?, cycles }
-            }
-            Kind::PowerCycle => Fault::PowerCycle { gateway: self.gateway()?, off_ms },
-            Kind::PowerOff => Fault::PowerOff { gateway: self.gateway()? },
-            Kind::PowerOn => Fault::PowerOn { gateway: self.gateway()? },
-            Kind::LinkLoss => Fault::LinkLoss { gateway: self.gateway()?, for_ms: self.for_ms()? },
-            Kind::IoPowerCycle => {
-                let io = self.one_of("I/O", "io", raw.io, self.scenario.ios.len())?;
-                Fault::IoPowerCycle { io, off_ms }
-            }
-            Kind::SdoAbort => self.in_gateway(GatewayFault::SdoAbort {
-                index: self.need("index", raw.index)?,
-                subindex: raw.subindex.unwrap_or(0),
-                code: self.need("code", raw.code)?,
-                times,
-            })?,
-            Kind::SdoResponseLost => self.in_gateway(GatewayFault::SdoResponseLost {
-                index: self.need("index", raw.index)?,
-                subindex: raw.subindex.unwrap_or(0),
-                times,
-            })?,
-            Kind::MailboxTimeout => {
-                self.in_gateway(GatewayFault::MailboxSilent { ms: self.for_ms()? })?
-            }
-            Kind::TornImage => self.in_gateway(GatewayFault::TornTxPdo { images: times })?,
-            Kind::CrcError => self.in_gateway(GatewayFault::CrcErrorTxPdo { images: times })?,
-            Kind::AlError => self.in_gateway(GatewayFault::AlError { code: self.short_code()? })?,
-            Kind::ServiceStall => {
-                self.in_gateway(GatewayFault::ServiceStall { ms: self.for_ms()? })?
-            }
-            Kind::FlashFailure => self.in_gateway(GatewayFault::FlashFailure { times })?,
-            Kind::ClockJump => {
-                self.in_gateway(GatewayFault::ClockJump { ns: self.need("ns", raw.ns)? })?
-            }
-            Kind::BusOff => Fault::BusOff { gateway: self.gateway()?, channel: self.channel()? },
-            Kind::ErrorFrames => Fault::ErrorFrames {
-                gateway: self.gateway()?,
-                channel: self.channel()?,
-                frames: times,
-            },
-            Kind::NodeSilent => {
-                Fault::NodeSilent { node: self.node()?.name.clone(), for_ms: self.for_ms()? }
-            }
-            Kind::DriveError => self.in_drive(DriveFault::Error { code: self.short_code()? })?,
-            Kind::DriveEmcy => self.in_drive(DriveFault::Emcy {
-                code: self.short_code()?,
-                register: raw.register.unwrap_or(1),
-            })?,
-            Kind::DrivePowerCycle => self.in_drive(DriveFault::PowerCycle { off_ms })?,
-            Kind::DriveBusOff => self.in_drive(DriveFault::BusOff { for_ms: self.for_ms()? })?,
-            Kind::DriveBlocked => self.in_drive(DriveFault::Blocked { for_ms: self.for_ms()? })?,
-            Kind::DriveValue => self.in_drive(DriveFault::Value {
-                index: self.need("index", raw.index)?,
-                subindex: raw.subindex.unwrap_or(0),
-                value: self.need("value", raw.value)?,
-            })?,
-            Kind::LibraryError => Fault::LibraryError {
-                call: self.need("call", raw.call)?,
-                errno: errno(&self.need("errno", raw.errno.clone())?)?,
-                times,
-            },
-            Kind::RequestsHeld => Fault::RequestsHeld { for_ms: self.for_ms()? },
-        })
+    fn whole(&self, fault: Fault) -> Result<Fault, FaultError> {
+        Ok(fault)
     }
 
     fn in_gateway(&self, fault: GatewayFault) -> Result<Fault, FaultError> {
@@ -424,7 +355,7 @@ impl Resolver<'_> {
     }
 
     fn in_drive(&self, fault: DriveFault) -> Result<Fault, FaultError> {
-        let node = self.node()?;
+        let node = self.node_spec()?;
         match node.kind {
             NodeKind::Drive(_) => Ok(Fault::Drive { node: node.name.clone(), fault }),
             _ => Err(FaultError::NotADrive(node.name.clone())),
@@ -435,16 +366,15 @@ impl Resolver<'_> {
         value.ok_or(FaultError::Missing { kind: self.raw.kind, key })
     }
 
-    fn for_ms(&self) -> Result<u32, FaultError> {
-        self.need("for_ms", self.raw.for_ms)
-    }
-
     fn short_code(&self) -> Result<u16, FaultError> {
-        let code = self.need("code", self.raw.code)?;
-        u16::try_from(code).map_err(|_| FaultError::LongCode(self.raw.kind))
+        u16::try_from(self.code()?).map_err(|_| FaultError::LongCode(self.raw.kind))
     }
 
-    fn node(&self) -> Result<&NodeSpec, FaultError> {
+    fn node(&self) -> Result<String, FaultError> {
+        self.node_spec().map(|node| node.name.clone())
+    }
+
+    fn node_spec(&self) -> Result<&NodeSpec, FaultError> {
         let name = self.need("node", self.raw.node.as_ref())?;
         let node = self.scenario.nodes.iter().find(|known| known.name == *name);
         node.ok_or_else(|| {
@@ -458,6 +388,10 @@ impl Resolver<'_> {
 
     fn gateway(&self) -> Result<usize, FaultError> {
         self.one_of("gateway", "gateway", self.raw.gateway, self.scenario.gateways.len())
+    }
+
+    fn io(&self) -> Result<usize, FaultError> {
+        self.one_of("I/O", "io", self.raw.io, self.scenario.ios.len())
     }
 
     /// The given one, or the only one.
@@ -475,6 +409,18 @@ impl Resolver<'_> {
         }
     }
 
+    /// The error number, given as number or name.
+    fn errno(&self) -> Result<i32, FaultError> {
+        let number = match self.need("errno", self.raw.errno.as_ref())? {
+            toml::Value::Integer(number @ 1..=ERRNO_MAX) => i32::try_from(*number).ok(),
+            toml::Value::String(name) => {
+                ERRNO_NAMES.iter().find(|(known, _)| known == name).map(|(_, number)| *number)
+            }
+            _ => None,
+        };
+        number.ok_or(FaultError::Errno)
+    }
+
     fn channel(&self) -> Result<usize, FaultError> {
         existing("channel", self.need("channel", self.raw.channel)?, CHANNELS)
     }
@@ -482,16 +428,4 @@ impl Resolver<'_> {
 
 fn existing(what: &'static str, number: usize, count: usize) -> Result<usize, FaultError> {
     if number < count { Ok(number) } else { Err(FaultError::NoSuch { what, number, count }) }
-}
-
-/// Reads an error number, given as number or name.
-fn errno(value: &toml::Value) -> Result<i32, FaultError> {
-    let number = match value {
-        toml::Value::Integer(number @ 1..=ERRNO_MAX) => i32::try_from(*number).ok(),
-        toml::Value::String(name) => {
-            ERRNO_NAMES.iter().find(|(known, _)| known == name).map(|(_, number)| *number)
-        }
-        _ => None,
-    };
-    number.ok_or(FaultError::Errno)
 }

@@ -1,9 +1,32 @@
 //! The faults of a world: those that are scheduled, those that are active, and the log of those that took effect.
 
 use std::collections::VecDeque;
-use std::fmt;
+use std::fmt::{self, Display, Formatter};
 
-use super::{Fault, LibraryCall, LossDirection, ScriptedFault, When};
+use super::table::{Fault, LibraryCall, LossDirection};
+
+/// Time of a scheduled fault.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum When {
+    /// At the n-th send with process data since the start of the simulation, from 1.
+    Cycle(u64),
+    /// Nanoseconds after the start of the simulation.
+    At(u64),
+    /// Nanoseconds after the first send with process data at which all gateways are in OP.
+    AfterOp(u64),
+    /// Nanoseconds after a Port reports all its gateways ready for the first time
+    /// ([`Clock::gateways_ready`](ecrt_sys::Clock::gateways_ready)).
+    AfterReady(u64),
+}
+
+/// A fault and its time.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ScriptedFault {
+    /// Time.
+    pub when: When,
+    /// Fault.
+    pub fault: Fault,
+}
 
 /// The scheduled faults. Those of one instant occur in the order in which they were added.
 #[derive(Clone, Debug, Default)]
@@ -119,9 +142,49 @@ pub struct FaultRecord {
 }
 
 /// The line that programs print: `1.234 s: fault: link loss before gateway 0 for 300 ms`.
-impl fmt::Display for FaultRecord {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+impl Display for FaultRecord {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
         write!(f, "{:.3} s: fault: {}", self.time_ns as f64 / 1e9, self.fault)
+    }
+}
+
+/// Effect of a fault on command, see [`Simulation::execute`](crate::Simulation::execute).
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum FaultEffect {
+    /// The fault took effect.
+    Injected(FaultRecord),
+    /// Its time has not come.
+    Scheduled(ScriptedFault),
+    /// Nothing has changed, for example because the gateway has its supply already.
+    Nothing(Fault),
+}
+
+impl Display for When {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        let seconds = |ns: u64| ns as f64 / 1e9;
+        match *self {
+            Self::Cycle(cycle) => write!(f, "at cycle {cycle}"),
+            Self::At(ns) => write!(f, "at {:.3} s", seconds(ns)),
+            Self::AfterOp(ns) => write!(f, "{:.3} s after OP", seconds(ns)),
+            Self::AfterReady(ns) => write!(f, "{:.3} s after ready", seconds(ns)),
+        }
+    }
+}
+
+impl Display for ScriptedFault {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        write!(f, "{}: {}", self.when, self.fault)
+    }
+}
+
+/// The line that programs print: that of the record, or of the fault with its time.
+impl Display for FaultEffect {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Injected(record) => record.fmt(f),
+            Self::Scheduled(fault) => fault.fmt(f),
+            Self::Nothing(fault) => write!(f, "no effect: {fault}"),
+        }
     }
 }
 

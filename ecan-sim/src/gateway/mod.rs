@@ -49,7 +49,6 @@ pub(crate) use config::MAILBOXES;
 pub use config::{GatewayModelConfig, Sync0, Sync0Window, SyncManagerConfig};
 pub(crate) use diagnostics::Emergency;
 pub use diagnostics::{GatewayCounters, ReceiveLosses, TransmitLosses};
-pub use fault::GatewayFault;
 pub use firmware_update::{
     FirmwarePackage, FirmwarePackageError, FirmwareProgress, FirmwareUpdateError,
 };

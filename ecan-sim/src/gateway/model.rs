@@ -10,13 +10,14 @@ use super::config::{GatewayModelConfig, MAILBOXES, Sync0, SyncManagerConfig};
 use super::configuration_store::ConfigurationStore;
 use super::diagnostics::GatewayCounters;
 use super::ethercat_side::{EthercatSide, Firmware};
-use super::fault::{GatewayFault, PendingFaults};
+use super::fault::PendingFaults;
 use super::firmware_update::{FirmwareProgress, FirmwareUpdate, FirmwareUpdateError};
 use super::maintenance::Maintenance;
 use super::object_access::ObjectAccess;
 use super::{NS_PER_MS, object_access};
 use crate::bus::{DetectedError, ErrorState, PhysicalLayer, StationConfig};
 use crate::event_queue::earliest;
+use crate::fault::GatewayFault;
 
 /// One simulated gateway.
 #[derive(Clone, Debug)]

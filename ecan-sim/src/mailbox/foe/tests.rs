@@ -4,9 +4,8 @@ use ecan_protocol::device::AlState;
 use proptest::prelude::*;
 
 use super::FoeServer;
-use crate::gateway::{
-    FirmwarePackage, Gateway, GatewayFault, GatewayModelConfig, SyncManagerConfig,
-};
+use crate::fault::GatewayFault;
+use crate::gateway::{FirmwarePackage, Gateway, GatewayModelConfig, SyncManagerConfig};
 use crate::mailbox::messages::Context;
 
 const MS: u64 = 1_000_000;

@@ -3,7 +3,7 @@
 use ecan_protocol::object::AbortCode;
 
 use super::fixture::{Fixture, MAILBOX, abort_in, coe, info};
-use crate::gateway::GatewayFault;
+use crate::fault::GatewayFault;
 
 #[test]
 fn initiating_requests_are_checked() {

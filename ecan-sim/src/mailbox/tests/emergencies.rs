@@ -5,7 +5,8 @@ use ecan_protocol::mapping::{Direction, sync_manager, sync_manager_address, sync
 
 use super::fixture::{Fixture, MAILBOX, MS, coe};
 use crate::bus::ErrorState;
-use crate::gateway::{GatewayFault, SyncManagerConfig};
+use crate::fault::GatewayFault;
+use crate::gateway::SyncManagerConfig;
 
 fn emergency(message: &[u8]) -> (u16, [u8; 5]) {
     assert_eq!(message[..5], [10, 0, 0, 0, 0]);

@@ -4,7 +4,8 @@ use crate::mailbox::MailboxServer;
 use ecan_protocol::device::AlState;
 
 use super::fixture::{Fixture, MAILBOX, MS, coe, message};
-use crate::gateway::{GatewayFault, GatewayModelConfig};
+use crate::fault::GatewayFault;
+use crate::gateway::GatewayModelConfig;
 
 /// An upload of 0xF000:2, CoE body.
 const UPLOAD: [u8; 10] = [0x00, 0x20, 0x40, 0x00, 0xF0, 0x02, 0, 0, 0, 0];

@@ -7,7 +7,7 @@ use proptest::prelude::*;
 
 use super::fixture::{Fixture, coe, message};
 use crate::bus::ErrorState;
-use crate::gateway::GatewayFault;
+use crate::fault::GatewayFault;
 
 #[derive(Clone, Debug)]
 enum Step {

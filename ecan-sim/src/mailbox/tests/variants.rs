@@ -44,7 +44,7 @@ fn emergencies_are_sent_or_absent() {
     for (emergencies, expected) in [(Emergencies::Sent, true), (Emergencies::Absent, false)] {
         let variant = GatewayVariant { emergencies, ..GatewayVariant::default() };
         let mut fixture = Fixture::with_variant(variant);
-        let fault = crate::gateway::GatewayFault::AlError { code: 0x1B };
+        let fault = crate::fault::GatewayFault::AlError { code: 0x1B };
         fixture.gateway.inject(fixture.now, fault);
         assert_eq!(fixture.gateway.al_state(), AlState::PreOp);
         assert_eq!(fixture.read_now().is_some(), expected, "{emergencies:?}");
