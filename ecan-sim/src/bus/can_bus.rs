@@ -1,5 +1,6 @@
 mod completion;
 mod planning;
+mod transmission;
 
 use ecan_protocol::can::CanFrame;
 
@@ -15,7 +16,7 @@ use super::station::{DetectedError, ErrorCounters, ErrorState};
 use super::timing::PhysicalLayer;
 use super::timing::{FrameTiming, INTERMISSION_BITS};
 use super::wire_frame::arbitration_key;
-use planning::Transmission;
+use transmission::Transmission;
 
 /// Recessive bits for which a station waits before it takes part.
 const INTEGRATION_BITS: u32 = 11;

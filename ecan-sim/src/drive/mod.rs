@@ -25,6 +25,7 @@ mod parameters;
 mod pdo;
 mod power;
 mod process_data;
+mod ramp;
 mod sdo_server;
 mod trace;
 

@@ -5,8 +5,8 @@ use ecan_canopen::{
 };
 
 use super::dictionary::{Dictionary, axis_index};
-use super::motion::Bounds;
 use super::motor::Motor;
+use super::ramp::Bounds;
 
 /// Motion parameters; times in ns, positions in increments.
 #[derive(Clone, Copy, Debug)]

@@ -1,8 +1,9 @@
 //! The simulated master: its parts, and the order in which they act.
 
-mod bus_scan;
+mod activity;
 mod dictionary;
-mod phase;
+mod polling;
+mod requests;
 mod startup;
 mod transfers;
 mod transport;
@@ -16,11 +17,10 @@ use super::slave_config::{Configs, SlaveConfig};
 use super::slave_view::{SlaveView, is_any_configured};
 use crate::scenario::{EcrtVersion, MasterBehaviour, Scenario};
 use crate::world::{Slot, World};
-use bus_scan::BusScan;
+use activity::{BusScan, Pacing, Reservation};
 use dictionary::DictionaryReader;
-use phase::{Pacing, Reservation};
+use requests::Requests;
 use startup::SlaveStartup;
-use transfers::Requests;
 use transport::{Contents, Transport};
 
 pub(crate) use dictionary::{dictionary_ns, object_count};

@@ -1,6 +1,5 @@
 //! PDOs with their mapping, and the sync managers that carry them.
 
-use super::slave_config::SlaveConfig;
 use crate::sii::SlaveDescription;
 use crate::world::ProcessDirection;
 
@@ -38,6 +37,21 @@ pub(crate) fn direction_of(sync_manager: u8) -> Option<ProcessDirection> {
     }
 }
 
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) enum SyncWatchdog {
+    #[default]
+    Default,
+    Enable,
+    Disable,
+}
+
+#[derive(Clone, Debug, Default)]
+pub(crate) struct SyncConfig {
+    pub(crate) direction: Option<ProcessDirection>,
+    pub(crate) watchdog: SyncWatchdog,
+    pub(crate) pdos: Vec<Pdo>,
+}
+
 /// One write, and where to continue if the slave aborts it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct AssignmentWrite {
@@ -50,16 +64,16 @@ pub(crate) struct AssignmentWrite {
 
 const FIRST_PROCESS_SYNC: u8 = 2;
 
-/// The writes of a configuration, that the SII of the slave allows.
+/// The writes of the sync managers of a configuration that the SII of the slave allows.
 ///
 /// A count that cannot be cleared skips its object, a PDO that cannot be assigned ends the list.
 pub(crate) fn assignment_writes(
-    config: &SlaveConfig,
+    syncs: &[SyncConfig],
     slave: &SlaveDescription,
 ) -> Vec<AssignmentWrite> {
     let mut list = Vec::new();
     for number in FIRST_PROCESS_SYNC..SYNC_MANAGERS {
-        let Some(sync) = config.syncs.get(usize::from(number)) else { continue };
+        let Some(sync) = syncs.get(usize::from(number)) else { continue };
         for pdo in sync.pdos.iter().filter(|_| slave.pdo_configuration) {
             let entries = pdo.entries.iter().map(|entry| {
                 let object = u32::from(entry.index) << 16 | u32::from(entry.subindex) << 8;
@@ -103,15 +117,14 @@ fn push_list(
 
 #[cfg(test)]
 mod tests {
-    use super::{Pdo, *};
+    use super::*;
 
     #[test]
     fn assignment_is_cleared_written_and_counted() {
-        let mut config = SlaveConfig { vendor_id: 1, product_code: 2, ..SlaveConfig::default() };
-        config.syncs[2].pdos =
-            [0x1600, 0x1601].map(|index| Pdo { index, entries: Vec::new() }).to_vec();
+        let mut syncs: [SyncConfig; 4] = Default::default();
+        syncs[2].pdos = [0x1600, 0x1601].map(|index| Pdo { index, entries: Vec::new() }).to_vec();
         let slave = SlaveDescription::of_gateway(&crate::scenario::GatewaySpec::at(0));
-        let list = assignment_writes(&config, &slave);
+        let list = assignment_writes(&syncs, &slave);
         let lines: Vec<_> = list.iter().map(|w| (w.index, w.subindex, w.value, w.size)).collect();
         assert_eq!(
             lines,
@@ -126,6 +139,6 @@ mod tests {
         assert_eq!(list[0].after_failure, 4);
         assert_eq!(list[1].after_failure, usize::MAX);
         let fixed = SlaveDescription { pdo_assign: false, ..slave };
-        assert!(assignment_writes(&config, &fixed).is_empty());
+        assert!(assignment_writes(&syncs, &fixed).is_empty());
     }
 }

@@ -1,27 +1,12 @@
 //! Configuration of one slave by the application.
 
 use super::domain::{Domain, ProcessMemory};
-use super::pdo::{Pdo, direction_of, pdo_bytes};
+use super::pdo::{Pdo, SyncConfig, direction_of, pdo_bytes};
 use super::sdo_transfer::{RequestId, SdoObject};
 use crate::sii::SlaveDescription;
 use crate::world::ProcessDirection;
 
 const MAX_SYNC_MANAGERS: usize = 16;
-
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(crate) enum SyncWatchdog {
-    #[default]
-    Default,
-    Enable,
-    Disable,
-}
-
-#[derive(Clone, Debug, Default)]
-pub(crate) struct SyncConfig {
-    pub(crate) direction: Option<ProcessDirection>,
-    pub(crate) watchdog: SyncWatchdog,
-    pub(crate) pdos: Vec<Pdo>,
-}
 
 #[derive(Clone, Debug)]
 pub(crate) struct StartupSdo {

@@ -12,7 +12,7 @@ use super::channel::Channel;
 use super::channel_control;
 use super::channel_control::FIRST_CHANNEL_OBJECT;
 use super::config::GatewayModelConfig;
-use super::configuration_store::ConfigurationImage;
+use super::configuration_image::ConfigurationImage;
 use super::controller::ControllerConfig;
 use super::data_path::DataPath;
 use super::diagnostics::{Emergency, GatewayCounters};

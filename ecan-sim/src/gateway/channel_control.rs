@@ -8,8 +8,8 @@ use ecan_protocol::config::{
 };
 
 use super::controller::ControllerConfig;
+use super::dictionary_values::DictionaryValues;
 use super::message_ram::{FilterElement, FilterTable};
-use super::object_server::DictionaryValues;
 use super::variant::{BitTimingChoice, GatewayVariant, ManualTiming, NodeModes, TdcPrescaler};
 use crate::bus::{StationConfig, StationMode};
 

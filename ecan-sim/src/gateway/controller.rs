@@ -1,8 +1,7 @@
 //! MCAN controller: transmit FIFO or queue, receive FIFOs and buffers, error state, and the status
 //! registers of 0x9000..0x9003 (manual 13.4, 13.5).
 
-mod offset;
-mod register_writes;
+mod register_access;
 mod registers;
 
 use std::collections::VecDeque;
@@ -19,10 +18,9 @@ use crate::event_queue::take_first;
 use super::diagnostics::GatewayCounters;
 use super::message_ram::{Destination, FilterTable};
 use super::message_ram::{RX_ELEMENTS_MAX, ReceiveFifo, Received, wrap_increment};
-use register_writes::WrittenRegisters;
+use registers::WrittenRegisters;
 
-pub(super) use register_writes::FramesDropped;
-pub(super) use registers::STATUS_REGISTERS;
+pub(super) use registers::{FramesDropped, STATUS_REGISTERS};
 
 const TX_ELEMENTS_MAX: usize = 32;
 /// The field TDCV has seven bits.

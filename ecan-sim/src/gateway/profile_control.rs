@@ -6,8 +6,8 @@ use ecan_protocol::device::AlState;
 use ecan_protocol::image::{BudgetPolicy, EncapsulationProfile, OptionFlags, PdoError, PdoProfile};
 use ecan_protocol::mapping::{Direction, MAX_MULTIPLIER};
 
+use super::dictionary_values::DictionaryValues;
 use super::firmware_update::crc32;
-use super::object_server::DictionaryValues;
 use super::variant::{
     AssignmentRewritten, GatewayVariant, LayoutCrc, ProfileErrors, RejectedBudget, SequenceReadback,
 };

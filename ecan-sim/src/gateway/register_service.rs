@@ -9,8 +9,8 @@ use ecan_protocol::object::WRITABLE_REGISTERS;
 
 use super::controller::FramesDropped;
 use super::data_path::DataPath;
+use super::dictionary_values::DictionaryValues;
 use super::maintenance::SYSTEM;
-use super::object_server::DictionaryValues;
 use super::variant::ProtectedRegister;
 
 const FIRST_SERVICE: u16 = 0xA000;

@@ -17,7 +17,7 @@ use toml::Spanned;
 use crate::fault::{FaultDescription, FaultError, ScriptedFault};
 use crate::gateway::Sync0Window;
 use crate::random::WakeUpDelay;
-use crate::scenario::file::raw_node::RawNode;
+use crate::scenario::file::raw_node::{RawNode, set};
 use crate::scenario::{ClockKind, EcrtVersion, GatewaySpec, MasterBehaviour, Scenario, Topology};
 use raw_node::RawIo;
 use raw_node::check_transceiver;
@@ -31,14 +31,6 @@ pub struct ScenarioError {
     /// Error text.
     pub reason: String,
 }
-
-/// Replaces fields by those of a raw table that are given.
-macro_rules! set {
-    ($target:ident from $raw:ident: $($field:ident),+) => {
-        $( if let Some(value) = $raw.$field { $target.$field = value; } )+
-    };
-}
-use set;
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]

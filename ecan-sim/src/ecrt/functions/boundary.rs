@@ -13,8 +13,9 @@ use ecrt_sys::{
 use libc::{c_int, size_t};
 
 use crate::ecrt::calls::{Call, CallResult, Target};
+use crate::ecrt::pdo::SyncConfig;
 use crate::ecrt::sdo_transfer::RequestId;
-use crate::ecrt::slave_config::{RegRequest, SdoRequest, SlaveConfig, SyncConfig};
+use crate::ecrt::slave_config::{RegRequest, SdoRequest, SlaveConfig};
 
 pub(super) fn pointer<T>(address: usize) -> *mut T {
     std::ptr::without_provenance_mut(address)

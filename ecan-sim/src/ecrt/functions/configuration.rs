@@ -18,9 +18,9 @@ use super::boundary::{
 };
 use crate::ecrt::calls;
 use crate::ecrt::calls::{CallResult, Target};
-use crate::ecrt::pdo::{Pdo, PdoEntry};
+use crate::ecrt::pdo::{Pdo, PdoEntry, SyncWatchdog};
 use crate::ecrt::sdo_transfer::{RequestId, SdoObject};
-use crate::ecrt::slave_config::{DcConfig, EntrySelector, SdoRequest, StartupSdo, SyncWatchdog};
+use crate::ecrt::slave_config::{DcConfig, EntrySelector, SdoRequest, StartupSdo};
 use crate::ecrt::timing::ACTIVATE_NS;
 use crate::world::ProcessDirection;
 

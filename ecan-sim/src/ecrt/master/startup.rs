@@ -8,11 +8,11 @@ use ecan_protocol::mapping::{Direction, sync_manager};
 
 use crate::ecrt::clocks::Clocks;
 use crate::ecrt::kernel_log::KernelLog;
-use crate::ecrt::pdo::{AssignmentWrite, assignment_writes, pdo_bytes};
+use crate::ecrt::pdo::{AssignmentWrite, SyncWatchdog, assignment_writes, pdo_bytes};
 use crate::ecrt::sdo_transfer::{
     MailboxTransfer, Pace, Payload, Progress, Receiver, SdoFailure, SdoObject, proceed,
 };
-use crate::ecrt::slave_config::{Configs, SlaveConfig, SyncWatchdog};
+use crate::ecrt::slave_config::{Configs, SlaveConfig};
 use crate::ecrt::slave_view::{AL_ERROR, SlaveView, Startup, al_status};
 use crate::ecrt::timing::{
     CLOCK_NEAR_NS, CLOCK_SETTLE_NS, CLOCK_TIMEOUT_NS, REGISTER_NS, STATE_POLL_NS, STATE_TIMEOUT_NS,
@@ -257,7 +257,7 @@ impl<'a> SlaveStartup<'a> {
         };
         let next = self.begin_transfer(world.now_ns());
         let Some(sdo) = config.sdos.get(at) else {
-            let list = assignment_writes(config, &self.slave.description);
+            let list = assignment_writes(&config.syncs, &self.slave.description);
             return Next::Step(Startup::Assignment { list, at: 0, mailbox: next }, 0);
         };
         let object = sdo.object;

@@ -8,12 +8,19 @@ use ecan_canopen::NodeId;
 use ecan_protocol::can::SamplePoint;
 use serde::Deserialize;
 
-use super::set;
 use crate::bus::{DelayCompensation, PhysicalLayer};
 use crate::drive::{DriveConfig, DriveQuirks, MotorConfig};
 use crate::node::{BridgeProtocol, BridgeSpec, FaultyConfig};
 use crate::scenario::model::IoBehaviourName;
 use crate::scenario::{DriveSpec, IoBehaviour, IoSpec, NodeKind, NodeSpec, Scenario};
+
+/// Replaces fields by those of a raw table that are given.
+macro_rules! set {
+    ($target:ident from $raw:ident: $($field:ident),+) => {
+        $( if let Some(value) = $raw.$field { $target.$field = value; } )+
+    };
+}
+pub(super) use set;
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]

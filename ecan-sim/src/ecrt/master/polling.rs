@@ -4,7 +4,7 @@ use ecan_protocol::device::{AlState, AlStatusCode};
 use ecan_protocol::mapping::{Direction, UNITS_PER_CHUNK};
 
 use super::MasterModel;
-use super::phase::{Phase, polling_round_ns};
+use super::activity::{Phase, Scan, polling_round_ns};
 use crate::ecrt::slave_view::{
     AL_ERROR, SlaveView, Startup, al_status, assigned_count, find_slave,
 };
@@ -17,59 +17,6 @@ const SCAN_SII_STEPS: u64 = 220;
 const SCAN_SII_PDO_STEPS: u64 = 1728;
 /// Request, mailbox check, fetch.
 const STEPS_PER_UPLOAD: u64 = 3;
-
-#[derive(Debug)]
-struct Scan {
-    /// Slaves that responded at the begin of the scan.
-    slots: Vec<Slot>,
-    at: usize,
-    prepared: bool,
-    /// The present slave was in INIT.
-    was_in_init: bool,
-    /// The step in which the scan of a slave ends, in the operation phase.
-    until_step: u64,
-}
-
-/// Polling of the slaves, and the scan of the bus after a change.
-#[derive(Debug, Default)]
-pub(crate) struct BusScan {
-    scan: Option<Scan>,
-    poll_due: u64,
-    /// A slave did not respond: the bus must be scanned when that is allowed.
-    is_required: bool,
-    responding: u32,
-    al_states: u8,
-    /// The master was released: it scans the bus when it is idle.
-    scans_when_idle: bool,
-}
-
-impl BusScan {
-    pub(crate) fn is_running(&self) -> bool {
-        self.scan.is_some()
-    }
-
-    /// Number of slaves of the running scan.
-    pub(crate) fn slave_count(&self) -> Option<usize> {
-        self.scan.as_ref().map(|scan| scan.slots.len())
-    }
-
-    /// Number of slaves that responded to the last poll, and their AL states.
-    pub(crate) fn responses(&self) -> (u32, u8) {
-        (self.responding, self.al_states)
-    }
-
-    pub(super) fn poll_due(&self) -> u64 {
-        self.poll_due
-    }
-
-    pub(super) fn poll_at(&mut self, time: u64) {
-        self.poll_due = time;
-    }
-
-    pub(super) fn set_scan_when_idle(&mut self, scans: bool) {
-        self.scans_when_idle = scans;
-    }
-}
 
 impl MasterModel {
     pub(crate) fn run_bus(&mut self, world: &mut World) {

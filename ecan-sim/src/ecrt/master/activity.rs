@@ -1,8 +1,10 @@
-//! Phases of the master: the handle that has reserved it, and the pace of its state machines.
+//! What the master does at a time: the handle that has reserved it, the pace of its state machines, and the poll or
+//! scan of the bus.
 
 use crate::ecrt::sdo_transfer::{MailboxTransfer, Pace};
 use crate::ecrt::timing::{POLL_STEP_NS, THREAD_GAP_NS, TICK_NS};
 use crate::scenario::MasterBehaviour;
+use crate::world::Slot;
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) enum Phase {
@@ -148,4 +150,57 @@ impl Pacing {
 /// One round of state polling: a broadcast, and one read per slave.
 pub(super) fn polling_round_ns(slaves: usize) -> u64 {
     (1 + slaves as u64) * POLL_STEP_NS
+}
+
+#[derive(Debug)]
+pub(super) struct Scan {
+    /// Slaves that responded at the begin of the scan.
+    pub(super) slots: Vec<Slot>,
+    pub(super) at: usize,
+    pub(super) prepared: bool,
+    /// The present slave was in INIT.
+    pub(super) was_in_init: bool,
+    /// The step in which the scan of a slave ends, in the operation phase.
+    pub(super) until_step: u64,
+}
+
+/// Polling of the slaves, and the scan of the bus after a change.
+#[derive(Debug, Default)]
+pub(crate) struct BusScan {
+    pub(super) scan: Option<Scan>,
+    pub(super) poll_due: u64,
+    /// A slave did not respond: the bus must be scanned when that is allowed.
+    pub(super) is_required: bool,
+    pub(super) responding: u32,
+    pub(super) al_states: u8,
+    /// The master was released: it scans the bus when it is idle.
+    pub(super) scans_when_idle: bool,
+}
+
+impl BusScan {
+    pub(crate) fn is_running(&self) -> bool {
+        self.scan.is_some()
+    }
+
+    /// Number of slaves of the running scan.
+    pub(crate) fn slave_count(&self) -> Option<usize> {
+        self.scan.as_ref().map(|scan| scan.slots.len())
+    }
+
+    /// Number of slaves that responded to the last poll, and their AL states.
+    pub(crate) fn responses(&self) -> (u32, u8) {
+        (self.responding, self.al_states)
+    }
+
+    pub(super) fn poll_due(&self) -> u64 {
+        self.poll_due
+    }
+
+    pub(super) fn poll_at(&mut self, time: u64) {
+        self.poll_due = time;
+    }
+
+    pub(super) fn set_scan_when_idle(&mut self, scans: bool) {
+        self.scans_when_idle = scans;
+    }
 }
