@@ -1,3 +1,5 @@
+//! The clock of a simulation, and the thread that runs a simulation on the real clock.
+
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;

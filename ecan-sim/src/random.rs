@@ -1,3 +1,5 @@
+//! Random numbers of a simulation, and the delays of the application's sleeps.
+
 /// A SplitMix64 generator: the same seed gives the same numbers on every machine.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Random {

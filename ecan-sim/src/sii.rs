@@ -1,4 +1,4 @@
-//! Factory contents of the SII EEPROM of a gateway (ETG.2010; manual 5.3, 15.7).
+//! SII EEPROM: the factory contents of a gateway (ETG.2010; manual 5.3, 15.7), and what the master uses of it.
 
 use ecan_protocol::mapping::{
     Direction, MAX_MULTIPLIER, UNIT_BYTES, UNITS_PER_CHUNK, data_object_index, pdo_map_index,

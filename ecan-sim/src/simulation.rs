@@ -1,3 +1,5 @@
+//! A running simulation.
+
 use std::fmt;
 use std::sync::Arc;
 

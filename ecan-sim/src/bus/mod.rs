@@ -4,14 +4,13 @@
 //! one frame into arbitration, as a controller does; queues belong to the caller.
 
 mod can_bus;
-mod event;
 mod station;
 mod timing;
 mod wire_frame;
 
+pub(crate) use can_bus::Broadcast;
 pub use can_bus::CanBus;
-pub(crate) use event::Broadcast;
-pub use event::{BusEvent, BusFault};
+pub use can_bus::{BusEvent, BusFault};
 pub(crate) use station::StationSet;
 pub use station::{BusError, DetectedError, ErrorState};
 pub use station::{BusStatistics, StationStatistics};

@@ -1,4 +1,5 @@
-//! One CAN controller on the bus.
+//! Stations of a bus: configuration, error counters and error states (ISO 11898-1, fault confinement), recovery
+//! from bus-off, and statistics.
 
 use ecan_protocol::can::{CanFrame, FrameKind, Phase};
 

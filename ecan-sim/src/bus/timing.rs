@@ -1,6 +1,4 @@
-//! Number of bits of a frame on the wire, and its duration.
-//!
-//! Sampling of bits: sample points, delays of cables and transceivers, delay compensation.
+//! Times on the bus: duration of a frame; sample points, delays of cables and transceivers, and delay compensation.
 //!
 //! docs/SIMULATION.md describes the model and its limits. A sample succeeds if it is far enough from both
 //! ends of its bit.

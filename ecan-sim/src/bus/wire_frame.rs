@@ -1,4 +1,5 @@
-//! The bit sequence of a frame, as a logic analyser shows it.
+//! The bit sequence of a frame as a logic analyser shows it: header, CRCs, dynamic bit stuffing, and the key of
+//! arbitration.
 
 use core::ops::Range;
 

@@ -1,3 +1,5 @@
+//! Configuration of a simulated drive: motor, quirks, and rules for SDO transfers.
+
 use ecan_canopen::NodeId;
 use ecan_protocol::object::AbortCode;
 use serde::Deserialize;

@@ -1,4 +1,5 @@
-//! The object dictionary: objects, access rights and values.
+//! The object dictionary: objects, access rights and values, and the distance of the objects of further axes (CiA
+//! 402-1: logical devices).
 
 use ecan_canopen::{AccessType, DataType, object};
 use ecan_protocol::object::AbortCode;

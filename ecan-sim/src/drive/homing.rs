@@ -1,4 +1,5 @@
-//! Homing methods (CiA 402-2, chapter 7).
+//! Homing methods (CiA 402-2, chapter 7), and touch probes: positions at edges of an input or of the index pulse
+//! (CiA 402-2, 0x60B8 to 0x60BD).
 
 use super::config::MotorConfig;
 use super::motor::Motor;

@@ -1,10 +1,9 @@
 //! A simulated CiA 402 drive.
 //!
-//! `dictionary` (filled by `default_objects` or `file_objects`), `sdo_server` with `sdo_block`, `pdo` with
-//! `pdo_rules`, `mpdo` and `scanner_list`, `network` (NMT and heartbeats), `guarding`, `lss_slave` with `layer_settings`,
-//! and `emergency` are its CANopen side; `motor`, `ramp`,
-//! `homing`, `motion` and the state machine `power` form an `axis`, whose events `trace` records; `axis_unit` has all of a drive. `device` (with `process_data` and
-//! `object_access`) contains both sides, and `bus_node` connects it to the bus.
+//! `dictionary` (filled by `objects`), `sdo_server`, `pdo`, `network` (NMT, heartbeats, guarding, emergencies) and `lss` are
+//! its CANopen side; `motor`, `parameters`, `homing`, `motion` and the state machine `power` form an `axis`, whose
+//! events `trace` records; `axis_unit` has all of a drive. `model` joins objects and axes; `device` adds
+//! `process_data`, SDO access (`object_access`) and the supply, and `bus_node` connects it to the bus.
 
 mod axis;
 mod axis_commands;
@@ -25,7 +24,6 @@ mod parameters;
 mod pdo;
 mod power;
 mod process_data;
-mod ramp;
 mod sdo_server;
 mod trace;
 

@@ -7,8 +7,7 @@ use ecan_canopen::{Controlword, OperatingMode, Statusword};
 use super::config::MotorConfig;
 use super::homing::{Finding, Homing};
 use super::motor::{Actuation, Motor};
-use super::parameters::Parameters;
-use super::ramp::{Bounds, Ramp};
+use super::parameters::{Bounds, Parameters, Ramp};
 
 /// Most set-points of the interpolated position mode that wait (0x60C4:01).
 pub(super) const INTERPOLATION_BUFFER: usize = 8;

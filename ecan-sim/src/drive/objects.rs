@@ -1,4 +1,4 @@
-//! Source of the objects of a node.
+//! Objects of a node: built in, or those of a device file (EDS or DCF).
 
 use std::sync::Arc;
 

@@ -1,4 +1,5 @@
-//! Rules for writing PDO parameters (CiA 301, 7.5.2.35 to 7.5.2.38).
+//! PDOs of a drive: mapping, transmission, the rules for writing their parameters (CiA 301, 7.5.2.35 to 7.5.2.38),
+//! scanner lists (7.5.2.41), and the set of received CAN IDs.
 
 use ecan_canopen::{
     CobId, DataType, MappingEntry, Mpdo, NmtState, NodeId, PdoCobId, ScannerEntry,

@@ -1,5 +1,4 @@
-//! SDO server (CiA 301, 7.2.4): expedited and segmented transfers; for block transfers see
-//! `sdo_block`.
+//! SDO server (CiA 301, 7.2.4): expedited, segmented and block transfers.
 
 use ecan_canopen::{
     BlockSegment, ClientFrame, Initiate, MAX_BLOCK_SIZE, Segment, ServerFrame, block_crc,

@@ -1,5 +1,5 @@
-//! Record of what a drive does, for judging a run: motion in every controller period, commands and
-//! changes of state.
+//! Record of what a drive does, for judging a run: motion in every controller period, commands, changes of state,
+//! and received targets.
 
 use std::collections::VecDeque;
 

@@ -1,7 +1,5 @@
 //! Library calls by checked handles.
 //!
-//! Handles of the simulated library.
-//!
 //! A handle looks like a pointer of the real library, but is a number that is never dereferenced
 //! and never reused. A stale or unknown pointer is recognised instead of followed.
 

@@ -1,6 +1,6 @@
 //! Distributed clocks of the bus: the application's time, the clock datagrams, and the times of the slaves.
 
-use super::datagram::{DatagramState, Queued};
+use super::domain::{DatagramState, Queued};
 use super::slave_config::{Configs, DcConfig};
 use super::slave_view::SlaveView;
 use super::timing::SYNC0_AHEAD_NS;

@@ -1,6 +1,5 @@
-//! Domains: FMMU layout, packing into datagrams, expected working counter.
-//!
-//! Memory that the simulated library shares with its caller: process data and SDO data.
+//! Domains: FMMU layout, packing into datagrams, expected working counter, and the memory that the simulated
+//! library shares with its caller.
 //!
 //! The caller gets a plain `uint8_t *`, as from the real library, and reads and writes it at any
 //! time. The library keeps it in atomic words, so concurrent accesses are not undefined behaviour;
@@ -9,7 +8,6 @@
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use super::datagram::DatagramState;
 use crate::scenario::EcrtVersion;
 use crate::world::{Fmmu, LogicalCommand, ProcessDirection};
 
@@ -251,6 +249,30 @@ fn change(word: &AtomicU64, skip: usize, source: &[u8]) {
         part.copy_from_slice(source);
         word.store(u64::from_ne_bytes(bytes), Ordering::Relaxed);
     }
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Queued {
+    Domain { domain: usize, datagram: usize },
+    ReferenceClock,
+    SlaveClocks,
+    ClockMonitor,
+}
+
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) enum DatagramState {
+    /// Never queued since activation.
+    #[default]
+    Idle,
+    Queued,
+    /// On the wire; `arrives_ns` is `None` when the frame was lost.
+    Sent {
+        at_ns: u64,
+        arrives_ns: Option<u64>,
+    },
+    Received,
+    /// Not returned in time, or not sent because there is no link.
+    Lost,
 }
 
 #[cfg(test)]

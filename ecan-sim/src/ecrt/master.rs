@@ -11,7 +11,7 @@ mod transport;
 use ecan_protocol::device::AlState;
 
 use super::clocks::Clocks;
-use super::datagram::Queued;
+use super::domain::Queued;
 use super::kernel_log::KernelLog;
 use super::slave_config::{Configs, SlaveConfig};
 use super::slave_view::{SlaveView, is_any_configured};

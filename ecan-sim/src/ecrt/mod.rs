@@ -5,7 +5,6 @@
 
 mod calls;
 mod clocks;
-mod datagram;
 mod domain;
 mod kernel_log;
 mod shared;

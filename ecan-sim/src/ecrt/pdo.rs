@@ -1,4 +1,5 @@
-//! PDOs with their mapping, and the sync managers that carry them.
+//! PDOs, the sync managers that carry them, and the SDO writes of their assignment and mapping after the startup
+//! SDOs.
 
 use crate::sii::SlaveDescription;
 use crate::world::ProcessDirection;

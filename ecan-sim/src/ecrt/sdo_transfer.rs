@@ -1,4 +1,4 @@
-//! One SDO transfer: its data, its steps and its result.
+//! One SDO transfer: its object, its owner, its steps with their duration, and its result.
 
 use ecan_protocol::object::AbortCode;
 

@@ -1,4 +1,4 @@
-//! Configuration of one slave by the application.
+//! Configurations of slaves by the application, with their requests and domains.
 
 use super::domain::{Domain, ProcessMemory};
 use super::pdo::{Pdo, SyncConfig, direction_of, pdo_bytes};

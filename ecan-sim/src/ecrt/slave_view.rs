@@ -1,4 +1,4 @@
-//! State of a slave as known to the master since the last scan.
+//! Slaves as known to the master since the last scan.
 
 use ecan_protocol::device::{AlState, AlStatusCode};
 use ecan_protocol::mapping::{Direction, UNITS_PER_CHUNK, assignment_index, sync_manager};

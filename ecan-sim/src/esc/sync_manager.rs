@@ -1,4 +1,5 @@
-//! Sync managers: access to the buffers (ETG.1000.4; manual 5.3).
+//! Sync managers: access to the buffers (ETG.1000.4; manual 5.3); and FMMUs: mapping of logical addresses to the
+//! memory of a slave, by bytes and by bits.
 //!
 //! A single buffer (mailbox mode) is full or empty. An access begins with its first byte and is
 //! complete with its last one, in one datagram or in several; an access that begins elsewhere is

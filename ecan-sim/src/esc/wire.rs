@@ -1,3 +1,5 @@
+//! A line of slave controllers through which Ethernet frames pass.
+
 use super::Context;
 use super::controller::SlaveController;
 use super::frame::{FrameFault, for_each_datagram, mark_as_processed};

@@ -1,5 +1,5 @@
-//! EtherCAT state machine: the transitions and what each one requires
-//! (manual 5.4.6, 14; AL status codes of ETG.1000.6).
+//! EtherCAT state machine: the transitions and what each one requires (manual 5.4.6, 14; AL status codes of
+//! ETG.1000.6), and the process data watchdog.
 
 use ecan_protocol::device::{AlState, AlStatusCode};
 

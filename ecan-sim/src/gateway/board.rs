@@ -1,7 +1,5 @@
-//! Assignment of the CAN controllers to the connectors, 0x8000:12 to :15.
-//!
-//! EEPROM of the slave controller, which the gateway emulates in its flash (manual 13.7, bit 6 of
-//! the maintenance command). The slave controller interprets the words.
+//! Parts of the board of a gateway: power supply, assignment of the CAN controllers to the connectors (0x8000:12 to
+//! :15), and the EEPROM, which the gateway emulates in its flash (manual 13.7).
 
 use ecan_protocol::mapping::CHANNELS;
 

@@ -1,4 +1,5 @@
-//! Choice of a bit timing from the sample point window (manual 5.4.3, 13.4), which the manual leaves open.
+//! 0x8001..0x8004: the configuration of a channel (manual 13.4), with the choice of a bit timing from the sample
+//! point window, which the manual leaves open (5.4.3).
 
 use ecan_protocol::can::{BitTiming, Phase, vendor_driver_timing};
 use ecan_protocol::config::{

@@ -1,3 +1,5 @@
+//! Configuration of the model of a gateway.
+
 use ecan_protocol::device::AlStatusCode;
 
 use super::variant::GatewayVariant;

@@ -1,3 +1,5 @@
+//! Distributed clock of a slave with its Sync0 pulses, and the outputs that arrive around them.
+//!
 //! Distributed clock of a slave: a drifting oscillator with the corrections of the master.
 //!
 //! Outputs that arrive around a Sync0 pulse are missed by the firmware (manual 15.6.1, 16.1).

@@ -1,3 +1,5 @@
+//! Counters, cycle performance (0x9011) and emergencies of a gateway.
+//!
 //! 0x9011: interrupt counts and cost of the hot paths (manual 13.2.4).
 //!
 //! The model has no hot path to measure, so costs follow from the work: a fixed part and a part per

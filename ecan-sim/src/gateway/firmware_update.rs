@@ -1,4 +1,5 @@
-//! Two application partitions and the update that writes the free one (manual 13.7, 15.3.1).
+//! Two application partitions, the update that writes the free one (manual 13.7, 15.3.1), and the file format of
+//! the firmware.
 //!
 //! A file arrives in parts. The free partition is erased first, then written sector by sector,
 //! which takes time: during that time parts are answered with "busy" and must be repeated. The file

@@ -1,4 +1,5 @@
-//! 0xB000: access mode, maintenance status and sequence, diagnostic flags (manual 13.7).
+//! 0xB000: access mode, maintenance status and sequence, diagnostic flags (manual 13.7); and the commands that
+//! writes of objects mean.
 //!
 //! The mode that a command needs is an assumption: the manual states only that the mode can be the
 //! cause of a denial, that engineering mode enables some functions, and the purpose of factory

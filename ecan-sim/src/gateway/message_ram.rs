@@ -1,4 +1,4 @@
-//! Acceptance filters of an MCAN controller, filled by the editing window of 0x8001..0x8004 (manual
+//! Acceptance filters, filled by the editing window of 0x8001..0x8004, and receive FIFOs in the Message RAM (manual
 //! 13.4).
 
 use std::collections::VecDeque;

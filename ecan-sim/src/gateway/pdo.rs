@@ -1,4 +1,4 @@
-//! TxPDO builder (manual 12).
+//! RxPDO parser with its copy of the last image, and TxPDO builder (manual 6, 8, 12, 13.2).
 
 use ecan_protocol::image::{
     ChannelStatus, CommitFields, HeaderFlags, Image, ImageFault, ImageReader, ImageWriter,

@@ -1,3 +1,5 @@
+//! Times of the services of the data path.
+
 use super::config::GatewayModelConfig;
 
 #[derive(Clone, Debug)]

@@ -1,7 +1,4 @@
-//! Mailbox header (ETG.1000.4): six bytes before every message.
-//!
-//! Mailbox errors: a request did not reach its protocol, or is not one of its services
-//! (ETG.1000.4).
+//! Messages of the mailboxes: headers (ETG.1000.4, CoE), errors, queue of responses, and the context of a request.
 
 use std::collections::VecDeque;
 

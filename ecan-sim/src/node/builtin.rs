@@ -1,9 +1,9 @@
-//! A node that replays a recorded bus.
+//! The nodes of this crate: echo, faulty, silent, and a replay of a recorded bus.
 
 use ecan_can_io::recording::{LoggedFrame, ReadOptions, Recording, RecordingError};
 use ecan_protocol::can::{CanFrame, CanId, FrameKind};
 
-use super::{Node, NodeOutput};
+use super::interface::{Node, NodeOutput};
 use crate::random::Random;
 
 /// Answers every frame with one of the same identifier, format and data.

@@ -1,3 +1,5 @@
+//! The built-in scenarios.
+
 use ecan_canopen::NodeId;
 
 use crate::drive::{DriveConfig, MotorConfig};

@@ -1,4 +1,4 @@
-//! Slave that is no gateway: a digital I/O.
+//! A scenario: gateways, I/O slaves, nodes, and the behaviour of the master.
 
 use std::path::PathBuf;
 

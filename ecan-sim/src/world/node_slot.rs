@@ -1,10 +1,10 @@
-//! A node in the world with its controller and its queue.
+//! A node in the world with its controller, its queue and its faults.
 
 use std::path::Path;
 
+use ecan_can_io::recording::{ReadOptions, Recording};
 use ecan_canopen::{DeviceFile, Emcy, ErrorRegister};
 use ecan_protocol::can::CanFrame;
-use ecan_can_io::recording::{ReadOptions, Recording};
 
 use crate::backend_error::BackendError;
 use crate::bus::{StationConfig, StationId};

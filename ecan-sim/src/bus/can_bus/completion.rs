@@ -2,9 +2,8 @@
 
 use ecan_protocol::can::Phase;
 
-use super::CanBus;
+use super::{Broadcast, BusEvent, CanBus};
 use crate::bus::can_bus::transmission::{Transmission, TransmissionResult};
-use crate::bus::event::{Broadcast, BusEvent};
 use crate::bus::station::{BusError, DetectedError, ErrorState, Mismatch, StationId, StationMode};
 use crate::bus::timing::INTERMISSION_BITS;
 

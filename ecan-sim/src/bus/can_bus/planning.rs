@@ -1,4 +1,4 @@
-//! Selection of the next frame and the result of its transmission.
+//! Selection of the next frame and prediction of its result.
 
 use ecan_protocol::can::Phase;
 

@@ -1,4 +1,4 @@
-//! State of the master, of its slaves and of their configurations.
+//! Functions for the state of the master and of the slaves.
 
 use ecrt_sys::{
     EC_DIR_INPUT, EC_DIR_INVALID, EC_DIR_OUTPUT, EC_PORT_MII, EC_PORT_NOT_IMPLEMENTED,

@@ -1,4 +1,4 @@
-//! Configuration and activation.
+//! Functions for the configuration of slaves, PDO lists and domains, and for activation.
 
 use std::ffi::CStr;
 use std::slice;

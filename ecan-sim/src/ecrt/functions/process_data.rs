@@ -1,4 +1,4 @@
-//! Process data, exchange and clocks.
+//! Functions for process data, the exchange, clocks, requests and SDO transfers.
 
 use ecrt_sys::{
     EC_REQUEST_BUSY, EC_REQUEST_ERROR, EC_REQUEST_SUCCESS, EC_REQUEST_UNUSED, EC_WC_COMPLETE,
@@ -12,7 +12,7 @@ use super::boundary::{
     on_request, store, with_reg_request, with_request,
 };
 use crate::ecrt::calls::{Call, CallResult, Target};
-use crate::ecrt::datagram::Queued;
+use crate::ecrt::domain::Queued;
 use crate::ecrt::sdo_transfer::{RequestId, SdoObject};
 use crate::ecrt::shared::State;
 use crate::ecrt::slave_config::{RegRequest, RequestProgress, SdoRequest};

@@ -1,8 +1,7 @@
 //! Send queue: frames, losses, and blocking by an oversized datagram.
 
 use crate::ecrt::clocks::Clocks;
-use crate::ecrt::datagram::{DatagramState, Queued};
-use crate::ecrt::domain::DomainDatagram;
+use crate::ecrt::domain::{DatagramState, DomainDatagram, Queued};
 use crate::ecrt::slave_config::Configs;
 use crate::ecrt::slave_view::SlaveView;
 use crate::ecrt::timing::{BYTE_NS, DATAGRAM_TIMEOUT_NS, HOST_LATENCY_NS, SLAVE_LATENCY_NS};

@@ -1,4 +1,4 @@
-//! Switches that are keys of `[[gateway]]`: they existed before the table of variants.
+//! The table of switches, and the switches that are keys of `[[gateway]]` because they existed before the table.
 
 use ecan_protocol::object::AbortCode;
 

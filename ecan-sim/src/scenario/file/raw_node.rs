@@ -1,4 +1,4 @@
-//! Sample points and delays of a node.
+//! Tables of nodes, sample points and I/O slaves in a scenario file.
 
 use std::net::IpAddr;
 use std::path::{Path, PathBuf};
