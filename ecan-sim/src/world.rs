@@ -5,7 +5,6 @@ mod bus_slot;
 mod can_side;
 mod line;
 mod node_slot;
-mod recording;
 
 use ecan_canopen::NodeId;
 use ecan_protocol::device::AlState;
@@ -23,7 +22,7 @@ use crate::sii;
 use can_side::CanSide;
 use line::LogicalDatagram;
 
-pub use recording::BusFrame;
+pub use bus_slot::BusFrame;
 
 pub(crate) use line::{Fmmu, Line, LogicalCommand, ProcessDirection, Slot};
 

@@ -3,7 +3,6 @@
 //! Behaves as IgH EtherCAT master 1.6.2 (or 1.5.2) does towards an application. The kernel module
 //! and the user space library are one here.
 
-mod calls;
 mod clocks;
 mod domain;
 mod kernel_log;

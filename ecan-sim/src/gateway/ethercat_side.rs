@@ -8,11 +8,10 @@ use super::al_state::{AlStateMachine, Requirement, Watchdog};
 use super::application::Application;
 use super::config::{GatewayModelConfig, Sync0, SyncManagerConfig};
 use super::data_path::{DataPath, ServiceTimes};
-use super::dc_clock::{DistributedClock, OutputTiming, PulseTrain};
+use super::dc_clock::{DistributedClock, OutputTiming, PulseTrain, ServiceTimer};
 use super::diagnostics::{Emergency, EmergencyQueue};
 use super::fault::PendingFaults;
 use super::firmware_update::FirmwareUpdate;
-use super::service_timer::ServiceTimer;
 use super::sync_managers::SyncManagers;
 use super::variant::{
     AssignActivate, Emergencies, ProcessDataWatchdog, SafeOpInputs, SafeOpOutputs,

@@ -42,7 +42,6 @@ mod pdo;
 mod profile_control;
 mod receive_path;
 mod register_service;
-mod service_timer;
 mod sync_managers;
 mod transmit_path;
 pub mod variant;

@@ -1,13 +1,12 @@
 //! Scenarios: the descriptions of simulations.
 
-mod builtin;
 mod file;
 mod model;
 
-pub(crate) use builtin::by_name;
-pub use builtin::{BUILTIN_SCENARIOS, drives, echo, jitter};
 pub use file::ScenarioError;
 pub use model::MasterBehaviour;
+pub(crate) use model::by_name;
+pub use model::{BUILTIN_SCENARIOS, drives, echo, jitter};
 pub use model::{
     ClockKind, DriveSpec, EcrtVersion, GatewaySpec, NodeKind, NodeSpec, Scenario, Topology,
 };

@@ -3,6 +3,7 @@
 use ecan_canopen::NodeId;
 use ecan_protocol::mapping::CHANNELS;
 
+use super::bus_slot::{BusFrame, Recording, Scope};
 use crate::backend_error::BackendError;
 use crate::bus::{
     BusEvent, BusFault, CanBus, ErrorState, StationConfig, StationId, StationMode,
@@ -17,7 +18,6 @@ use crate::scenario::Scenario;
 use crate::world::bus_slot::{BusSlot, ChannelLink, Owner};
 use crate::world::line::Line;
 use crate::world::node_slot::{NodeBody, NodeSlot};
-use crate::world::recording::{BusFrame, Recording, Scope};
 
 /// The CAN buses of a world with their nodes. Gateways are on the [`Line`], which the calls take.
 pub(super) struct CanSide {

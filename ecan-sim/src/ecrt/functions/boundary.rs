@@ -1,20 +1,26 @@
-//! Boundary of the C functions: pointers outside, checked calls inside.
+//! Boundary of the C functions: pointers outside, handles, and checked calls inside.
 //!
 //! # Safety
-//! Handles are never dereferenced (see the registry). Dereferenced are only out-parameters and
+//! Handles are never dereferenced (see [`Handle`]). Dereferenced are only out-parameters and
 //! buffers of the caller, which are valid or null by the contract of libethercat.
+//!
+//! A handle looks like a pointer of the real library, but is a number that is never dereferenced
+//! and never reused. A stale or unknown pointer is recognised instead of followed.
 
+use std::collections::BTreeMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::slice;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Arc, LazyLock, PoisonError, RwLock};
 
 use ecrt_sys::{
     Errno, ec_domain_t, ec_master_t, ec_reg_request_t, ec_sdo_request_t, ec_slave_config_t,
 };
 use libc::{c_int, size_t};
 
-use crate::ecrt::calls::{Call, CallResult, Target};
 use crate::ecrt::pdo::SyncConfig;
 use crate::ecrt::sdo_transfer::RequestId;
+use crate::ecrt::shared::{Shared, State};
 use crate::ecrt::slave_config::{RegRequest, SdoRequest, SlaveConfig};
 
 pub(super) fn pointer<T>(address: usize) -> *mut T {
@@ -165,8 +171,128 @@ macro_rules! functions {
     )*) => { $(
         $(#[$doc])*
         pub unsafe extern "C" fn $name($($argument: $type),*) -> ::libc::c_int {
-            $crate::ecrt::functions::boundary::status(|| -> $crate::ecrt::calls::CallResult { $body })
+            $crate::ecrt::functions::boundary::status(|| -> $crate::ecrt::functions::boundary::CallResult { $body })
         }
         functions!(@$forms $name($($argument: $type),*));
     )* };
+}
+
+/// Result of a call; the error is a positive error number.
+pub(in crate::ecrt) type CallResult<T = ()> = Result<T, c_int>;
+
+pub(in crate::ecrt) struct Call<T> {
+    pub(in crate::ecrt) shared: Arc<Shared>,
+    /// The master handle that the handle was made from.
+    pub(in crate::ecrt) client: u64,
+    pub(in crate::ecrt) object: T,
+}
+
+impl<T> Call<T> {
+    pub(in crate::ecrt) fn find(
+        address: usize,
+        object: impl FnOnce(Target) -> Option<T>,
+    ) -> CallResult<Self> {
+        let Handle { shared, client, target } = find(address).ok_or(libc::EINVAL)?;
+        Ok(Self { shared, client, object: object(target).ok_or(libc::EINVAL)? })
+    }
+
+    pub(in crate::ecrt) fn with<R>(
+        &self,
+        action: impl FnOnce(&mut State) -> CallResult<R>,
+    ) -> CallResult<R> {
+        self.shared.with(action)
+    }
+
+    /// For the handle that has reserved the master.
+    pub(in crate::ecrt) fn driving<R>(
+        &self,
+        action: impl FnOnce(&mut State) -> CallResult<R>,
+    ) -> CallResult<R> {
+        self.with(|state| {
+            state.master.reservation.may_exchange(self.client)?;
+            action(state)
+        })
+    }
+
+    /// For the handle that has reserved the master, before activation.
+    pub(in crate::ecrt) fn configuring<R>(
+        &self,
+        action: impl FnOnce(&mut State) -> CallResult<R>,
+    ) -> CallResult<R> {
+        self.with(|state| {
+            state.master.reservation.may_configure(self.client)?;
+            action(state)
+        })
+    }
+
+    /// The address of an object of the same master handle, if it has one.
+    pub(in crate::ecrt) fn address_of(&self, target: Target) -> Option<usize> {
+        address_of(&self.shared, self.client, target)
+    }
+
+    pub(in crate::ecrt) fn insert(&self, target: Target) -> usize {
+        let (shared, client) = (self.shared.clone(), self.client);
+        insert(Handle { shared, client, target })
+    }
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(in crate::ecrt) enum Target {
+    Master,
+    Domain(usize),
+    Config(usize),
+    Request(RequestId),
+    RegRequest(RequestId),
+}
+
+#[derive(Clone)]
+pub(in crate::ecrt) struct Handle {
+    pub(in crate::ecrt) shared: Arc<Shared>,
+    /// The master handle that it was made from.
+    pub(in crate::ecrt) client: u64,
+    pub(in crate::ecrt) target: Target,
+}
+
+/// The first address: far from mapped memory, and aligned like a pointer.
+const FIRST: usize = 0x5ECA_0000;
+const STRIDE: usize = 16;
+
+static NEXT: AtomicUsize = AtomicUsize::new(FIRST);
+// a BTreeMap, because leak checkers report the contents of a static HashMap
+static HANDLES: LazyLock<RwLock<BTreeMap<usize, Handle>>> = LazyLock::new(RwLock::default);
+
+pub(in crate::ecrt) fn insert(handle: Handle) -> usize {
+    let address = NEXT.fetch_add(STRIDE, Ordering::Relaxed);
+    HANDLES.write().unwrap_or_else(PoisonError::into_inner).insert(address, handle);
+    address
+}
+
+/// Finds the handle of an address. Takes a shared lock, allocates nothing.
+pub(in crate::ecrt) fn find(address: usize) -> Option<Handle> {
+    HANDLES.read().unwrap_or_else(PoisonError::into_inner).get(&address).cloned()
+}
+
+pub(in crate::ecrt) fn address_of(
+    shared: &Arc<Shared>,
+    client: u64,
+    target: Target,
+) -> Option<usize> {
+    let handles = HANDLES.read().unwrap_or_else(PoisonError::into_inner);
+    handles
+        .iter()
+        .find(|(_, handle)| {
+            Arc::ptr_eq(&handle.shared, shared)
+                && handle.client == client
+                && handle.target == target
+        })
+        .map(|(address, _)| *address)
+}
+
+/// Removes the handles made from a master handle, and optionally the master handle.
+pub(in crate::ecrt) fn forget(shared: &Arc<Shared>, client: u64, with_master: bool) {
+    let mut handles = HANDLES.write().unwrap_or_else(PoisonError::into_inner);
+    handles.retain(|_, handle| {
+        let own = Arc::ptr_eq(&handle.shared, shared) && handle.client == client;
+        !own || (handle.target == Target::Master && !with_master)
+    });
 }

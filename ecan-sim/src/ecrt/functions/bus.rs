@@ -8,8 +8,7 @@ use ecrt_sys::{
 };
 use libc::{c_char, c_uint};
 
-use super::boundary::{on_master, store};
-use crate::ecrt::calls::CallResult;
+use super::boundary::{CallResult, on_master, store};
 use crate::ecrt::master::object_count;
 use crate::ecrt::pdo::{Pdo, direction_of};
 use crate::ecrt::shared::State;

@@ -12,12 +12,11 @@ use ecrt_sys::{
 };
 use libc::{c_char, c_int, c_uint, size_t};
 
+use super::boundary;
 use super::boundary::{
-    bytes, change_config, change_sync, guarded, handle_or_null, on_config, on_domain, on_master,
-    pointer, status, store,
+    CallResult, Target, bytes, change_config, change_sync, guarded, handle_or_null, on_config,
+    on_domain, on_master, pointer, status, store,
 };
-use crate::ecrt::calls;
-use crate::ecrt::calls::{CallResult, Target};
 use crate::ecrt::pdo::{Pdo, PdoEntry, SyncWatchdog};
 use crate::ecrt::sdo_transfer::{RequestId, SdoObject};
 use crate::ecrt::slave_config::{DcConfig, EntrySelector, SdoRequest, StartupSdo};
@@ -175,7 +174,7 @@ functions! {
             state.master.deactivate(&state.world);
             Ok(())
         })?;
-        calls::forget(&call.shared, call.client, false);
+        boundary::forget(&call.shared, call.client, false);
         Ok(())
     }
 

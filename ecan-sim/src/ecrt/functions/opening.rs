@@ -5,9 +5,8 @@ use std::sync::Arc;
 use ecrt_sys::{Ecrt, Functions, OpenMaster, Status, ec_master_t};
 use libc::c_uint;
 
-use super::boundary::{guarded, handle_or_null, on_master};
-use crate::ecrt::calls;
-use crate::ecrt::calls::{Handle, Target};
+use super::boundary;
+use super::boundary::{Handle, Target, guarded, handle_or_null, on_master};
 use crate::ecrt::shared::Shared;
 use crate::scenario::EcrtVersion;
 use crate::simulation::Simulation;
@@ -31,7 +30,7 @@ pub unsafe extern "C" fn release_master(master: *mut ec_master_t) {
     let _ = guarded(|| {
         let call = on_master(master)?;
         call.shared.release_client(call.client);
-        calls::forget(&call.shared, call.client, true);
+        boundary::forget(&call.shared, call.client, true);
         Ok(())
     });
 }
@@ -67,7 +66,7 @@ fn obtain(shared: &Arc<Shared>, index: u32, reserved: bool) -> *mut ec_master_t 
         if reserved {
             shared.reserve(client)?;
         }
-        Ok(calls::insert(Handle { shared: shared.clone(), client, target: Target::Master }))
+        Ok(boundary::insert(Handle { shared: shared.clone(), client, target: Target::Master }))
     })
 }
 

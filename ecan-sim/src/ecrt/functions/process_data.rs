@@ -8,10 +8,9 @@ use ecrt_sys::{
 use libc::size_t;
 
 use super::boundary::{
-    bytes, data_or_null, guarded, handle_or_null, on_config, on_domain, on_master, on_reg_request,
-    on_request, store, with_reg_request, with_request,
+    Call, CallResult, Target, bytes, data_or_null, guarded, handle_or_null, on_config, on_domain,
+    on_master, on_reg_request, on_request, store, with_reg_request, with_request,
 };
-use crate::ecrt::calls::{Call, CallResult, Target};
 use crate::ecrt::domain::Queued;
 use crate::ecrt::sdo_transfer::{RequestId, SdoObject};
 use crate::ecrt::shared::State;

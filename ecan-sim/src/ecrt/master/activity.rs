@@ -99,7 +99,7 @@ pub(crate) struct Pacing {
 impl Pacing {
     pub(super) fn new(behaviour: &MasterBehaviour) -> Self {
         let MasterBehaviour { needs_gap, idle_step_us, .. } = *behaviour;
-        Self { needs_gap, idle_step_us: idle_step_us.into(), ..Self::default() }
+        Self { needs_gap, idle_step_us, ..Self::default() }
     }
 
     pub(super) fn steps(&self) -> u64 {
