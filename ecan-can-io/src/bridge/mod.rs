@@ -6,18 +6,10 @@
 //! and passes the frames of the bus to [`deliver`](Clients::deliver). Neither blocks: the clients
 //! have their own threads, and a bounded queue drops and counts what exceeds it.
 
-mod bus_event;
 mod client_queue;
 mod clients;
-#[cfg(feature = "socketcan")]
-mod command;
-mod config;
-mod connection;
 #[cfg(test)]
 mod frame_strategies;
-mod info;
-mod offline_session;
-mod rates;
 mod serial;
 mod server;
 mod session;
@@ -25,20 +17,17 @@ mod slcan;
 #[cfg(feature = "socketcan")]
 mod socketcan;
 mod socketcand;
-mod statistics;
-mod terminal;
-mod uplink;
 mod writer;
 
 #[cfg(feature = "socketcan")]
 pub use self::socketcan::{SocketCanBridge, SocketCanError};
-pub use bus_event::{BusEvent, ErrorCounters};
+pub use clients::BridgeStatistics;
+pub use clients::BusRates;
+pub use clients::{BusEvent, ErrorCounters};
 pub use clients::{ClientFrame, ClientId, Clients};
-pub use config::{BridgeConfig, BridgeProtocol};
-pub use info::BridgeInfo;
-#[doc(hidden)]
-pub use offline_session::OfflineSession;
-pub use rates::BusRates;
 pub use serial::SerialBridge;
+pub use server::BridgeInfo;
+pub use server::{BridgeConfig, BridgeProtocol};
 pub use server::{BridgeServer, ServerError};
-pub use statistics::BridgeStatistics;
+#[doc(hidden)]
+pub use session::OfflineSession;

@@ -1,24 +1,20 @@
-//! TCP server: one accepting thread, two threads per client.
+//! TCP server of a bridge: one thread accepts, and each client has two threads.
 
-use std::io::{self, ErrorKind};
-use std::net::{SocketAddr, TcpListener, TcpStream};
+use super::client_queue::ClientQueue;
+use super::clients::{BridgeStatistics, BusRates, ClientFrame, ClientId, Clients, count};
+use super::serial::TerminalLine;
+use super::session::Session;
+use super::session::Uplink;
+use super::writer::Writer;
+use ecan_protocol::can::CanFrame;
+use rustix::net::sockopt;
+use std::io::{ErrorKind, Read as _, Write as _};
+use std::net::{IpAddr, Ipv4Addr, Shutdown, SocketAddr, TcpListener, TcpStream};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::thread::{self, JoinHandle};
+use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
-
-use ecan_protocol::can::CanFrame;
-
-use crate::bridge::client_queue::ClientQueue;
-use crate::bridge::clients::{ClientFrame, ClientId, Clients};
-use crate::bridge::config::{BridgeConfig, BridgeProtocol};
-use crate::bridge::connection::{self, Connection};
-use crate::bridge::info::BridgeInfo;
-use crate::bridge::rates::BusRates;
-use crate::bridge::session::Session;
-use crate::bridge::statistics::count;
-use crate::bridge::uplink::Uplink;
-use crate::bridge::writer::Writer;
+use std::{fmt, io, thread};
 
 /// Interval of polling for a new client. Stopping does not wait for it.
 const ACCEPT_INTERVAL: Duration = Duration::from_millis(10);
@@ -129,7 +125,7 @@ impl Acceptor {
         let admit = || -> io::Result<Option<(Connection, ClientId)>> {
             stream.set_nonblocking(false)?;
             stream.set_nodelay(true)?;
-            connection::watch(&stream)?;
+            watch(&stream)?;
             let connection = Connection::Tcp(stream);
             let peer = connection.peer();
             let id = self.clients.join(connection.try_clone()?, peer, queue.clone());
@@ -288,5 +284,195 @@ fn write_all(
         if !chunk.pause.is_zero() {
             thread::sleep(chunk.pause);
         }
+    }
+}
+
+/// Protocol between a bridge and its clients.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum BridgeProtocol {
+    /// ASCII protocol of Lawicel's serial adapters with the CAN FD commands of CANable 2:
+    /// python-can's interface `slcan` on the channel `socket://127.0.0.1:PORT`.
+    #[default]
+    Slcan,
+    /// Raw mode of socketcand: python-can's interface `socketcand`. Classic CAN only.
+    Socketcand,
+}
+
+impl BridgeProtocol {
+    /// Name of the protocol.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Slcan => "slcan",
+            Self::Socketcand => "socketcand",
+        }
+    }
+}
+
+/// Configuration of a bridge. Plain data.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct BridgeConfig {
+    /// Protocol.
+    pub protocol: BridgeProtocol,
+    /// Address on which it listens. Port 0 takes any free one. Everyone who can reach this address
+    /// can send on the bus.
+    pub address: SocketAddr,
+    /// Maximum number of clients; more are rejected. A client that has not opened the bus loses its
+    /// place if another one needs it.
+    pub max_clients: usize,
+    /// Capacity in frames of the queue from each client to the bus, and of the queue to each client.
+    pub queue: usize,
+    /// Time in which a client of socketcand opens the bus; then its connection is closed. A client of
+    /// slcan may be silent for as long as no other one needs its place: a terminal program has the
+    /// connection open while its user types.
+    pub handshake: Duration,
+}
+
+impl Default for BridgeConfig {
+    /// slcan on a free port of the loopback interface, 8 clients, 4096 frames, 10 s to open the bus.
+    fn default() -> Self {
+        Self {
+            protocol: BridgeProtocol::Slcan,
+            address: SocketAddr::new(IpAddr::V4(Ipv4Addr::LOCALHOST), 0),
+            max_clients: 8,
+            queue: 4096,
+            handshake: Duration::from_secs(10),
+        }
+    }
+}
+
+impl BridgeConfig {
+    /// The default configuration with another protocol.
+    #[must_use]
+    pub fn with_protocol(protocol: BridgeProtocol) -> Self {
+        Self { protocol, ..Self::default() }
+    }
+}
+
+/// Address and counters of a bridge. Does not keep it alive.
+#[derive(Clone, Debug)]
+pub struct BridgeInfo {
+    pub(crate) protocol: BridgeProtocol,
+    pub(crate) address: SocketAddr,
+    pub(crate) clients: Arc<Clients>,
+}
+
+impl BridgeInfo {
+    /// Protocol of the bridge.
+    pub fn protocol(&self) -> BridgeProtocol {
+        self.protocol
+    }
+
+    /// Address on which it listens, with the actual port.
+    pub fn address(&self) -> SocketAddr {
+        self.address
+    }
+
+    /// Counters of the bridge.
+    pub fn statistics(&self) -> BridgeStatistics {
+        self.clients.statistics()
+    }
+}
+
+impl fmt::Display for BridgeInfo {
+    /// Protocol and address, for example "slcan bridge at 127.0.0.1:29536".
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} bridge at {}", self.protocol.name(), self.address)
+    }
+}
+
+/// Time without acknowledgement after which a client's machine counts as lost. The same applies to
+/// a client that does not read, once the buffers of both machines are full.
+const SILENCE_MS: u32 = 60_000;
+const KEEP_ALIVE_INTERVAL: Duration = Duration::from_secs(10);
+
+/// Ends a connection whose peer machine vanished; otherwise it would occupy the place of another
+/// client forever.
+pub(crate) fn watch(stream: &TcpStream) -> io::Result<()> {
+    sockopt::set_socket_keepalive(stream, true)?;
+    sockopt::set_tcp_keepidle(stream, KEEP_ALIVE_INTERVAL)?;
+    sockopt::set_tcp_keepintvl(stream, KEEP_ALIVE_INTERVAL)?;
+    // Also ends it while data are in transit, and replaces the number of probes.
+    Ok(sockopt::set_tcp_user_timeout(stream, SILENCE_MS)?)
+}
+
+/// Handle that ends a client's connection.
+pub(crate) trait Close: std::fmt::Debug + Send {
+    /// Ends the connection; all of its threads notice. No effect if it has already ended.
+    fn close(&self);
+}
+
+/// A connection; a clone refers to the same one.
+#[derive(Debug)]
+pub(crate) enum Connection {
+    Tcp(TcpStream),
+    Terminal(Arc<TerminalLine>),
+}
+
+impl Connection {
+    pub(crate) fn try_clone(&self) -> io::Result<Self> {
+        Ok(match self {
+            Self::Tcp(stream) => Self::Tcp(stream.try_clone()?),
+            Self::Terminal(line) => Self::Terminal(line.clone()),
+        })
+    }
+
+    /// Waits for bytes; returns 0 at the end.
+    pub(crate) fn read(&self, bytes: &mut [u8]) -> io::Result<usize> {
+        match self {
+            Self::Tcp(stream) => (&*stream).read(bytes),
+            Self::Terminal(line) => line.read(bytes),
+        }
+    }
+
+    /// Limits the time of the following calls of [`read`](Self::read). A terminal has no limit.
+    pub(crate) fn set_read_limit(&self, limit: Option<Duration>) -> io::Result<()> {
+        match self {
+            Self::Tcp(stream) => stream.set_read_timeout(limit),
+            Self::Terminal(_) => Ok(()),
+        }
+    }
+
+    /// Address of the client's machine.
+    pub(crate) fn peer(&self) -> Option<IpAddr> {
+        match self {
+            Self::Tcp(stream) => stream.peer_addr().ok().map(|address| address.ip()),
+            Self::Terminal(_) => None,
+        }
+    }
+
+    pub(crate) fn write_all(&self, bytes: &[u8]) -> io::Result<()> {
+        match self {
+            Self::Tcp(stream) => (&*stream).write_all(bytes),
+            Self::Terminal(line) => line.write_all(bytes),
+        }
+    }
+}
+
+impl Close for Connection {
+    fn close(&self) {
+        match self {
+            Self::Tcp(stream) => {
+                let _ = stream.shutdown(Shutdown::Both);
+            }
+            Self::Terminal(line) => line.close(),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::net::TcpListener;
+
+    /// A vanished machine cannot be simulated here; the socket options can be read back.
+    #[test]
+    fn connection_has_keep_alive() {
+        let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+        let _client = TcpStream::connect(listener.local_addr().unwrap()).unwrap();
+        let (stream, _) = listener.accept().unwrap();
+        watch(&stream).unwrap();
+        assert!(sockopt::socket_keepalive(&stream).unwrap());
+        assert_eq!(sockopt::tcp_keepidle(&stream).unwrap(), KEEP_ALIVE_INTERVAL);
+        assert_eq!(sockopt::tcp_user_timeout(&stream).unwrap(), SILENCE_MS);
     }
 }

@@ -2,8 +2,8 @@
 
 use std::time::Duration;
 
+use super::clients::BusRates;
 use crate::bridge::client_queue::{ClientQueue, Outgoing};
-use crate::bridge::rates::BusRates;
 use crate::bridge::session::ReceiveSettings;
 
 /// Approximate number of bytes written at a time.
@@ -87,7 +87,7 @@ mod tests {
     use ecan_protocol::can::{CanFrame, CanId};
 
     use super::*;
-    use crate::bridge::config::BridgeProtocol;
+    use crate::bridge::server::BridgeProtocol;
 
     fn text(writer: &mut Writer, queue: &ClientQueue) -> String {
         let chunk = writer.next_chunk(queue, || None).unwrap();

@@ -1,7 +1,7 @@
 //! Parser and formatter for candump logs (`candump -L`, `candump -l`), `cansend` frames, candump's
 //! screen and its filters.
 //!
-//! `no_std` without allocation: a [`Record`] borrows the interface name from its line.
+//! Nothing allocates: a [`Record`] borrows the interface name from its line.
 //!
 //! ```text
 //! line      = blank | comment | record
@@ -46,19 +46,13 @@
 //! # Ok::<(), ecan_can_io::candump::ParseError>(())
 //! ```
 
-mod cursor;
-mod error;
-mod filter;
-mod frame_text;
-mod parse;
-mod record;
+mod line;
 mod screen;
-mod screen_record;
 
-pub use error::{ParseError, ParseErrorKind};
-pub use filter::{Filter, FilterError};
-pub use frame_text::FrameText;
-pub use parse::{parse_frame, parse_line};
-pub use record::{DirectionMark, Record};
+pub use line::FrameText;
+pub use line::{DirectionMark, Record};
+pub use line::{Filter, FilterError};
+pub use line::{ParseError, ParseErrorKind};
+pub use line::{parse_frame, parse_line};
 pub use screen::ScreenFrame;
-pub use screen_record::{ScreenRecord, ScreenTime, parse_screen_line};
+pub use screen::{ScreenRecord, ScreenTime, parse_screen_line};

@@ -10,9 +10,9 @@ use std::time::Duration;
 use ecan_protocol::can::CanFrame;
 use ecan_protocol::mapping::MAX_PDO_BYTES;
 
-use crate::capture::capture::{Capture, Traffic};
-use crate::capture::error_frame::ErrorFrame;
-use crate::capture::image::ImageOrigin;
+use super::ErrorFrame;
+use super::ImageOrigin;
+use super::{Capture, Traffic};
 
 const QUEUE: usize = 1 << 15;
 /// Maximum number of queued images: one second of both directions at a cycle of 1 ms.

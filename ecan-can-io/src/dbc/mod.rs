@@ -27,25 +27,15 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
-mod attributes;
-mod bit_layout;
+mod codec;
 mod database;
-mod decode;
-mod encode;
-mod encode_error;
-mod fault;
-mod message;
-mod number;
 mod reader;
-mod signal;
-mod similar;
-mod syntax;
 
+pub use codec::{Decoded, DecodedSignal};
+pub use codec::{EncodeError, EncodeErrorKind};
 pub use database::Database;
-pub use decode::{Decoded, DecodedSignal};
-pub use encode_error::{EncodeError, EncodeErrorKind};
-pub use fault::{DbcFault, DbcFaults, FaultKind};
-pub use message::Message;
-pub use number::Number;
-pub use signal::{Condition, Signal, SignalKind};
-pub use similar::UnknownName;
+pub use database::Message;
+pub use database::Number;
+pub use database::UnknownName;
+pub use database::{Condition, Signal, SignalKind};
+pub use reader::{DbcFault, DbcFaults, FaultKind};

@@ -1,19 +1,18 @@
 //! From the items of a file to messages.
 
-use std::collections::{BTreeMap, HashMap};
-
+use super::codec::{BitLayout, ByteOrder};
+use super::database::{Condition, Message, Signal, SignalKind};
 use can_dbc::{
-    ExtendedMultiplex, MultiplexIndicator, NumericValue, SignalExtendedValueType, ValueDescription,
+    AttributeDefinition, AttributeValueType, ExtendedMultiplex, MultiplexIndicator, NumericValue,
+    SignalExtendedValueType, ValueDescription,
 };
-use can_dbc_pest::{Pair, Rule};
+use can_dbc_pest::{DbcParser, Error as SyntaxError, Pair, Parser, Rule};
+use core::fmt;
 use ecan_protocol::can::CanId;
-
-use crate::dbc::attributes::Attributes;
-use crate::dbc::bit_layout::{BitLayout, ByteOrder};
-use crate::dbc::fault::{DbcFault, DbcFaults, FaultKind};
-use crate::dbc::message::Message;
-use crate::dbc::signal::{Condition, Signal, SignalKind};
-use crate::dbc::syntax::{items, line_of, part, part_text, text_of};
+use pest::error::LineColLocation;
+use std::borrow::Cow;
+use std::collections::{BTreeMap, HashMap};
+use thiserror::Error;
 
 const EXTENDED_FLAG: u64 = 1 << 31;
 /// Message of signals that are in no message.
@@ -298,5 +297,234 @@ fn number(value: NumericValue) -> f64 {
         NumericValue::Uint(value) => value as f64,
         NumericValue::Int(value) => value as f64,
         NumericValue::Double(value) => value,
+    }
+}
+
+/// Longest text of a line in a message.
+const MAX_QUOTED: usize = 80;
+
+/// Text in UTF-8, or else in Windows-1252, which programs of Windows write.
+pub fn text_of(bytes: &[u8]) -> Cow<'_, str> {
+    match std::str::from_utf8(bytes) {
+        Ok(text) => Cow::Borrowed(text.strip_prefix('\u{FEFF}').unwrap_or(text)),
+        Err(_) => can_dbc::decode_cp1252(bytes).unwrap_or(String::from_utf8_lossy(bytes)),
+    }
+}
+
+/// Items of the file.
+pub fn items(text: &str) -> Result<Vec<Pair<'_, Rule>>, DbcFault> {
+    let file = DbcParser::parse(Rule::file, text).map_err(|error| fault(text, &error))?;
+    // The only pair at this level is the file.
+    Ok(file.flat_map(Pair::into_inner).collect())
+}
+
+fn fault(text: &str, error: &SyntaxError<Rule>) -> DbcFault {
+    let (LineColLocation::Pos((line, column)) | LineColLocation::Span((line, column), _)) =
+        error.line_col;
+    let content = text.lines().nth(line.saturating_sub(1)).unwrap_or_default();
+    // No control sequence of the file reaches a terminal.
+    let printable = |it: char| if it.is_control() { char::REPLACEMENT_CHARACTER } else { it };
+    let text = content.trim().chars().take(MAX_QUOTED).map(printable).collect();
+    DbcFault { line, kind: FaultKind::Syntax { column, text } }
+}
+
+/// Line of an item, from 1.
+pub fn line_of(item: &Pair<'_, Rule>) -> usize {
+    item.line_col().0
+}
+
+/// First part of an item with this rule.
+pub fn part<'a>(item: &Pair<'a, Rule>, rule: Rule) -> Option<Pair<'a, Rule>> {
+    item.clone().into_inner().find(|it| it.as_rule() == rule)
+}
+
+/// Text of a part; empty if there is none.
+pub fn part_text<'a>(item: &Pair<'a, Rule>, rule: Rule) -> &'a str {
+    part(item, rule).map_or("", |it| it.as_str())
+}
+
+/// Text without its quotes.
+pub fn unquoted(text: &str) -> &str {
+    text.strip_prefix('"').and_then(|it| it.strip_suffix('"')).unwrap_or(text)
+}
+
+const FRAME_FORMAT: &str = "VFrameFormat";
+const BIT_RATE_SWITCH: &str = "CANFD_BRS";
+const START_VALUE: &str = "GenSigStartValue";
+
+/// Values of attributes by message, or by message and signal, as texts.
+#[derive(Debug, Default)]
+pub struct Attributes<'a> {
+    /// Values of attributes of kind ENUM.
+    values: HashMap<String, Vec<String>>,
+    defaults: HashMap<&'a str, &'a str>,
+    messages: HashMap<(&'a str, &'a str), &'a str>,
+    signals: HashMap<(&'a str, &'a str, &'a str), &'a str>,
+}
+
+impl<'a> Attributes<'a> {
+    /// Takes an item that defines or sets an attribute.
+    pub fn take(&mut self, item: &Pair<'a, Rule>) {
+        let name = unquoted(part_text(item, Rule::attribute_name));
+        match item.as_rule() {
+            Rule::attr_def => {
+                let definition = AttributeDefinition::try_from(item.clone());
+                let Ok(AttributeDefinition::Message(name, AttributeValueType::Enum(values))) =
+                    definition
+                else {
+                    return;
+                };
+                self.values.insert(name, values);
+            }
+            Rule::ba_def_def => {
+                self.defaults.insert(name, value_of(item));
+            }
+            Rule::attr_value => {
+                if let Some(object) = part(item, Rule::msg_var_val) {
+                    let message = part_text(&object, Rule::message_id);
+                    self.messages.insert((name, message), value_of(&object));
+                } else if let Some(object) = part(item, Rule::signal_var) {
+                    let message = part_text(&object, Rule::message_id);
+                    let signal = part_text(&object, Rule::ident);
+                    self.signals.insert((name, message, signal), value_of(&object));
+                }
+            }
+            _ => {}
+        }
+    }
+
+    /// Returns whether the frame format of a message is CAN FD; `None` if the file does not state it.
+    pub fn is_fd(&self, message: &str) -> Option<bool> {
+        self.message_text(FRAME_FORMAT, message).map(|format| format.ends_with("_FD"))
+    }
+
+    pub fn has_bit_rate_switch(&self, message: &str) -> Option<bool> {
+        self.message_text(BIT_RATE_SWITCH, message).map(|value| value != "0")
+    }
+
+    /// Start value of a signal, as a raw value.
+    pub fn start_value(&self, message: &str, signal: &str) -> Option<&'a str> {
+        let value = self.signals.get(&(START_VALUE, message, signal));
+        value.or_else(|| self.defaults.get(START_VALUE)).copied()
+    }
+
+    /// An attribute of kind ENUM has the text of its index or the text itself.
+    fn message_text(&self, name: &str, message: &str) -> Option<&str> {
+        let value = self.messages.get(&(name, message)).or_else(|| self.defaults.get(name))?;
+        let values = self.values.get(name)?;
+        let index = value.parse::<usize>().ok().filter(|_| !values.iter().any(|it| it == value));
+        Some(index.and_then(|at| values.get(at)).map_or(value, String::as_str))
+    }
+}
+
+/// The value of an attribute, the last part.
+fn value_of<'a>(item: &Pair<'a, Rule>) -> &'a str {
+    let value = item
+        .clone()
+        .into_inner()
+        .filter(|it| matches!(it.as_rule(), Rule::number | Rule::quoted_str))
+        .last();
+    value.map_or("", |it| unquoted(it.as_str()))
+}
+
+/// Fault in a line.
+#[derive(Clone, Debug, PartialEq, Eq, Error)]
+#[error("line {line}: {kind}")]
+pub struct DbcFault {
+    /// Line, from 1.
+    pub line: usize,
+    /// Kind of fault.
+    pub kind: FaultKind,
+}
+
+/// Kind of fault.
+#[derive(Clone, Debug, PartialEq, Eq, Error)]
+#[non_exhaustive]
+pub enum FaultKind {
+    /// The line is not in the grammar.
+    #[error("column {column}: syntax error in \"{text}\"")]
+    Syntax {
+        /// Column, from 1.
+        column: usize,
+        /// Text of the line.
+        text: String,
+    },
+    /// A value that the grammar allows and the format does not.
+    #[error("{0}")]
+    Value(String),
+    /// CAN ID of a message.
+    #[error(
+        "CAN ID {0} is out of range; allowed: 0 to 2047, or 2147483648 plus an extended CAN ID of 0 \
+         to 536870911"
+    )]
+    CanId(String),
+    /// Length of a message.
+    #[error("message length {0} is out of range; allowed: 0 to 64 bytes")]
+    Length(String),
+    /// CAN ID or name of another message.
+    #[error("{what} {value} is also in line {line}")]
+    Duplicate {
+        /// Kind of the name.
+        what: &'static str,
+        /// CAN ID or name.
+        value: String,
+        /// Line of the first one.
+        line: usize,
+    },
+    /// Bits of a signal.
+    #[error(
+        "signal {signal}: {bits} bits from bit {start} are not in {bytes} bytes; allowed: 1 to 64 bits"
+    )]
+    Bits {
+        /// Name of the signal.
+        signal: String,
+        /// Start bit.
+        start: u64,
+        /// Length in bits.
+        bits: u64,
+        /// Length of the message in bytes.
+        bytes: usize,
+    },
+    /// A float of another length.
+    #[error("signal {signal}: a {expected} bit float has {bits} bits")]
+    FloatLength {
+        /// Name of the signal.
+        signal: String,
+        /// Length in bits.
+        bits: u32,
+        /// Length of the type.
+        expected: u32,
+    },
+    /// A reference to a message or signal that does not exist.
+    #[error("{0} does not exist")]
+    Reference(String),
+    /// A multiplexed signal in a message without multiplexer or with several.
+    #[error(
+        "signal {signal} is multiplexed, but the message has {count} multiplexers; expected 1, or SG_MUL_VAL_"
+    )]
+    Multiplexer {
+        /// Name of the signal.
+        signal: String,
+        /// Number of multiplexers.
+        count: usize,
+    },
+    /// A multiplexer that depends on itself.
+    #[error("signal {0} is multiplexed by itself")]
+    MultiplexerCycle(String),
+}
+
+/// Faults of a file, in the order of their lines.
+#[derive(Clone, Debug, PartialEq, Eq, Error)]
+pub struct DbcFaults(pub Vec<DbcFault>);
+
+impl fmt::Display for DbcFaults {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.0.as_slice() {
+            [only] => write!(f, "{only}"),
+            all => {
+                write!(f, "{} faults", all.len())?;
+                all.iter().try_for_each(|fault| write!(f, "\n  - {fault}"))
+            }
+        }
     }
 }

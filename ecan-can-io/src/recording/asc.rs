@@ -14,12 +14,12 @@
 
 use ecan_protocol::can::{CanFrame, CanId, Dlc};
 
-use crate::recording::error::{RecordingError, RecordingErrorKind};
+use super::Format;
+use super::{LoggedFrame, Recording};
+use super::{RecordingError, RecordingErrorKind};
 use crate::recording::fields::{
     FieldResult, Fields, classic, interface, invalid, number, remote, time_ns,
 };
-use crate::recording::format::Format;
-use crate::recording::recording::{LoggedFrame, Recording};
 
 /// Digits of a second in nanoseconds.
 const SECOND_DIGITS: u32 = 9;

@@ -4,7 +4,7 @@ use std::str::SplitAsciiWhitespace;
 
 use ecan_protocol::can::{CanFrame, CanId, Dlc};
 
-use crate::recording::error::RecordingErrorKind;
+use super::RecordingErrorKind;
 
 /// Characters of a field in a message.
 const MAX_QUOTED: usize = 80;

@@ -10,8 +10,8 @@ use ecan_protocol::image::ProfileError;
 use ecan_protocol::mapping::Direction;
 use ecan_protocol::object::lookup;
 
+use super::gateway::{EXTENDED_TABLE, STANDARD_TABLE};
 use crate::config_file::document::Document;
-use crate::config_file::filter::{EXTENDED_TABLE, STANDARD_TABLE};
 use crate::config_file::gateway::CHANNEL_TABLES;
 use ecan_mcan_port::Config;
 

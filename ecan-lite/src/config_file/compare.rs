@@ -1,13 +1,10 @@
 //! Comparison of a device with a startup sequence, entry by entry.
 
+use ecan_host::{Diagnostics, Error, Expectation, StartupStep};
+use ecan_protocol::config::{CacheDepth, FilterCommand, FilterWindow};
+use ecan_protocol::object::{SdoWrite, describe, lookup, object};
 use std::collections::BTreeMap;
-
-use ecan_host::{Diagnostics, Error, StartupStep};
-use ecan_protocol::config::CacheDepth;
-use ecan_protocol::object::{SdoWrite, object};
-
-use crate::config_file::difference::{Difference, Expected};
-use crate::config_file::filter_compare::{self, FilterList};
+use std::fmt;
 
 /// Compares a slave with the startup sequence of a gateway: everything that the sequence writes and
 /// expects, with filters, without commands.
@@ -34,7 +31,7 @@ pub fn differences(
     let mut differences = Vec::new();
     for (at, step) in steps.iter().enumerate() {
         match *step {
-            StartupStep::Download(write) if filter_compare::is_of_window(&write) => {
+            StartupStep::Download(write) if is_of_window(&write) => {
                 FilterList::collect(&mut lists, write);
             }
             StartupStep::Download(write) => {
@@ -150,4 +147,188 @@ fn is_command(write: &SdoWrite) -> bool {
     let entry = object(write.index).and_then(|object| object.entry(write.subindex));
     apply.is_some_and(|apply| apply.command == write.subindex)
         || entry.is_some_and(|entry| !entry.access.can_read())
+}
+
+/// Expected value of an entry.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Expected {
+    /// The value of the file.
+    Value(u32),
+    /// The condition of a readback.
+    Readback(Expectation),
+    /// The device loads the filter into the editing window.
+    Loaded,
+}
+
+impl fmt::Display for Expected {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Value(value) => write!(f, "{value}"),
+            Self::Readback(expected) => write!(f, "{expected}"),
+            Self::Loaded => f.write_str("loaded"),
+        }
+    }
+}
+
+/// An entry in which a device and a file differ.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Difference {
+    /// Index of the object.
+    pub index: u16,
+    /// Subindex of the entry; for a filter, in the editing window.
+    pub subindex: u8,
+    /// Index of the filter in its list, for an entry of a filter.
+    pub filter: Option<u8>,
+    /// Value of the file.
+    pub expected: Expected,
+    /// Value of the device; `None` if it does not have the entry.
+    pub found: Option<u32>,
+    /// True if the master writes the entry at each start: the PDO assignment and the active profile.
+    /// The flash does not keep these, so they differ from power-up to the start.
+    pub is_set_at_start: bool,
+}
+
+impl fmt::Display for Difference {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}", describe(self.index, self.subindex))?;
+        if let Some(filter) = self.filter {
+            write!(f, " of filter {filter}")?;
+        }
+        let entry = lookup(self.index, self.subindex).map(|(_, entry)| entry);
+        let meaning = |value| match entry.and_then(|entry| entry.meaning(value)) {
+            Some(text) => format!(" ({text})"),
+            None => String::new(),
+        };
+        let (expected, found) = (self.expected, self.found);
+        let text = match expected {
+            Expected::Value(value) => meaning(value),
+            Expected::Readback(_) | Expected::Loaded => String::new(),
+        };
+        match (expected, found) {
+            (_, None) => write!(
+                f,
+                ": the file has {expected}{text}, the device lacks it (assumption H42: older firmware)"
+            ),
+            (Expected::Loaded, Some(found)) => {
+                write!(f, ": the device does not load it, {found}{}", meaning(found))
+            }
+            (_, Some(found)) => {
+                write!(f, ": the file has {expected}{text}, the device {found}{}", meaning(found))
+            }
+        }
+    }
+}
+
+/// The filters that a file writes to one list of a channel.
+#[derive(Debug)]
+pub(crate) struct FilterList {
+    channel_object: u16,
+    window: FilterWindow,
+    count: u32,
+    /// Index in the list, and the fields as they are written.
+    filters: Vec<(u8, Vec<(u8, u32)>)>,
+}
+
+fn window_of(write: &SdoWrite) -> Option<FilterWindow> {
+    let is_of = |window: &FilterWindow| {
+        [window.index, window.command, window.count].contains(&write.subindex)
+            || window.fields().contains(&write.subindex)
+    };
+    let is_channel = (0x8001..=0x8004).contains(&write.index);
+    if is_channel { FilterWindow::BOTH.into_iter().find(is_of) } else { None }
+}
+
+/// True if a write is to an editing window.
+pub(crate) fn is_of_window(write: &SdoWrite) -> bool {
+    window_of(write).is_some()
+}
+
+impl FilterList {
+    /// Adds a write to a window.
+    pub(crate) fn collect(lists: &mut Vec<Self>, write: SdoWrite) {
+        let Some(window) = window_of(&write) else { return };
+        let is_it = |it: &Self| it.channel_object == write.index && it.window == window;
+        let at = lists.iter().position(is_it).unwrap_or_else(|| {
+            let channel_object = write.index;
+            lists.push(Self { channel_object, window, count: 0, filters: Vec::new() });
+            lists.len() - 1
+        });
+        let Some(own) = lists.get_mut(at) else { return };
+        if write.subindex == window.count {
+            own.count = write.value;
+        } else if write.subindex == window.index {
+            own.filters.push((write.value as u8, Vec::new()));
+        } else if write.subindex != window.command
+            && let Some((_, fields)) = own.filters.last_mut()
+        {
+            fields.push((write.subindex, write.value));
+        }
+    }
+
+    /// Loads each filter into the window and compares its fields.
+    pub(crate) fn compare(
+        &self,
+        bus: &Diagnostics,
+        slave: usize,
+        differences: &mut Vec<Difference>,
+    ) -> Result<(), Error> {
+        let mut push = |filter, subindex, expected, found| {
+            let (index, is_set_at_start) = (self.channel_object, false);
+            differences.push(Difference {
+                index,
+                subindex,
+                filter,
+                expected,
+                found: Some(found),
+                is_set_at_start,
+            });
+        };
+        let read = |subindex| bus.sdo_upload_u32(slave, self.channel_object, subindex);
+        let count = read(self.window.count)?;
+        if count != self.count {
+            push(None, self.window.count, Expected::Value(self.count), count);
+        }
+        for (at, fields) in &self.filters {
+            if u32::from(*at) >= count {
+                continue;
+            }
+            let load = FilterCommand::Load.raw();
+            bus.sdo_download(slave, self.channel_object, self.window.index, &[*at])?;
+            bus.sdo_download(slave, self.channel_object, self.window.command, &[load])?;
+            let status = read(self.window.status)?;
+            if status != 0 {
+                // The window shows another filter.
+                push(Some(*at), self.window.status, Expected::Loaded, status);
+                continue;
+            }
+            for (subindex, expected) in fields {
+                let found = read(*subindex)?;
+                if found != *expected {
+                    push(Some(*at), *subindex, Expected::Value(*expected), found);
+                }
+            }
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn filter_that_is_not_loaded_is_reported() {
+        let subindex = ecan_protocol::config::FilterWindow::STANDARD.status;
+        let difference = Difference {
+            index: 0x8001,
+            subindex,
+            filter: Some(3),
+            expected: Expected::Loaded,
+            found: Some(1),
+            is_set_at_start: false,
+        };
+        let text = difference.to_string();
+        assert!(text.contains(" of filter 3: the device does not load it, 1"), "{text}");
+        assert!(text.starts_with("0x8001:"), "{text}");
+    }
 }

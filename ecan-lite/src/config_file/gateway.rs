@@ -1,17 +1,21 @@
-//! One gateway of a file.
+//! One gateway of a file, with its channels, filters and process data.
 
+use super::device_profile::IncludedProfile;
+use super::document::{Table, store};
+use super::{DEFAULT_N, device_profile, fields};
+use ecan_cia402::{AxisConfig, InputObject, OutputObject};
 use ecan_host::{Identity, SlaveConfig, StartupStep};
-use ecan_mcan_port::{AcceptanceFilter, GatewayConfig, MarginCheck, ScheduleConfig};
-use ecan_protocol::config::{DataPathGlobal, NodeMode};
+use ecan_mcan_port::{
+    AcceptanceFilter, ChannelConfig, GatewayConfig, MarginCheck, ScheduleConfig, Traffic,
+};
+use ecan_protocol::can::CanId;
+use ecan_protocol::config::{
+    ConfigObject, DataPathGlobal, ExtendedFilter, ExtendedMatch, FilterAction, FilterWindow,
+    McanChannelConfig, MessageRamLayout, NodeMode, StandardFilter, StandardMatch,
+};
 use ecan_protocol::image::PdoProfile;
 use ecan_protocol::mapping::{Direction, MAX_MULTIPLIER};
 use ecan_protocol::text::Printable;
-
-use crate::config_file::DEFAULT_N;
-use crate::config_file::channel;
-use crate::config_file::document::{Table, store};
-use crate::config_file::fields;
-use crate::config_file::included_profile::{self, IncludedProfile};
 
 /// Tables of the channels.
 pub(crate) const CHANNEL_TABLES: [&str; ecan_protocol::mapping::CHANNELS] =
@@ -53,7 +57,7 @@ pub(crate) fn read(mut table: Table<'_, '_>, at: usize) -> ReadGateway {
     store(&mut gateway.allow_diagnostic_tests, table.flag("allow_diagnostic_tests"));
     store(&mut gateway.hold_limit, table.unsigned("hold_limit", (0, 0xFFFF)));
     store(&mut gateway.input_limit, table.unsigned("input_limit", (0, 0xFFFF)));
-    let profile = included_profile::read(&mut table, at);
+    let profile = device_profile::read(&mut table, at);
     if let Some(profile) = &profile {
         profile.apply(&mut gateway);
     }
@@ -75,7 +79,7 @@ pub(crate) fn read(mut table: Table<'_, '_>, at: usize) -> ReadGateway {
     let channels = CHANNEL_TABLES.into_iter().zip(&mut gateway.channels);
     for (channel, (key, entry)) in (0..).zip(channels) {
         let Some(table) = table.table(key) else { continue };
-        let (config, own) = channel::read(table);
+        let (config, own) = read_channel(table);
         *entry = Some(config);
         filters.extend(own.into_iter().map(|filter| (channel, filter)));
     }
@@ -172,4 +176,218 @@ fn global_steps(mut table: Table<'_, '_>) -> Vec<StartupStep> {
     let apply = DataPathGlobal::apply_write();
     let writes = global.writes().chain([apply]).map(StartupStep::Download);
     writes.chain([StartupStep::expect(apply.index, 3, 0)]).collect()
+}
+
+const CHANNEL: u16 = McanChannelConfig::INDEX;
+
+pub(crate) fn read_channel(mut table: Table<'_, '_>) -> (ChannelConfig, Vec<AcceptanceFilter>) {
+    // A missing or wrong bit rate is already a fault; the rest is read with another one.
+    let bitrate = fields::read_entry(&mut table, "bitrate", (CHANNEL, 19));
+    if !table.has("bitrate") {
+        table.fault("bitrate", "`bitrate` is missing: the nominal bit rate in bit/s");
+    }
+    let nominal = bitrate.unwrap_or(500_000);
+    let mut config = match fields::read_entry(&mut table, "data_bitrate", (CHANNEL, 20)) {
+        Some(data) => ChannelConfig::fd(nominal, data),
+        None if table.has("data_bitrate") => ChannelConfig::fd(nominal, nominal.max(1_000_000)),
+        None => ChannelConfig::classic(nominal),
+    };
+    if let Some(traffic) = table.table("traffic") {
+        config = config.with_traffic(read_traffic(traffic));
+    }
+    fields::read(&mut table, "", &mut config.can);
+    for group in ["nominal_timing", "data_timing"] {
+        if let Some(mut timing) = table.table(group) {
+            fields::read(&mut timing, group, &mut config.can);
+            fields::report_missing::<McanChannelConfig>(&timing, group);
+        }
+    }
+    if let Some(mut ram) = table.table("ram") {
+        let layouts = [("classic", MessageRamLayout::classic()), ("fd", MessageRamLayout::fd())];
+        store(&mut config.can.ram, ram.word("layout", &layouts));
+        fields::read(&mut ram, "ram", &mut config.can);
+    }
+    if let Some(mut policy) = table.table("data_path") {
+        fields::read(&mut policy, "", &mut config.data_path);
+    }
+    let standard = read_standard(&mut table).into_iter().map(Into::into);
+    let extended = read_extended(&mut table).into_iter().map(Into::into);
+    let filters = standard.chain(extended).collect();
+    fields::check(&table, &config.can);
+    (config, filters)
+}
+
+fn read_traffic(mut table: Table<'_, '_>) -> Traffic {
+    let mut traffic = Traffic::default();
+    store(&mut traffic.received, table.unsigned("received", (0, 255)));
+    store(&mut traffic.sent, table.unsigned("sent", (0, 255)));
+    traffic
+}
+
+pub(crate) const STANDARD_TABLE: &str = "standard_filter";
+pub(crate) const EXTENDED_TABLE: &str = "extended_filter";
+
+/// Numbers of receive buffers.
+const BUFFERS: (u32, u32) = (0, 63);
+
+const KEYS: [&str; 5] = ["match", "action", "sync", "id1", "id2"];
+
+pub(crate) fn read_standard(table: &mut Table<'_, '_>) -> Vec<StandardFilter> {
+    let tables = table.tables(STANDARD_TABLE);
+    let read = |table| {
+        let filter = Filter::read(table, FilterWindow::STANDARD);
+        StandardFilter {
+            matching: filter.matching(StandardMatch::from_raw, StandardMatch::Two),
+            action: filter.action,
+            sync: filter.sync,
+            id1: filter.id1 as u16,
+            id2: filter.id2 as u16,
+        }
+    };
+    tables.into_iter().map(read).collect()
+}
+
+pub(crate) fn read_extended(table: &mut Table<'_, '_>) -> Vec<ExtendedFilter> {
+    let tables = table.tables(EXTENDED_TABLE);
+    let read = |table| {
+        let filter = Filter::read(table, FilterWindow::EXTENDED);
+        ExtendedFilter {
+            matching: filter.matching(ExtendedMatch::from_raw, ExtendedMatch::Two),
+            action: filter.action,
+            sync: filter.sync,
+            id1: filter.id1,
+            id2: filter.id2,
+        }
+    };
+    tables.into_iter().map(read).collect()
+}
+
+struct Filter {
+    /// Raw value; `None` for a filter into a receive buffer, whose type the core ignores.
+    matching: Option<u32>,
+    action: FilterAction,
+    sync: bool,
+    id1: u32,
+    id2: u32,
+}
+
+impl Filter {
+    fn read(mut table: Table<'_, '_>, window: FilterWindow) -> Self {
+        let mut fields = window.fields().zip(KEYS).map(|(subindex, key)| {
+            let entry = (McanChannelConfig::INDEX, subindex);
+            fields::read_entry(&mut table, key, entry)
+        });
+        let [matching, action, sync, id1, id2] = std::array::from_fn(|_| fields.next().flatten());
+        drop(fields);
+        let buffer_action = u32::from(FilterAction::RxBuffer(0).raw());
+        let is_buffer = action == Some(buffer_action);
+        // A filter into a receive buffer matches the one CAN ID `id1`.
+        let needed: &[&str] = match is_buffer || table.is_recorded() {
+            true => &["action", "id1"],
+            false => &["action", "match", "id1", "id2"],
+        };
+        for key in needed.iter().filter(|key| !table.has(key)) {
+            table.fault(key, format!("`{key}` is missing"));
+        }
+        let mut buffer = 0;
+        if table.is_recorded() {
+            table.unsigned::<u8>("rx_buffer", BUFFERS);
+        }
+        if is_buffer {
+            for key in ["match", "id2"].into_iter().filter(|key| table.has(key)) {
+                let why = "a filter into a receive buffer matches the one CAN ID `id1`";
+                table.fault(key, format!("`{key}` has no effect: {why}"));
+            }
+            buffer = table.unsigned("rx_buffer", BUFFERS).unwrap_or(0);
+            if !table.has("rx_buffer") {
+                table.fault("rx_buffer", "`rx_buffer` is missing: the buffer's number");
+            }
+        }
+        let action = action.and_then(|raw| FilterAction::from_raw(raw as u8, buffer));
+        Self {
+            matching,
+            action: action.unwrap_or(FilterAction::Disabled),
+            sync: sync == Some(1),
+            id1: id1.unwrap_or(0),
+            id2: id2.or(id1).unwrap_or(0),
+        }
+    }
+
+    /// The type of the filter. `two` for a receive buffer: no firmware can interpret it as a filter
+    /// that is not used.
+    fn matching<M>(&self, from_raw: fn(u8) -> Option<M>, two: M) -> M {
+        self.matching.and_then(|raw| from_raw(raw as u8)).unwrap_or(two)
+    }
+}
+
+pub(crate) const INPUTS: [(&str, InputObject); 12] = [
+    ("velocity", InputObject::Velocity),
+    ("torque", InputObject::Torque),
+    ("error_code", InputObject::ErrorCode),
+    ("digital_inputs", InputObject::DigitalInputs),
+    ("mode_display", InputObject::ModeDisplay),
+    ("following_error", InputObject::FollowingError),
+    ("probe_status", InputObject::ProbeStatus),
+    ("probe_1_positive", InputObject::Probe1Positive),
+    ("probe_1_negative", InputObject::Probe1Negative),
+    ("probe_2_positive", InputObject::Probe2Positive),
+    ("probe_2_negative", InputObject::Probe2Negative),
+    ("vl_velocity", InputObject::VlVelocity),
+];
+
+pub(crate) const OUTPUTS: [(&str, OutputObject); 5] = [
+    ("velocity_offset", OutputObject::VelocityOffset),
+    ("torque_offset", OutputObject::TorqueOffset),
+    ("probe_function", OutputObject::ProbeFunction),
+    ("digital_outputs", OutputObject::DigitalOutputs),
+    ("mode", OutputObject::Mode),
+];
+
+/// Reads the PDOs with their objects, and the limits of the feed-forward.
+pub(crate) fn read_process_data(table: &mut Table<'_, '_>, axis: &mut AxisConfig) {
+    store(&mut axis.pdo_number, table.unsigned("pdo_number", (1, 512)));
+    axis.cob_ids.rpdos = read_cob_ids(table, "rpdo_cob_ids");
+    axis.cob_ids.tpdos = read_cob_ids(table, "tpdo_cob_ids");
+    axis.inputs = read_objects(table, "inputs", &INPUTS);
+    axis.outputs = read_objects(table, "outputs", &OUTPUTS);
+    if let Some(mut limits) = table.table("feed_forward") {
+        let target = &mut axis.feed_forward;
+        store(&mut target.velocity, limits.unsigned("velocity", (0, i32::MAX.unsigned_abs())));
+        let change = limits.unsigned("velocity_change", (0, i32::MAX.unsigned_abs()));
+        store(&mut target.velocity_change, change);
+        store(&mut target.torque, limits.unsigned("torque", (0, 0x7FFF)));
+        store(&mut target.torque_change, limits.unsigned("torque_change", (0, 0x7FFF)));
+    }
+}
+
+/// COB-IDs of PDOs; the check of the axis reports those that a PDO cannot have.
+fn read_cob_ids(table: &mut Table<'_, '_>, key: &'static str) -> Vec<CanId> {
+    let ids = table.unsigned_list(key, (0, 0x7FF)).unwrap_or_default();
+    ids.into_iter().filter_map(|id| CanId::standard(u16::try_from(id).ok()?).ok()).collect()
+}
+
+fn read_objects<T: Copy + PartialEq>(
+    table: &mut Table<'_, '_>,
+    key: &'static str,
+    words: &[(&str, T)],
+) -> Vec<T> {
+    let objects = table.words(key, words).unwrap_or_default();
+    let is_repeated = |nth: usize, object: &T| objects.iter().take(nth).any(|it| it == object);
+    let repeated = objects.iter().enumerate().find(|(nth, object)| is_repeated(*nth, object));
+    let name = |object: &T| words.iter().find(|it| it.1 == *object).map_or("", |it| it.0);
+    if let Some((_, object)) = repeated {
+        table.fault(key, format!("`{key}` has \"{}\" twice", name(object)));
+    }
+    objects
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_object_has_a_word() {
+        assert!(InputObject::ALL.iter().all(|object| INPUTS.iter().any(|it| it.1 == *object)));
+        assert!(OutputObject::ALL.iter().all(|object| OUTPUTS.iter().any(|it| it.1 == *object)));
+    }
 }

@@ -28,32 +28,16 @@
 
 mod axis;
 mod bus;
-mod bus_master;
-mod channel;
 mod check;
 mod compare;
 mod device;
 mod device_profile;
-mod difference;
 mod document;
-mod drive;
 pub mod export;
-mod fault;
 mod fields;
-mod filter;
-mod filter_compare;
-mod flash;
 mod gateway;
-mod idle_keys;
-mod included_profile;
-mod input;
-mod located;
-mod network;
 mod node;
-mod process_data;
 mod schema;
-mod service;
-mod text_lines;
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -63,18 +47,18 @@ use ecan_cia402::AxisConfig;
 use ecan_host::{Expectation, StartupStep};
 use ecan_mcan_port::Config;
 
+pub use bus::NetworkSettings;
+pub use bus::ServiceSettings;
+pub use compare::{Difference, Expected};
 pub use compare::{differences, missing_entries};
+pub use device::{ConfigChecksums, FlashCommand};
 pub use device::{ResolveError, ResolvedGateway, apply, find};
 pub use device_profile::DeviceProfile;
-pub use difference::{Difference, Expected};
-pub use fault::{ConfigFileError, FileFault, FileFaults};
-pub use flash::{ConfigChecksums, FlashCommand};
-pub use included_profile::{IncludedProfile, ProfileEffect};
-pub use input::read_bytes;
-pub use network::NetworkSettings;
+pub use device_profile::{IncludedProfile, ProfileEffect};
+pub use document::read_bytes;
+pub use document::{ConfigFileError, FileFault, FileFaults};
 pub use node::parse_bus_yml;
 pub use schema::schema;
-pub use service::ServiceSettings;
 
 use bus::Bus;
 use document::{Document, Includes, Table};

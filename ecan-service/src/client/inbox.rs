@@ -1,15 +1,14 @@
 //! Messages of the service: responses by their request, and the queue of events.
 
-use std::collections::{HashMap, VecDeque};
-
+use super::client::ClientError;
 use crate::protocol::{
     FrameRecord, FrameRecords, FrameReport, GatewaysChanged, ImageMessage, MessageKind,
     MessageReader, Response, RpcError, Sender,
 };
+use ecan_protocol::image::PdoProfile;
+use ecan_protocol::mapping::Direction;
 use serde_json::Value;
-
-use crate::client::error::ClientError;
-use crate::client::event::{Event, Lost};
+use std::collections::{HashMap, VecDeque};
 
 /// Approximate bytes of the queued events, above which new frames and images are lost.
 const MAX_QUEUED_BYTES: usize = 16 << 20;
@@ -171,12 +170,78 @@ impl Inbox {
     }
 }
 
+/// Event from the service.
+#[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
+pub enum Event {
+    /// A frame: of the subscription, or a result of this client's own frames.
+    Frame(FrameReport),
+    /// A PDO image of the subscription.
+    Image(ReceivedImage),
+    /// Data that this client lost at this point: it read too slowly.
+    Lost(Lost),
+    /// The bus was configured again.
+    Gateways(GatewaysChanged),
+    /// Another notification.
+    Notification {
+        /// Its name.
+        method: String,
+        /// Its parameters.
+        params: Value,
+    },
+}
+
+/// Numbers of lost frames and images.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Lost {
+    /// Frames that the service could not deliver.
+    pub frames: u64,
+    /// Images that the service could not deliver.
+    pub images: u64,
+    /// Frames that found the buffer of this client full, during a request.
+    pub frames_in_client: u64,
+    /// Images that found the buffer of this client full, during a request.
+    pub images_in_client: u64,
+}
+
+impl Lost {
+    pub(crate) fn add(&mut self, other: Self) {
+        self.frames += other.frames;
+        self.images += other.images;
+        self.frames_in_client += other.frames_in_client;
+        self.images_in_client += other.images_in_client;
+    }
+}
+
+/// A PDO image.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct ReceivedImage {
+    /// Start of the cycle, as in a frame.
+    pub time_ns: u64,
+    /// Number of the cycle.
+    pub cycle: u64,
+    /// Index of the gateway.
+    pub gateway: u16,
+    /// Direction.
+    pub direction: Direction,
+    /// Profile of the image.
+    pub profile: PdoProfile,
+    /// The image.
+    pub image: Box<[u8]>,
+}
+
+impl From<ImageMessage<'_>> for ReceivedImage {
+    fn from(message: ImageMessage<'_>) -> Self {
+        let ImageMessage { time_ns, cycle, gateway, direction, profile, image, .. } = message;
+        Self { time_ns, cycle, gateway, direction, profile, image: image.into() }
+    }
+}
+
 #[cfg(test)]
 mod tests {
+    use super::*;
     use crate::protocol::{FrameEvent, header};
     use ecan_protocol::can::{CanFrame, CanId};
-
-    use super::*;
 
     fn batch(records: &[FrameRecord]) -> Vec<u8> {
         let mut payload = Vec::new();

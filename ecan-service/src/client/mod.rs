@@ -3,12 +3,10 @@
 //! A [`Client`] makes requests, receives frames and images of its subscriptions, and sends frames.
 
 mod client;
-mod error;
-mod event;
 mod inbox;
 
 pub use client::{Client, Tag};
-pub use error::{ClientError, SendError};
-pub use event::{Event, Lost, ReceivedImage};
+pub use client::{ClientError, SendError};
+pub use inbox::{Event, Lost, ReceivedImage};
 
 pub use crate::protocol::*;

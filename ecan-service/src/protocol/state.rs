@@ -1,5 +1,6 @@
-//! Methods `state` and `config`.
+//! State of the bus, of its axes and of the service, as responses contain it.
 
+use super::requests::Access;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
@@ -95,4 +96,284 @@ pub struct ActiveConfig {
     pub adapter: Value,
     /// A `PortConfig`.
     pub port: Value,
+}
+
+/// Result of `axes`.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+pub struct Axes {
+    /// Number of the cycle.
+    pub cycle: u64,
+    /// Start of the cycle, in nanoseconds, as in a frame record.
+    pub time_ns: u64,
+    /// The axes; empty if the application has none.
+    pub axes: Vec<AxisState>,
+}
+
+/// Status of an axis. Positions in steps.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct AxisState {
+    /// Index of the gateway.
+    pub gateway: u16,
+    /// Channel, 0 to 3.
+    pub channel: u8,
+    /// Node-ID of the drive.
+    pub node_id: u8,
+    /// Phase of the axis.
+    pub phase: String,
+    /// Time since the phase began, in nanoseconds.
+    pub elapsed_ns: u64,
+    /// Failure of the last command.
+    pub error: Option<String>,
+    /// Mode of operation.
+    pub mode: String,
+    /// The last statusword.
+    pub statusword: Option<u16>,
+    /// State in the statusword.
+    pub drive_state: Option<String>,
+    /// Error code of the last emergency message; 0 for none.
+    pub error_code: u16,
+    /// Last NMT state of the node.
+    pub nmt_state: Option<String>,
+    /// State of the heartbeat.
+    pub heartbeat: String,
+    /// The last usable actual position.
+    pub actual: Option<i32>,
+    /// Age of the actual position in cycles; 65535 is more or never.
+    pub actual_age: u16,
+    /// The actual position in degrees.
+    pub actual_degrees: Option<f64>,
+    /// The last target sent.
+    pub target: Option<i32>,
+    /// Target minus actual position.
+    pub following_error: Option<i64>,
+    /// Reason of a hold.
+    pub hold_reason: Option<String>,
+    /// Cause of a stop.
+    pub stop_cause: Option<String>,
+    /// The drive is configured.
+    pub is_configured: bool,
+    /// The axis follows targets.
+    pub is_running: bool,
+    /// A halted axis is at rest.
+    pub is_at_rest: bool,
+    /// The drive has reached its target.
+    pub is_target_reached: bool,
+    /// The axis has stopped.
+    pub is_stopped: bool,
+    /// A recovery continues.
+    pub is_recovering: bool,
+}
+
+/// Result of `service.stats`.
+#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
+pub struct ServiceStats {
+    /// Clients that were accepted since the start.
+    pub clients_accepted: u64,
+    /// Clients that were rejected: too many in all or of one user, or no file descriptor.
+    pub clients_rejected: u64,
+    /// Clients that were disconnected because no `hello` came in time.
+    #[serde(default)]
+    pub clients_silent: u64,
+    /// Requests that wait for a worker or are executed by one.
+    #[serde(default)]
+    pub requests_pending: u64,
+    /// Requests that were rejected because a limit was reached.
+    #[serde(default)]
+    pub requests_rejected: u64,
+    /// Requests that were not executed because their client left.
+    #[serde(default)]
+    pub requests_cancelled: u64,
+    /// Requests that waited longer than their age limit and were not executed.
+    #[serde(default)]
+    pub requests_expired: u64,
+    /// Frame events of the bus that the service read.
+    pub frames: u64,
+    /// Frames of images that found the ring of the cycle full: lost for every subscribed client.
+    pub frames_lost_in_ring: u64,
+    /// Images that found the ring of the cycle full.
+    pub images_lost_in_ring: u64,
+    /// The connected clients.
+    pub clients: Vec<ClientStats>,
+}
+
+/// Counters of a client. For each subscribed client, every selected frame is either in
+/// `frames_delivered` or in `frames_lost`.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct ClientStats {
+    /// Number of the client, from 1.
+    pub id: u64,
+    /// Name in `hello`.
+    pub name: String,
+    /// Process of the client.
+    pub pid: u32,
+    /// User of the client.
+    pub uid: u32,
+    /// Access.
+    pub access: Access,
+    /// Time since the connection, in milliseconds.
+    pub connected_ms: u64,
+    /// Requests.
+    pub requests: u64,
+    /// Requests that were rejected because a limit was reached.
+    #[serde(default)]
+    pub requests_rejected: u64,
+    /// Requests that waited longer than their age limit and were not executed.
+    #[serde(default)]
+    pub requests_expired: u64,
+    /// Frames put into the output queue of the client.
+    pub frames_delivered: u64,
+    /// Frames that the client lost.
+    pub frames_lost: u64,
+    /// Images put into the output queue.
+    pub images_delivered: u64,
+    /// Images that the client lost.
+    pub images_lost: u64,
+    /// Frames of the client that the service accepted.
+    pub frames_accepted: u64,
+    /// Frames of the client that the service rejected.
+    pub frames_rejected: u64,
+    /// Frames of the client without result.
+    pub frames_pending: u64,
+    /// Bytes in the output queue.
+    pub queued_bytes: u64,
+}
+
+/// Result of `bus.state`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct BusState {
+    /// Slaves found by the last scan.
+    pub slave_count: u32,
+    /// Slaves that answer, over all links.
+    pub slaves_responding: u32,
+    /// AL states that occur: bit 0 INIT, 1 PREOP, 2 SAFEOP, 3 OP.
+    pub al_states: u8,
+    /// At least one link is up.
+    pub link_up: bool,
+    /// The main link is up.
+    pub main_link_up: bool,
+    /// A scan is running: slave information may be outdated.
+    pub scan_busy: bool,
+    /// Application time last given to the master, in nanoseconds since 2000-01-01.
+    pub app_time_ns: u64,
+}
+
+/// Parameters of `bus.link`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct LinkParams {
+    /// 0 for the main link, 1 for the redundant one.
+    pub device: u32,
+}
+
+/// Result of `bus.link`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Link {
+    /// Slaves that answer on this link.
+    pub slaves_responding: u32,
+    /// AL states that occur on this link, bits as in [`BusState`].
+    pub al_states: u8,
+    /// This link is up.
+    pub link_up: bool,
+}
+
+/// Parameters of `bus.slave`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SlaveParams {
+    /// Position on the bus, from 0.
+    pub slave: u16,
+}
+
+/// A slave on the bus.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Slave {
+    /// Position on the bus, from 0.
+    pub position: u16,
+    /// Vendor ID.
+    pub vendor_id: u32,
+    /// Product code.
+    pub product_code: u32,
+    /// Revision.
+    pub revision_number: u32,
+    /// Serial number.
+    pub serial_number: u32,
+    /// Station alias; 0 for none.
+    pub alias: u16,
+    /// Current from the E-bus in mA.
+    pub current_on_ebus_ma: i16,
+    /// AL state: 1 INIT, 2 PREOP, 4 SAFEOP, 8 OP; bit 4 marks an error.
+    pub al_state: u8,
+    /// The master met an error and keeps the slave in its state.
+    pub error_flag: bool,
+    /// Sync managers in the EEPROM.
+    pub sync_count: u8,
+    /// Objects in the dictionary, if the master fetched it.
+    pub sdo_count: u16,
+    /// Device name.
+    pub name: String,
+    /// The four ports.
+    pub ports: [SlavePort; 4],
+}
+
+/// A port of a slave.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct SlavePort {
+    /// Kind of port.
+    pub kind: PortKind,
+    /// A link is established.
+    pub link_up: bool,
+    /// The port returns frames.
+    pub loop_closed: bool,
+    /// A signal arrives.
+    pub signal_detected: bool,
+    /// Local time at which the delay measurement frame arrived, in nanoseconds.
+    pub receive_time_ns: u32,
+    /// Position of the neighbour.
+    pub next_slave: Option<u16>,
+    /// Delay to the next slave with distributed clocks, in nanoseconds.
+    pub delay_to_next_dc_ns: u32,
+}
+
+/// Kind of a slave port.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum PortKind {
+    /// The slave controller does not have it.
+    NotImplemented,
+    /// Not configured.
+    NotConfigured,
+    /// Backplane.
+    Ebus,
+    /// Ethernet.
+    Mii,
+}
+
+/// Parameters of `pdo.assigned`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct AssignedParams {
+    /// Position of the slave.
+    pub slave: u16,
+    /// Sync manager.
+    pub sync: u8,
+}
+
+/// An assigned PDO.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct AssignedPdo {
+    /// Mapping object.
+    pub index: u16,
+    /// Mapped objects.
+    pub entries: Vec<PdoEntry>,
+}
+
+/// A mapped object.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct PdoEntry {
+    /// Object index.
+    pub index: u16,
+    /// Object subindex.
+    pub subindex: u8,
+    /// Length in bits.
+    pub bits: u8,
 }

@@ -10,7 +10,7 @@ use ecan_protocol::can::CanFrame;
 use ecan_protocol::image::{ImageReader, OptionFlags, Packet, PdoProfile, TxResult};
 use ecan_protocol::mapping::{CHANNELS, Direction};
 
-use crate::server::bus_view::BusView;
+use super::bus::BusView;
 use crate::server::session::ClientId;
 
 /// Images that the gateway sends after a published one until its missing results count as lost: 1 s at a

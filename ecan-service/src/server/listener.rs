@@ -1,19 +1,17 @@
 //! The listening socket and its file.
 
-use std::fs;
-use std::io;
-use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
-use std::os::unix::fs::{FileTypeExt as _, MetadataExt as _, PermissionsExt as _};
-use std::os::unix::net::UnixListener;
-use std::path::{Path, PathBuf};
-
+use super::admission::{Peer, group_id};
+use super::service::{MAX_SOCKET_PATH, ServiceConfig, ServiceError};
 use rustix::io::Errno;
 use rustix::net::{
     AddressFamily, SocketAddrUnix, SocketFlags, SocketType, accept_with, socket_with,
 };
-
-use crate::server::config::{MAX_SOCKET_PATH, ServiceConfig, ServiceError};
-use crate::server::permission::{Peer, group_id};
+use rustix::thread::{CpuSet, sched_getaffinity, sched_setaffinity};
+use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
+use std::os::unix::fs::{FileTypeExt as _, MetadataExt as _, PermissionsExt as _};
+use std::os::unix::net::UnixListener;
+use std::path::{Path, PathBuf};
+use std::{fs, io};
 
 /// File of a socket: device and inode.
 type FileId = (u64, u64);
@@ -184,11 +182,30 @@ fn create(
     }
 }
 
+/// Leaves the real-time scheduling of the thread that started this one, and its CPUs if other ones are
+/// left.
+pub(crate) fn enter_background() {
+    match ecan_host::leave_real_time() {
+        Ok(true) => {}
+        Ok(false) => return,
+        Err(error) => return tracing::warn!("service: cannot leave real-time scheduling: {error}"),
+    }
+    // The real-time thread may be bound to CPUs of its own.
+    let Ok(bound) = sched_getaffinity(None) else { return };
+    let mut others = CpuSet::new();
+    for cpu in 0..CpuSet::MAX_CPU {
+        if !bound.is_set(cpu) {
+            others.set(cpu);
+        }
+    }
+    // Fails if there is no other CPU.
+    let _ = sched_setaffinity(None, &others);
+}
+
 #[cfg(test)]
 mod tests {
-    use std::os::unix::net::UnixStream;
-
     use super::*;
+    use std::os::unix::net::UnixStream;
 
     fn open(path: &Path) -> Result<Listener, ServiceError> {
         Listener::open(&mut ServiceConfig::new(path))

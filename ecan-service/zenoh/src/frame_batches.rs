@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use ecan_service::client::FrameReport;
 
-use crate::batch_head::BatchHead;
+use crate::frame_account::BatchHead;
 
 /// Bytes of a payload at which it is published at once.
 const FULL_BYTES: usize = 32 << 10;

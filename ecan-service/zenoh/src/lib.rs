@@ -8,10 +8,8 @@
 #![deny(clippy::print_stdout, clippy::print_stderr)]
 #![forbid(unsafe_code)]
 
-mod batch_head;
 #[cfg(any(feature = "engine", test))]
 mod client_turns;
-mod deadline;
 mod frame_account;
 #[cfg(any(feature = "engine", test))]
 mod frame_batches;
@@ -28,24 +26,20 @@ mod presence;
 #[cfg(feature = "engine")]
 mod publication;
 #[cfg(feature = "engine")]
-mod publication_error;
-#[cfg(feature = "engine")]
 mod publisher;
 #[cfg(feature = "engine")]
 mod query_gate;
 #[cfg(feature = "engine")]
 mod remote_clients;
-#[cfg(feature = "engine")]
-mod zenoh_config;
 
-pub use batch_head::{BATCH_HEAD_BYTES, BatchHead, HeadError};
-pub use deadline::{MAX_LIFETIME, PublisherClock, PublisherInfo};
 pub use frame_account::FrameAccount;
+pub use frame_account::{BATCH_HEAD_BYTES, BatchHead, HeadError};
 pub use keys::{Keys, PrefixError, RequestKey};
+pub use keys::{MAX_LIFETIME, PublisherClock, PublisherInfo};
 
+#[cfg(feature = "engine")]
+pub use publication::PublicationError;
 #[cfg(feature = "engine")]
 pub use publication::{Publication, PublicationConfig, PublicationEvent, RejectedRequests};
-#[cfg(feature = "engine")]
-pub use publication_error::PublicationError;
 #[cfg(feature = "engine")]
 pub use transmit_limits::{TransmitLimits, TransmitRule, TransmitRuleError};

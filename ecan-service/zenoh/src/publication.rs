@@ -1,19 +1,17 @@
 //! The publication of a service.
 
-use std::fmt;
-use std::path::Path;
-use std::sync::{Arc, Mutex, PoisonError};
-use std::time::{Duration, SystemTime};
-
-use ecan_protocol::text::Printable;
-use ecan_service::client::Hello;
-use zenoh::{Session, Wait as _};
-
 use crate::frame_batches::FrameBatches;
 use crate::keys::Keys;
-use crate::publication_error::PublicationError;
 use crate::transmit_limits::TransmitLimits;
-use crate::zenoh_config;
+use ecan_protocol::text::Printable;
+use ecan_service::client::{ClientError, Hello};
+use serde_json::Value;
+use std::fmt;
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::{Duration, SystemTime};
+use thiserror::Error;
+use zenoh::{Config, Session, Wait as _};
 
 /// Settings of a publication.
 #[derive(Debug, Clone)]
@@ -108,7 +106,7 @@ impl Publication {
     /// # Errors
     /// The file is wrong, or the session does not open.
     pub fn open(file: &Path, config: PublicationConfig) -> Result<Self, PublicationError> {
-        let (zenoh_config, open_control) = zenoh_config::read(file)?;
+        let (zenoh_config, open_control) = read(file)?;
         let session = zenoh::open(zenoh_config).wait();
         let session =
             session.map_err(|error| PublicationError::Open { reason: error.to_string() })?;
@@ -150,4 +148,223 @@ impl Publication {
 
 pub(crate) fn lock<T>(mutex: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Error of a publication.
+#[derive(Debug, Clone, Error)]
+#[non_exhaustive]
+pub enum PublicationError {
+    /// The configuration file of Zenoh cannot be read, or is not one.
+    #[error("cannot read the Zenoh configuration {}: {}", Printable(path.display()), Printable(reason))]
+    ConfigFile {
+        /// The file.
+        path: PathBuf,
+        /// Cause.
+        reason: String,
+    },
+    /// The configuration permits no connection.
+    #[error(
+        "Zenoh configuration {} permits no connection; set connect.endpoints or listen.endpoints, for \
+         example [\"tcp/router:7447\"], or enable scouting.multicast",
+        Printable(path.display())
+    )]
+    NoEndpoint {
+        /// The file.
+        path: PathBuf,
+    },
+    /// The session does not open: a router cannot be reached, an address is in use, a certificate
+    /// is wrong.
+    #[error(
+        "cannot open the Zenoh session: {}; check the Zenoh configuration and its routers",
+        Printable(reason)
+    )]
+    Open {
+        /// Text of Zenoh.
+        reason: String,
+    },
+    /// A call of the session failed.
+    #[error("cannot {action} {} in Zenoh: {}", Printable(key), Printable(reason))]
+    Session {
+        /// What failed, for example "publish".
+        action: &'static str,
+        /// The key expression.
+        key: String,
+        /// Text of Zenoh.
+        reason: String,
+    },
+    /// The service cannot be connected, or the connection ended.
+    #[error(transparent)]
+    Service(#[from] ClientError),
+}
+
+impl PublicationError {
+    pub(crate) fn session<E: std::fmt::Display>(
+        action: &'static str,
+        key: &str,
+    ) -> impl FnOnce(E) -> Self {
+        move |error| Self::Session { action, key: key.to_owned(), reason: error.to_string() }
+    }
+}
+
+/// Bytes of a received message without a setting. A request that is too long for the service gets an
+/// error; Zenoh discards a longer message. The default of Zenoh is 1 GiB.
+const MAX_MESSAGE_BYTES: &str = "1048576";
+
+/// Reads a configuration file of Zenoh, and the reason for which programs without authentication
+/// have control with it. What the file does not set has the default of Zenoh, except that nothing
+/// listens, multicast scouting is off and received messages have at most [`MAX_MESSAGE_BYTES`].
+pub(crate) fn read(path: &Path) -> Result<(Config, Option<String>), PublicationError> {
+    let failed = |reason: String| PublicationError::ConfigFile { path: path.to_owned(), reason };
+    let text = std::fs::read_to_string(path).map_err(|error| failed(error.to_string()))?;
+    let value: Value = json5::from_str(&text).map_err(|error| failed(error.to_string()))?;
+    let mut config = Config::from_json5(&text).map_err(|error| failed(error.to_string()))?;
+    let listens = value.pointer("/listen/endpoints");
+    let multicast = value.pointer("/scouting/multicast/enabled");
+    let mut set =
+        |key, value| config.insert_json5(key, value).map_err(|error| failed(error.to_string()));
+    if listens.is_none() {
+        set("listen/endpoints", "[]")?;
+    }
+    if multicast.is_none() {
+        set("scouting/multicast/enabled", "false")?;
+    }
+    if value.pointer("/transport/link/rx/max_message_size").is_none() {
+        set("transport/link/rx/max_message_size", MAX_MESSAGE_BYTES)?;
+    }
+    let mut endpoints = Vec::new();
+    for key in ["/listen/endpoints", "/connect/endpoints"] {
+        value.pointer(key).into_iter().for_each(|found| collect_texts(found, &mut endpoints));
+    }
+    if !endpoints.is_empty() || multicast == Some(&true.into()) {
+        Ok((config, open_control(&value, &endpoints)))
+    } else {
+        Err(PublicationError::NoEndpoint { path: path.to_owned() })
+    }
+}
+
+/// Endpoints are a list, or a list for each mode.
+fn collect_texts<'a>(value: &'a Value, texts: &mut Vec<&'a str>) {
+    match value {
+        Value::String(text) => texts.push(text),
+        Value::Array(values) => values.iter().for_each(|value| collect_texts(value, texts)),
+        Value::Object(modes) => modes.values().for_each(|value| collect_texts(value, texts)),
+        _ => {}
+    }
+}
+
+/// Reason for which programs without authentication may have control. A router between the hosts
+/// has a configuration of its own, which this one does not show.
+fn open_control(value: &Value, endpoints: &[&str]) -> Option<String> {
+    let is = |key, expected: Value| value.pointer(key) == Some(&expected);
+    let mut reasons = Vec::new();
+    let has_mutual_tls = is("/transport/link/tls/enable_mtls", true.into())
+        && endpoints
+            .iter()
+            .all(|endpoint| endpoint.starts_with("tls/") || endpoint.starts_with("quic/"));
+    let passwords = ["/transport/auth/usrpwd/dictionary_file", "/transport/auth/usrpwd/user"];
+    let has_password = passwords.iter().any(|key| value.pointer(key).is_some_and(Value::is_string));
+    if !has_mutual_tls && !has_password {
+        reasons.push("links without authentication (transport.link.tls.enable_mtls)");
+    }
+    if !is("/access_control/enabled", true.into()) {
+        reasons.push("access_control is off");
+    } else if is("/access_control/default_permission", "allow".into()) {
+        reasons.push("access_control.default_permission is \"allow\"");
+    }
+    (!reasons.is_empty()).then(|| reasons.join(", "))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn config(text: &str) -> Result<Config, PublicationError> {
+        let file = tempfile::NamedTempFile::new().unwrap();
+        std::fs::write(file.path(), text).unwrap();
+        read(file.path()).map(|(config, _)| config)
+    }
+
+    #[test]
+    fn open_control_is_found_with_its_reason() {
+        let reason = |text: &str| {
+            let value: Value = json5::from_str(text).unwrap();
+            let mut endpoints = Vec::new();
+            collect_texts(&value["listen"]["endpoints"], &mut endpoints);
+            open_control(&value, &endpoints).unwrap_or_default()
+        };
+        let acl = "access_control: { enabled: true, default_permission: 'deny' }";
+        let tls = "transport: { link: { tls: { enable_mtls: true } } }";
+        let password = "transport: { auth: { usrpwd: { dictionary_file: 'users' } } }";
+        let [tcp, secured] =
+            ["tcp", "tls"].map(|link| format!("listen: {{ endpoints: ['{link}/a:1'] }}"));
+        let by_mode = "listen: { endpoints: { router: ['tls/a:1'], peer: ['tcp/a:1'] } }";
+        for (text, words) in [
+            (
+                format!("{{ {tcp} }}"),
+                "links without authentication (transport.link.tls.enable_mtls), \
+                                      access_control is off",
+            ),
+            (format!("{{ {secured}, {tls} }}"), "access_control is off"),
+            (format!("{{ {secured}, {acl} }}"), "links without authentication"),
+            (format!("{{ {tcp}, {tls}, {acl} }}"), "links without authentication"),
+            (format!("{{ {by_mode}, {tls}, {acl} }}"), "links without authentication"),
+            (format!("{{ {secured}, {tls}, {acl} }}").replace("deny", "allow"), "is \"allow\""),
+        ] {
+            assert!(reason(&text).contains(words), "{text}: {}", reason(&text));
+        }
+        for text in
+            [format!("{{ {secured}, {tls}, {acl} }}"), format!("{{ {tcp}, {password}, {acl} }}")]
+        {
+            assert_eq!(reason(&text), "");
+        }
+    }
+
+    #[test]
+    fn received_messages_are_bounded() {
+        let size = |settings: &str| {
+            let text = format!("{{ connect: {{ endpoints: ['tcp/a:1'] }}, {settings} }}");
+            config(&text).unwrap().get_json("transport/link/rx/max_message_size").unwrap()
+        };
+        assert_eq!(size(""), MAX_MESSAGE_BYTES);
+        assert_eq!(size("transport: { link: { rx: { max_message_size: 9000000 } } }"), "9000000");
+    }
+
+    fn network(config: &Config) -> [String; 2] {
+        ["listen/endpoints", "scouting/multicast/enabled"].map(|key| config.get_json(key).unwrap())
+    }
+
+    #[test]
+    fn nothing_listens_unless_configured() {
+        let silent = config("{ connect: { endpoints: ['tcp/10.0.0.1:7447'] } }").unwrap();
+        assert_eq!(network(&silent), ["[]", "false"]);
+        let listening = config("{ listen: { endpoints: ['tcp/127.0.0.1:7447'] } }").unwrap();
+        assert_eq!(network(&listening), ["[\"tcp/127.0.0.1:7447\"]", "false"]);
+        let scouting = config("{ scouting: { multicast: { enabled: true } } }").unwrap();
+        assert_eq!(network(&scouting), ["[]", "true"]);
+    }
+
+    #[test]
+    fn other_settings_are_unchanged() {
+        let text = "{ mode: 'client', connect: { endpoints: ['tls/a:1'] }, \
+                    access_control: { enabled: true, default_permission: 'deny' } }";
+        let config = config(text).unwrap();
+        assert_eq!(config.get_json("mode").unwrap(), "\"client\"");
+        assert_eq!(config.get_json("access_control/default_permission").unwrap(), "\"deny\"");
+    }
+
+    #[test]
+    fn wrong_files_are_rejected_with_the_reason() {
+        for (text, words) in [
+            ("{", "expected"),
+            ("{ no_such_key: 1 }", "no_such_key"),
+            ("{ mode: 'fast' }", "fast"),
+            ("{}", "permits no connection"),
+            ("{ connect: { endpoints: [] } }", "permits no connection"),
+        ] {
+            let error = config(text).unwrap_err().to_string();
+            assert!(error.contains(words), "{text}: {error}");
+        }
+        let error = read(Path::new("/none/\u{1b}[2J.json5")).unwrap_err().to_string();
+        assert!(error.contains(r"/none/\x1b[2J.json5: No such file"), "{error}");
+    }
 }

@@ -12,10 +12,10 @@ use zenoh::Wait as _;
 use zenoh::bytes::Encoding;
 use zenoh::qos::CongestionControl;
 
-use crate::batch_head::BatchHead;
+use crate::frame_account::BatchHead;
 use crate::presence::Presence;
+use crate::publication::PublicationError;
 use crate::publication::{Publication, PublicationEvent, RejectedRequests, lock};
-use crate::publication_error::PublicationError;
 use crate::query_gate::{QueryGate, QueryQueue};
 use crate::remote_clients::RemoteClients;
 use crate::remote_request::PUBLISHED;

@@ -13,9 +13,9 @@ use zenoh::key_expr::keyexpr;
 use zenoh::query::Query;
 
 use crate::client_turns::{ClientTurns, TurnLimits};
-use crate::deadline::{MAX_LIFETIME, PublisherInfo, now_ns};
 use crate::frame_batches::FrameBatches;
 use crate::keys::{Keys, RequestKey};
+use crate::keys::{MAX_LIFETIME, PublisherInfo, now_ns};
 use crate::presence::Presence;
 use crate::publication::{RejectedRequests, lock};
 use crate::remote_request::{PUBLISHED, SEND, check_client, check_size, is_acting, not_addressed};

@@ -3,9 +3,9 @@
 use ecan_protocol::can::{CanFrame, CanId, Dlc};
 use proptest::prelude::*;
 
-use super::bit_rate::NamedRate;
-use super::command::{MAX_LINE, SlcanCommand, UnknownCommand, parse};
-use super::encode::encode;
+use super::NamedRate;
+use super::encode;
+use super::{MAX_LINE, SlcanCommand, UnknownCommand, parse};
 use crate::bridge::frame_strategies::any_frame;
 
 fn standard(id: u16) -> CanId {

@@ -7,10 +7,10 @@ use std::time::{Duration, Instant};
 use ecan_protocol::can::{CanFrame, CanId};
 use socketcan::CanFdSocket;
 
-use crate::bridge::bus_event::{BusEvent, ErrorCounters};
-use crate::bridge::rates::BusRates;
+use crate::bridge::clients::BridgeStatistics;
+use crate::bridge::clients::BusRates;
+use crate::bridge::clients::{BusEvent, ErrorCounters};
 use crate::bridge::socketcan::SocketCanBridge;
-use crate::bridge::statistics::BridgeStatistics;
 
 /// Timeout of a failing test.
 const LIMIT: Duration = Duration::from_secs(60);

@@ -7,7 +7,7 @@ use ecan_protocol::can::{CanFrame, CanId, Dlc};
 use proptest::prelude::*;
 use socketcan::{CanAnyFrame, CanErrorFrame, CanFdSocket, Socket as _};
 
-use super::frame::{from_kernel, to_kernel};
+use super::{from_kernel, to_kernel};
 use crate::bridge::frame_strategies::any_frame;
 
 /// Converts to the kernel's frame and back from these bytes.

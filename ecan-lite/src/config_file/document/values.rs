@@ -3,8 +3,8 @@
 use toml::Spanned;
 use toml::de::{DeInteger, DeValue};
 
+use super::Located;
 use super::table::{Table, kind};
-use crate::config_file::located::Located;
 use crate::config_file::schema::Form;
 
 impl<'t> Table<'t, '_> {

@@ -1,10 +1,11 @@
 //! A node as a file describes it, before its names are resolved.
 
-use std::path::PathBuf;
-
-use ecan_canopen::{BootReset, ConfigurationDate, NodeId, PdoDirection};
-
-use crate::config_file::located::Located;
+use crate::config_file::document::Located;
+use ecan_canopen::{BootReset, ConfigurationDate, DeviceFile, NodeId, PdoDirection};
+use ecan_protocol::text::Printable;
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 /// How the revision number is compared with that of the device file.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -148,5 +149,43 @@ impl NodeSource {
             watches_master: None,
             ros_axis: RosAxis::default(),
         }
+    }
+}
+
+/// Returns the bytes of a file with this path in the configuration, or a reason.
+pub(crate) type ReadFile<'r> = dyn FnMut(&Path) -> Result<Vec<u8>, String> + 'r;
+
+pub(crate) struct DeviceFiles<'r> {
+    read: Box<ReadFile<'r>>,
+    /// `None` for one that cannot be used; its faults are reported once.
+    devices: BTreeMap<PathBuf, Option<Arc<DeviceFile>>>,
+}
+
+impl<'r> DeviceFiles<'r> {
+    pub(crate) fn new(read: Box<ReadFile<'r>>) -> Self {
+        Self { read, devices: BTreeMap::new() }
+    }
+
+    /// The device file with this path in the configuration.
+    pub(crate) fn device(&mut self, path: &Path) -> Result<Arc<DeviceFile>, String> {
+        if let Some(known) = self.devices.get(path) {
+            return known
+                .clone()
+                .ok_or_else(|| format!("{}: see above", Printable(path.display())));
+        }
+        let read = (self.read)(path).and_then(|bytes| {
+            DeviceFile::parse(&bytes)
+                .map_err(|faults| format!("{}: {faults}", Printable(path.display())))
+        });
+        let device = read.map(Arc::new);
+        self.devices.insert(path.to_owned(), device.as_ref().ok().cloned());
+        device
+    }
+
+    /// The text with this path in the configuration.
+    pub(crate) fn text(&mut self, path: &Path) -> Result<String, String> {
+        let bytes = (self.read)(path)?;
+        String::from_utf8(bytes)
+            .map_err(|error| format!("{}: not UTF-8: {error}", Printable(path.display())))
     }
 }

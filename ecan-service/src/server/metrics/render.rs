@@ -1,14 +1,22 @@
-//! Prometheus' text form of a sample.
+//! Metrics of a sample in the text form of Prometheus.
 
-use ecan_protocol::image::ChannelStatus;
+use super::declared::metrics;
+use crate::protocol::{BusState, CycleState, Hello, ServiceStats};
+use crate::server::listener::enter_background;
+use crate::server::service::Shared;
+use ecan_cia402::AxisStatus;
+use ecan_host::{AdapterConfig, Diagnostics, DomainReport, Ecrt, Error};
+use ecan_mcan_port::{ChannelStatistics, SessionState, SlaveStatistics};
+use ecan_protocol::image::{ChannelState, ChannelStatus};
+use ecan_protocol::mapping::CHANNELS;
 use prometheus::TextEncoder;
 use prometheus::proto::{Bucket, Counter, Gauge, Histogram, LabelPair, MetricFamily, MetricType};
-
-use super::cycle_sample::{CycleSample, SlaveSample};
-use super::declared::metrics;
-use super::metric::{Metric, MetricKind, Source};
-use super::metrics_sample::MetricsSample;
-use super::time_histogram::TimeHistogram;
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread;
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
 
 const NS_PER_S: f64 = 1e9;
 
@@ -197,4 +205,265 @@ fn histogram(times: &TimeHistogram) -> Histogram {
     histogram.set_sample_count(times.samples);
     histogram.set_sample_sum(times.sum_ns as f64 / NS_PER_S);
     histogram
+}
+
+/// A metric: its name, its text and the source of its values.
+#[derive(Debug)]
+pub(crate) struct Metric {
+    pub(crate) name: &'static str,
+    pub(crate) help: &'static str,
+    pub(crate) source: Source,
+}
+
+/// Source of the values, which decides the labels. A time is in nanoseconds, shown in seconds.
+#[derive(Debug, Clone, Copy)]
+pub(crate) enum Source {
+    /// Name and version of the program, as labels.
+    Build,
+    Service(fn(&MetricsSample) -> f64),
+    Bus(fn(&BusState) -> f64),
+    /// Bit of an AL state that occurs on the bus.
+    AlState(&'static [(&'static str, u8)]),
+    Cycle(fn(&CycleSample) -> f64),
+    Times(fn(&CycleSample) -> &TimeHistogram),
+    /// Alias and position of each slave, as labels.
+    Address,
+    Slave(fn(&SlaveSample) -> f64),
+    SlaveCount(fn(&SlaveStatistics) -> u64),
+    Session(&'static [(&'static str, SessionState)]),
+    Channel(fn(ChannelStatus) -> f64),
+    ChannelPending(fn(&ChannelStatistics) -> u64),
+    ChannelCount(fn(&ChannelStatistics) -> u64),
+    ChannelState(&'static [(&'static str, ChannelState)]),
+    /// Object of a channel, read by SDO; the index is that of channel 0.
+    Object {
+        index: u16,
+        subindex: u8,
+        value: fn(u32) -> f64,
+    },
+    Axis(fn(&AxisStatus) -> Option<f64>),
+}
+
+/// Type of a metric.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum MetricKind {
+    Counter,
+    Gauge,
+    Histogram,
+}
+
+impl Metric {
+    pub(crate) const fn new(name: &'static str, help: &'static str, source: Source) -> Self {
+        Self { name, help, source }
+    }
+
+    pub(crate) fn kind(&self) -> MetricKind {
+        match self.source {
+            Source::Times(_) => MetricKind::Histogram,
+            _ if self.name.ends_with("_total") => MetricKind::Counter,
+            _ => MetricKind::Gauge,
+        }
+    }
+
+    pub(crate) fn labels(&self) -> &'static [&'static str] {
+        match self.source {
+            Source::Build => &["program", "version"],
+            Source::Service(_) | Source::Bus(_) | Source::Cycle(_) | Source::Times(_) => &[],
+            Source::AlState(_) => &["state"],
+            Source::Address => &["slave", "alias", "position"],
+            Source::Slave(_) | Source::SlaveCount(_) => &["slave"],
+            Source::Session(_) => &["slave", "state"],
+            Source::Channel(_)
+            | Source::ChannelPending(_)
+            | Source::ChannelCount(_)
+            | Source::Object { .. } => &["slave", "channel"],
+            Source::ChannelState(_) => &["slave", "channel", "state"],
+            Source::Axis(_) => &["slave", "channel", "node"],
+        }
+    }
+}
+
+/// Upper bounds of the buckets, in nanoseconds.
+pub(crate) const BOUNDS_NS: [u64; 14] = [
+    5_000,
+    10_000,
+    25_000,
+    50_000,
+    100_000,
+    250_000,
+    500_000,
+    1_000_000,
+    2_500_000,
+    5_000_000,
+    10_000_000,
+    25_000_000,
+    50_000_000,
+    100_000_000,
+];
+
+/// Number of samples up to each bound, with their sum.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub(crate) struct TimeHistogram {
+    /// Samples in each bucket alone.
+    counts: [u64; BOUNDS_NS.len()],
+    pub(crate) samples: u64,
+    pub(crate) sum_ns: u64,
+}
+
+impl TimeHistogram {
+    pub(crate) fn record(&mut self, time_ns: u64) {
+        let bucket = BOUNDS_NS.partition_point(|bound| *bound < time_ns);
+        if let Some(count) = self.counts.get_mut(bucket) {
+            *count += 1;
+        }
+        self.samples += 1;
+        self.sum_ns = self.sum_ns.saturating_add(time_ns);
+    }
+
+    /// Bounds in nanoseconds, with the samples that are not above them.
+    pub(crate) fn cumulative(&self) -> impl Iterator<Item = (u64, u64)> {
+        BOUNDS_NS.into_iter().zip(self.counts).scan(0, |total, (bound, count)| {
+            *total += count;
+            Some((bound, *total))
+        })
+    }
+}
+
+/// Time that the end of the thread waits for a transfer. One that the bus does not answer ends later.
+const END_WAIT: Duration = Duration::from_secs(2);
+
+/// Values by slave, channel, index of channel 0 and subindex.
+pub(crate) type ObjectValues = BTreeMap<(usize, u8, u16, u8), u32>;
+
+/// Reader of the objects. Dropping it ends its thread.
+#[derive(Debug)]
+pub(crate) struct DeviceObjects {
+    values: Arc<Mutex<ObjectValues>>,
+    end: Option<Sender<()>>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl DeviceObjects {
+    pub(crate) fn start(
+        interval: Duration,
+        shared: &Arc<Shared>,
+        ecrt: &Ecrt,
+    ) -> std::io::Result<Self> {
+        let values = Arc::<Mutex<ObjectValues>>::default();
+        let (end, is_ended) = channel();
+        let (shared, ecrt, written) = (shared.clone(), ecrt.clone(), values.clone());
+        let run = move || {
+            enter_background();
+            loop {
+                let found = read(&shared, &ecrt);
+                *written.lock().unwrap_or_else(PoisonError::into_inner) = found;
+                if is_ended.recv_timeout(interval) != Err(RecvTimeoutError::Timeout) {
+                    return;
+                }
+            }
+        };
+        let thread = thread::Builder::new().name("ecan objects".into()).spawn(run)?;
+        Ok(Self { values, end: Some(end), thread: Some(thread) })
+    }
+
+    /// The last values.
+    pub(crate) fn values(&self) -> ObjectValues {
+        self.values.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+}
+
+impl Drop for DeviceObjects {
+    fn drop(&mut self) {
+        self.end = None;
+        let Some(thread) = self.thread.take() else { return };
+        let end = Instant::now() + END_WAIT;
+        while !thread.is_finished() && Instant::now() < end {
+            thread::sleep(Duration::from_millis(1));
+        }
+        if thread.is_finished() {
+            let _ = thread.join();
+        }
+    }
+}
+
+/// Reads every object of the enabled channels. What does not answer is missing.
+fn read(shared: &Shared, ecrt: &Ecrt) -> ObjectValues {
+    let mut values = ObjectValues::new();
+    let Some(sample) = shared.metrics_sample() else { return values };
+    let (Some(adapter), Some(cycle)) = (sample.adapter, sample.cycle) else { return values };
+    // The handle exists only during the transfers, as those of requests.
+    let Ok(bus) = Diagnostics::open(ecrt, &adapter) else { return values };
+    let objects = metrics().filter_map(|metric| match metric.source {
+        Source::Object { index, subindex, .. } => Some((index, subindex)),
+        _ => None,
+    });
+    let objects: BTreeSet<_> = objects.collect();
+    for (slave, found) in cycle.slaves.iter().enumerate() {
+        let channels = (0..).zip(found.channels).filter(|(_, status)| status.is_some());
+        let entries =
+            channels.flat_map(|(channel, _)| objects.iter().map(move |object| (channel, *object)));
+        for (channel, (index, subindex)) in entries {
+            match bus.sdo_upload_u32(slave, index + u16::from(channel), subindex) {
+                Ok(value) => {
+                    values.insert((slave, channel, index, subindex), value);
+                }
+                // Firmware without this entry.
+                Err(Error::Sdo { abort_code: Some(_), .. }) => {}
+                // Each further transfer would wait as long.
+                Err(_) => break,
+            }
+        }
+    }
+    values
+}
+
+#[derive(Debug)]
+pub(crate) struct MetricsSample {
+    pub(crate) hello: Hello,
+    /// Without the list of clients.
+    pub(crate) stats: ServiceStats,
+    /// Connected clients.
+    pub(crate) clients: usize,
+    /// `None` without a cycle.
+    pub(crate) cycle: Option<CycleSample>,
+    /// `None` if the master did not answer.
+    pub(crate) bus: Option<BusState>,
+    /// Configuration of the slaves of the cycle.
+    pub(crate) adapter: Option<AdapterConfig>,
+    /// Objects of the gateways that were read.
+    pub(crate) objects: ObjectValues,
+}
+
+#[derive(Debug)]
+pub(crate) struct CycleSample {
+    pub(crate) state: CycleState,
+    pub(crate) run_time: TimeHistogram,
+    pub(crate) late: TimeHistogram,
+    pub(crate) slaves: Vec<SlaveSample>,
+    pub(crate) axes: Vec<AxisStatus>,
+}
+
+#[derive(Debug)]
+pub(crate) struct SlaveSample {
+    pub(crate) session: SessionState,
+    pub(crate) report: DomainReport,
+    pub(crate) statistics: SlaveStatistics,
+    /// Of the enabled channels.
+    pub(crate) channels: [Option<ChannelStatus>; CHANNELS],
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn bound_belongs_to_its_bucket() {
+        let mut histogram = TimeHistogram::default();
+        for time_ns in [5_000, 5_001, 100_000_000, 100_000_001] {
+            histogram.record(time_ns);
+        }
+        let counts: Vec<_> = histogram.cumulative().map(|(_, count)| count).collect();
+        assert_eq!(counts, [1, 2, 2, 2, 2, 2, 2, 2, 2, 2, 2, 2, 2, 3]);
+        assert_eq!((histogram.samples, histogram.sum_ns), (4, 200_010_002));
+    }
 }
