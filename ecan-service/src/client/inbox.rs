@@ -1,6 +1,6 @@
 //! Messages of the service: responses by their request, and the queue of events.
 
-use super::client::ClientError;
+use super::connection::ClientError;
 use crate::protocol::{
     FrameRecord, FrameRecords, FrameReport, GatewaysChanged, ImageMessage, MessageKind,
     MessageReader, Response, RpcError, Sender,

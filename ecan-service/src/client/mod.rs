@@ -2,11 +2,11 @@
 //!
 //! A [`Client`] makes requests, receives frames and images of its subscriptions, and sends frames.
 
-mod client;
+mod connection;
 mod inbox;
 
-pub use client::{Client, Tag};
-pub use client::{ClientError, SendError};
+pub use connection::{Client, Tag};
+pub use connection::{ClientError, SendError};
 pub use inbox::{Event, Lost, ReceivedImage};
 
 pub use crate::protocol::*;

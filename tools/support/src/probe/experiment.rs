@@ -1,8 +1,8 @@
 //! One experiment.
 
+use super::run::Probe;
 use crate::probe::interruption::Result;
 use crate::probe::outcome::Outcome;
-use crate::probe::probe::Probe;
 use crate::probe::stage::Stage;
 
 /// Experiment that decides one assumption.

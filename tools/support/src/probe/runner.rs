@@ -1,11 +1,11 @@
 //! Runs the experiments in their order.
 
+use super::run::Probe;
 use crate::probe::experiment::Experiment;
 use crate::probe::experiments::experiments;
 use crate::probe::finding::Finding;
 use crate::probe::interruption::{Interruption, Result, unavailable};
 use crate::probe::outcome::Outcome;
-use crate::probe::probe::Probe;
 use crate::probe::session::Session;
 use crate::probe::stage::Stage;
 use crate::probe::undecidable::UNDECIDABLE;

@@ -6,8 +6,8 @@ use ecan_protocol::config::{BitTimingMode, McanChannelConfig, SamplePointWindow}
 use crate::probe::experiment::Experiment;
 use crate::probe::interruption::Result;
 use crate::probe::outcome::Outcome;
-use crate::probe::probe::Probe;
 use crate::probe::registers::{self, DBTP, NBTP, sample_point};
+use crate::probe::run::Probe;
 use crate::probe::stage::Stage;
 
 use super::statuses::apply;

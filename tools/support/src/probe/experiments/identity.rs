@@ -5,7 +5,7 @@ use ecan_protocol::device::Capabilities;
 use crate::probe::experiment::Experiment;
 use crate::probe::interruption::Result;
 use crate::probe::outcome::Outcome;
-use crate::probe::probe::Probe;
+use crate::probe::run::Probe;
 use crate::probe::stage::Stage;
 
 pub(super) const EXPERIMENTS: &[Experiment] = &[

@@ -7,7 +7,7 @@ use ecan_protocol::mapping::HEADER_BYTES;
 use crate::probe::experiment::Experiment;
 use crate::probe::interruption::Result;
 use crate::probe::outcome::Outcome;
-use crate::probe::probe::Probe;
+use crate::probe::run::Probe;
 use crate::probe::session::Session;
 use crate::probe::setup::Setup;
 use crate::probe::stage::Stage;

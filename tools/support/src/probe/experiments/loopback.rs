@@ -5,7 +5,7 @@ use ecan_protocol::config::{DataPathConfig, McanChannelConfig, NodeMode, SampleP
 use ecan_protocol::image::{ImageWriter, Timestamp};
 
 use crate::probe::interruption::{Result, unavailable};
-use crate::probe::probe::Probe;
+use crate::probe::run::Probe;
 use crate::probe::setup::{ChannelSetup, Setup};
 
 /// Channel 0 in the internal loopback, whose number the registers have shown before.

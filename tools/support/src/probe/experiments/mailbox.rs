@@ -9,7 +9,7 @@ use ecan_protocol::object::AbortCode;
 use crate::probe::experiment::Experiment;
 use crate::probe::interruption::Result;
 use crate::probe::outcome::Outcome;
-use crate::probe::probe::Probe;
+use crate::probe::run::Probe;
 use crate::probe::setup::Setup;
 use crate::probe::stage::Stage;
 

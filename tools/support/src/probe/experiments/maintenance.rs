@@ -6,7 +6,7 @@ use ecan_protocol::device::{AccessMode, MaintenanceCommand, MaintenanceStatus};
 use crate::probe::experiment::Experiment;
 use crate::probe::interruption::{Interruption, Result};
 use crate::probe::outcome::Outcome;
-use crate::probe::probe::Probe;
+use crate::probe::run::Probe;
 use crate::probe::stage::Stage;
 
 pub(super) const EXPERIMENTS: &[Experiment] = &[

@@ -6,8 +6,8 @@ use ecan_protocol::device::ControllerMode;
 use crate::probe::experiment::Experiment;
 use crate::probe::interruption::Result;
 use crate::probe::outcome::Outcome;
-use crate::probe::probe::Probe;
 use crate::probe::registers::{self, ENDN};
+use crate::probe::run::Probe;
 use crate::probe::stage::Stage;
 
 pub(super) const EXPERIMENTS: &[Experiment] = &[

@@ -8,7 +8,7 @@ use ecan_protocol::object::{Access, object};
 use crate::probe::experiment::Experiment;
 use crate::probe::interruption::Result;
 use crate::probe::outcome::Outcome;
-use crate::probe::probe::Probe;
+use crate::probe::run::Probe;
 use crate::probe::sdo::Upload;
 use crate::probe::stage::Stage;
 

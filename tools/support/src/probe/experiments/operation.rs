@@ -7,7 +7,7 @@ use ecan_protocol::device::AlState;
 use crate::probe::experiment::Experiment;
 use crate::probe::interruption::{Interruption, Result};
 use crate::probe::outcome::Outcome;
-use crate::probe::probe::Probe;
+use crate::probe::run::Probe;
 use crate::probe::session::Session;
 use crate::probe::setup::{SYNC0, SYNC0_AND_SYNC1, Setup};
 use crate::probe::stage::Stage;

@@ -10,7 +10,7 @@ use crate::probe::experiment::Experiment;
 use crate::probe::inputs::Inputs;
 use crate::probe::interruption::Result;
 use crate::probe::outcome::Outcome;
-use crate::probe::probe::Probe;
+use crate::probe::run::Probe;
 use crate::probe::session::Session;
 use crate::probe::stage::Stage;
 

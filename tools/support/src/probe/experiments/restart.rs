@@ -9,7 +9,7 @@ use crate::probe::experiment::Experiment;
 use crate::probe::interruption::{Interruption, Result, unavailable};
 use crate::probe::measured::Restart;
 use crate::probe::outcome::{Outcome, Verdict};
-use crate::probe::probe::Probe;
+use crate::probe::run::Probe;
 use crate::probe::sdo::Upload;
 use crate::probe::stage::Stage;
 

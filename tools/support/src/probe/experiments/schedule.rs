@@ -15,7 +15,7 @@ use crate::probe::inputs::Inputs;
 use crate::probe::interruption::Result;
 use crate::probe::measured::Sample;
 use crate::probe::outcome::Outcome;
-use crate::probe::probe::Probe;
+use crate::probe::run::Probe;
 use crate::probe::setup::Setup;
 use crate::probe::stage::Stage;
 

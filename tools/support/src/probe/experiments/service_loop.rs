@@ -9,7 +9,7 @@ use crate::probe::experiment::Experiment;
 use crate::probe::interruption::{Result, unavailable};
 use crate::probe::measured::ServiceTime;
 use crate::probe::outcome::Outcome;
-use crate::probe::probe::Probe;
+use crate::probe::run::Probe;
 use crate::probe::session::Session;
 use crate::probe::setup::Setup;
 use crate::probe::stage::Stage;

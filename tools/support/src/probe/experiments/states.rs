@@ -3,7 +3,7 @@
 use crate::probe::experiment::Experiment;
 use crate::probe::interruption::{Interruption, Result};
 use crate::probe::outcome::Outcome;
-use crate::probe::probe::Probe;
+use crate::probe::run::Probe;
 use crate::probe::setup::Setup;
 use crate::probe::stage::Stage;
 

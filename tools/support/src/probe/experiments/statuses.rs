@@ -7,8 +7,8 @@ use ecan_protocol::device::AccessMode;
 use crate::probe::experiment::Experiment;
 use crate::probe::interruption::{Interruption, Result, unavailable};
 use crate::probe::outcome::Outcome;
-use crate::probe::probe::Probe;
 use crate::probe::registers::{self, NBTP};
+use crate::probe::run::Probe;
 use crate::probe::stage::Stage;
 
 pub(super) const EXPERIMENTS: &[Experiment] = &[

@@ -9,7 +9,7 @@ use crate::probe::experiment::Experiment;
 use crate::probe::interruption::Result;
 use crate::probe::measured::MissedImages;
 use crate::probe::outcome::{Outcome, Verdict};
-use crate::probe::probe::Probe;
+use crate::probe::run::Probe;
 use crate::probe::session::Session;
 use crate::probe::setup::Setup;
 use crate::probe::stage::Stage;

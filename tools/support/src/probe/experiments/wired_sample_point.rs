@@ -13,7 +13,7 @@ use ecan_protocol::image::Timestamp;
 use crate::probe::experiment::Experiment;
 use crate::probe::interruption::{Result, unavailable};
 use crate::probe::outcome::Outcome;
-use crate::probe::probe::Probe;
+use crate::probe::run::Probe;
 use crate::probe::session::Session;
 use crate::probe::setup::{ChannelSetup, Setup};
 use crate::probe::stage::Stage;

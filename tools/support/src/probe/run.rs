@@ -1,17 +1,15 @@
 //! The gateway under experiment: its bus, its session in OP, and what was measured.
 
-use std::sync::Arc;
-
+use super::interruption::{Interruption, Result, unavailable};
+use super::measured::{MissedImages, Restart, Sample, ServiceTime};
+use super::sdo::Sdo;
+use super::session::Session;
+use super::setup::{SYNC0, Setup};
+use super::stage::Stage;
 use ecan_host::{Clock, CycleTiming, Diagnostics, Ecrt, Error};
 use ecan_lite::config::DeviceProfile;
 use ecan_protocol::device::AlState;
-
-use crate::probe::interruption::{Interruption, Result, unavailable};
-use crate::probe::measured::{MissedImages, Restart, Sample, ServiceTime};
-use crate::probe::sdo::Sdo;
-use crate::probe::session::Session;
-use crate::probe::setup::{SYNC0, Setup};
-use crate::probe::stage::Stage;
+use std::sync::Arc;
 
 /// Time for a gateway to return after a lost link or a restart, in ns.
 const RETURN_NS: u64 = 30_000_000_000;

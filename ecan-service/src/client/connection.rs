@@ -1,7 +1,6 @@
 //! The client.
 
-use super::inbox::Event;
-use super::inbox::Inbox;
+use super::inbox::{Event, Inbox};
 use crate::protocol::{
     Access, ActiveConfig, AssignedParams, AssignedPdo, Axes, BusState, DownloadParams, Empty,
     HeaderError, Hello, HelloParams, ImageSubscription, Link, LinkParams, MAX_AGE_MS,
