@@ -176,7 +176,7 @@ def reason(item, lines):
 
 def module_reason(path):
     """The section Safety of the module, or of its parent, for functions of libethercat's interface."""
-    for module in (path, path.parent.with_suffix(".rs")):
+    for module in (path, path.parent.with_suffix(".rs"), path.parent / "mod.rs"):
         if module.exists():
             head = [line[3:].strip() for line in module.read_text().split("\n") if line.startswith("//!")]
             text = " ".join(head)

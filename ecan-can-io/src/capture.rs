@@ -108,7 +108,7 @@ enum Interface {
 ///
 /// Writes the description of an interface before its first packet and allocates only then. Times are
 /// nanoseconds since 1970. Each function returns the I/O errors of the writer. Do not use it in the
-/// cycle, because it waits for the file; see [`Recorder`](Recorder).
+/// cycle, because it waits for the file; see [`Recorder`].
 #[derive(Debug)]
 pub struct Capture<W> {
     blocks: Blocks<W>,

@@ -22,7 +22,7 @@ use crate::{AttachedNode, BridgeSpec, Node, NodeOutput, Simulation, StationConfi
 /// Makes the bridge of a scenario; it listens at once.
 ///
 /// # Errors
-/// A [`ServerError`](ecan_can_io::bridge::ServerError).
+/// A [`ServerError`].
 pub fn make(spec: &BridgeSpec) -> Result<Box<dyn Node>, Box<dyn Error + Send + Sync>> {
     Ok(Box::new(BridgeNode::listen(spec)?))
 }

@@ -18,7 +18,7 @@ impl Killed {
         Self(command.spawn().unwrap())
     }
 
-    /// Lines of standard output. Each is waited for, at most for [`LIMIT`].
+    /// Lines of standard output. Each is waited for, at most for 5 minutes.
     pub fn lines(&mut self) -> Lines {
         let output = BufReader::new(self.stdout.take().unwrap());
         let (sender, lines) = channel();
@@ -28,7 +28,7 @@ impl Killed {
         Lines(lines)
     }
 
-    /// Reads both streams to their end and waits for the exit, at most for [`LIMIT`] each.
+    /// Reads both streams to their end and waits for the exit, at most for 5 minutes each.
     pub fn output(mut self) -> Output {
         let streams = (self.stdout.take().map(read_all), self.stderr.take().map(read_all));
         let end = |stream: Option<Receiver<Vec<u8>>>| {
@@ -73,7 +73,7 @@ fn read_all(mut stream: impl Read + Send + 'static) -> Receiver<Vec<u8>> {
     bytes
 }
 
-/// Runs a program to its end, at most for [`LIMIT`].
+/// Runs a program to its end, at most for 5 minutes.
 pub fn output(command: &mut Command) -> Output {
     command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
     Killed::spawn(command).output()

@@ -28,7 +28,7 @@ const REQUEST_TIMEOUT: Duration = Duration::from_secs(60);
 const READ_BYTES: usize = 64 << 10;
 
 /// Tag of a frame that this client sent, as in
-/// [`FrameReport::tag`](ecan_service::protocol::FrameReport::tag).
+/// [`FrameReport::tag`](crate::protocol::FrameReport::tag).
 pub type Tag = u32;
 
 /// Connection to a service.
@@ -82,7 +82,7 @@ impl Client {
     ///
     /// # Errors
     /// [`ClientError::Connect`] without a service; an error of the service with the code
-    /// [`WRONG_VERSION`](ecan_service::protocol::WRONG_VERSION).
+    /// [`WRONG_VERSION`](crate::protocol::WRONG_VERSION).
     pub fn connect(path: &Path, name: &str) -> Result<Self, ClientError> {
         let stream = UnixStream::connect(path).map_err(|error| ClientError::Connect {
             path: path.to_owned(),
@@ -153,7 +153,7 @@ impl Client {
     }
 
     /// As [`call`](Self::call), with the age limit of the request: the service begins it within this
-    /// time, or rejects it with [`EXPIRED`](ecan_service::protocol::EXPIRED). The response may follow
+    /// time, or rejects it with [`EXPIRED`](crate::protocol::EXPIRED). The response may follow
     /// later.
     ///
     /// # Errors
@@ -315,7 +315,7 @@ impl Client {
 
     /// As [`send`](Self::send), with an age limit of 1 ms to 65.535 s: if the frame waits longer between
     /// its arrival at the service and the cycle, it is rejected with
-    /// [`RejectReason::Expired`](ecan_service::protocol::RejectReason::Expired).
+    /// [`RejectReason::Expired`](crate::protocol::RejectReason::Expired).
     ///
     /// # Errors
     /// As [`send`](Self::send).

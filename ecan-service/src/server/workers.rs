@@ -290,7 +290,7 @@ impl Permission {
     /// Rejects a client without control.
     ///
     /// # Errors
-    /// An error with the code [`NOT_PERMITTED`](ecan_service::protocol::NOT_PERMITTED), the method and
+    /// An error with the code [`NOT_PERMITTED`](crate::protocol::NOT_PERMITTED), the method and
     /// the reason.
     pub fn need_control(&self, method: &str) -> Result<(), RpcError> {
         if self.access == Access::Control {

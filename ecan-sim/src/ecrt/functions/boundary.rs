@@ -1,11 +1,4 @@
 //! Boundary of the C functions: pointers outside, handles, and checked calls inside.
-//!
-//! # Safety
-//! Handles are never dereferenced (see [`Handle`]). Dereferenced are only out-parameters and
-//! buffers of the caller, which are valid or null by the contract of libethercat.
-//!
-//! A handle looks like a pointer of the real library, but is a number that is never dereferenced
-//! and never reused. A stale or unknown pointer is recognised instead of followed.
 
 use std::collections::BTreeMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
