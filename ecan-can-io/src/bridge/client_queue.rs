@@ -5,7 +5,7 @@ use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 
 use ecan_protocol::can::CanFrame;
 
-use super::clients::{BusEvent, ErrorFrame};
+use super::config::{BusEvent, ErrorFrame};
 use crate::bridge::session::ReceiveSettings;
 
 /// Maximum number of queued answer bytes; above it the client is not read.
@@ -201,7 +201,7 @@ mod tests {
     use ecan_protocol::can::CanId;
 
     use super::*;
-    use crate::bridge::server::BridgeProtocol;
+    use crate::bridge::config::BridgeProtocol;
     use ecan_test_support::OnDrop;
 
     fn frame() -> CanFrame {

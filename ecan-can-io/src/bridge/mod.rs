@@ -8,9 +8,10 @@
 
 mod client_queue;
 mod clients;
+mod config;
+mod connection;
 #[cfg(test)]
 mod frame_strategies;
-mod serial;
 mod server;
 mod session;
 mod slcan;
@@ -21,13 +22,13 @@ mod writer;
 
 #[cfg(feature = "socketcan")]
 pub use self::socketcan::{SocketCanBridge, SocketCanError};
-pub use clients::BridgeStatistics;
-pub use clients::BusRates;
-pub use clients::{BusEvent, ErrorCounters};
 pub use clients::{ClientFrame, ClientId, Clients};
-pub use serial::SerialBridge;
+pub use config::BridgeStatistics;
+pub use config::BusRates;
+pub use config::{BridgeConfig, BridgeProtocol};
+pub use config::{BusEvent, ErrorCounters};
 pub use server::BridgeInfo;
-pub use server::{BridgeConfig, BridgeProtocol};
+pub use server::SerialBridge;
 pub use server::{BridgeServer, ServerError};
 #[doc(hidden)]
 pub use session::OfflineSession;

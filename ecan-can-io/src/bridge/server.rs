@@ -1,15 +1,17 @@
-//! TCP server of a bridge: one thread accepts, and each client has two threads.
+//! Servers of a bridge: over TCP with one accepting thread and two threads for each client, and on a
+//! pseudo-terminal.
 
 use super::client_queue::ClientQueue;
-use super::clients::{BridgeStatistics, BusRates, ClientFrame, ClientId, Clients, count};
-use super::serial::TerminalLine;
+use super::clients::{ClientFrame, ClientId, Clients};
+use super::config::{BridgeConfig, BridgeProtocol, BridgeStatistics, BusRates, Uplink, count};
+use super::connection;
+use super::connection::{Connection, Terminal, TerminalLine};
 use super::session::Session;
-use super::session::Uplink;
 use super::writer::Writer;
 use ecan_protocol::can::CanFrame;
-use rustix::net::sockopt;
-use std::io::{ErrorKind, Read as _, Write as _};
-use std::net::{IpAddr, Ipv4Addr, Shutdown, SocketAddr, TcpListener, TcpStream};
+use std::io::ErrorKind;
+use std::net::{SocketAddr, TcpListener, TcpStream};
+use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
@@ -125,7 +127,7 @@ impl Acceptor {
         let admit = || -> io::Result<Option<(Connection, ClientId)>> {
             stream.set_nonblocking(false)?;
             stream.set_nodelay(true)?;
-            watch(&stream)?;
+            connection::watch(&stream)?;
             let connection = Connection::Tcp(stream);
             let peer = connection.peer();
             let id = self.clients.join(connection.try_clone()?, peer, queue.clone());
@@ -287,67 +289,6 @@ fn write_all(
     }
 }
 
-/// Protocol between a bridge and its clients.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum BridgeProtocol {
-    /// ASCII protocol of Lawicel's serial adapters with the CAN FD commands of CANable 2:
-    /// python-can's interface `slcan` on the channel `socket://127.0.0.1:PORT`.
-    #[default]
-    Slcan,
-    /// Raw mode of socketcand: python-can's interface `socketcand`. Classic CAN only.
-    Socketcand,
-}
-
-impl BridgeProtocol {
-    /// Name of the protocol.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Slcan => "slcan",
-            Self::Socketcand => "socketcand",
-        }
-    }
-}
-
-/// Configuration of a bridge. Plain data.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct BridgeConfig {
-    /// Protocol.
-    pub protocol: BridgeProtocol,
-    /// Address on which it listens. Port 0 takes any free one. Everyone who can reach this address
-    /// can send on the bus.
-    pub address: SocketAddr,
-    /// Maximum number of clients; more are rejected. A client that has not opened the bus loses its
-    /// place if another one needs it.
-    pub max_clients: usize,
-    /// Capacity in frames of the queue from each client to the bus, and of the queue to each client.
-    pub queue: usize,
-    /// Time in which a client of socketcand opens the bus; then its connection is closed. A client of
-    /// slcan may be silent for as long as no other one needs its place: a terminal program has the
-    /// connection open while its user types.
-    pub handshake: Duration,
-}
-
-impl Default for BridgeConfig {
-    /// slcan on a free port of the loopback interface, 8 clients, 4096 frames, 10 s to open the bus.
-    fn default() -> Self {
-        Self {
-            protocol: BridgeProtocol::Slcan,
-            address: SocketAddr::new(IpAddr::V4(Ipv4Addr::LOCALHOST), 0),
-            max_clients: 8,
-            queue: 4096,
-            handshake: Duration::from_secs(10),
-        }
-    }
-}
-
-impl BridgeConfig {
-    /// The default configuration with another protocol.
-    #[must_use]
-    pub fn with_protocol(protocol: BridgeProtocol) -> Self {
-        Self { protocol, ..Self::default() }
-    }
-}
-
 /// Address and counters of a bridge. Does not keep it alive.
 #[derive(Clone, Debug)]
 pub struct BridgeInfo {
@@ -380,99 +321,72 @@ impl fmt::Display for BridgeInfo {
     }
 }
 
-/// Time without acknowledgement after which a client's machine counts as lost. The same applies to
-/// a client that does not read, once the buffers of both machines are full.
-const SILENCE_MS: u32 = 60_000;
-const KEEP_ALIVE_INTERVAL: Duration = Duration::from_secs(10);
+/// Interval of polling for a program. Stopping does not wait for it.
+const LOOK_INTERVAL: Duration = Duration::from_millis(10);
 
-/// Ends a connection whose peer machine vanished; otherwise it would occupy the place of another
-/// client forever.
-pub(crate) fn watch(stream: &TcpStream) -> io::Result<()> {
-    sockopt::set_socket_keepalive(stream, true)?;
-    sockopt::set_tcp_keepidle(stream, KEEP_ALIVE_INTERVAL)?;
-    sockopt::set_tcp_keepintvl(stream, KEEP_ALIVE_INTERVAL)?;
-    // Also ends it while data are in transit, and replaces the number of probes.
-    Ok(sockopt::set_tcp_user_timeout(stream, SILENCE_MS)?)
-}
-
-/// Handle that ends a client's connection.
-pub(crate) trait Close: std::fmt::Debug + Send {
-    /// Ends the connection; all of its threads notice. No effect if it has already ended.
-    fn close(&self);
-}
-
-/// A connection; a clone refers to the same one.
+/// A pseudo-terminal that behaves as an slcan adapter with one client: the program that has it
+/// open. The next program gets a new session. Dropping it ends its thread.
 #[derive(Debug)]
-pub(crate) enum Connection {
-    Tcp(TcpStream),
-    Terminal(Arc<TerminalLine>),
+pub struct SerialBridge {
+    terminal: Arc<Terminal>,
+    clients: Arc<Clients>,
+    thread: Option<JoinHandle<()>>,
 }
 
-impl Connection {
-    pub(crate) fn try_clone(&self) -> io::Result<Self> {
-        Ok(match self {
-            Self::Tcp(stream) => Self::Tcp(stream.try_clone()?),
-            Self::Terminal(line) => Self::Terminal(line.clone()),
-        })
+impl SerialBridge {
+    /// Creates the terminal; `queue` is the capacity in frames of the queue to the bus and of the
+    /// queue to the client.
+    ///
+    /// # Errors
+    /// No pseudo-terminal or no thread is available.
+    pub fn open(queue: usize) -> io::Result<Self> {
+        let terminal = Arc::new(Terminal::open()?);
+        let clients = Arc::new(Clients::new(queue, 1));
+        let (line, served) = (terminal.clone(), clients.clone());
+        let thread = thread::Builder::new()
+            .name("bridge terminal".to_owned())
+            .spawn(move || serve_programs(&served, &line))?;
+        Ok(Self { terminal, clients, thread: Some(thread) })
     }
 
-    /// Waits for bytes; returns 0 at the end.
-    pub(crate) fn read(&self, bytes: &mut [u8]) -> io::Result<usize> {
-        match self {
-            Self::Tcp(stream) => (&*stream).read(bytes),
-            Self::Terminal(line) => line.read(bytes),
-        }
+    /// Path that other programs open.
+    pub fn path(&self) -> &Path {
+        self.terminal.path()
     }
 
-    /// Limits the time of the following calls of [`read`](Self::read). A terminal has no limit.
-    pub(crate) fn set_read_limit(&self, limit: Option<Duration>) -> io::Result<()> {
-        match self {
-            Self::Tcp(stream) => stream.set_read_timeout(limit),
-            Self::Terminal(_) => Ok(()),
-        }
-    }
-
-    /// Address of the client's machine.
-    pub(crate) fn peer(&self) -> Option<IpAddr> {
-        match self {
-            Self::Tcp(stream) => stream.peer_addr().ok().map(|address| address.ip()),
-            Self::Terminal(_) => None,
-        }
-    }
-
-    pub(crate) fn write_all(&self, bytes: &[u8]) -> io::Result<()> {
-        match self {
-            Self::Tcp(stream) => (&*stream).write_all(bytes),
-            Self::Terminal(line) => line.write_all(bytes),
-        }
+    /// The client.
+    pub fn clients(&self) -> &Arc<Clients> {
+        &self.clients
     }
 }
 
-impl Close for Connection {
-    fn close(&self) {
-        match self {
-            Self::Tcp(stream) => {
-                let _ = stream.shutdown(Shutdown::Both);
-            }
-            Self::Terminal(line) => line.close(),
+impl Drop for SerialBridge {
+    fn drop(&mut self) {
+        self.clients.close();
+        if let Some(thread) = self.thread.take() {
+            thread.thread().unpark();
+            // A panic in it has been reported on stderr already.
+            let _ = thread.join();
         }
     }
 }
 
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use std::net::TcpListener;
-
-    /// A vanished machine cannot be simulated here; the socket options can be read back.
-    #[test]
-    fn connection_has_keep_alive() {
-        let listener = TcpListener::bind("127.0.0.1:0").unwrap();
-        let _client = TcpStream::connect(listener.local_addr().unwrap()).unwrap();
-        let (stream, _) = listener.accept().unwrap();
-        watch(&stream).unwrap();
-        assert!(sockopt::socket_keepalive(&stream).unwrap());
-        assert_eq!(sockopt::tcp_keepidle(&stream).unwrap(), KEEP_ALIVE_INTERVAL);
-        assert_eq!(sockopt::tcp_user_timeout(&stream).unwrap(), SILENCE_MS);
+/// Serves one program after the other until the bridge is closed.
+fn serve_programs(clients: &Clients, terminal: &Arc<Terminal>) {
+    while !clients.is_closed() {
+        // A terminal that cannot be polled counts as unused.
+        if !terminal.is_in_use().unwrap_or(false) {
+            thread::park_timeout(LOOK_INTERVAL);
+            continue;
+        }
+        let line = Arc::new(TerminalLine::new(terminal.clone()));
+        let queue = Arc::new(ClientQueue::new(clients.queue()));
+        // If the client is not admitted, the bridge was closed just now.
+        let connection = Connection::Terminal(line.clone());
+        let Some(id) = clients.join(connection, None, queue.clone()) else {
+            return;
+        };
+        let session = Session::new(BridgeProtocol::Slcan);
+        serve(clients, id, &Connection::Terminal(line), session, &queue, None);
     }
 }

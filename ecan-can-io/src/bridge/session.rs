@@ -1,7 +1,6 @@
 //! Protocol state of one client, without threads and sockets.
 
-use super::clients::BusRates;
-use super::server::BridgeProtocol;
+use super::config::{BridgeProtocol, BusRates, Uplink};
 use super::slcan::{SlcanReceiveSettings, SlcanSession};
 use super::socketcand::SocketcandSession;
 use super::{slcan, socketcand};
@@ -102,25 +101,6 @@ impl ReceiveSettings {
             _ => Duration::ZERO,
         }
     }
-}
-
-pub(crate) trait Uplink {
-    /// Bit rates; `None` before they are known.
-    fn bus(&self) -> Option<BusRates>;
-
-    /// Sends a frame; returns false if the queue is full.
-    fn send(&mut self, frame: CanFrame) -> bool;
-
-    /// Sends a frame and waits for space; no effect if the bus accepts none.
-    fn send_when_possible(&mut self, frame: CanFrame);
-
-    /// Returns whether accepted frames of the client were lost since the last call.
-    fn take_lost(&mut self) -> bool;
-
-    fn count_rejected(&mut self);
-
-    /// Counts a frame that does not fit the bit rates or formats of the bus.
-    fn count_mismatched(&mut self);
 }
 
 /// Result of a session.

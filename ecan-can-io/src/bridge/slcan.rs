@@ -1,8 +1,7 @@
 //! slcan: the ASCII protocol of Lawicel's serial CAN adapters, with the CAN FD commands of the
 //! CANable 2 firmware.
 
-use super::clients::BusRates;
-use super::session::Uplink;
+use super::config::{BusRates, Uplink};
 use ecan_protocol::can::{CanFrame, CanId, Dlc, FrameKind};
 
 #[cfg(test)]

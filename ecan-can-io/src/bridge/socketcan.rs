@@ -1,10 +1,9 @@
 //! The CAN interfaces of Linux, virtual or real (`PF_CAN`, raw sockets).
 
 use super::client_queue::{ClientQueue, Outgoing, Reports};
-use super::clients::count;
-use super::clients::{BusEvent, ErrorFrame};
 use super::clients::{ClientFrame, ClientId, Clients};
-use super::server::Close;
+use super::config::{BusEvent, ErrorFrame, count};
+use super::connection::Close;
 use ecan_protocol::can::{CanFrame, CanId, Dlc, FrameKind};
 use rustix::io::Errno;
 use socketcan::id::FdFlags;

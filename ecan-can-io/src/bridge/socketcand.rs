@@ -1,6 +1,6 @@
 //! socketcand: the ASCII protocol of the daemon of the same name, raw mode only.
 
-use super::session::Uplink;
+use super::config::Uplink;
 use ecan_protocol::can::{CanFrame, CanId, Dlc, FrameKind};
 use std::io::Write as _;
 

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use super::clients::BusRates;
+use super::config::BusRates;
 use crate::bridge::client_queue::{ClientQueue, Outgoing};
 use crate::bridge::session::ReceiveSettings;
 
@@ -87,7 +87,7 @@ mod tests {
     use ecan_protocol::can::{CanFrame, CanId};
 
     use super::*;
-    use crate::bridge::server::BridgeProtocol;
+    use crate::bridge::config::BridgeProtocol;
 
     fn text(writer: &mut Writer, queue: &ClientQueue) -> String {
         let chunk = writer.next_chunk(queue, || None).unwrap();

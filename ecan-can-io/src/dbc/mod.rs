@@ -27,15 +27,16 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
-mod codec;
 mod database;
+mod encode;
 mod reader;
+mod signal;
 
-pub use codec::{Decoded, DecodedSignal};
-pub use codec::{EncodeError, EncodeErrorKind};
 pub use database::Database;
-pub use database::Message;
-pub use database::Number;
-pub use database::UnknownName;
-pub use database::{Condition, Signal, SignalKind};
+pub use database::{Decoded, DecodedSignal};
+pub use encode::{EncodeError, EncodeErrorKind};
 pub use reader::{DbcFault, DbcFaults, FaultKind};
+pub use signal::Message;
+pub use signal::Number;
+pub use signal::UnknownName;
+pub use signal::{Condition, Signal, SignalKind};

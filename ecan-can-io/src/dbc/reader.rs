@@ -1,7 +1,6 @@
 //! From the items of a file to messages.
 
-use super::codec::{BitLayout, ByteOrder};
-use super::database::{Condition, Message, Signal, SignalKind};
+use super::signal::{BitLayout, ByteOrder, Condition, Message, Signal, SignalKind};
 use can_dbc::{
     AttributeDefinition, AttributeValueType, ExtendedMultiplex, MultiplexIndicator, NumericValue,
     SignalExtendedValueType, ValueDescription,

@@ -14,12 +14,10 @@
 
 use ecan_protocol::can::{CanFrame, CanId, Dlc};
 
-use super::Format;
-use super::{LoggedFrame, Recording};
-use super::{RecordingError, RecordingErrorKind};
-use crate::recording::fields::{
-    FieldResult, Fields, classic, interface, invalid, number, remote, time_ns,
-};
+use super::records::Format;
+use super::records::{FieldResult, Fields, classic, interface, invalid, number, remote, time_ns};
+use super::records::{LoggedFrame, Recording};
+use super::records::{RecordingError, RecordingErrorKind};
 
 /// Digits of a second in nanoseconds.
 const SECOND_DIGITS: u32 = 9;

@@ -1,7 +1,7 @@
 //! Values of a gateway that `ecan probe` measured, as a file that a configuration includes.
 
-use super::document::{ConfigFileError, FileFaults};
 use super::document::{Document, Includes, Table};
+use super::fault::{ConfigFileError, FileFaults};
 use ecan_host::AdapterConfig;
 use ecan_mcan_port::{GatewayConfig, MeasuredOn, ScheduleConfig};
 use ecan_protocol::config::NodeMode;
@@ -177,7 +177,7 @@ pub(crate) fn read(table: &mut Table<'_, '_>, gateway: usize) -> Option<Included
 }
 
 fn load(path: &Path) -> Result<DeviceProfile, ConfigFileError> {
-    super::load_by(path, DeviceProfile::parse)
+    super::input::load_by(path, DeviceProfile::parse)
 }
 
 fn of_text(name: &str, text: Option<&String>) -> Result<DeviceProfile, ConfigFileError> {

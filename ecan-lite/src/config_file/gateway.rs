@@ -1,14 +1,12 @@
-//! One gateway of a file, with its channels, filters and process data.
+//! One gateway of a file, with its channels and filters.
 
 use super::device_profile::IncludedProfile;
 use super::document::{Table, store};
-use super::{DEFAULT_N, device_profile, fields};
-use ecan_cia402::{AxisConfig, InputObject, OutputObject};
+use super::{device_profile, fields};
 use ecan_host::{Identity, SlaveConfig, StartupStep};
 use ecan_mcan_port::{
     AcceptanceFilter, ChannelConfig, GatewayConfig, MarginCheck, ScheduleConfig, Traffic,
 };
-use ecan_protocol::can::CanId;
 use ecan_protocol::config::{
     ConfigObject, DataPathGlobal, ExtendedFilter, ExtendedMatch, FilterAction, FilterWindow,
     McanChannelConfig, MessageRamLayout, NodeMode, StandardFilter, StandardMatch,
@@ -16,6 +14,9 @@ use ecan_protocol::config::{
 use ecan_protocol::image::PdoProfile;
 use ecan_protocol::mapping::{Direction, MAX_MULTIPLIER};
 use ecan_protocol::text::Printable;
+
+/// Size of both PDOs of a gateway without `n`, in 128 bytes; also the default of `ecan --pdo-n`.
+pub const DEFAULT_N: u8 = 5;
 
 /// Tables of the channels.
 pub(crate) const CHANNEL_TABLES: [&str; ecan_protocol::mapping::CHANNELS] =
@@ -317,77 +318,5 @@ impl Filter {
     /// that is not used.
     fn matching<M>(&self, from_raw: fn(u8) -> Option<M>, two: M) -> M {
         self.matching.and_then(|raw| from_raw(raw as u8)).unwrap_or(two)
-    }
-}
-
-pub(crate) const INPUTS: [(&str, InputObject); 12] = [
-    ("velocity", InputObject::Velocity),
-    ("torque", InputObject::Torque),
-    ("error_code", InputObject::ErrorCode),
-    ("digital_inputs", InputObject::DigitalInputs),
-    ("mode_display", InputObject::ModeDisplay),
-    ("following_error", InputObject::FollowingError),
-    ("probe_status", InputObject::ProbeStatus),
-    ("probe_1_positive", InputObject::Probe1Positive),
-    ("probe_1_negative", InputObject::Probe1Negative),
-    ("probe_2_positive", InputObject::Probe2Positive),
-    ("probe_2_negative", InputObject::Probe2Negative),
-    ("vl_velocity", InputObject::VlVelocity),
-];
-
-pub(crate) const OUTPUTS: [(&str, OutputObject); 5] = [
-    ("velocity_offset", OutputObject::VelocityOffset),
-    ("torque_offset", OutputObject::TorqueOffset),
-    ("probe_function", OutputObject::ProbeFunction),
-    ("digital_outputs", OutputObject::DigitalOutputs),
-    ("mode", OutputObject::Mode),
-];
-
-/// Reads the PDOs with their objects, and the limits of the feed-forward.
-pub(crate) fn read_process_data(table: &mut Table<'_, '_>, axis: &mut AxisConfig) {
-    store(&mut axis.pdo_number, table.unsigned("pdo_number", (1, 512)));
-    axis.cob_ids.rpdos = read_cob_ids(table, "rpdo_cob_ids");
-    axis.cob_ids.tpdos = read_cob_ids(table, "tpdo_cob_ids");
-    axis.inputs = read_objects(table, "inputs", &INPUTS);
-    axis.outputs = read_objects(table, "outputs", &OUTPUTS);
-    if let Some(mut limits) = table.table("feed_forward") {
-        let target = &mut axis.feed_forward;
-        store(&mut target.velocity, limits.unsigned("velocity", (0, i32::MAX.unsigned_abs())));
-        let change = limits.unsigned("velocity_change", (0, i32::MAX.unsigned_abs()));
-        store(&mut target.velocity_change, change);
-        store(&mut target.torque, limits.unsigned("torque", (0, 0x7FFF)));
-        store(&mut target.torque_change, limits.unsigned("torque_change", (0, 0x7FFF)));
-    }
-}
-
-/// COB-IDs of PDOs; the check of the axis reports those that a PDO cannot have.
-fn read_cob_ids(table: &mut Table<'_, '_>, key: &'static str) -> Vec<CanId> {
-    let ids = table.unsigned_list(key, (0, 0x7FF)).unwrap_or_default();
-    ids.into_iter().filter_map(|id| CanId::standard(u16::try_from(id).ok()?).ok()).collect()
-}
-
-fn read_objects<T: Copy + PartialEq>(
-    table: &mut Table<'_, '_>,
-    key: &'static str,
-    words: &[(&str, T)],
-) -> Vec<T> {
-    let objects = table.words(key, words).unwrap_or_default();
-    let is_repeated = |nth: usize, object: &T| objects.iter().take(nth).any(|it| it == object);
-    let repeated = objects.iter().enumerate().find(|(nth, object)| is_repeated(*nth, object));
-    let name = |object: &T| words.iter().find(|it| it.1 == *object).map_or("", |it| it.0);
-    if let Some((_, object)) = repeated {
-        table.fault(key, format!("`{key}` has \"{}\" twice", name(object)));
-    }
-    objects
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn every_object_has_a_word() {
-        assert!(InputObject::ALL.iter().all(|object| INPUTS.iter().any(|it| it.1 == *object)));
-        assert!(OutputObject::ALL.iter().all(|object| OUTPUTS.iter().any(|it| it.1 == *object)));
     }
 }

@@ -1,56 +1,17 @@
 //! JSON schema of the configuration file, for editors: recorded from the functions that read the file.
 
-use std::cell::RefCell;
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 
 use serde_json::{Map, Value, json};
 
-use crate::config_file::EXAMPLE;
 use crate::config_file::bus;
-use crate::config_file::document::{Document, Table};
+use crate::config_file::document::{Document, Form, Recorder, Table};
 
-/// Form of the value of a key.
-#[derive(Clone, Debug, PartialEq)]
-pub(crate) enum Form {
-    Flag,
-    Integer { min: i64, max: i64 },
-    Number { min: f64, max: f64 },
-    AnyNumber,
-    Text,
-    Texts,
-    Date,
-    Word(Vec<String>),
-    Words(Vec<String>),
-    Integers { min: u32, max: u32, count: Option<usize> },
-    Percentages,
-    Table,
-    Tables,
-    TableOrTables,
-}
+/// A commented file with every key. The values are the defaults, unless a comment says otherwise.
+pub const EXAMPLE: &str = include_str!("example.toml");
 
-/// Keys that the functions that read a file ask for, by the paths of their tables.
-#[derive(Debug, Default)]
-pub(crate) struct Recorder {
-    keys: RefCell<BTreeMap<String, BTreeMap<&'static str, Form>>>,
-    /// Paths of keys whose absence is a fault.
-    required: RefCell<BTreeSet<String>>,
-    /// Tables that may have any key.
-    open: RefCell<BTreeSet<String>>,
-}
-
-impl Recorder {
-    pub(crate) fn key(&self, table: &str, key: &'static str, form: Form) {
-        self.keys.borrow_mut().entry(table.to_owned()).or_default().entry(key).or_insert(form);
-    }
-
-    pub(crate) fn required(&self, path: &str) {
-        self.required.borrow_mut().insert(path.to_owned());
-    }
-
-    pub(crate) fn open(&self, table: &str) {
-        self.open.borrow_mut().insert(table.to_owned());
-    }
-}
+/// A first file with one gateway and one channel.
+pub const INIT: &str = include_str!("init.toml");
 
 /// Returns the JSON schema of a configuration file, for editors such as those with taplo.
 pub fn schema() -> String {

@@ -1,27 +1,23 @@
 //! The client.
 
-use super::inbox::{Event, Inbox};
+use super::inbox::{ClientError, Event, Inbox, SendError};
 use crate::protocol::{
     Access, ActiveConfig, AssignedParams, AssignedPdo, Axes, BusState, DownloadParams, Empty,
-    HeaderError, Hello, HelloParams, ImageSubscription, Link, LinkParams, MAX_AGE_MS,
-    MAX_REQUEST_PAYLOAD, METHODS, MessageKind, Method, NmtParams, PROTOCOL_VERSION, RecordError,
-    Request, RpcError, ServiceStats, Slave, SlaveParams, State, Subscription, TransmitRecord,
-    UploadParams, header, methods,
+    Hello, HelloParams, ImageSubscription, Link, LinkParams, MAX_AGE_MS, MAX_REQUEST_PAYLOAD,
+    METHODS, MessageKind, Method, NmtParams, PROTOCOL_VERSION, Request, ServiceStats, Slave,
+    SlaveParams, State, Subscription, TransmitRecord, UploadParams, header, methods,
 };
 use ecan_protocol::can::CanFrame;
-use ecan_protocol::text::Printable;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::io::Errno;
 use rustix::net::{RecvFlags, recv};
 use serde_json::Value;
-use std::io;
 use std::io::{ErrorKind, Write as _};
 use std::os::fd::{AsFd, BorrowedFd};
 use std::os::unix::net::UnixStream;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
-use thiserror::Error;
 
 /// Default time for a response. A transfer without response is repeated for 5 s by the service.
 const REQUEST_TIMEOUT: Duration = Duration::from_secs(60);
@@ -486,105 +482,4 @@ impl AsFd for Client {
     fn as_fd(&self) -> BorrowedFd<'_> {
         self.stream.as_fd()
     }
-}
-
-/// Error of a connection or a request.
-#[derive(Debug, Clone, Error)]
-#[non_exhaustive]
-pub enum ClientError {
-    /// The socket cannot be connected: not found, not listening, or not permitted.
-    #[error("cannot connect to {}: {source}", Printable(path.display()))]
-    Connect {
-        /// Path of the socket.
-        path: PathBuf,
-        /// Cause.
-        source: Arc<io::Error>,
-    },
-    /// The connection failed.
-    #[error("connection to the service failed: {0}")]
-    Io(Arc<io::Error>),
-    /// The service closed the connection.
-    #[error("the service closed the connection")]
-    Closed,
-    /// The service sent bytes that are not of this protocol.
-    #[error("invalid bytes from the service: {}", Printable(.0))]
-    Protocol(String),
-    /// The service did not respond in time.
-    #[error("the service did not respond to {method} within {timeout_ms} ms")]
-    Timeout {
-        /// The method.
-        method: String,
-        /// Time waited, in milliseconds.
-        timeout_ms: u64,
-    },
-    /// The service rejected the request, or the bus call failed.
-    #[error(transparent)]
-    Rpc(Box<RpcError>),
-}
-
-impl ClientError {
-    /// The error of the service, if this is one.
-    pub fn rpc(&self) -> Option<&RpcError> {
-        match self {
-            Self::Rpc(error) => Some(error),
-            _ => None,
-        }
-    }
-}
-
-impl From<io::Error> for ClientError {
-    fn from(error: io::Error) -> Self {
-        Self::Io(Arc::new(error))
-    }
-}
-
-impl From<rustix::io::Errno> for ClientError {
-    fn from(error: rustix::io::Errno) -> Self {
-        io::Error::from(error).into()
-    }
-}
-
-impl From<HeaderError> for ClientError {
-    fn from(error: HeaderError) -> Self {
-        Self::Protocol(error.to_string())
-    }
-}
-
-impl From<RecordError> for ClientError {
-    fn from(error: RecordError) -> Self {
-        Self::Protocol(error.to_string())
-    }
-}
-
-impl From<serde_json::Error> for ClientError {
-    fn from(error: serde_json::Error) -> Self {
-        Self::Protocol(error.to_string())
-    }
-}
-
-/// Error of a frame that was not sent.
-#[derive(Debug, Clone, Error)]
-#[non_exhaustive]
-pub enum SendError {
-    /// The window is full of frames without result. As `ENOBUFS`: read events, then retry.
-    #[error(
-        "gateway {gateway} channel {channel}: {window} frames have no result yet; retry after an event"
-    )]
-    WindowFull {
-        /// Index of the gateway.
-        gateway: u16,
-        /// Channel.
-        channel: u8,
-        /// Frames that the service allows.
-        window: u32,
-    },
-    /// The client may only read.
-    #[error("cannot send a frame: {}", Printable(reason))]
-    ReadOnly {
-        /// Reason of the service.
-        reason: String,
-    },
-    /// The connection failed.
-    #[error(transparent)]
-    Client(#[from] ClientError),
 }

@@ -6,7 +6,7 @@ mod connection;
 mod inbox;
 
 pub use connection::{Client, Tag};
-pub use connection::{ClientError, SendError};
+pub use inbox::{ClientError, SendError};
 pub use inbox::{Event, Lost, ReceivedImage};
 
 pub use crate::protocol::*;

@@ -27,10 +27,6 @@ pub use message::{
     MAX_SERVICE_PAYLOAD, MAX_TRANSMIT_PAYLOAD, MessageKind, MessageReader, Sender, header,
     read_header,
 };
-pub use requests::{
-    Access, Channel, Gateway, GatewaysChanged, Hello, HelloParams, MAX_NAME_BYTES,
-    PROTOCOL_VERSION, clean_name,
-};
 pub use requests::{DownloadParams, MAX_SDO_BYTES, Upload, UploadParams};
 pub use requests::{Empty, METHODS, Method, methods};
 pub use requests::{EventKind, IdFilter, ImageDirection, ImageSubscription, Subscription};
@@ -42,6 +38,10 @@ pub use rpc::{
     NOT_PERMITTED, PARSE_ERROR, RawRequest, Request, Response, RpcError, WRONG_VERSION,
 };
 pub use rpc::{BusError, SdoDirection};
+pub use state::{
+    Access, Channel, Gateway, GatewaysChanged, Hello, HelloParams, MAX_NAME_BYTES,
+    PROTOCOL_VERSION, clean_name,
+};
 pub use state::{
     ActiveConfig, Counters, CycleState, GatewayState, SampledTimes, SessionState, State,
 };

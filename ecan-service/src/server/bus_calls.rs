@@ -11,7 +11,7 @@ use ecan_host::{
 };
 use serde_json::Value;
 
-use super::workers::result_value;
+use crate::server::extension::result_value;
 
 /// A request about the bus, whose parameters are checked.
 #[derive(Debug)]

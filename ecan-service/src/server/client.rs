@@ -8,7 +8,7 @@ use rustix::event::PollFlags;
 use rustix::io::Errno;
 use rustix::net::{RecvFlags, SendFlags, recv, send};
 
-use super::admission::Peer;
+use crate::server::permission::Peer;
 use crate::server::session::{Host, Session};
 
 /// Reads of one client in a row.

@@ -10,8 +10,8 @@ use ecan_protocol::can::CanFrame;
 use ecan_protocol::image::{ImageReader, OptionFlags, Packet, PdoProfile, TxResult};
 use ecan_protocol::mapping::{CHANNELS, Direction};
 
-use super::bus::BusView;
-use crate::server::session::ClientId;
+use crate::server::bus_view::BusView;
+use crate::server::job_queue::ClientId;
 
 /// Images that the gateway sends after a published one until its missing results count as lost: 1 s at a
 /// cycle of 1 ms. Results arrive one or two images later, later under back pressure. A result in an image

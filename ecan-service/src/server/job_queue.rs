@@ -7,7 +7,8 @@
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 
-use crate::server::session::ClientId;
+/// Number of a client, from 1.
+pub(crate) type ClientId = u64;
 
 /// Kind of work, with workers of its own.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -1,7 +1,7 @@
 //! The listening socket and its file.
 
-use super::admission::{Peer, group_id};
-use super::service::{MAX_SOCKET_PATH, ServiceConfig, ServiceError};
+use super::config::{MAX_SOCKET_PATH, ServiceConfig, ServiceError};
+use super::permission::{Peer, group_id};
 use rustix::io::Errno;
 use rustix::net::{
     AddressFamily, SocketAddrUnix, SocketFlags, SocketType, accept_with, socket_with,

@@ -5,22 +5,28 @@
 //! [`client`](crate::client) is the client.
 
 mod admission;
+mod attachment;
 mod bus;
 mod bus_calls;
+mod bus_view;
 mod client;
+mod config;
+mod extension;
 mod frame_feed;
 mod job_queue;
 mod listener;
 mod metrics;
 mod output_queue;
+mod permission;
 mod server_loop;
 mod service;
 mod session;
+mod shared;
 mod workers;
 
+pub use config::{Control, ServiceConfig, ServiceError};
+pub use extension::{Extension, Permission, parse_params, result_value};
 pub use metrics::{MetricsAddress, MetricsAddressError, MetricsConfig};
-pub use service::{Control, ServiceConfig, ServiceError};
 pub use service::{ServePort, Service};
 #[doc(hidden)]
 pub use session::OfflineSession;
-pub use workers::{Extension, Permission, parse_params, result_value};

@@ -16,17 +16,18 @@ use rustix::io::Errno;
 use rustix::net::{SendFlags, send};
 use serde_json::Value;
 
-use super::admission::{AccessRule, Peer};
 use super::listener::enter_background;
-use super::service::Attachment;
-use super::service::{Shared, Update, notification};
 use crate::server::admission::{Admission, UNKNOWN_USER};
+use crate::server::attachment::Attachment;
 use crate::server::bus::Bus;
 use crate::server::client::Client;
 use crate::server::frame_feed::{FeedSink, Owner};
+use crate::server::job_queue::ClientId;
 use crate::server::job_queue::Requester;
 use crate::server::listener::Listener;
-use crate::server::session::{ClientId, Session};
+use crate::server::permission::{AccessRule, Peer};
+use crate::server::session::Session;
+use crate::server::shared::{Shared, Update, notification};
 use crate::server::workers::{Done, time_since_boot};
 
 /// Interval of reading the cycle's ring while a client needs it.

@@ -1,8 +1,8 @@
 //! Session of a client without its socket: bytes of the client to calls, responses to bytes.
 
-use super::job_queue::{CLIENT_LIMIT, QueueLimit, Requester, TOTAL_LIMIT, USER_LIMIT};
+use super::extension::{Permission, result_value};
+use super::job_queue::{CLIENT_LIMIT, ClientId, QueueLimit, Requester, TOTAL_LIMIT, USER_LIMIT};
 use super::output_queue::{OutputQueue, rejection};
-use super::workers::{Permission, result_value};
 use crate::protocol::{
     Access, BAD_RECORD, BUSY, EXPIRED, Empty, FrameReport, HELLO_FIRST, HeaderError, Hello,
     HelloParams, INVALID_REQUEST, ImageSubscription, MAX_HELLO_PAYLOAD, MAX_METHOD_PAYLOAD,
@@ -16,9 +16,6 @@ use std::time::Duration;
 
 /// Responses and rejections beyond the client's queue after which its requests wait.
 const RESPONSE_BYTES: usize = 64 << 10;
-
-/// Number of a client, from 1.
-pub(crate) type ClientId = u64;
 
 /// Calls of a session to its service.
 pub(crate) trait Host {

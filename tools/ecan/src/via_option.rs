@@ -144,7 +144,6 @@ mod tests {
         "data-bitrate",
         "dbc",
         "device-time",
-        "driver",
         "eds",
         "errno",
         "ethercat",

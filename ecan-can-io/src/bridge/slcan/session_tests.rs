@@ -4,9 +4,9 @@ use ecan_protocol::can::{CanFrame, CanId};
 use proptest::prelude::*;
 
 use super::SlcanSession;
-use crate::bridge::clients::BusRates;
+use crate::bridge::config::BusRates;
+use crate::bridge::config::Uplink;
 use crate::bridge::frame_strategies::any_frame;
-use crate::bridge::session::Uplink;
 
 /// A bus that records its frames.
 #[derive(Default)]

@@ -7,9 +7,9 @@ use std::time::{Duration, Instant};
 use ecan_protocol::can::{CanFrame, CanId};
 use socketcan::CanFdSocket;
 
-use crate::bridge::clients::BridgeStatistics;
-use crate::bridge::clients::BusRates;
-use crate::bridge::clients::{BusEvent, ErrorCounters};
+use crate::bridge::config::BridgeStatistics;
+use crate::bridge::config::BusRates;
+use crate::bridge::config::{BusEvent, ErrorCounters};
 use crate::bridge::socketcan::SocketCanBridge;
 
 /// Timeout of a failing test.

@@ -4,9 +4,9 @@ use ecan_protocol::can::{CanFrame, CanId, Dlc};
 use proptest::prelude::*;
 
 use super::SocketcandSession;
-use crate::bridge::clients::BusRates;
+use crate::bridge::config::BusRates;
+use crate::bridge::config::Uplink;
 use crate::bridge::session::ReceiveSettings;
-use crate::bridge::session::Uplink;
 
 #[derive(Default)]
 struct Bus {

@@ -4,8 +4,8 @@ use ecan_protocol::text::Printable;
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
+use super::form::Form;
 use super::{Document, Includes};
-use crate::config_file::schema::Form;
 
 /// A table, and the keys of it that were read. Each other key is a fault when the table is dropped.
 pub(crate) struct Table<'t, 'i> {

@@ -3,9 +3,9 @@
 use toml::Spanned;
 use toml::de::{DeInteger, DeValue};
 
-use super::Located;
+use super::form::Form;
 use super::table::{Table, kind};
-use crate::config_file::schema::Form;
+use crate::config_file::fault::Located;
 
 impl<'t> Table<'t, '_> {
     fn wrong(&self, key: &str, expected: &str, found: &DeValue<'_>) {

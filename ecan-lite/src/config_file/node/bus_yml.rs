@@ -2,8 +2,8 @@
 
 use super::resolve::{Report, ResolvedNode};
 use super::source::{NodeSource, ParameterSource, PdoSource, RevisionRule, RosAxis};
-use crate::config_file::bus::MasterSource;
-use crate::config_file::document::{FileFaults, Located, TextLines};
+use crate::config_file::fault::{FileFaults, Located, TextLines};
+use crate::config_file::network::MasterSource;
 use ecan_canopen::{
     BootReset, CobId, HostHeartbeat, MappingEntry, NodeId, OperatingMode, PdoDirection, object,
 };

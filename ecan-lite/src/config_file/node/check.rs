@@ -10,8 +10,8 @@ use ecan_mcan_port::Config;
 use super::FileNode;
 use super::resolve::ResolvedNode;
 use crate::config_file::axis::FileAxis;
-use crate::config_file::bus::NetworkSettings;
 use crate::config_file::document::Document;
+use crate::config_file::network::NetworkSettings;
 
 /// The network of a file: the nodes, with the process data of the axes of theirs.
 pub(crate) fn network(

@@ -2,8 +2,9 @@
 
 use super::axis;
 use super::axis::FileAxis;
-use super::bus::NetworkTable;
-use super::document::{FileFaults, Includes, Located, Table, TextLines, store};
+use super::document::{Includes, Table, store};
+use super::fault::{FileFaults, Located, TextLines};
+use super::network::NetworkTable;
 pub(crate) use check::{check, network};
 use ecan_canopen::{
     BootConfig, BootReset, ConfigurationDate, HeartbeatConsumer, HostHeartbeat, NodeDescription,

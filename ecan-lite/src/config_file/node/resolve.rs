@@ -12,8 +12,8 @@ use ecan_protocol::can::CanId;
 
 use super::source::{NodeSource, ParameterSource, PdoSource, RevisionRule};
 use crate::config_file::axis::LIFE_TIME_FACTOR;
-use crate::config_file::document::Located;
 use crate::config_file::document::store;
+use crate::config_file::fault::Located;
 
 /// Receives a fault with its location.
 pub(crate) type Report<'a> = dyn FnMut(usize, String) + 'a;

@@ -1,6 +1,6 @@
 //! A node as a file describes it, before its names are resolved.
 
-use crate::config_file::document::Located;
+use crate::config_file::fault::Located;
 use ecan_canopen::{BootReset, ConfigurationDate, DeviceFile, NodeId, PdoDirection};
 use ecan_protocol::text::Printable;
 use std::collections::BTreeMap;

@@ -3,7 +3,7 @@
 use ecan_mcan_port::{ChannelStatistics, SessionState, SlaveStatistics};
 use ecan_protocol::image::ChannelState;
 
-use super::render::{Metric, Source};
+use super::metric::{Metric, Source};
 
 const NS_PER_S: f64 = 1e9;
 

@@ -6,8 +6,8 @@ use std::fs;
 use serde_json::Value;
 
 use super::declared::metrics;
-use super::render::BOUNDS_NS;
-use super::render::{Metric, MetricKind, Source};
+use super::metric::{Metric, MetricKind, Source};
+use super::time_histogram::BOUNDS_NS;
 
 const ROOT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/..");
 

@@ -1,15 +1,22 @@
 //! Metrics of a service for Prometheus (docs/SERVICE.md).
 
+mod cycle_sample;
 mod declared;
+mod device_objects;
 #[cfg(test)]
 mod documentation;
-mod endpoint;
+mod http_connection;
+mod metric;
+mod metrics_config;
+mod metrics_sample;
+mod metrics_server;
 mod render;
+mod time_histogram;
 
-pub use endpoint::{MetricsAddress, MetricsAddressError, MetricsConfig};
+pub use metrics_config::{MetricsAddress, MetricsAddressError, MetricsConfig};
 
-pub(crate) use endpoint::MetricsServer;
-pub(crate) use render::MetricsSample;
-pub(crate) use render::ObjectValues;
-pub(crate) use render::TimeHistogram;
-pub(crate) use render::{CycleSample, SlaveSample};
+pub(crate) use cycle_sample::{CycleSample, SlaveSample};
+pub(crate) use metrics_sample::MetricsSample;
+pub(crate) use metrics_sample::ObjectValues;
+pub(crate) use metrics_server::MetricsServer;
+pub(crate) use time_histogram::TimeHistogram;

@@ -1,6 +1,7 @@
 //! A service published to another Zenoh session on this host.
 #![allow(missing_docs)]
 
+#[allow(dead_code)]
 #[path = "../../../tests/server/common/mod.rs"]
 mod common;
 

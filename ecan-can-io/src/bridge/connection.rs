@@ -1,91 +1,98 @@
-//! slcan on a pseudo-terminal.
+//! Connection to a client over TCP or a pseudo-terminal; another thread can end it.
 
-use super::client_queue::ClientQueue;
-use super::clients::Clients;
-use super::server::{BridgeProtocol, Connection, serve};
-use super::session::Session;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::fs::{OFlags, fcntl_setfl};
 use rustix::io::Errno;
+use rustix::net::sockopt;
 use rustix::pty::{OpenptFlags, grantpt, ioctl_tiocgptpeer, openpt, ptsname, unlockpt};
 use rustix::termios::{OptionalActions, QueueSelector, tcflush, tcgetattr, tcsetattr};
 use std::ffi::OsString;
+use std::io;
+use std::io::{Read as _, Write as _};
+use std::net::{IpAddr, Shutdown, TcpStream};
 use std::os::fd::OwnedFd;
 use std::os::unix::ffi::OsStringExt as _;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
-use std::thread::JoinHandle;
 use std::time::Duration;
-use std::{io, thread};
 
-/// Interval of polling for a program. Stopping does not wait for it.
-const LOOK_INTERVAL: Duration = Duration::from_millis(10);
+/// Time without acknowledgement after which a client's machine counts as lost. The same applies to
+/// a client that does not read, once the buffers of both machines are full.
+const SILENCE_MS: u32 = 60_000;
+const KEEP_ALIVE_INTERVAL: Duration = Duration::from_secs(10);
 
-/// A pseudo-terminal that behaves as an slcan adapter with one client: the program that has it
-/// open. The next program gets a new session. Dropping it ends its thread.
+/// Ends a connection whose peer machine vanished; otherwise it would occupy the place of another
+/// client forever.
+pub(crate) fn watch(stream: &TcpStream) -> io::Result<()> {
+    sockopt::set_socket_keepalive(stream, true)?;
+    sockopt::set_tcp_keepidle(stream, KEEP_ALIVE_INTERVAL)?;
+    sockopt::set_tcp_keepintvl(stream, KEEP_ALIVE_INTERVAL)?;
+    // Also ends it while data are in transit, and replaces the number of probes.
+    Ok(sockopt::set_tcp_user_timeout(stream, SILENCE_MS)?)
+}
+
+/// Handle that ends a client's connection.
+pub(crate) trait Close: std::fmt::Debug + Send {
+    /// Ends the connection; all of its threads notice. No effect if it has already ended.
+    fn close(&self);
+}
+
+/// A connection; a clone refers to the same one.
 #[derive(Debug)]
-pub struct SerialBridge {
-    terminal: Arc<Terminal>,
-    clients: Arc<Clients>,
-    thread: Option<JoinHandle<()>>,
+pub(crate) enum Connection {
+    Tcp(TcpStream),
+    Terminal(Arc<TerminalLine>),
 }
 
-impl SerialBridge {
-    /// Creates the terminal; `queue` is the capacity in frames of the queue to the bus and of the
-    /// queue to the client.
-    ///
-    /// # Errors
-    /// No pseudo-terminal or no thread is available.
-    pub fn open(queue: usize) -> io::Result<Self> {
-        let terminal = Arc::new(Terminal::open()?);
-        let clients = Arc::new(Clients::new(queue, 1));
-        let (line, served) = (terminal.clone(), clients.clone());
-        let thread = thread::Builder::new()
-            .name("bridge terminal".to_owned())
-            .spawn(move || serve_programs(&served, &line))?;
-        Ok(Self { terminal, clients, thread: Some(thread) })
+impl Connection {
+    pub(crate) fn try_clone(&self) -> io::Result<Self> {
+        Ok(match self {
+            Self::Tcp(stream) => Self::Tcp(stream.try_clone()?),
+            Self::Terminal(line) => Self::Terminal(line.clone()),
+        })
     }
 
-    /// Path that other programs open.
-    pub fn path(&self) -> &Path {
-        self.terminal.path()
+    /// Waits for bytes; returns 0 at the end.
+    pub(crate) fn read(&self, bytes: &mut [u8]) -> io::Result<usize> {
+        match self {
+            Self::Tcp(stream) => (&*stream).read(bytes),
+            Self::Terminal(line) => line.read(bytes),
+        }
     }
 
-    /// The client.
-    pub fn clients(&self) -> &Arc<Clients> {
-        &self.clients
+    /// Limits the time of the following calls of [`read`](Self::read). A terminal has no limit.
+    pub(crate) fn set_read_limit(&self, limit: Option<Duration>) -> io::Result<()> {
+        match self {
+            Self::Tcp(stream) => stream.set_read_timeout(limit),
+            Self::Terminal(_) => Ok(()),
+        }
     }
-}
 
-impl Drop for SerialBridge {
-    fn drop(&mut self) {
-        self.clients.close();
-        if let Some(thread) = self.thread.take() {
-            thread.thread().unpark();
-            // A panic in it has been reported on stderr already.
-            let _ = thread.join();
+    /// Address of the client's machine.
+    pub(crate) fn peer(&self) -> Option<IpAddr> {
+        match self {
+            Self::Tcp(stream) => stream.peer_addr().ok().map(|address| address.ip()),
+            Self::Terminal(_) => None,
+        }
+    }
+
+    pub(crate) fn write_all(&self, bytes: &[u8]) -> io::Result<()> {
+        match self {
+            Self::Tcp(stream) => (&*stream).write_all(bytes),
+            Self::Terminal(line) => line.write_all(bytes),
         }
     }
 }
 
-/// Serves one program after the other until the bridge is closed.
-fn serve_programs(clients: &Clients, terminal: &Arc<Terminal>) {
-    while !clients.is_closed() {
-        // A terminal that cannot be polled counts as unused.
-        if !terminal.is_in_use().unwrap_or(false) {
-            thread::park_timeout(LOOK_INTERVAL);
-            continue;
+impl Close for Connection {
+    fn close(&self) {
+        match self {
+            Self::Tcp(stream) => {
+                let _ = stream.shutdown(Shutdown::Both);
+            }
+            Self::Terminal(line) => line.close(),
         }
-        let line = Arc::new(TerminalLine::new(terminal.clone()));
-        let queue = Arc::new(ClientQueue::new(clients.queue()));
-        // If the client is not admitted, the bridge was closed just now.
-        let connection = Connection::Terminal(line.clone());
-        let Some(id) = clients.join(connection, None, queue.clone()) else {
-            return;
-        };
-        let session = Session::new(BridgeProtocol::Slcan);
-        serve(clients, id, &Connection::Terminal(line), session, &queue, None);
     }
 }
 
@@ -223,5 +230,23 @@ impl TerminalLine {
             Ok(_) | Err(Errno::INTR) => Ok(!self.is_closed.load(Ordering::Acquire)),
             Err(error) => Err(error.into()),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::net::TcpListener;
+
+    /// A vanished machine cannot be simulated here; the socket options can be read back.
+    #[test]
+    fn connection_has_keep_alive() {
+        let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+        let _client = TcpStream::connect(listener.local_addr().unwrap()).unwrap();
+        let (stream, _) = listener.accept().unwrap();
+        watch(&stream).unwrap();
+        assert!(sockopt::socket_keepalive(&stream).unwrap());
+        assert_eq!(sockopt::tcp_keepidle(&stream).unwrap(), KEEP_ALIVE_INTERVAL);
+        assert_eq!(sockopt::tcp_user_timeout(&stream).unwrap(), SILENCE_MS);
     }
 }

@@ -1,0 +1,351 @@
+//! Recordings and their frames, the fields of their lines, and errors.
+
+use crate::candump::ParseError;
+use crate::candump::{ParseErrorKind, parse_line, parse_screen_line};
+use core::fmt;
+use core::str::FromStr;
+use ecan_protocol::can::{CanFrame, CanId, Dlc};
+use std::str::SplitAsciiWhitespace;
+
+/// Characters of a field in a message.
+const MAX_QUOTED: usize = 80;
+
+pub type FieldResult<T> = Result<T, RecordingErrorKind>;
+
+/// Reads the fields of a line in their order.
+#[derive(Clone, Debug)]
+pub struct Fields<'a>(SplitAsciiWhitespace<'a>);
+
+impl<'a> Fields<'a> {
+    pub fn new(line: &'a str) -> Self {
+        Self(line.split_ascii_whitespace())
+    }
+
+    pub fn next(&mut self) -> Option<&'a str> {
+        self.0.next()
+    }
+
+    pub fn peek(&self) -> Option<&'a str> {
+        self.0.clone().next()
+    }
+
+    /// Takes a field that must exist.
+    pub fn take(&mut self, field: &'static str, expected: &'static str) -> FieldResult<&'a str> {
+        self.next().ok_or(RecordingErrorKind::Missing { field, expected })
+    }
+
+    /// Takes a field that must have an allowed value.
+    pub fn parse<T>(
+        &mut self,
+        field: &'static str,
+        expected: &'static str,
+        parse: impl FnOnce(&str) -> Option<T>,
+    ) -> FieldResult<T> {
+        let text = self.take(field, expected)?;
+        parse(text).ok_or_else(|| invalid(field, text, expected))
+    }
+
+    /// Takes data bytes.
+    pub fn data<'b>(&mut self, buffer: &'b mut [u8], radix: u32) -> FieldResult<&'b [u8]> {
+        let expected = if radix == 16 { "a byte in hexadecimal" } else { "a byte in decimal" };
+        for byte in &mut *buffer {
+            *byte = self.parse("data byte", expected, |text| byte_of(text, radix))?;
+        }
+        Ok(buffer)
+    }
+}
+
+pub fn invalid(field: &'static str, text: &str, expected: &'static str) -> RecordingErrorKind {
+    // No control sequence of the file reaches a terminal.
+    let printable = |it: char| if it.is_control() { char::REPLACEMENT_CHARACTER } else { it };
+    let text = text.chars().take(MAX_QUOTED).map(printable).collect();
+    RecordingErrorKind::Invalid { field, text, expected }
+}
+
+fn byte_of(text: &str, radix: u32) -> Option<u8> {
+    number(text, radix).and_then(|value| u8::try_from(value).ok())
+}
+
+/// Parses an unsigned number without sign.
+pub fn number(text: &str, radix: u32) -> Option<u32> {
+    let is_number = text.chars().all(|it| it.is_digit(radix));
+    u32::from_str_radix(text, radix).ok().filter(|_| is_number)
+}
+
+/// Parses a decimal fraction in nanoseconds, with at most nine decimals of a unit of
+/// `10^digits` nanoseconds.
+pub fn time_ns(text: &str, digits: u32) -> Option<u64> {
+    let (whole, fraction) = text.split_once('.').unwrap_or((text, ""));
+    let is_number = |text: &str| text.bytes().all(|it| it.is_ascii_digit());
+    if !is_number(whole) || !is_number(fraction) {
+        return None;
+    }
+    let unit = 10_u64.checked_pow(digits)?;
+    let whole = whole.parse::<u64>().ok()?.checked_mul(unit)?;
+    // Digits below a nanosecond are dropped.
+    let fraction = fraction.get(..fraction.len().min(digits as usize)).unwrap_or_default();
+    let missing = digits.checked_sub(u32::try_from(fraction.len()).ok()?)?;
+    let part = if fraction.is_empty() { 0 } else { fraction.parse::<u64>().ok()? };
+    whole.checked_add(part.checked_mul(10_u64.checked_pow(missing)?)?)
+}
+
+/// A classic data frame, of which a DLC above 8 has 8 bytes.
+pub fn classic(fields: &mut Fields<'_>, id: CanId, dlc: Dlc, radix: u32) -> FieldResult<CanFrame> {
+    let mut buffer = [0; 8];
+    let data = fields.data(buffer.get_mut(..dlc.classic_len()).unwrap_or_default(), radix)?;
+    CanFrame::classic(id, data)
+        .map_err(|_| RecordingErrorKind::LengthMismatch { length: data.len(), dlc: dlc.value() })
+}
+
+/// A remote frame; a DLC above 8 counts as 8.
+pub fn remote(id: CanId, dlc: u8) -> FieldResult<CanFrame> {
+    let invalid = || RecordingErrorKind::LengthMismatch { length: 0, dlc };
+    let dlc = Dlc::new(dlc.min(8)).ok_or_else(invalid)?;
+    CanFrame::remote(id, dlc).map_err(|_| invalid())
+}
+
+/// Name of the interface of a channel that counts from 1.
+pub fn interface(text: &str) -> Option<String> {
+    let channel = number(text, 10)?.checked_sub(1)?;
+    Some(format!("can{channel}"))
+}
+
+/// Error in a recording.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("line {line}, {kind}")]
+pub struct RecordingError {
+    /// Line, from 1.
+    pub line: usize,
+    /// Kind of error.
+    pub kind: RecordingErrorKind,
+}
+
+/// Kind of error in a recording.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum RecordingErrorKind {
+    /// The line belongs to no format.
+    #[error(
+        "format not recognized; allowed: candump log, candump screen, Vector ASC, PEAK TRC; \
+         `ecan replay --format` selects one"
+    )]
+    UnknownFormat,
+    /// Syntax error in a line of candump.
+    #[error(transparent)]
+    Candump(#[from] ParseError),
+    /// A date on candump's screen.
+    #[error("date \"{0}\" is invalid; expected YYYY-MM-DD hh:mm:ss.ffffff")]
+    Date(String),
+    /// The times of the lines add up to more than 64 bits of nanoseconds.
+    #[error("time exceeds 64 bits of nanoseconds")]
+    TimeRange,
+    /// A field is missing.
+    #[error("{field} is missing; expected {expected}")]
+    Missing {
+        /// Name of the field.
+        field: &'static str,
+        /// Allowed values.
+        expected: &'static str,
+    },
+    /// A field has another value than allowed.
+    #[error("{field} \"{text}\" is invalid; expected {expected}")]
+    Invalid {
+        /// Name of the field.
+        field: &'static str,
+        /// Text of the field.
+        text: String,
+        /// Allowed values.
+        expected: &'static str,
+    },
+    /// The data length of a CAN FD frame does not match its DLC.
+    #[error("{length} data bytes do not match DLC {dlc}")]
+    LengthMismatch {
+        /// Length in bytes.
+        length: usize,
+        /// DLC.
+        dlc: u8,
+    },
+    /// A line of an ASC file for CAN XL.
+    #[error("lines of kind CANXL are not supported; export the recording without CAN XL")]
+    CanXl,
+    /// A TRC file of version 2 without `$COLUMNS`.
+    #[error("no line ;$COLUMNS before the first frame, which version 2 of TRC needs")]
+    NoColumns,
+}
+
+/// Frame of a recording.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct LoggedFrame {
+    /// Line in the file, from 1.
+    pub line: usize,
+    /// Time in nanoseconds, from any reference.
+    pub time_ns: u64,
+    /// Interface name; `can0` for channel 1 of ASC and bus 1 of TRC.
+    pub interface: String,
+    /// CAN frame.
+    pub frame: CanFrame,
+}
+
+/// Settings for text that does not state them; `None` is recognized.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct ReadOptions {
+    /// Format.
+    pub format: Option<Format>,
+    /// Reference of the time stamps on candump's screen.
+    pub screen_times: Option<ScreenTimes>,
+}
+
+/// Contents of a recording.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Recording {
+    /// Given or recognized format.
+    pub format: Format,
+    /// Frames in the order of the file.
+    pub frames: Vec<LoggedFrame>,
+    /// Number of error frames and SocketCAN error messages, which are not CAN frames.
+    pub error_frames: usize,
+    /// Number of other lines without a frame: events of ASC and TRC.
+    pub events: usize,
+    /// Given or recognized reference of the time stamps on candump's screen; `None` in other formats
+    /// and without time stamps.
+    pub screen_times: Option<ScreenTimes>,
+}
+
+impl Recording {
+    pub(crate) const fn new(format: Format) -> Self {
+        Self { format, frames: Vec::new(), error_frames: 0, events: 0, screen_times: None }
+    }
+}
+
+/// Format of a recording.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[non_exhaustive]
+pub enum Format {
+    /// Log of candump (`candump -l`, `-L`).
+    CandumpLog,
+    /// Screen of candump, with or without time stamps.
+    CandumpScreen,
+    /// Vector ASC.
+    Asc,
+    /// PEAK TRC, versions 1.0 to 2.1.
+    Trc,
+}
+
+impl Format {
+    /// All formats.
+    pub const ALL: [Self; 4] = [Self::CandumpLog, Self::CandumpScreen, Self::Asc, Self::Trc];
+
+    /// Name of the format, as [`FromStr`] accepts it.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::CandumpLog => "log",
+            Self::CandumpScreen => "screen",
+            Self::Asc => "asc",
+            Self::Trc => "trc",
+        }
+    }
+
+    /// Recognizes the format by the first line that is neither blank nor a comment of candump. A text
+    /// without such a line counts as a log of candump.
+    ///
+    /// # Errors
+    /// The line, from 1, that belongs to no format.
+    pub fn recognize(text: &str) -> Result<Self, usize> {
+        let is_content =
+            |line: &&str| !line.trim().is_empty() && !line.trim_start().starts_with('#');
+        let content = (1..).zip(text.lines()).find(|(_, line)| is_content(line));
+        content.map_or(Ok(Self::CandumpLog), |(number, line)| Self::of_line(line).ok_or(number))
+    }
+
+    fn of_line(line: &str) -> Option<Self> {
+        let words = line.trim().to_ascii_lowercase();
+        let first = words.split_ascii_whitespace().next()?;
+        let asc =
+            ["date ", "base ", "internal events", "no internal events", "begin trigger", "//"];
+        if first.starts_with(';') || first.strip_suffix(')').is_some_and(is_number) {
+            return Some(Self::Trc);
+        }
+        let is_time = first.split_once('.').is_some_and(|(a, b)| is_number(a) && is_number(b));
+        if is_time || asc.iter().any(|start| words.starts_with(start)) {
+            return Some(Self::Asc);
+        }
+        let is_message = |kind| kind == ParseErrorKind::ErrorMessage;
+        match (parse_line(line), parse_screen_line(line)) {
+            (Ok(Some(_)), _) => Some(Self::CandumpLog),
+            (_, Ok(Some(_))) => Some(Self::CandumpScreen),
+            (Err(error), _) if is_message(error.kind) => Some(Self::CandumpLog),
+            (_, Err(error)) if is_message(error.kind) => Some(Self::CandumpScreen),
+            // The format of a line with an error is needed to describe the error.
+            _ if words.contains('#') => Some(Self::CandumpLog),
+            _ if words.contains('[') => Some(Self::CandumpScreen),
+            _ => None,
+        }
+    }
+}
+
+fn is_number(text: &str) -> bool {
+    !text.is_empty() && text.bytes().all(|it| it.is_ascii_digit())
+}
+
+impl fmt::Display for Format {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+impl FromStr for Format {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        let found = Self::ALL.into_iter().find(|it| it.name() == text);
+        found.ok_or_else(|| "expected log, screen, asc or trc".to_owned())
+    }
+}
+
+/// Time stamps above this are times since 1970: 2001 is later, a recording of 30 years is shorter.
+const LEAST_ABSOLUTE_NS: u64 = 1_000_000_000 * 1_000_000_000;
+/// Share of decreasing time stamps from which they are differences: one in this number.
+const DECREASING: usize = 10;
+
+/// Reference of the time stamps on candump's screen, which the text does not state.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum ScreenTimes {
+    /// Since 1970 (`candump -t a`).
+    Absolute,
+    /// Since the first frame (`candump -t z`).
+    SinceFirst,
+    /// Since the frame before (`candump -t d`).
+    SincePrevious,
+}
+
+impl ScreenTimes {
+    /// Decides by the time stamps in nanoseconds. The first one is absolute if it is in this century.
+    /// Otherwise all are differences if one in ten is smaller than the one before it: times since the
+    /// first frame decrease seldom. A few frames, or differences that only grow, count as times since
+    /// the first frame.
+    #[must_use]
+    pub fn recognize(times_ns: &[u64]) -> Self {
+        if times_ns.first().is_some_and(|first| *first >= LEAST_ABSOLUTE_NS) {
+            return Self::Absolute;
+        }
+        let decreasing = times_ns.windows(2).filter(|it| it.first() > it.last()).count();
+        match decreasing * DECREASING >= times_ns.len().max(1) {
+            true => Self::SincePrevious,
+            false => Self::SinceFirst,
+        }
+    }
+}
+
+impl FromStr for ScreenTimes {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        match text {
+            "a" => Ok(Self::Absolute),
+            "z" => Ok(Self::SinceFirst),
+            "d" => Ok(Self::SincePrevious),
+            _ => Err("expected a (since 1970), z (since the first frame) or d (delta)".to_owned()),
+        }
+    }
+}

@@ -1,0 +1,219 @@
+//! State of the cycle, from its snapshot.
+
+use std::time::Duration;
+
+use crate::protocol::{
+    Axes, AxisState, CycleState, GatewayState, NOT_AVAILABLE, RpcError, SampledTimes, SessionState,
+    State,
+};
+use ecan_cia402::{AxesSnapshot, AxisStatus};
+use ecan_host::{Observer, ObserverError, Snapshot};
+use ecan_mcan_port::{PortSnapshot, SessionState as PortSession};
+use hdrhistogram::Histogram;
+use serde_json::Value;
+
+use crate::server::metrics::{CycleSample, SlaveSample, TimeHistogram};
+
+/// Longest time in a distribution, in nanoseconds.
+const MAX_TIME_NS: u64 = 10_000_000_000;
+
+#[derive(Debug)]
+pub(crate) struct BusView {
+    snapshot: Snapshot,
+    since_1970_ns: u64,
+    /// Number of the last sampled cycle.
+    sampled_cycle: u64,
+    run_time: Histogram<u64>,
+    late: Histogram<u64>,
+    /// The same samples for metrics.
+    buckets: Buckets,
+}
+
+#[derive(Debug, Clone, Copy, Default)]
+struct Buckets {
+    run_time: TimeHistogram,
+    late: TimeHistogram,
+}
+
+fn histogram() -> Histogram<u64> {
+    // infallible: the bounds are constants that the crate accepts
+    let mut histogram = Histogram::new_with_bounds(1, MAX_TIME_NS, 3).unwrap();
+    histogram.auto(false);
+    histogram
+}
+
+fn times(histogram: &Histogram<u64>) -> SampledTimes {
+    if histogram.is_empty() {
+        return SampledTimes::default();
+    }
+    SampledTimes {
+        samples: histogram.len(),
+        min_ns: histogram.min(),
+        p50_ns: histogram.value_at_quantile(0.5),
+        p99_ns: histogram.value_at_quantile(0.99),
+        max_ns: histogram.max(),
+    }
+}
+
+impl BusView {
+    pub(crate) fn new(observer: &Observer, since_1970_ns: u64) -> Self {
+        Self {
+            snapshot: observer.snapshot(),
+            since_1970_ns,
+            sampled_cycle: 0,
+            run_time: histogram(),
+            late: histogram(),
+            buckets: Buckets::default(),
+        }
+    }
+
+    /// Adds the last cycle to the distributions.
+    pub(crate) fn sample(&mut self) {
+        if self.snapshot.update().is_ok() && self.snapshot.cycle() != self.sampled_cycle {
+            self.sampled_cycle = self.snapshot.cycle();
+            self.run_time.saturating_record(self.snapshot.run_time_ns());
+            self.buckets.run_time.record(self.snapshot.run_time_ns());
+            if let Some(start) = self.snapshot.cycle_start() {
+                self.late.saturating_record(start.late_ns);
+                self.buckets.late.record(start.late_ns);
+            }
+        }
+    }
+
+    /// Number of the last cycle if the gateway is not ready in it.
+    pub(crate) fn cycle_of_lost_session(&mut self, slave: usize) -> Option<u64> {
+        self.update().ok()?;
+        let session = PortSnapshot::of(&self.snapshot)?.session(slave)?;
+        (session != PortSession::Ready).then(|| self.snapshot.cycle())
+    }
+
+    /// Reads the last cycle; returns whether the application has ended.
+    fn update(&mut self) -> Result<bool, RpcError> {
+        match self.snapshot.update() {
+            Err(error @ ObserverError::NoCycle) => {
+                Err(RpcError::new(NOT_AVAILABLE, error.to_string()))
+            }
+            result => Ok(result.is_err()),
+        }
+    }
+
+    fn time_ns(&self) -> u64 {
+        self.snapshot.time_ns().wrapping_add(self.since_1970_ns)
+    }
+
+    pub(crate) fn state(&mut self, cycle_ns: u64) -> Result<State, RpcError> {
+        let is_closed = self.update()?;
+        let cycle = self.cycle_state(cycle_ns, is_closed);
+        let snapshot = &self.snapshot;
+        let port = PortSnapshot::of(snapshot);
+        let gateways = port.map_or(0, |port| port.slave_count());
+        let gateways = (0..gateways).filter_map(|slave| gateway(snapshot, port?, slave)).collect();
+        Ok(State { cycle, run_time: times(&self.run_time), late: times(&self.late), gateways })
+    }
+
+    fn cycle_state(&self, cycle_ns: u64, is_closed: bool) -> CycleState {
+        let snapshot = &self.snapshot;
+        CycleState {
+            cycle: snapshot.cycle(),
+            time_ns: self.time_ns(),
+            cycle_ns,
+            run_time_ns: snapshot.run_time_ns(),
+            late_ns: snapshot.cycle_start().map(|start| start.late_ns),
+            overruns: snapshot.overruns(),
+            skipped: snapshot.skipped(),
+            is_stop_requested: snapshot.is_stop_requested(),
+            is_closed,
+        }
+    }
+
+    /// The last cycle for metrics; `None` before the first.
+    pub(crate) fn cycle_sample(&mut self, cycle_ns: u64) -> Option<CycleSample> {
+        let is_closed = self.update().ok()?;
+        let snapshot = &self.snapshot;
+        let port = PortSnapshot::of(snapshot);
+        let slaves = (0..port.map_or(0, |port| port.slave_count())).filter_map(|slave| {
+            let port = port?;
+            let status = |channel| port.channel_status(slave, channel);
+            Some(SlaveSample {
+                session: port.session(slave)?,
+                report: snapshot.domain_report(slave).unwrap_or_default(),
+                statistics: port.statistics(slave)?,
+                channels: [status(0), status(1), status(2), status(3)],
+            })
+        });
+        Some(CycleSample {
+            state: self.cycle_state(cycle_ns, is_closed),
+            run_time: self.buckets.run_time,
+            late: self.buckets.late,
+            slaves: slaves.collect(),
+            axes: AxesSnapshot::of(snapshot).iter().flat_map(|axes| axes.axes()).collect(),
+        })
+    }
+
+    pub(crate) fn axes(&mut self) -> Result<Axes, RpcError> {
+        self.update()?;
+        let axes = AxesSnapshot::of(&self.snapshot);
+        let axes = axes.iter().flat_map(|axes| axes.axes()).map(|status| axis(&status)).collect();
+        Ok(Axes { cycle: self.snapshot.cycle(), time_ns: self.time_ns(), axes })
+    }
+}
+
+fn gateway(snapshot: &Snapshot, port: PortSnapshot<'_>, slave: usize) -> Option<GatewayState> {
+    let report = snapshot.domain_report(slave).unwrap_or_default();
+    let status = |channel| port.channel_status(slave, channel).map(|status| status.raw());
+    let statistics = match serde_json::to_value(port.statistics(slave)?) {
+        Ok(Value::Object(counters)) => counters,
+        _ => return None,
+    };
+    Some(GatewayState {
+        session: match port.session(slave)? {
+            PortSession::Waiting => SessionState::Waiting,
+            PortSession::Verifying => SessionState::Verifying,
+            PortSession::Ready => SessionState::Ready,
+            PortSession::Failed => SessionState::Failed,
+        },
+        waiting_for: text(port.waiting_for(slave)),
+        working_counter: report.working_counter,
+        expected_working_counter: report.expected_working_counter,
+        channel_status: [status(0), status(1), status(2), status(3)],
+        statistics,
+    })
+}
+
+fn text(value: Option<impl ToString>) -> Option<String> {
+    value.map(|value| value.to_string())
+}
+
+fn axis(status: &AxisStatus) -> AxisState {
+    AxisState {
+        gateway: status.address.slave as u16,
+        channel: status.address.channel,
+        node_id: status.address.node.get(),
+        phase: status.phase.to_string(),
+        elapsed_ns: nanoseconds(status.elapsed),
+        error: text(status.error),
+        mode: status.mode.to_string(),
+        statusword: status.statusword.map(|word| word.0),
+        drive_state: text(status.drive_state()),
+        error_code: status.error_code,
+        nmt_state: text(status.nmt_state),
+        heartbeat: status.heartbeat.to_string(),
+        actual: status.actual,
+        actual_age: status.actual_age,
+        actual_degrees: status.actual_degrees(),
+        target: status.target,
+        following_error: status.following_error(),
+        hold_reason: text(status.hold_reason),
+        stop_cause: text(status.stop_cause),
+        is_configured: status.is_configured,
+        is_running: status.is_running,
+        is_at_rest: status.is_at_rest,
+        is_target_reached: status.is_target_reached,
+        is_stopped: status.is_stopped,
+        is_recovering: status.is_recovering,
+    }
+}
+
+pub(crate) fn nanoseconds(duration: Duration) -> u64 {
+    u64::try_from(duration.as_nanos()).unwrap_or(u64::MAX)
+}

@@ -1,0 +1,225 @@
+//! Configuration of a service, and the errors of its start.
+
+use std::fmt;
+use std::io;
+use std::net::SocketAddr;
+use std::os::unix::net::UnixListener;
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use ecan_protocol::text::Printable;
+use thiserror::Error;
+
+use crate::server::extension::Extension;
+use crate::server::metrics::MetricsConfig;
+
+/// Clients with control: they send frames, download SDOs and call the controlling methods of
+/// extensions. All other clients that may open the socket only read.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub enum Control {
+    /// No client.
+    #[default]
+    Nobody,
+    /// The user of the service, and root.
+    Owner,
+    /// Members of a group, the user of the service, and root.
+    Group(String),
+    /// Every client.
+    Everyone,
+}
+
+/// Configuration of a [`Service`](crate::server::Service).
+#[derive(Debug)]
+pub struct ServiceConfig {
+    /// Path of the socket. The service creates its directory, but not the directories above.
+    pub path: PathBuf,
+    /// Permissions of the socket; 0o660 by default. Clients need write permission.
+    pub mode: u32,
+    /// Group of the socket; `None` for that of the process.
+    pub group: Option<String>,
+    /// Clients with control; by default none.
+    pub control: Control,
+    /// Most clients at a time; 64 by default. The last place is for root and the user of the service;
+    /// each other user has at most half of the places.
+    pub max_clients: usize,
+    /// Bytes of frames and images that wait for one client; 1 MiB by default. A client that reads too
+    /// slowly loses what exceeds it.
+    pub queue_bytes: usize,
+    /// Bytes of the ring between the cycle and the service; 4 MiB by default.
+    pub ring_bytes: usize,
+    /// Frames of one client and channel that may be without result; 64 by default.
+    pub window: u32,
+    /// Name of the program, for clients and messages.
+    pub name: String,
+    /// Version of the program, for clients.
+    pub version: String,
+    /// Methods of the program.
+    pub extensions: Vec<Arc<dyn Extension>>,
+    /// A socket that listens already, for example one of systemd. Its file and permissions are not the
+    /// service's; `path` is for messages only.
+    pub listener: Option<UnixListener>,
+    /// Metrics for Prometheus; by default none.
+    pub metrics: Option<MetricsConfig>,
+}
+
+impl ServiceConfig {
+    /// Creates a read-only service at `path`, with the defaults above.
+    pub fn new(path: impl Into<PathBuf>) -> Self {
+        Self {
+            path: path.into(),
+            mode: 0o660,
+            group: None,
+            control: Control::Nobody,
+            max_clients: 64,
+            queue_bytes: 1 << 20,
+            ring_bytes: 4 << 20,
+            window: 64,
+            name: "application".into(),
+            version: env!("CARGO_PKG_VERSION").into(),
+            extensions: Vec::new(),
+            listener: None,
+            metrics: None,
+        }
+    }
+
+    /// Sets the clients with control.
+    #[must_use]
+    pub fn with_control(mut self, control: Control) -> Self {
+        self.control = control;
+        self
+    }
+
+    /// Sets name and version of the program.
+    #[must_use]
+    pub fn with_name(mut self, name: impl Into<String>, version: impl Into<String>) -> Self {
+        (self.name, self.version) = (name.into(), version.into());
+        self
+    }
+
+    /// Adds methods of the program.
+    #[must_use]
+    pub fn with_extension(mut self, extension: impl Extension + 'static) -> Self {
+        self.extensions.push(Arc::new(extension));
+        self
+    }
+
+    /// Serves metrics, on a thread of their own.
+    #[must_use]
+    pub fn with_metrics(mut self, metrics: MetricsConfig) -> Self {
+        self.metrics = Some(metrics);
+        self
+    }
+}
+
+/// Longest path of the socket, in bytes: 107 (`sun_path` without its terminating 0), less the suffix of
+/// its random name before it is moved to the path.
+pub(crate) const MAX_SOCKET_PATH: usize = 99;
+
+/// Error of the start of a service.
+#[derive(Debug, Error)]
+#[non_exhaustive]
+pub enum ServiceError {
+    /// Another service listens at the path.
+    #[error(
+        "socket {} is in use by {}; stop that service or set another path",
+        Printable(path.display()), Process(*pid)
+    )]
+    InUse {
+        /// Path of the socket.
+        path: PathBuf,
+        /// Process that listens, if the system names it.
+        pid: Option<u32>,
+    },
+    /// A file at the path is not a socket.
+    #[error("{} is not a socket; remove it or set another path", Printable(path.display()))]
+    NotSocket {
+        /// The path.
+        path: PathBuf,
+    },
+    /// Linux does not allow longer paths of sockets.
+    #[error(
+        "socket path of {} bytes is too long: {}; allowed: at most {MAX_SOCKET_PATH}; set another path",
+        path.as_os_str().len(), Printable(path.display())
+    )]
+    PathTooLong {
+        /// The path.
+        path: PathBuf,
+    },
+    /// The socket cannot be created.
+    #[error("cannot create socket {}: {what}: {source}", Printable(path.display()))]
+    Socket {
+        /// Path of the socket.
+        path: PathBuf,
+        /// The step that failed.
+        what: &'static str,
+        /// Error of the system.
+        source: io::Error,
+    },
+    /// No such group.
+    #[error(
+        "group \"{group}\" does not exist; create it (groupadd --system {group}) or set another group",
+        group = Printable(.0)
+    )]
+    NoSuchGroup(String),
+    /// The queue of a client is too small for one image.
+    #[error("client queue of {0} bytes is out of range; allowed: at least 8192")]
+    QueueBytes(usize),
+    /// Other hosts reach the address of the metrics.
+    #[error(
+        "metrics address {0} is not a loopback address; allowed: 127.0.0.1, [::1] or unix:PATH; the \
+         metrics have no access control, permit other hosts with allows_remote (--metrics-remote)"
+    )]
+    RemoteMetrics(SocketAddr),
+    /// The address of the metrics cannot be used.
+    #[error("cannot listen at metrics address {address}: {source}; {}", metrics_remedy(source))]
+    MetricsAddress {
+        /// The address.
+        address: SocketAddr,
+        /// Error of the system.
+        source: io::Error,
+    },
+    /// The thread cannot be started.
+    #[error("cannot start the service's thread: {0}")]
+    Thread(io::Error),
+}
+
+/// Action after a failed listen at a TCP address.
+fn metrics_remedy(source: &io::Error) -> &'static str {
+    if source.raw_os_error() == Some(rustix::io::Errno::AFNOSUPPORT.raw_os_error()) {
+        // The unit of `ecan serve` permits Unix sockets only.
+        "a unit of systemd denies TCP by RestrictAddressFamilies: install the drop-in metrics-tcp.conf \
+         (docs/SERVICE.md), or set unix:PATH"
+    } else {
+        "set another address"
+    }
+}
+
+struct Process(Option<u32>);
+
+impl fmt::Display for Process {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.0 {
+            Some(pid) => write!(f, "process {pid}"),
+            None => f.write_str("another process"),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn denied_address_family_names_the_drop_in() {
+        let text = |errno: rustix::io::Errno| {
+            let address = "127.0.0.1:9464".parse().unwrap();
+            ServiceError::MetricsAddress { address, source: errno.into() }.to_string()
+        };
+        let denied = text(rustix::io::Errno::AFNOSUPPORT);
+        assert!(
+            denied.contains("127.0.0.1:9464") && denied.contains("metrics-tcp.conf"),
+            "{denied}"
+        );
+        assert!(text(rustix::io::Errno::ADDRINUSE).ends_with("; set another address"));
+    }
+}
