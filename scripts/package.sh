@@ -135,9 +135,9 @@ documents=$tree/usr/share/doc
 # Their texts are in the file copyright.
 rm "$documents"/libecan-lite-dev/LICENSE-*
 mkdir "$documents/ecan-lite-wireshark"
-mv "$documents/libecan-lite-dev/wireshark/ecan_pdo.lua" "$tree/$libraries/wireshark/plugins"
-mv "$documents/libecan-lite-dev/wireshark/README.md" "$documents/ecan-lite-wireshark"
-rmdir "$documents/libecan-lite-dev/wireshark"
+mv "$documents/libecan-lite-dev/packaging/wireshark/ecan_pdo.lua" "$tree/$libraries/wireshark/plugins"
+mv "$documents/libecan-lite-dev/packaging/wireshark/README.md" "$documents/ecan-lite-wireshark"
+rmdir -p --ignore-fail-on-non-empty "$documents/libecan-lite-dev/packaging/wireshark"
 install -D -m 644 -t "$tree/usr/share/ecan-lite/scenarios" examples/scenarios/*.toml
 install -D -m 644 -t "$tree/usr/share/ecan-lite/scenarios/network" examples/network/*
 install -D -m 644 packaging/debian/ecan-lite.limits "$tree/etc/security/limits.d/ecan-lite.conf"

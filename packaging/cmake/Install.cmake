@@ -24,7 +24,8 @@ install(DIRECTORY examples/python DESTINATION ${CMAKE_INSTALL_DOCDIR}/examples
 install(FILES examples/grafana/ecan-lite.json DESTINATION ${CMAKE_INSTALL_DOCDIR}/examples/grafana)
 install(DIRECTORY examples/zenoh DESTINATION ${CMAKE_INSTALL_DOCDIR}/examples USE_SOURCE_PERMISSIONS
     FILES_MATCHING PATTERN "*.json5" PATTERN "*.sh")
-install(FILES packaging/wireshark/README.md packaging/wireshark/ecan_pdo.lua DESTINATION ${CMAKE_INSTALL_DOCDIR}/wireshark)
+install(FILES packaging/wireshark/README.md packaging/wireshark/ecan_pdo.lua
+    DESTINATION ${CMAKE_INSTALL_DOCDIR}/packaging/wireshark)
 install(TARGETS ${_libraries} LIBRARY DESTINATION ${CMAKE_INSTALL_LIBDIR})
 foreach(_library IN LISTS _libraries)
     install(FILES "${CMAKE_CURRENT_BINARY_DIR}/lib${_library}.a"
