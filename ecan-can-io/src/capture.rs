@@ -69,12 +69,13 @@
 //! A recorder drops and counts packets if the file is too slow, see [`Recording`]. `ecan dump`,
 //! `send`, `gen`, `replay` and `bridge` use it for `--capture FILE`.
 
+use std::io;
+use std::io::Write;
+
 use ecan_protocol::can::{CanFrame, FrameKind};
 use ecan_protocol::image::{ChannelStatus, PdoProfile};
 use ecan_protocol::mapping::Direction;
 pub use recorder::{Recorder, Recording};
-use std::io;
-use std::io::Write;
 
 mod recorder;
 
@@ -454,7 +455,7 @@ mod tests {
         let warned = fine.with_warn(true);
         let off = warned.with_bus_off(true);
         let of = |before, after| {
-            ErrorFrame::of_change(before, after).map(|it| (it.classes(), it.data()[1]))
+            ErrorFrame::of_change(before, after).map(|frame| (frame.classes(), frame.data()[1]))
         };
         assert_eq!(of(fine, fine.with_rx_pending(3)), None);
         assert_eq!(of(fine, warned), Some((0x004, 0x0C)));

@@ -61,6 +61,10 @@ pub mod cia402 {
 
 /// Configurations: plain data that is checked as a whole before anything touches the bus.
 pub mod config {
+    #[cfg(feature = "cia402")]
+    pub use ecan_canopen::{NetworkConfig, NodeConfig, SdoConfig, SyncConfig};
+    #[cfg(feature = "cia402")]
+    pub use ecan_cia402::{AxisConfig, Cia402Config};
     pub use ecan_host::{AdapterConfig, DcSync, RealTimeConfig, SlaveConfig};
     pub use ecan_mcan_port::{
         ChannelConfig, Config, GatewayConfig, PortConfig, ScheduleConfig, Traffic,
@@ -70,10 +74,6 @@ pub mod config {
 
     #[cfg(feature = "config-file")]
     pub use crate::config_file::*;
-    #[cfg(feature = "cia402")]
-    pub use ecan_canopen::{NetworkConfig, NodeConfig, SdoConfig, SyncConfig};
-    #[cfg(feature = "cia402")]
-    pub use ecan_cia402::{AxisConfig, Cia402Config};
 }
 
 /// Simulated gateways, CAN buses, nodes and faults.
@@ -84,9 +84,12 @@ pub mod sim {
 
 /// The names of a usual program: `use ecan_lite::prelude::*;`.
 pub mod prelude {
-    pub use crate::config::{ChannelConfig, Config, GatewayConfig};
-    pub use crate::{OpenEcrt, Result};
     pub use core::time::Duration;
+
+    #[cfg(feature = "cia402")]
+    pub use ecan_canopen::{NodeAddress, NodeId};
+    #[cfg(feature = "cia402")]
+    pub use ecan_cia402::{AxisOwner, Cia402};
     pub use ecan_host::Ecrt;
     pub use ecan_mcan_port::{
         ChannelHandle, Cycle, GatewayHandle, OkOrTemporary, Port, ReceivedView, SendOptions,
@@ -95,10 +98,8 @@ pub mod prelude {
 
     #[cfg(feature = "cia402")]
     pub use crate::config::{AxisConfig, Cia402Config};
-    #[cfg(feature = "cia402")]
-    pub use ecan_canopen::{NodeAddress, NodeId};
-    #[cfg(feature = "cia402")]
-    pub use ecan_cia402::{AxisOwner, Cia402};
+    pub use crate::config::{ChannelConfig, Config, GatewayConfig};
+    pub use crate::{OpenEcrt, Result};
 }
 
 /// The programs in README.md compile.

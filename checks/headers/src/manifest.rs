@@ -3,11 +3,11 @@
 pub struct Header {
     /// Name in `include/`.
     pub name: &'static str,
-    /// Its template in `checks/headers/templates`.
+    /// File name of the template in `checks/headers/templates`.
     pub template: &'static str,
-    /// Its first line; this and the next two fields are for the template of the layers.
+    /// First line of the header; this and the next two fields are for the template of the layers.
     pub title: &'static str,
-    /// Its purpose, line by line.
+    /// Purpose of the header, line by line.
     pub intro: &'static [&'static str],
     /// The headers that it includes.
     pub includes: &'static [&'static str],

@@ -199,10 +199,10 @@ mod tests {
     use std::time::Duration;
 
     use ecan_protocol::can::CanId;
+    use ecan_test_support::OnDrop;
 
     use super::*;
     use crate::bridge::config::BridgeProtocol;
-    use ecan_test_support::OnDrop;
 
     fn frame() -> CanFrame {
         CanFrame::classic(CanId::standard(1).unwrap(), &[]).unwrap()

@@ -7,9 +7,9 @@ use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 
 use ecan_protocol::can::CanFrame;
 
-use super::config::BusRates;
-use super::config::{BridgeStatistics, Counters, count};
-use super::config::{BusEvent, ErrorCounters, ErrorFrame};
+use super::config::{
+    BridgeStatistics, BusEvent, BusRates, Counters, ErrorCounters, ErrorFrame, count,
+};
 use crate::bridge::client_queue::ClientQueue;
 use crate::bridge::connection::Close;
 

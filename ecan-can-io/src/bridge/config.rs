@@ -1,9 +1,10 @@
 //! Configuration and counters of a bridge, and what its clients and the bus exchange.
 
-use ecan_protocol::can::CanFrame;
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
+
+use ecan_protocol::can::CanFrame;
 
 /// Protocol between a bridge and its clients.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -101,7 +102,7 @@ macro_rules! counters {
             $($(#[$doc])* pub $name: u64,)*
         }
 
-        /// The same counters, for several threads.
+        /// Counters of a bridge, which several threads increase.
         #[derive(Debug, Default)]
         pub(crate) struct Counters {
             $(pub(crate) $name: AtomicU64,)*

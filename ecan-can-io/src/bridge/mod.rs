@@ -20,15 +20,13 @@ mod socketcan;
 mod socketcand;
 mod writer;
 
-#[cfg(feature = "socketcan")]
-pub use self::socketcan::{SocketCanBridge, SocketCanError};
 pub use clients::{ClientFrame, ClientId, Clients};
-pub use config::BridgeStatistics;
-pub use config::BusRates;
-pub use config::{BridgeConfig, BridgeProtocol};
-pub use config::{BusEvent, ErrorCounters};
-pub use server::BridgeInfo;
-pub use server::SerialBridge;
-pub use server::{BridgeServer, ServerError};
+pub use config::{
+    BridgeConfig, BridgeProtocol, BridgeStatistics, BusEvent, BusRates, ErrorCounters,
+};
+pub use server::{BridgeInfo, BridgeServer, SerialBridge, ServerError};
 #[doc(hidden)]
 pub use session::OfflineSession;
+
+#[cfg(feature = "socketcan")]
+pub use self::socketcan::{SocketCanBridge, SocketCanError};

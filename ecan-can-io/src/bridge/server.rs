@@ -1,14 +1,6 @@
 //! Servers of a bridge: over TCP with one accepting thread and two threads for each client, and on a
 //! pseudo-terminal.
 
-use super::client_queue::ClientQueue;
-use super::clients::{ClientFrame, ClientId, Clients};
-use super::config::{BridgeConfig, BridgeProtocol, BridgeStatistics, BusRates, Uplink, count};
-use super::connection;
-use super::connection::{Connection, Terminal, TerminalLine};
-use super::session::Session;
-use super::writer::Writer;
-use ecan_protocol::can::CanFrame;
 use std::io::ErrorKind;
 use std::net::{SocketAddr, TcpListener, TcpStream};
 use std::path::Path;
@@ -17,6 +9,16 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 use std::{fmt, io, thread};
+
+use ecan_protocol::can::CanFrame;
+
+use super::client_queue::ClientQueue;
+use super::clients::{ClientFrame, ClientId, Clients};
+use super::config::{BridgeConfig, BridgeProtocol, BridgeStatistics, BusRates, Uplink, count};
+use super::connection;
+use super::connection::{Connection, Terminal, TerminalLine};
+use super::session::Session;
+use super::writer::Writer;
 
 /// Interval of polling for a new client. Stopping does not wait for it.
 const ACCEPT_INTERVAL: Duration = Duration::from_millis(10);

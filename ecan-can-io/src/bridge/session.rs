@@ -1,11 +1,13 @@
 //! Protocol state of one client, without threads and sockets.
 
+use std::time::Duration;
+
+use ecan_protocol::can::CanFrame;
+
 use super::config::{BridgeProtocol, BusRates, Uplink};
 use super::slcan::{SlcanReceiveSettings, SlcanSession};
 use super::socketcand::SocketcandSession;
 use super::{slcan, socketcand};
-use ecan_protocol::can::CanFrame;
-use std::time::Duration;
 
 /// Pause between the answer that enables frames and the first frame. A client of socketcand reads
 /// the answer together with what follows, and would not recognise it.
@@ -110,7 +112,7 @@ pub struct OfflineSession {
     pub answers: Vec<u8>,
     /// Frames that the client sent.
     pub sent: Vec<CanFrame>,
-    /// The same frames, encoded as the client would receive them at the end.
+    /// The sent frames in the encoding in which the client would receive them at the end.
     pub received: Vec<u8>,
 }
 

@@ -1,8 +1,9 @@
 //! slcan: the ASCII protocol of Lawicel's serial CAN adapters, with the CAN FD commands of the
 //! CANable 2 firmware.
 
-use super::config::{BusRates, Uplink};
 use ecan_protocol::can::{CanFrame, CanId, Dlc, FrameKind};
+
+use super::config::{BusRates, Uplink};
 
 #[cfg(test)]
 mod command_tests;
@@ -432,7 +433,7 @@ mod tests {
 
     #[test]
     fn codes_without_rate_are_none() {
-        let rate = |code| standard(code).map(|it| it.rate);
+        let rate = |code| standard(code).map(|named| named.rate);
         assert_eq!((rate(6), rate(8), rate(10)), (Some(500_000), Some(1_000_000), None));
         assert_eq!(
             (data(2), data(5), data(0), data(3)),

@@ -1,9 +1,12 @@
 //! The CAN interfaces of Linux, virtual or real (`PF_CAN`, raw sockets).
 
-use super::client_queue::{ClientQueue, Outgoing, Reports};
-use super::clients::{ClientFrame, ClientId, Clients};
-use super::config::{BusEvent, ErrorFrame, count};
-use super::connection::Close;
+use std::process::{Command, Stdio};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, OnceLock};
+use std::thread::JoinHandle;
+use std::time::Duration;
+use std::{io, thread};
+
 use ecan_protocol::can::{CanFrame, CanId, Dlc, FrameKind};
 use rustix::io::Errno;
 use socketcan::id::FdFlags;
@@ -11,13 +14,12 @@ use socketcan::{
     CanAddr, CanAnyFrame, CanDataFrame, CanErrorFrame, CanFdFrame, CanFdSocket, CanRemoteFrame,
     EmbeddedFrame as _, ExtendedId, Id, Socket as _, SocketOptions as _, StandardId,
 };
-use std::process::{Command, Stdio};
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, OnceLock};
-use std::thread::JoinHandle;
-use std::time::Duration;
-use std::{io, thread};
 use thiserror::Error;
+
+use super::client_queue::{ClientQueue, Outgoing, Reports};
+use super::clients::{ClientFrame, ClientId, Clients};
+use super::config::{BusEvent, ErrorFrame, count};
+use super::connection::Close;
 
 #[cfg(test)]
 mod bridge_tests;

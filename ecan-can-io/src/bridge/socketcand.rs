@@ -1,8 +1,10 @@
 //! socketcand: the ASCII protocol of the daemon of the same name, raw mode only.
 
-use super::config::Uplink;
-use ecan_protocol::can::{CanFrame, CanId, Dlc, FrameKind};
 use std::io::Write as _;
+
+use ecan_protocol::can::{CanFrame, CanId, Dlc, FrameKind};
+
+use super::config::Uplink;
 
 #[cfg(test)]
 mod tests;

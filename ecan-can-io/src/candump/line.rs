@@ -2,6 +2,7 @@
 
 use core::fmt;
 use core::str::FromStr;
+
 use ecan_protocol::can::{CanFrame, CanId, Dlc, FrameError, FrameKind};
 use thiserror::Error;
 

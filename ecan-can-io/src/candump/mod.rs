@@ -49,10 +49,8 @@
 mod line;
 mod screen;
 
-pub use line::FrameText;
-pub use line::{DirectionMark, Record};
-pub use line::{Filter, FilterError};
-pub use line::{ParseError, ParseErrorKind};
-pub use line::{parse_frame, parse_line};
-pub use screen::ScreenFrame;
-pub use screen::{ScreenRecord, ScreenTime, parse_screen_line};
+pub use line::{
+    DirectionMark, Filter, FilterError, FrameText, ParseError, ParseErrorKind, Record, parse_frame,
+    parse_line,
+};
+pub use screen::{ScreenFrame, ScreenRecord, ScreenTime, parse_screen_line};

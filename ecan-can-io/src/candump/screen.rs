@@ -1,10 +1,12 @@
 //! Text of a frame in the columns of candump.
 
+use core::fmt;
+
+use ecan_protocol::can::{CanFrame, CanId, Dlc, FrameKind};
+
 use super::line::{
     Cursor, DirectionMark, ParseError, ParseErrorKind, blank, identifier_before, time_in_brackets,
 };
-use core::fmt;
-use ecan_protocol::can::{CanFrame, CanId, Dlc, FrameKind};
 
 /// Longest frame whose ASCII characters are shown, in bytes.
 const ASCII_BYTES: usize = 8;

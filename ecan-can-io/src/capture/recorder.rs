@@ -10,9 +10,7 @@ use std::time::Duration;
 use ecan_protocol::can::CanFrame;
 use ecan_protocol::mapping::MAX_PDO_BYTES;
 
-use super::ErrorFrame;
-use super::ImageOrigin;
-use super::{Capture, Traffic};
+use super::{Capture, ErrorFrame, ImageOrigin, Traffic};
 
 const QUEUE: usize = 1 << 15;
 /// Maximum number of queued images: one second of both directions at a cycle of 1 ms.

@@ -1,11 +1,13 @@
 //! A database, and the signals of a frame.
 
+use core::fmt;
+use std::collections::HashMap;
+
+use ecan_protocol::can::{CanFrame, CanId};
+
 use super::reader;
 use super::reader::DbcFaults;
 use super::signal::{Message, Number, Signal, UnknownName, find};
-use core::fmt;
-use ecan_protocol::can::{CanFrame, CanId};
-use std::collections::HashMap;
 
 /// Messages of a DBC file.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -42,7 +44,7 @@ impl Database {
     /// # Errors
     /// No message has this name.
     pub fn message_named(&self, name: &str) -> Result<&Message, UnknownName> {
-        let names = self.messages.iter().map(|it| it.name.as_str());
+        let names = self.messages.iter().map(|message| message.name.as_str());
         let at = find("message", name, names)?;
         let unknown =
             || UnknownName { what: "message", name: name.to_owned(), similar: Vec::new() };

@@ -1,9 +1,11 @@
 //! From signal values to frames.
 
-use super::signal::{Condition, Message, Number, Signal, SignalKind, UnknownName, similar_to};
-use ecan_protocol::can::CanFrame;
 use std::collections::BTreeMap;
+
+use ecan_protocol::can::CanFrame;
 use thiserror::Error;
+
+use super::signal::{Condition, Message, Number, Signal, SignalKind, UnknownName, similar_to};
 
 const MAX_BYTES: usize = 64;
 

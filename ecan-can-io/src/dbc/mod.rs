@@ -32,11 +32,7 @@ mod encode;
 mod reader;
 mod signal;
 
-pub use database::Database;
-pub use database::{Decoded, DecodedSignal};
+pub use database::{Database, Decoded, DecodedSignal};
 pub use encode::{EncodeError, EncodeErrorKind};
 pub use reader::{DbcFault, DbcFaults, FaultKind};
-pub use signal::Message;
-pub use signal::Number;
-pub use signal::UnknownName;
-pub use signal::{Condition, Signal, SignalKind};
+pub use signal::{Condition, Message, Number, Signal, SignalKind, UnknownName};

@@ -1,17 +1,19 @@
 //! From the items of a file to messages.
 
-use super::signal::{BitLayout, ByteOrder, Condition, Message, Signal, SignalKind};
+use core::fmt;
+use std::borrow::Cow;
+use std::collections::{BTreeMap, HashMap};
+
 use can_dbc::{
     AttributeDefinition, AttributeValueType, ExtendedMultiplex, MultiplexIndicator, NumericValue,
     SignalExtendedValueType, ValueDescription,
 };
 use can_dbc_pest::{DbcParser, Error as SyntaxError, Pair, Parser, Rule};
-use core::fmt;
 use ecan_protocol::can::CanId;
 use pest::error::LineColLocation;
-use std::borrow::Cow;
-use std::collections::{BTreeMap, HashMap};
 use thiserror::Error;
+
+use super::signal::{BitLayout, ByteOrder, Condition, Message, Signal, SignalKind};
 
 const EXTENDED_FLAG: u64 = 1 << 31;
 /// Message of signals that are in no message.
@@ -334,17 +336,17 @@ pub fn line_of(item: &Pair<'_, Rule>) -> usize {
 
 /// First part of an item with this rule.
 pub fn part<'a>(item: &Pair<'a, Rule>, rule: Rule) -> Option<Pair<'a, Rule>> {
-    item.clone().into_inner().find(|it| it.as_rule() == rule)
+    item.clone().into_inner().find(|part| part.as_rule() == rule)
 }
 
 /// Text of a part; empty if there is none.
 pub fn part_text<'a>(item: &Pair<'a, Rule>, rule: Rule) -> &'a str {
-    part(item, rule).map_or("", |it| it.as_str())
+    part(item, rule).map_or("", |part| part.as_str())
 }
 
 /// Text without its quotes.
 pub fn unquoted(text: &str) -> &str {
-    text.strip_prefix('"').and_then(|it| it.strip_suffix('"')).unwrap_or(text)
+    text.strip_prefix('"').and_then(|rest| rest.strip_suffix('"')).unwrap_or(text)
 }
 
 const FRAME_FORMAT: &str = "VFrameFormat";
@@ -411,7 +413,8 @@ impl<'a> Attributes<'a> {
     fn message_text(&self, name: &str, message: &str) -> Option<&str> {
         let value = self.messages.get(&(name, message)).or_else(|| self.defaults.get(name))?;
         let values = self.values.get(name)?;
-        let index = value.parse::<usize>().ok().filter(|_| !values.iter().any(|it| it == value));
+        let index =
+            value.parse::<usize>().ok().filter(|_| !values.iter().any(|known| known == value));
         Some(index.and_then(|at| values.get(at)).map_or(value, String::as_str))
     }
 }
@@ -421,9 +424,9 @@ fn value_of<'a>(item: &Pair<'a, Rule>) -> &'a str {
     let value = item
         .clone()
         .into_inner()
-        .filter(|it| matches!(it.as_rule(), Rule::number | Rule::quoted_str))
+        .filter(|part| matches!(part.as_rule(), Rule::number | Rule::quoted_str))
         .last();
-    value.map_or("", |it| unquoted(it.as_str()))
+    value.map_or("", |part| unquoted(part.as_str()))
 }
 
 /// Fault in a line.

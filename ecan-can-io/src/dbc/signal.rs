@@ -2,6 +2,7 @@
 
 use core::fmt;
 use core::ops::RangeInclusive;
+
 use ecan_protocol::can::CanId;
 use thiserror::Error;
 
@@ -156,7 +157,7 @@ impl Message {
     /// # Errors
     /// No signal has this name.
     pub fn index_of(&self, name: &str) -> Result<usize, UnknownName> {
-        find("signal", name, self.signals.iter().map(|it| it.name.as_str()))
+        find("signal", name, self.signals.iter().map(|signal| signal.name.as_str()))
     }
 
     /// Returns whether a signal is in a frame, by the raw values of its multiplexers.
@@ -165,7 +166,7 @@ impl Message {
         let Some(condition) = &signal.condition else { return true };
         // The reader rejects a multiplexer that depends on itself.
         let multiplexer = self.signals.get(condition.multiplexer);
-        let is_selecting = multiplexer.and_then(raw).is_some_and(|it| condition.selects(it));
+        let is_selecting = multiplexer.and_then(raw).is_some_and(|value| condition.selects(value));
         is_selecting && self.is_selected(condition.multiplexer, raw)
     }
 }
@@ -246,7 +247,7 @@ pub fn find<'a>(
     name: &str,
     names: impl Iterator<Item = &'a str> + Clone,
 ) -> Result<usize, UnknownName> {
-    names.clone().position(|it| it == name).ok_or_else(|| UnknownName {
+    names.clone().position(|known| known == name).ok_or_else(|| UnknownName {
         what,
         name: name.to_owned(),
         similar: similar_to(name, names),
@@ -263,7 +264,7 @@ pub fn similar_to<'a>(name: &str, names: impl Iterator<Item = &'a str>) -> Vec<S
             false => strsim::jaro_winkler(&it, &wanted),
         }
     };
-    let mut rated: Vec<_> = names.map(|it| (similarity(it), it)).collect();
+    let mut rated: Vec<_> = names.map(|name| (similarity(name), name)).collect();
     rated.retain(|(similarity, _)| *similarity >= LEAST_SIMILARITY);
     rated.sort_by(|a, b| b.0.total_cmp(&a.0));
     rated.into_iter().take(MOST_NAMES).map(|(_, it)| it.to_owned()).collect()
@@ -348,8 +349,9 @@ impl BitLayout {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
     use proptest::prelude::*;
+
+    use super::*;
 
     #[test]
     fn layouts_match_the_examples_of_the_format() {

@@ -14,10 +14,10 @@
 
 use ecan_protocol::can::{CanFrame, CanId, Dlc};
 
-use super::records::Format;
-use super::records::{FieldResult, Fields, classic, interface, invalid, number, remote, time_ns};
-use super::records::{LoggedFrame, Recording};
-use super::records::{RecordingError, RecordingErrorKind};
+use super::records::{
+    FieldResult, Fields, Format, LoggedFrame, Recording, RecordingError, RecordingErrorKind,
+    classic, interface, invalid, number, remote, time_ns,
+};
 
 /// Digits of a second in nanoseconds.
 const SECOND_DIGITS: u32 = 9;

@@ -1,13 +1,12 @@
 //! Texts of candump.
 
-use crate::candump::{ParseError, ParseErrorKind, ScreenTime, parse_line, parse_screen_line};
 use jiff::civil::DateTime;
 use jiff::tz::TimeZone;
 
-use super::records::Format;
-use super::records::ScreenTimes;
-use super::records::{LoggedFrame, Recording};
-use super::records::{RecordingError, RecordingErrorKind};
+use super::records::{
+    Format, LoggedFrame, Recording, RecordingError, RecordingErrorKind, ScreenTimes,
+};
+use crate::candump::{ParseError, ParseErrorKind, ScreenTime, parse_line, parse_screen_line};
 
 /// `None` for a line without a frame.
 type Parsed<T> = Result<Option<T>, RecordingError>;

@@ -24,10 +24,9 @@ mod candump;
 mod records;
 mod trc;
 
-pub use records::Format;
-pub use records::ScreenTimes;
-pub use records::{LoggedFrame, ReadOptions, Recording};
-pub use records::{RecordingError, RecordingErrorKind};
+pub use records::{
+    Format, LoggedFrame, ReadOptions, Recording, RecordingError, RecordingErrorKind, ScreenTimes,
+};
 
 impl Recording {
     /// Parses a recording.

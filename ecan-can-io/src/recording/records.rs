@@ -1,11 +1,12 @@
 //! Recordings and their frames, the fields of their lines, and errors.
 
-use crate::candump::ParseError;
-use crate::candump::{ParseErrorKind, parse_line, parse_screen_line};
 use core::fmt;
 use core::str::FromStr;
-use ecan_protocol::can::{CanFrame, CanId, Dlc};
 use std::str::SplitAsciiWhitespace;
+
+use ecan_protocol::can::{CanFrame, CanId, Dlc};
+
+use crate::candump::{ParseError, ParseErrorKind, parse_line, parse_screen_line};
 
 /// Characters of a field in a message.
 const MAX_QUOTED: usize = 80;
@@ -68,7 +69,7 @@ fn byte_of(text: &str, radix: u32) -> Option<u8> {
 
 /// Parses an unsigned number without sign.
 pub fn number(text: &str, radix: u32) -> Option<u32> {
-    let is_number = text.chars().all(|it| it.is_digit(radix));
+    let is_number = text.chars().all(|digit| digit.is_digit(radix));
     u32::from_str_radix(text, radix).ok().filter(|_| is_number)
 }
 
@@ -76,7 +77,7 @@ pub fn number(text: &str, radix: u32) -> Option<u32> {
 /// `10^digits` nanoseconds.
 pub fn time_ns(text: &str, digits: u32) -> Option<u64> {
     let (whole, fraction) = text.split_once('.').unwrap_or((text, ""));
-    let is_number = |text: &str| text.bytes().all(|it| it.is_ascii_digit());
+    let is_number = |text: &str| text.bytes().all(|byte| byte.is_ascii_digit());
     if !is_number(whole) || !is_number(fraction) {
         return None;
     }
@@ -285,7 +286,7 @@ impl Format {
 }
 
 fn is_number(text: &str) -> bool {
-    !text.is_empty() && text.bytes().all(|it| it.is_ascii_digit())
+    !text.is_empty() && text.bytes().all(|byte| byte.is_ascii_digit())
 }
 
 impl fmt::Display for Format {
@@ -298,7 +299,7 @@ impl FromStr for Format {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, Self::Err> {
-        let found = Self::ALL.into_iter().find(|it| it.name() == text);
+        let found = Self::ALL.into_iter().find(|format| format.name() == text);
         found.ok_or_else(|| "expected log, screen, asc or trc".to_owned())
     }
 }
@@ -329,7 +330,7 @@ impl ScreenTimes {
         if times_ns.first().is_some_and(|first| *first >= LEAST_ABSOLUTE_NS) {
             return Self::Absolute;
         }
-        let decreasing = times_ns.windows(2).filter(|it| it.first() > it.last()).count();
+        let decreasing = times_ns.windows(2).filter(|pair| pair.first() > pair.last()).count();
         match decreasing * DECREASING >= times_ns.len().max(1) {
             true => Self::SincePrevious,
             false => Self::SinceFirst,

@@ -13,10 +13,10 @@
 
 use ecan_protocol::can::{CanFrame, CanId, Dlc};
 
-use super::records::Format;
-use super::records::{FieldResult, Fields, classic, interface, invalid, number, remote, time_ns};
-use super::records::{LoggedFrame, Recording};
-use super::records::{RecordingError, RecordingErrorKind};
+use super::records::{
+    FieldResult, Fields, Format, LoggedFrame, Recording, RecordingError, RecordingErrorKind,
+    classic, interface, invalid, number, remote, time_ns,
+};
 
 /// Digits of a millisecond in nanoseconds.
 const MILLISECOND_DIGITS: u32 = 6;

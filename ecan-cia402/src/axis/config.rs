@@ -445,7 +445,7 @@ pub struct DriveConfig {
     /// does not write them, so that a window of the drive's commissioning stays in force; a larger one
     /// here would widen it. Should not be below [`AxisConfig::following_window`](crate::AxisConfig::following_window) in normal motion.
     ///
-    /// It is the protection that the host cannot give: a drive that receives several targets at once
+    /// The drive protects here against what the host cannot prevent: a drive that receives several targets at once
     /// after a fault of the bus moves faster than the step limit for up to one target period (see
     /// [`Cia402`](crate::Cia402)), and stops with a fault if its motor does not follow.
     pub following_error: Option<(u32, u16)>,

@@ -359,7 +359,7 @@ impl fmt::Display for CodeText {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum AxisPhase {
-    /// Not configured yet, or no longer: the drive restarted.
+    /// The drive is not configured: it was not yet, or it has restarted.
     NotConfigured,
     /// The configuration steps run.
     Configuring,

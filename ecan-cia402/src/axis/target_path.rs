@@ -27,7 +27,7 @@ pub(crate) struct Outgoing {
     pub(crate) ramp: Option<Ramp>,
 }
 
-/// Whether a cycle carries targets of running axes.
+/// Place of a cycle in the target period: whether the cycle carries targets of running axes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum TargetTurn {
     /// A target period begins in this cycle, and a SYNC follows.

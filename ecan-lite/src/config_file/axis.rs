@@ -1,6 +1,7 @@
 //! CiA 402 axes of a file with their drives and process data.
 
-use super::document::{Document, Table, store};
+use std::time::Duration;
+
 use ecan_canopen::{
     FaultReaction, GuardingConfig, HaltOption, NodeAddress, NodeId, NodeLossReaction,
     OperatingMode, QuickStopOption, StopOption,
@@ -12,7 +13,8 @@ use ecan_cia402::{
 use ecan_mcan_port::Config;
 use ecan_protocol::can::CanId;
 use ecan_protocol::mapping::{CHANNELS, Direction};
-use std::time::Duration;
+
+use super::document::{Document, Table, store};
 
 const MODES: [(&str, OperatingMode); 8] = [
     ("csp", OperatingMode::CyclicPosition),
@@ -416,9 +418,10 @@ fn read_objects<T: Copy + PartialEq>(
     words: &[(&str, T)],
 ) -> Vec<T> {
     let objects = table.words(key, words).unwrap_or_default();
-    let is_repeated = |nth: usize, object: &T| objects.iter().take(nth).any(|it| it == object);
+    let is_repeated =
+        |nth: usize, object: &T| objects.iter().take(nth).any(|other| other == object);
     let repeated = objects.iter().enumerate().find(|(nth, object)| is_repeated(*nth, object));
-    let name = |object: &T| words.iter().find(|it| it.1 == *object).map_or("", |it| it.0);
+    let name = |object: &T| words.iter().find(|word| word.1 == *object).map_or("", |word| word.0);
     if let Some((_, object)) = repeated {
         table.fault(key, format!("`{key}` has \"{}\" twice", name(object)));
     }
@@ -431,7 +434,9 @@ mod tests {
 
     #[test]
     fn every_object_has_a_word() {
-        assert!(InputObject::ALL.iter().all(|object| INPUTS.iter().any(|it| it.1 == *object)));
-        assert!(OutputObject::ALL.iter().all(|object| OUTPUTS.iter().any(|it| it.1 == *object)));
+        assert!(InputObject::ALL.iter().all(|object| INPUTS.iter().any(|word| word.1 == *object)));
+        assert!(
+            OutputObject::ALL.iter().all(|object| OUTPUTS.iter().any(|word| word.1 == *object))
+        );
     }
 }

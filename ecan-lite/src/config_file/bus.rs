@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use ecan_host::{AdapterConfig, ClockSource, DcSync, MAX_SLAVES, MAX_STARTUP_STEPS};
-use ecan_mcan_port::{MAX_FILTERS, PortConfig};
+use ecan_mcan_port::{Config, MAX_FILTERS, PortConfig};
 
 use super::device_profile::IncludedProfile;
 use crate::config_file::axis::FileAxis;
@@ -12,7 +12,6 @@ use crate::config_file::network::{NetworkSettings, NetworkTable};
 use crate::config_file::node::FileNode;
 use crate::config_file::service::ServiceSettings;
 use crate::config_file::{axis, gateway, node, service};
-use ecan_mcan_port::Config;
 
 /// Largest index of a master or slave.
 const INDEX_MAX: u32 = 0xFFFF;

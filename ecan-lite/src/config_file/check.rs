@@ -1,7 +1,7 @@
 //! Checks of the whole configuration, and the keys that its faults come from.
 
 use ecan_host::{ConfigFault, PlanError};
-use ecan_mcan_port::{PortConfigFault, PortPlanError};
+use ecan_mcan_port::{Config, PortConfigFault, PortPlanError};
 use ecan_protocol::can::{BitTimingError, MCAN_CLOCK_HZ, Phase, solve_bit_timing};
 use ecan_protocol::config::{
     ChannelFault, DataPathFault, FilterElementFault, FilterFault, RangeFault,
@@ -13,7 +13,6 @@ use ecan_protocol::object::lookup;
 use super::gateway::{EXTENDED_TABLE, STANDARD_TABLE};
 use crate::config_file::document::Document;
 use crate::config_file::gateway::CHANNEL_TABLES;
-use ecan_mcan_port::Config;
 
 /// Checks the configuration and reports its faults to the document.
 pub(crate) fn check(document: &Document<'_>, file: &Config) {

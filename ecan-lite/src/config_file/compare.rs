@@ -1,10 +1,11 @@
 //! Comparison of a device with a startup sequence, entry by entry.
 
+use std::collections::BTreeMap;
+use std::fmt;
+
 use ecan_host::{Diagnostics, Error, Expectation, StartupStep};
 use ecan_protocol::config::{CacheDepth, FilterCommand, FilterWindow};
 use ecan_protocol::object::{SdoWrite, describe, lookup, object};
-use std::collections::BTreeMap;
-use std::fmt;
 
 /// Compares a slave with the startup sequence of a gateway: everything that the sequence writes and
 /// expects, with filters, without commands.

@@ -1,16 +1,18 @@
 //! Values of a gateway that `ecan probe` measured, as a file that a configuration includes.
 
-use super::document::{Document, Includes, Table};
-use super::fault::{ConfigFileError, FileFaults};
+use std::fmt;
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
 use ecan_host::AdapterConfig;
 use ecan_mcan_port::{GatewayConfig, MeasuredOn, ScheduleConfig};
 use ecan_protocol::config::NodeMode;
 use ecan_protocol::text::Printable;
 use serde::Serialize;
-use std::fmt;
-use std::fmt::Write as _;
-use std::path::{Path, PathBuf};
-use std::time::Duration;
+
+use super::document::{Document, Includes, Table};
+use super::fault::{ConfigFileError, FileFaults};
 
 /// Measured values; `None` for one that no experiment measured.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]

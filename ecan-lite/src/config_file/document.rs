@@ -6,11 +6,10 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
 use std::path::PathBuf;
 
-use toml::Spanned;
-use toml::de::DeTable;
-
 pub(crate) use form::{Form, Recorder};
 pub(crate) use table::Table;
+use toml::Spanned;
+use toml::de::DeTable;
 pub(crate) use values::store;
 
 use super::fault::TextLines;

@@ -1,8 +1,9 @@
 //! Faults of a file, with their locations.
 
-use ecan_protocol::text::Printable;
 use std::fmt;
 use std::path::PathBuf;
+
+use ecan_protocol::text::Printable;
 use thiserror::Error;
 
 /// A fault of a configuration file.

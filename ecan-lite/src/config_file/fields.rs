@@ -1,9 +1,10 @@
 //! Keys of configuration objects, read as their declarations in ecan-protocol say.
 
-use super::document::Table;
 use ecan_protocol::can::TDC_FORCED_FROM;
 use ecan_protocol::config::{BitTimingMode, ConfigObject, McanChannelConfig};
 use ecan_protocol::object::{Entry, KeyForm, lookup};
+
+use super::document::Table;
 
 /// Reads the keys of an object into `config`. `group` is the table inside the object's table that
 /// is read, empty for that table itself.
@@ -155,9 +156,10 @@ fn idle_reason(entry: &Entry, can: &McanChannelConfig) -> Option<(&'static str, 
 
 #[cfg(test)]
 mod tests {
-    use super::*;
     use ecan_protocol::config::{DataPathConfig, DataPathGlobal, McanChannelConfig};
     use ecan_protocol::image::PdoProfile;
+
+    use super::*;
 
     fn without_key<C: ConfigObject>() -> Vec<u8> {
         C::fields().filter(|entry| entry.key.is_none()).map(|entry| entry.subindex).collect()

@@ -1,8 +1,5 @@
 //! One gateway of a file, with its channels and filters.
 
-use super::device_profile::IncludedProfile;
-use super::document::{Table, store};
-use super::{device_profile, fields};
 use ecan_host::{Identity, SlaveConfig, StartupStep};
 use ecan_mcan_port::{
     AcceptanceFilter, ChannelConfig, GatewayConfig, MarginCheck, ScheduleConfig, Traffic,
@@ -14,6 +11,10 @@ use ecan_protocol::config::{
 use ecan_protocol::image::PdoProfile;
 use ecan_protocol::mapping::{Direction, MAX_MULTIPLIER};
 use ecan_protocol::text::Printable;
+
+use super::device_profile::IncludedProfile;
+use super::document::{Table, store};
+use super::{device_profile, fields};
 
 /// Size of both PDOs of a gateway without `n`, in 128 bytes; also the default of `ecan --pdo-n`.
 pub const DEFAULT_N: u8 = 5;

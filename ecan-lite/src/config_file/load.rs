@@ -1,5 +1,13 @@
 //! Reads a configuration file, or its parts.
 
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use ecan_canopen::{NetworkDescription, NodeDescription};
+use ecan_cia402::AxisConfig;
+use ecan_host::{Expectation, StartupStep};
+use ecan_mcan_port::Config;
+
 use super::device_profile::IncludedProfile;
 use crate::config_file::bus::{self, Bus};
 use crate::config_file::document::{Document, Includes, Table};
@@ -8,12 +16,6 @@ use crate::config_file::input::load_by;
 use crate::config_file::network::NetworkSettings;
 use crate::config_file::service::ServiceSettings;
 use crate::config_file::{axis, check, node};
-use ecan_canopen::{NetworkDescription, NodeDescription};
-use ecan_cia402::AxisConfig;
-use ecan_host::{Expectation, StartupStep};
-use ecan_mcan_port::Config;
-use std::collections::BTreeMap;
-use std::path::Path;
 
 /// Returns the complete startup sequence of a gateway (manual 5.4.3, phases A to E, and 13.2.2):
 /// checks of its capabilities, PDO assignment, profiles, channels with their filters and data paths,

@@ -44,12 +44,9 @@ mod node;
 mod schema;
 mod service;
 
-pub use compare::{Difference, Expected};
-pub use compare::{differences, missing_entries};
-pub use device::{ConfigChecksums, FlashCommand};
-pub use device::{ResolveError, ResolvedGateway, apply, find};
-pub use device_profile::DeviceProfile;
-pub use device_profile::{IncludedProfile, ProfileEffect};
+pub use compare::{Difference, Expected, differences, missing_entries};
+pub use device::{ConfigChecksums, FlashCommand, ResolveError, ResolvedGateway, apply, find};
+pub use device_profile::{DeviceProfile, IncludedProfile, ProfileEffect};
 pub use fault::{ConfigFileError, FileFault, FileFaults};
 pub use gateway::DEFAULT_N;
 pub use input::read_bytes;

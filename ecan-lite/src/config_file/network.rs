@@ -1,12 +1,14 @@
 //! Settings of the CANopen network of a file.
 
-use super::document::{Table, store};
-use super::fault::Located;
+use std::time::Duration;
+
 use ecan_canopen::{
     HostHeartbeat, NodeDescription, NodeId, Step, TimeConfig, TimeReference, object,
 };
 use ecan_cia402::{Cia402Config, Takeover};
-use std::time::Duration;
+
+use super::document::{Table, store};
+use super::fault::Located;
 
 /// Settings of the CANopen network of a configuration.
 #[derive(Clone, Debug, Default, PartialEq)]

@@ -1,5 +1,18 @@
 //! The client.
 
+use std::io::{ErrorKind, Write as _};
+use std::os::fd::{AsFd, BorrowedFd};
+use std::os::unix::net::UnixStream;
+use std::path::Path;
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
+
+use ecan_protocol::can::CanFrame;
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::io::Errno;
+use rustix::net::{RecvFlags, recv};
+use serde_json::Value;
+
 use super::inbox::{ClientError, Event, Inbox, SendError};
 use crate::protocol::{
     Access, ActiveConfig, AssignedParams, AssignedPdo, Axes, BusState, DownloadParams, Empty,
@@ -7,17 +20,6 @@ use crate::protocol::{
     METHODS, MessageKind, Method, NmtParams, PROTOCOL_VERSION, Request, ServiceStats, Slave,
     SlaveParams, State, Subscription, TransmitRecord, UploadParams, header, methods,
 };
-use ecan_protocol::can::CanFrame;
-use rustix::event::{PollFd, PollFlags, Timespec, poll};
-use rustix::io::Errno;
-use rustix::net::{RecvFlags, recv};
-use serde_json::Value;
-use std::io::{ErrorKind, Write as _};
-use std::os::fd::{AsFd, BorrowedFd};
-use std::os::unix::net::UnixStream;
-use std::path::Path;
-use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
-use std::time::{Duration, Instant};
 
 /// Default time for a response. A transfer without response is repeated for 5 s by the service.
 const REQUEST_TIMEOUT: Duration = Duration::from_secs(60);

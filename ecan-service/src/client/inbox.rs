@@ -1,18 +1,20 @@
 //! What a client received, and its errors.
 
-use crate::protocol::{
-    FrameRecord, FrameRecords, FrameReport, GatewaysChanged, HeaderError, ImageMessage,
-    MessageKind, MessageReader, RecordError, Response, RpcError, Sender,
-};
-use ecan_protocol::image::PdoProfile;
-use ecan_protocol::mapping::Direction;
-use ecan_protocol::text::Printable;
-use serde_json::Value;
 use std::collections::{HashMap, VecDeque};
 use std::io;
 use std::path::PathBuf;
 use std::sync::Arc;
+
+use ecan_protocol::image::PdoProfile;
+use ecan_protocol::mapping::Direction;
+use ecan_protocol::text::Printable;
+use serde_json::Value;
 use thiserror::Error;
+
+use crate::protocol::{
+    FrameRecord, FrameRecords, FrameReport, GatewaysChanged, HeaderError, ImageMessage,
+    MessageKind, MessageReader, RecordError, Response, RpcError, Sender,
+};
 
 /// Approximate bytes of the queued events, above which new frames and images are lost.
 const MAX_QUEUED_BYTES: usize = 16 << 20;
@@ -344,9 +346,10 @@ pub enum SendError {
 
 #[cfg(test)]
 mod tests {
+    use ecan_protocol::can::{CanFrame, CanId};
+
     use super::*;
     use crate::protocol::{FrameEvent, header};
-    use ecan_protocol::can::{CanFrame, CanId};
 
     fn batch(records: &[FrameRecord]) -> Vec<u8> {
         let mut payload = Vec::new();

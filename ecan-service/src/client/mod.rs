@@ -6,7 +6,6 @@ mod connection;
 mod inbox;
 
 pub use connection::{Client, Tag};
-pub use inbox::{ClientError, SendError};
-pub use inbox::{Event, Lost, ReceivedImage};
+pub use inbox::{ClientError, Event, Lost, ReceivedImage, SendError};
 
 pub use crate::protocol::*;

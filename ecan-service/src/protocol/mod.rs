@@ -14,40 +14,30 @@ mod rpc;
 mod state;
 
 pub use frames::{
-    CAN_EFF_FLAG, CAN_ERR_FLAG, CAN_RTR_FLAG, CANFD_BRS, CANFD_ESI, CANFD_FDF, RecordError,
+    CAN_EFF_FLAG, CAN_ERR_FLAG, CAN_RTR_FLAG, CANFD_BRS, CANFD_ESI, CANFD_FDF, FRAME_RECORD_BYTES,
+    FrameEvent, FrameRecord, FrameRecords, FrameReport, IMAGE_HEAD_BYTES, ImageMessage,
+    MAX_FRAME_RECORD_BYTES, RecordError, RejectReason, TRANSMIT_RECORD_BYTES, TransmitRecord,
+    TransmitRecords,
 };
-pub use frames::{
-    FRAME_RECORD_BYTES, FrameEvent, FrameRecord, FrameRecords, FrameReport, MAX_FRAME_RECORD_BYTES,
-    RejectReason,
-};
-pub use frames::{IMAGE_HEAD_BYTES, ImageMessage};
-pub use frames::{TRANSMIT_RECORD_BYTES, TransmitRecord, TransmitRecords};
 pub use message::{
     HEADER_BYTES, HeaderError, MAX_HELLO_PAYLOAD, MAX_METHOD_PAYLOAD, MAX_REQUEST_PAYLOAD,
     MAX_SERVICE_PAYLOAD, MAX_TRANSMIT_PAYLOAD, MessageKind, MessageReader, Sender, header,
     read_header,
 };
-pub use requests::{DownloadParams, MAX_SDO_BYTES, Upload, UploadParams};
-pub use requests::{Empty, METHODS, Method, methods};
-pub use requests::{EventKind, IdFilter, ImageDirection, ImageSubscription, Subscription};
-pub use requests::{MAX_FILTERS, MAX_GATEWAYS};
-pub use requests::{NmtCommand, NmtParams};
+pub use requests::{
+    DownloadParams, Empty, EventKind, IdFilter, ImageDirection, ImageSubscription, MAX_FILTERS,
+    MAX_GATEWAYS, MAX_SDO_BYTES, METHODS, Method, NmtCommand, NmtParams, Subscription, Upload,
+    UploadParams, methods,
+};
 pub use rpc::{
-    BAD_RECORD, BUS_ERROR, BUSY, DEFAULT_MAX_AGE_MS, EXPIRED, HELLO_FIRST, INTERNAL_ERROR,
-    INVALID_PARAMS, INVALID_REQUEST, JSON_RPC, MAX_AGE_MS, METHOD_NOT_FOUND, NOT_AVAILABLE,
-    NOT_PERMITTED, PARSE_ERROR, RawRequest, Request, Response, RpcError, WRONG_VERSION,
-};
-pub use rpc::{BusError, SdoDirection};
-pub use state::{
-    Access, Channel, Gateway, GatewaysChanged, Hello, HelloParams, MAX_NAME_BYTES,
-    PROTOCOL_VERSION, clean_name,
+    BAD_RECORD, BUS_ERROR, BUSY, BusError, DEFAULT_MAX_AGE_MS, EXPIRED, HELLO_FIRST,
+    INTERNAL_ERROR, INVALID_PARAMS, INVALID_REQUEST, JSON_RPC, MAX_AGE_MS, METHOD_NOT_FOUND,
+    NOT_AVAILABLE, NOT_PERMITTED, PARSE_ERROR, RawRequest, Request, Response, RpcError,
+    SdoDirection, WRONG_VERSION,
 };
 pub use state::{
-    ActiveConfig, Counters, CycleState, GatewayState, SampledTimes, SessionState, State,
+    Access, ActiveConfig, AssignedParams, AssignedPdo, Axes, AxisState, BusState, Channel,
+    ClientStats, Counters, CycleState, Gateway, GatewayState, GatewaysChanged, Hello, HelloParams,
+    Link, LinkParams, MAX_NAME_BYTES, PROTOCOL_VERSION, PdoEntry, PortKind, SampledTimes,
+    ServiceStats, SessionState, Slave, SlaveParams, SlavePort, State, clean_name,
 };
-pub use state::{
-    AssignedParams, AssignedPdo, BusState, Link, LinkParams, PdoEntry, PortKind, Slave,
-    SlaveParams, SlavePort,
-};
-pub use state::{Axes, AxisState};
-pub use state::{ClientStats, ServiceStats};

@@ -3,19 +3,21 @@
 //! Lists in parameters are checked for limit, range and duplicates while they are read, so that a longer list
 //! takes no memory.
 
+use std::fmt;
+use std::fmt::Debug;
+use std::marker::PhantomData;
+
+use ecan_protocol::can::CanFrame;
+use ecan_protocol::mapping::CHANNELS;
+use serde::de::{DeserializeOwned, Error, SeqAccess, Visitor};
+use serde::{Deserialize, Deserializer, Serialize};
+
 use super::frames::{FrameEvent, fields_of};
 use super::rpc::{INVALID_PARAMS, RpcError};
 use super::state::{
     Access, ActiveConfig, AssignedParams, AssignedPdo, Axes, BusState, Hello, HelloParams, Link,
     LinkParams, ServiceStats, Slave, SlaveParams, State,
 };
-use ecan_protocol::can::CanFrame;
-use ecan_protocol::mapping::CHANNELS;
-use serde::de::{DeserializeOwned, Error, SeqAccess, Visitor};
-use serde::{Deserialize, Deserializer, Serialize};
-use std::fmt;
-use std::fmt::Debug;
-use std::marker::PhantomData;
 
 /// Parameters or result without members.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]

@@ -1,10 +1,11 @@
 //! JSON-RPC 2.0 messages.
 
+use std::fmt;
+
 use ecan_protocol::text::PrintableLines;
 use serde::de::{DeserializeOwned, IgnoredAny, MapAccess, SeqAccess, Visitor};
 use serde::{Deserialize, Deserializer, Serialize};
 use serde_json::Value;
-use std::fmt;
 
 /// Version of JSON-RPC in each message.
 pub const JSON_RPC: &str = "2.0";

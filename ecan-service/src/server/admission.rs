@@ -2,9 +2,9 @@
 
 use std::fmt;
 
-use crate::protocol::NOT_AVAILABLE;
 use nix::unistd::Uid;
 
+use crate::protocol::NOT_AVAILABLE;
 use crate::server::client::Client;
 use crate::server::permission::{Peer, user_name};
 

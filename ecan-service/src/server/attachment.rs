@@ -2,12 +2,12 @@
 
 use std::time::SystemTime;
 
-use crate::protocol::{ActiveConfig, Channel, Gateway};
 use ecan_host::{AdapterConfig, Clock};
 use ecan_mcan_port::{GatewayConfig, Port};
 use ecan_protocol::image::OptionFlags;
 use ecan_protocol::mapping::Direction;
 
+use crate::protocol::{ActiveConfig, Channel, Gateway};
 use crate::server::bus_view::{BusView, nanoseconds};
 use crate::server::frame_feed::FrameFeed;
 

@@ -3,21 +3,20 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use crate::protocol::{
-    Access, DEFAULT_MAX_AGE_MS, Empty, Hello, INVALID_PARAMS, METHODS, Method, NOT_AVAILABLE,
-    NmtParams, RawRequest, RejectReason, RpcError, ServiceStats, TransmitRecord, methods,
-};
 use ecan_host::Clock;
 use ecan_protocol::can::{CanFrame, CanId};
 use serde_json::Value;
 
+use crate::protocol::{
+    Access, DEFAULT_MAX_AGE_MS, Empty, Hello, INVALID_PARAMS, METHODS, Method, NOT_AVAILABLE,
+    NmtParams, RawRequest, RejectReason, RpcError, ServiceStats, TransmitRecord, methods,
+};
 use crate::server::attachment::Attachment;
 use crate::server::bus_calls::BusCall;
 use crate::server::bus_view::nanoseconds;
 use crate::server::extension::{Permission, result_value};
 use crate::server::frame_feed::Owner;
-use crate::server::job_queue::ClientId;
-use crate::server::job_queue::Requester;
+use crate::server::job_queue::{ClientId, Requester};
 use crate::server::metrics::{MetricsSample, ObjectValues};
 use crate::server::session::{Host, limit_error, no_such_method};
 use crate::server::workers::{Age, Job, Work, Workers, time_since_boot};

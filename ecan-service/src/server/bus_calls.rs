@@ -1,16 +1,16 @@
 //! Requests about the EtherCAT bus, on handles of their own. They block.
 
-use crate::protocol::{
-    AssignedParams, AssignedPdo, BusError, BusState, DownloadParams, Empty, Link, LinkParams,
-    Method, PdoEntry, PortKind, RawRequest, RpcError, SdoDirection, Slave, SlaveParams, SlavePort,
-    Upload, UploadParams, methods,
-};
 use ecan_host::{
     Diagnostics, Ecrt, Error, Master, PortKind as HostPortKind, SdoDirection as HostDirection,
     SlaveAccess, SlaveInfo,
 };
 use serde_json::Value;
 
+use crate::protocol::{
+    AssignedParams, AssignedPdo, BusError, BusState, DownloadParams, Empty, Link, LinkParams,
+    Method, PdoEntry, PortKind, RawRequest, RpcError, SdoDirection, Slave, SlaveParams, SlavePort,
+    Upload, UploadParams, methods,
+};
 use crate::server::extension::result_value;
 
 /// A request about the bus, whose parameters are checked.

@@ -2,16 +2,16 @@
 
 use std::time::Duration;
 
-use crate::protocol::{
-    Axes, AxisState, CycleState, GatewayState, NOT_AVAILABLE, RpcError, SampledTimes, SessionState,
-    State,
-};
 use ecan_cia402::{AxesSnapshot, AxisStatus};
 use ecan_host::{Observer, ObserverError, Snapshot};
 use ecan_mcan_port::{PortSnapshot, SessionState as PortSession};
 use hdrhistogram::Histogram;
 use serde_json::Value;
 
+use crate::protocol::{
+    Axes, AxisState, CycleState, GatewayState, NOT_AVAILABLE, RpcError, SampledTimes, SessionState,
+    State,
+};
 use crate::server::metrics::{CycleSample, SlaveSample, TimeHistogram};
 
 /// Longest time in a distribution, in nanoseconds.

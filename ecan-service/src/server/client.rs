@@ -3,11 +3,11 @@
 use std::os::fd::OwnedFd;
 use std::time::{Duration, Instant};
 
-use crate::protocol::ClientStats;
 use rustix::event::PollFlags;
 use rustix::io::Errno;
 use rustix::net::{RecvFlags, SendFlags, recv, send};
 
+use crate::protocol::ClientStats;
 use crate::server::permission::Peer;
 use crate::server::session::{Host, Session};
 

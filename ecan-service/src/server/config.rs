@@ -1,11 +1,10 @@
 //! Configuration of a service, and the errors of its start.
 
-use std::fmt;
-use std::io;
 use std::net::SocketAddr;
 use std::os::unix::net::UnixListener;
 use std::path::PathBuf;
 use std::sync::Arc;
+use std::{fmt, io};
 
 use ecan_protocol::text::Printable;
 use thiserror::Error;

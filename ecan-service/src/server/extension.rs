@@ -2,9 +2,11 @@
 
 use std::fmt;
 
-use crate::protocol::{Access, INTERNAL_ERROR, INVALID_PARAMS, RpcError};
-use serde::{Serialize, de::DeserializeOwned};
+use serde::Serialize;
+use serde::de::DeserializeOwned;
 use serde_json::Value;
+
+use crate::protocol::{Access, INTERNAL_ERROR, INVALID_PARAMS, RpcError};
 
 /// Methods that a program adds to its service, for example `reload`.
 pub trait Extension: fmt::Debug + Send + Sync {

@@ -2,7 +2,6 @@
 
 use std::collections::VecDeque;
 
-use crate::protocol::{FrameEvent, FrameReport, ImageMessage, RejectReason};
 use ecan_mcan_port::{
     ImageEvent, ImageRecord, ImageStream, QueueError, QueuedFrames, TransmitQueues,
 };
@@ -10,6 +9,7 @@ use ecan_protocol::can::CanFrame;
 use ecan_protocol::image::{ImageReader, OptionFlags, Packet, PdoProfile, TxResult};
 use ecan_protocol::mapping::{CHANNELS, Direction};
 
+use crate::protocol::{FrameEvent, FrameReport, ImageMessage, RejectReason};
 use crate::server::bus_view::BusView;
 use crate::server::job_queue::ClientId;
 

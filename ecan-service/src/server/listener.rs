@@ -1,17 +1,19 @@
 //! The listening socket and its file.
 
-use super::config::{MAX_SOCKET_PATH, ServiceConfig, ServiceError};
-use super::permission::{Peer, group_id};
-use rustix::io::Errno;
-use rustix::net::{
-    AddressFamily, SocketAddrUnix, SocketFlags, SocketType, accept_with, socket_with,
-};
-use rustix::thread::{CpuSet, sched_getaffinity, sched_setaffinity};
 use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
 use std::os::unix::fs::{FileTypeExt as _, MetadataExt as _, PermissionsExt as _};
 use std::os::unix::net::UnixListener;
 use std::path::{Path, PathBuf};
 use std::{fs, io};
+
+use rustix::io::Errno;
+use rustix::net::{
+    AddressFamily, SocketAddrUnix, SocketFlags, SocketType, accept_with, socket_with,
+};
+use rustix::thread::{CpuSet, sched_getaffinity, sched_setaffinity};
+
+use super::config::{MAX_SOCKET_PATH, ServiceConfig, ServiceError};
+use super::permission::{Peer, group_id};
 
 /// File of a socket: device and inode.
 type FileId = (u64, u64);
@@ -204,8 +206,9 @@ pub(crate) fn enter_background() {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
     use std::os::unix::net::UnixStream;
+
+    use super::*;
 
     fn open(path: &Path) -> Result<Listener, ServiceError> {
         Listener::open(&mut ServiceConfig::new(path))

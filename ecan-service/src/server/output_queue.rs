@@ -1,10 +1,11 @@
 //! Output of a client: bounded, with exact counts of what does not fit.
 
+use ecan_protocol::can::CanFrame;
+
 use crate::protocol::{
     FRAME_RECORD_BYTES, FrameEvent, FrameRecord, FrameReport, HEADER_BYTES, IMAGE_HEAD_BYTES,
     ImageMessage, MAX_FRAME_RECORD_BYTES, MessageKind, Response, header,
 };
-use ecan_protocol::can::CanFrame;
 
 /// Bytes of a batch of frames at which it ends.
 const BATCH_BYTES: usize = 32 << 10;
@@ -171,13 +172,13 @@ pub(crate) fn rejection(
 
 #[cfg(test)]
 mod tests {
-    use crate::protocol::{FrameRecords, MessageReader, Sender};
     use ecan_protocol::can::CanId;
     use ecan_protocol::image::PdoProfile;
     use ecan_protocol::mapping::Direction;
     use proptest::prelude::*;
 
     use super::*;
+    use crate::protocol::{FrameRecords, MessageReader, Sender};
 
     fn report(number: u64) -> FrameReport {
         let frame = CanFrame::classic(CanId::standard(1).unwrap(), &number.to_le_bytes()).unwrap();

@@ -3,9 +3,9 @@
 use std::ffi::CString;
 use std::os::fd::AsFd;
 
-use crate::protocol::Access;
 use nix::unistd::{Gid, Group, Uid, User, getgrouplist};
 
+use crate::protocol::Access;
 use crate::server::config::{Control, ServiceError};
 use crate::server::extension::Permission;
 

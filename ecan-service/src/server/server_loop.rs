@@ -5,10 +5,6 @@ use std::os::fd::{AsFd as _, OwnedFd};
 use std::sync::Arc;
 use std::time::Duration;
 
-use crate::protocol::{
-    BUSY, FrameReport, GatewaysChanged, ImageDirection, ImageMessage, MessageKind, Response,
-    RpcError, ServiceStats, header,
-};
 use ecan_protocol::mapping::Direction;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::fs::{Mode, OFlags};
@@ -17,13 +13,16 @@ use rustix::net::{SendFlags, send};
 use serde_json::Value;
 
 use super::listener::enter_background;
+use crate::protocol::{
+    BUSY, FrameReport, GatewaysChanged, ImageDirection, ImageMessage, MessageKind, Response,
+    RpcError, ServiceStats, header,
+};
 use crate::server::admission::{Admission, UNKNOWN_USER};
 use crate::server::attachment::Attachment;
 use crate::server::bus::Bus;
 use crate::server::client::Client;
 use crate::server::frame_feed::{FeedSink, Owner};
-use crate::server::job_queue::ClientId;
-use crate::server::job_queue::Requester;
+use crate::server::job_queue::{ClientId, Requester};
 use crate::server::listener::Listener;
 use crate::server::permission::{AccessRule, Peer};
 use crate::server::session::Session;

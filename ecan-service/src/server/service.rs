@@ -5,11 +5,11 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::thread::{self, JoinHandle};
 
-use crate::protocol::{Access, DEFAULT_MAX_AGE_MS, Hello, PROTOCOL_VERSION, ServiceStats};
 use ecan_host::Ecrt;
 use ecan_mcan_port::Port;
 use serde_json::Value;
 
+use crate::protocol::{Access, DEFAULT_MAX_AGE_MS, Hello, PROTOCOL_VERSION, ServiceStats};
 use crate::server::admission::Admission;
 use crate::server::attachment::Attachment;
 use crate::server::bus::Bus;

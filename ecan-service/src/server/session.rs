@@ -1,5 +1,10 @@
 //! Session of a client without its socket: bytes of the client to calls, responses to bytes.
 
+use std::collections::HashMap;
+use std::time::Duration;
+
+use serde_json::{Value, json};
+
 use super::extension::{Permission, result_value};
 use super::job_queue::{CLIENT_LIMIT, ClientId, QueueLimit, Requester, TOTAL_LIMIT, USER_LIMIT};
 use super::output_queue::{OutputQueue, rejection};
@@ -10,9 +15,6 @@ use crate::protocol::{
     PROTOCOL_VERSION, RawRequest, RejectReason, Response, RpcError, Sender, ServiceStats,
     Subscription, TransmitRecord, TransmitRecords, WRONG_VERSION, clean_name, methods,
 };
-use serde_json::{Value, json};
-use std::collections::HashMap;
-use std::time::Duration;
 
 /// Responses and rejections beyond the client's queue after which its requests wait.
 const RESPONSE_BYTES: usize = 64 << 10;

@@ -5,9 +5,9 @@ use std::sync::mpsc::{SyncSender, sync_channel};
 use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
 
-use crate::protocol::Response;
 use serde_json::Value;
 
+use crate::protocol::Response;
 use crate::server::attachment::Attachment;
 use crate::server::metrics::MetricsSample;
 use crate::server::permission::AccessRule;

@@ -6,17 +6,16 @@ use std::sync::mpsc::{self, Receiver, Sender};
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
-use crate::protocol::{Access, DEFAULT_MAX_AGE_MS, EXPIRED, RawRequest, RpcError};
 use ecan_host::Ecrt;
 use nix::time::{ClockId, clock_gettime};
 use rustix::event::{EventfdFlags, eventfd};
 use serde_json::{Value, json};
 
 use super::listener::enter_background;
+use crate::protocol::{Access, DEFAULT_MAX_AGE_MS, EXPIRED, RawRequest, RpcError};
 use crate::server::bus_calls::{BusCall, BusCalls};
 use crate::server::extension::{Extension, Permission};
-use crate::server::job_queue::ClientId;
-use crate::server::job_queue::{JobKey, JobQueue, Lane, QueueLimit, Requester};
+use crate::server::job_queue::{ClientId, JobKey, JobQueue, Lane, QueueLimit, Requester};
 use crate::server::session::no_such_method;
 
 /// Time that the end of a service waits for a request. A transfer that the bus does not answer ends

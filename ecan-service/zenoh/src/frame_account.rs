@@ -150,8 +150,9 @@ impl BatchHead {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
     use proptest::prelude::*;
+
+    use super::*;
 
     fn counts(account: &FrameAccount) -> (u64, u64, u64, u64) {
         let (received, lost) = (account.received(), account.lost_on_network());

@@ -1,5 +1,7 @@
 //! Key expressions.
 
+use std::time::{Duration, Instant};
+
 use ecan_protocol::text::Printable;
 use ecan_service::client::Access;
 #[cfg(any(feature = "engine", test))]
@@ -7,7 +9,6 @@ use ecan_service::client::{EXPIRED, INVALID_REQUEST, RpcError};
 #[cfg(any(feature = "engine", test))]
 use nix::time::{ClockId, clock_gettime};
 use serde::{Deserialize, Serialize};
-use std::time::{Duration, Instant};
 use thiserror::Error;
 
 /// Key expressions of one service, under a prefix.

@@ -32,11 +32,8 @@ mod query_gate;
 #[cfg(feature = "engine")]
 mod remote_clients;
 
-pub use frame_account::FrameAccount;
-pub use frame_account::{BATCH_HEAD_BYTES, BatchHead, HeadError};
-pub use keys::{Keys, PrefixError, RequestKey};
-pub use keys::{MAX_LIFETIME, PublisherClock, PublisherInfo};
-
+pub use frame_account::{BATCH_HEAD_BYTES, BatchHead, FrameAccount, HeadError};
+pub use keys::{Keys, MAX_LIFETIME, PrefixError, PublisherClock, PublisherInfo, RequestKey};
 #[cfg(feature = "engine")]
 pub use publication::PublicationError;
 #[cfg(feature = "engine")]

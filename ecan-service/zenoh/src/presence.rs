@@ -14,8 +14,7 @@ use zenoh::liveliness::LivelinessToken;
 use zenoh::pubsub::Subscriber;
 use zenoh::sample::SampleKind;
 
-use crate::publication::PublicationError;
-use crate::publication::{Publication, lock};
+use crate::publication::{Publication, PublicationError, lock};
 
 /// Interval of the requests that test the service.
 const HEARTBEAT: Duration = Duration::from_millis(500);

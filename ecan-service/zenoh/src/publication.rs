@@ -1,17 +1,19 @@
 //! The publication of a service.
 
-use crate::frame_batches::FrameBatches;
-use crate::keys::Keys;
-use crate::transmit_limits::TransmitLimits;
-use ecan_protocol::text::Printable;
-use ecan_service::client::{ClientError, Hello};
-use serde_json::Value;
 use std::fmt;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, SystemTime};
+
+use ecan_protocol::text::Printable;
+use ecan_service::client::{ClientError, Hello};
+use serde_json::Value;
 use thiserror::Error;
 use zenoh::{Config, Session, Wait as _};
+
+use crate::frame_batches::FrameBatches;
+use crate::keys::Keys;
+use crate::transmit_limits::TransmitLimits;
 
 /// Settings of a publication.
 #[derive(Debug, Clone)]

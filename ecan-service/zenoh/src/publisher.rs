@@ -14,8 +14,7 @@ use zenoh::qos::CongestionControl;
 
 use crate::frame_account::BatchHead;
 use crate::presence::Presence;
-use crate::publication::PublicationError;
-use crate::publication::{Publication, PublicationEvent, RejectedRequests, lock};
+use crate::publication::{Publication, PublicationError, PublicationEvent, RejectedRequests, lock};
 use crate::query_gate::{QueryGate, QueryQueue};
 use crate::remote_clients::RemoteClients;
 use crate::remote_request::PUBLISHED;

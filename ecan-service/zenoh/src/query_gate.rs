@@ -14,8 +14,7 @@ use zenoh::query::Query;
 
 use crate::client_turns::{ClientTurns, TurnLimits};
 use crate::frame_batches::FrameBatches;
-use crate::keys::{Keys, RequestKey};
-use crate::keys::{MAX_LIFETIME, PublisherInfo, now_ns};
+use crate::keys::{Keys, MAX_LIFETIME, PublisherInfo, RequestKey, now_ns};
 use crate::presence::Presence;
 use crate::publication::{RejectedRequests, lock};
 use crate::remote_request::{PUBLISHED, SEND, check_client, check_size, is_acting, not_addressed};

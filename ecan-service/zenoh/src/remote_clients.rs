@@ -15,8 +15,7 @@ use zenoh::Wait as _;
 use zenoh::query::Query;
 
 use crate::keys::{check_deadline, now_ns};
-use crate::publication::Publication;
-use crate::publication::PublicationError;
+use crate::publication::{Publication, PublicationError};
 use crate::query_gate::{QueryGate, WORKERS, is_selected, reply_error, reply_records};
 use crate::remote_request::{
     PUBLISHED, SEND, check, check_frames_of, frames_to_send, is_acting, parameters,

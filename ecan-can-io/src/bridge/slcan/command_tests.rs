@@ -3,9 +3,7 @@
 use ecan_protocol::can::{CanFrame, CanId, Dlc};
 use proptest::prelude::*;
 
-use super::NamedRate;
-use super::encode;
-use super::{MAX_LINE, SlcanCommand, UnknownCommand, parse};
+use super::{MAX_LINE, NamedRate, SlcanCommand, UnknownCommand, encode, parse};
 use crate::bridge::frame_strategies::any_frame;
 
 fn standard(id: u16) -> CanId {

@@ -4,8 +4,7 @@ use ecan_protocol::can::{CanFrame, CanId};
 use proptest::prelude::*;
 
 use super::SlcanSession;
-use crate::bridge::config::BusRates;
-use crate::bridge::config::Uplink;
+use crate::bridge::config::{BusRates, Uplink};
 use crate::bridge::frame_strategies::any_frame;
 
 /// A bus that records its frames.

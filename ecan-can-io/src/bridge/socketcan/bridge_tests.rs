@@ -7,9 +7,7 @@ use std::time::{Duration, Instant};
 use ecan_protocol::can::{CanFrame, CanId};
 use socketcan::CanFdSocket;
 
-use crate::bridge::config::BridgeStatistics;
-use crate::bridge::config::BusRates;
-use crate::bridge::config::{BusEvent, ErrorCounters};
+use crate::bridge::config::{BridgeStatistics, BusEvent, BusRates, ErrorCounters};
 use crate::bridge::socketcan::SocketCanBridge;
 
 /// Timeout of a failing test.

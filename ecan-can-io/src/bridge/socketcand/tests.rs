@@ -4,8 +4,7 @@ use ecan_protocol::can::{CanFrame, CanId, Dlc};
 use proptest::prelude::*;
 
 use super::SocketcandSession;
-use crate::bridge::config::BusRates;
-use crate::bridge::config::Uplink;
+use crate::bridge::config::{BusRates, Uplink};
 use crate::bridge::session::ReceiveSettings;
 
 #[derive(Default)]

@@ -1,16 +1,18 @@
 //! A bus of ros2_canopen: the file `bus.yml` of a configuration package.
 
-use super::resolve::{Report, ResolvedNode};
-use super::source::{NodeSource, ParameterSource, PdoSource, RevisionRule, RosAxis};
-use crate::config_file::fault::{FileFaults, Located, TextLines};
-use crate::config_file::network::MasterSource;
+use std::collections::BTreeSet;
+use std::f64::consts::TAU;
+
 use ecan_canopen::{
     BootReset, CobId, HostHeartbeat, MappingEntry, NodeId, OperatingMode, PdoDirection, object,
 };
 use ecan_cia402::{AxisConfig, InputObject, OutputObject, Scale};
 use saphyr::{LoadableYamlNode, MarkedYaml, Scalar, YamlData};
-use std::collections::BTreeSet;
-use std::f64::consts::TAU;
+
+use super::resolve::{Report, ResolvedNode};
+use super::source::{NodeSource, ParameterSource, PdoSource, RevisionRule, RosAxis};
+use crate::config_file::fault::{FileFaults, Located, TextLines};
+use crate::config_file::network::MasterSource;
 
 /// Sections that describe no node.
 const SECTIONS: [&str; 4] = ["options", "master", "defaults", "nodes"];
@@ -444,7 +446,7 @@ pub(crate) fn axis(
 ) -> AxisConfig {
     let mut axis = AxisConfig::new(node.description.address);
     if let Some(mode) = source.modes.iter().flatten().next() {
-        match OperatingMode::from_raw(mode.value).filter(|it| *it != OperatingMode::Homing) {
+        match OperatingMode::from_raw(mode.value).filter(|mode| *mode != OperatingMode::Homing) {
             Some(known) => axis.mode = known,
             None => report(
                 mode.at,
@@ -459,7 +461,7 @@ pub(crate) fn axis(
         axis.drive.host_heartbeat_ms = ms;
     }
     for (pdo, at) in node.description.pdos.iter().zip(&node.pdos) {
-        let predefined = u8::try_from(pdo.number).ok().filter(|it| (1..=4).contains(it));
+        let predefined = u8::try_from(pdo.number).ok().filter(|number| (1..=4).contains(number));
         let predefined = predefined.map(|number| match pdo.direction {
             PdoDirection::Receive => CobId::rpdo(axis.address.node, number).can_id(),
             PdoDirection::Transmit => CobId::tpdo(axis.address.node, number).can_id(),
@@ -484,7 +486,7 @@ pub(crate) fn axis(
 }
 
 fn add_output(entry: &MappingEntry, axis: &mut AxisConfig) -> Result<(), &'static str> {
-    let object = OutputObject::ALL.iter().copied().find(|it| it.entry() == *entry);
+    let object = OutputObject::ALL.iter().copied().find(|object| object.entry() == *entry);
     match object {
         Some(object) if object.is_feed_forward() => {
             Err("a feed-forward needs limits; use `[[node]]` with `[node.axis.feed_forward]`")
@@ -502,7 +504,7 @@ fn add_output(entry: &MappingEntry, axis: &mut AxisConfig) -> Result<(), &'stati
 }
 
 fn add_input(entry: &MappingEntry, axis: &mut AxisConfig) -> Result<(), &'static str> {
-    match InputObject::ALL.iter().copied().find(|it| it.entry() == *entry) {
+    match InputObject::ALL.iter().copied().find(|object| object.entry() == *entry) {
         Some(object) => {
             axis.inputs.push(object);
             Ok(())

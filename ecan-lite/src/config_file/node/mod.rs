@@ -1,10 +1,10 @@
 //! CANopen nodes of a file: `[[node]]`, and `[[bus]]` with the file of a bus.
 
-use super::axis;
-use super::axis::FileAxis;
-use super::document::{Includes, Table, store};
-use super::fault::{FileFaults, Located, TextLines};
-use super::network::NetworkTable;
+use std::io;
+use std::path::Path;
+use std::rc::Rc;
+use std::sync::Arc;
+
 pub(crate) use check::{check, network};
 use ecan_canopen::{
     BootConfig, BootReset, ConfigurationDate, HeartbeatConsumer, HostHeartbeat, NodeDescription,
@@ -14,12 +14,13 @@ use ecan_cia402::{AxisConfig, DriveConfig, NodeReset};
 use ecan_protocol::mapping::CHANNELS;
 use ecan_protocol::text::Printable;
 use resolve::{ResolvedNode, resolve};
-use source::DeviceFiles;
-use source::{NodeSource, ParameterSource, PdoSource, RevisionRule};
-use std::io;
-use std::path::Path;
-use std::rc::Rc;
-use std::sync::Arc;
+use source::{DeviceFiles, NodeSource, ParameterSource, PdoSource, RevisionRule};
+
+use super::axis;
+use super::axis::FileAxis;
+use super::document::{Includes, Table, store};
+use super::fault::{FileFaults, Located, TextLines};
+use super::network::NetworkTable;
 
 mod bus_yml;
 mod check;
@@ -299,7 +300,7 @@ pub(crate) fn read(table: &mut Table<'_, '_>) -> NodeSource {
     let mut source = NodeSource::new(
         table.at(),
         slave.unwrap_or(0) as usize,
-        channel.and_then(|it| u8::try_from(it).ok()).unwrap_or(0),
+        channel.and_then(|channel| u8::try_from(channel).ok()).unwrap_or(0),
     );
     source.name = table.text("name").unwrap_or_default().to_owned();
     let node = table.unsigned::<u8>("node", (1, 127)).and_then(NodeId::new);
@@ -323,7 +324,8 @@ pub(crate) fn read(table: &mut Table<'_, '_>) -> NodeSource {
     source.saves = table.flag("save");
     source.heartbeat_ms = table.unsigned("heartbeat_ms", (0, 0xFFFF));
     let guard_time = table.unsigned("guard_time_ms", (1, 0xFFFF));
-    source.guard_time_ms = guard_time.map(|it| Located::new(it, table.location("guard_time_ms")));
+    source.guard_time_ms =
+        guard_time.map(|time| Located::new(time, table.location("guard_time_ms")));
     source.life_time_factor = table.unsigned("life_time_factor", (1, 0xFF));
     source.starts = table.flag("start");
     source.reboots = table.flag("reboot");
@@ -348,7 +350,8 @@ pub(crate) fn read(table: &mut Table<'_, '_>) -> NodeSource {
 fn date(table: &mut Table<'_, '_>) -> Option<ConfigurationDate> {
     const KEY: &str = "configuration_date";
     let date = table.datetime(KEY)?;
-    let days = date.date.map(|it| days_from_civil(it.year.into(), it.month.into(), it.day.into()));
+    let days =
+        date.date.map(|date| days_from_civil(date.year.into(), date.month.into(), date.day.into()));
     let days = days.and_then(|days| u32::try_from(days - EPOCH_DAYS).ok());
     let Some(days) = days else {
         table.fault(KEY, format!("`{KEY}` must be a date and time from 1984-01-01 on"));
@@ -376,11 +379,11 @@ fn read_pdo(mut table: Table<'_, '_>, direction: PdoDirection) -> PdoSource {
     let number = table.required("number", "1 to 512", (1, 512));
     let cob_id = table.unsigned("cob_id", (1, 0x7FF));
     let transmission = table.unsigned("transmission", (0, 255));
-    let number = number.and_then(|it| u16::try_from(it).ok()).unwrap_or(1);
+    let number = number.and_then(|number| u16::try_from(number).ok()).unwrap_or(1);
     PdoSource {
         is_enabled: table.flag("enabled").unwrap_or(true),
-        cob_id: cob_id.map(|it| Located::new(it, table.location("cob_id"))),
-        transmission: transmission.map(|it| Located::new(it, table.location("transmission"))),
+        cob_id: cob_id.map(|id| Located::new(id, table.location("cob_id"))),
+        transmission: transmission.map(|kind| Located::new(kind, table.location("transmission"))),
         inhibit_time: table.unsigned("inhibit_time_100us", (0, 0xFFFF)),
         event_timer_ms: table.unsigned("event_timer_ms", (0, 0xFFFF)),
         sync_start: table.unsigned("sync_start", (0, 240)),

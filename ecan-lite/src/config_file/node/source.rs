@@ -1,11 +1,13 @@
 //! A node as a file describes it, before its names are resolved.
 
-use crate::config_file::fault::Located;
-use ecan_canopen::{BootReset, ConfigurationDate, DeviceFile, NodeId, PdoDirection};
-use ecan_protocol::text::Printable;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+
+use ecan_canopen::{BootReset, ConfigurationDate, DeviceFile, NodeId, PdoDirection};
+use ecan_protocol::text::Printable;
+
+use crate::config_file::fault::Located;
 
 /// How the revision number is compared with that of the device file.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

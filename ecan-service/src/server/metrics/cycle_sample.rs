@@ -1,6 +1,5 @@
 //! One cycle with its slaves and axes.
 
-use crate::protocol::CycleState;
 use ecan_cia402::AxisStatus;
 use ecan_host::DomainReport;
 use ecan_mcan_port::{SessionState, SlaveStatistics};
@@ -8,6 +7,7 @@ use ecan_protocol::image::ChannelStatus;
 use ecan_protocol::mapping::CHANNELS;
 
 use super::time_histogram::TimeHistogram;
+use crate::protocol::CycleState;
 
 #[derive(Debug)]
 pub(crate) struct CycleSample {

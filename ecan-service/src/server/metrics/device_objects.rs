@@ -8,10 +8,9 @@ use std::time::{Duration, Instant};
 
 use ecan_host::{Diagnostics, Ecrt, Error};
 
+use super::metrics_sample::ObjectValues;
 use crate::server::listener::enter_background;
 use crate::server::shared::Shared;
-
-use super::metrics_sample::ObjectValues;
 
 /// Time that the end of the thread waits for a transfer. One that the bus does not answer ends later.
 const END_WAIT: Duration = Duration::from_secs(2);

@@ -1,6 +1,5 @@
 //! Declaration of a metric.
 
-use crate::protocol::BusState;
 use ecan_cia402::AxisStatus;
 use ecan_mcan_port::{ChannelStatistics, SessionState, SlaveStatistics};
 use ecan_protocol::image::{ChannelState, ChannelStatus};
@@ -8,6 +7,7 @@ use ecan_protocol::image::{ChannelState, ChannelStatus};
 use super::cycle_sample::{CycleSample, SlaveSample};
 use super::metrics_sample::MetricsSample;
 use super::time_histogram::TimeHistogram;
+use crate::protocol::BusState;
 
 /// A metric: its name, its text and the source of its values.
 #[derive(Debug)]

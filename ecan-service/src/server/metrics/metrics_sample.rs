@@ -2,10 +2,10 @@
 
 use std::collections::BTreeMap;
 
-use crate::protocol::{BusState, Hello, ServiceStats};
 use ecan_host::AdapterConfig;
 
 use super::cycle_sample::CycleSample;
+use crate::protocol::{BusState, Hello, ServiceStats};
 
 /// Values by slave, channel, index of channel 0 and subindex.
 pub(crate) type ObjectValues = BTreeMap<(usize, u8, u16, u8), u32>;

@@ -11,19 +11,17 @@ use ecan_host::Ecrt;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::net::{SocketFlags, accept_with};
 
-use crate::server::bus_calls::BusCalls;
-use crate::server::config::ServiceError;
-use crate::server::listener::Listener;
-use crate::server::listener::enter_background;
-use crate::server::shared::Shared;
-use crate::server::workers::Waker;
-
 use super::declared::metrics;
 use super::device_objects::DeviceObjects;
 use super::http_connection::HttpConnection;
 use super::metric::Source;
 use super::metrics_config::{MetricsAddress, MetricsConfig};
 use super::render;
+use crate::server::bus_calls::BusCalls;
+use crate::server::config::ServiceError;
+use crate::server::listener::{Listener, enter_background};
+use crate::server::shared::Shared;
+use crate::server::workers::Waker;
 
 /// Time of one client, also if it sends nothing.
 const CLIENT_LIMIT: Duration = Duration::from_secs(2);

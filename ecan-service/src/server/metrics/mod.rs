@@ -13,10 +13,8 @@ mod metrics_server;
 mod render;
 mod time_histogram;
 
-pub use metrics_config::{MetricsAddress, MetricsAddressError, MetricsConfig};
-
 pub(crate) use cycle_sample::{CycleSample, SlaveSample};
-pub(crate) use metrics_sample::MetricsSample;
-pub(crate) use metrics_sample::ObjectValues;
+pub use metrics_config::{MetricsAddress, MetricsAddressError, MetricsConfig};
+pub(crate) use metrics_sample::{MetricsSample, ObjectValues};
 pub(crate) use metrics_server::MetricsServer;
 pub(crate) use time_histogram::TimeHistogram;
