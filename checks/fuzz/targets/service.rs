@@ -2,10 +2,10 @@
 //! cuts the rest.
 #![no_main]
 
-use ecan_service::server::OfflineSession;
 use ecan_service::protocol::{
     Access, FrameEvent, FrameRecord, FrameRecords, MessageKind, Response, header,
 };
+use ecan_service::server::OfflineSession;
 use libfuzzer_sys::fuzz_target;
 
 const HELLO: &[u8] =
