@@ -9,4 +9,4 @@ case "${1-}" in
     --check) unset WRITE_SYNC0_TABLE ;;
     *) echo "usage: $0 [--check]" >&2; exit 2 ;;
 esac
-exec cargo test --quiet --locked -p ecan-examples --test stable_points
+exec cargo test --quiet --locked -p ecan-examples --test examples stable_points

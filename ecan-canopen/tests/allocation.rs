@@ -1,5 +1,4 @@
 //! The network's part of the cycle allocates nothing, with 40 nodes in transfers.
-#![allow(missing_docs)]
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -13,10 +12,7 @@ use ecan_canopen::{
 use ecan_host::AdapterConfig;
 use ecan_mcan_port::{ChannelConfig, GatewayConfig, Port, PortConfig};
 use ecan_sim::{ClockKind, SimOptions};
-use ecan_test_support::{CountingAllocator, allocations};
-
-#[global_allocator]
-static ALLOCATOR: CountingAllocator = CountingAllocator;
+use ecan_test_support::allocations;
 
 #[test]
 fn forty_nodes_in_transfers_allocate_nothing() {

@@ -1,5 +1,4 @@
 //! Boot-up of the drives of simulated gateways, in stepped time (CiA 302-2).
-#![allow(missing_docs)]
 
 use std::sync::Arc;
 use std::time::Duration;

@@ -1,5 +1,4 @@
 //! The LSS master without a bus: bytes from the tables of CiA 305, times, faults and any response.
-#![allow(missing_docs)]
 
 use std::time::Duration;
 

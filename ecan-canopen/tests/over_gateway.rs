@@ -1,6 +1,5 @@
 //! The network over a simulated gateway, in stepped time. Echo nodes send back what reaches the
 //! bus, in the order in which it got there; a replay node plays a CANopen node.
-#![allow(missing_docs)]
 
 use std::path::PathBuf;
 use std::time::Duration;

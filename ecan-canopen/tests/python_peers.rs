@@ -4,9 +4,7 @@
 //! Other programs take part here, and they live in real time: deadlines are generous, and nothing is
 //! asserted of durations.
 
-#[path = "python_peers/lss.rs"]
 mod lss;
-mod python_peer;
 
 use std::cell::Cell;
 use std::rc::Rc;
@@ -24,8 +22,8 @@ use ecan_sim::{
     GatewaySpec, NodeKind, NodeSpec, RealTimeRunner, Scenario, SimOptions, Simulation,
 };
 
+use crate::python_peer::{PATIENCE, Peer, python};
 use ecan_sim::bridge::{BridgeInfo, bridges};
-use python_peer::{PATIENCE, Peer, python};
 
 /// Cycle of the master.
 const CYCLE: Duration = Duration::from_millis(2);

@@ -1,14 +1,10 @@
 //! SDO servers that announce wrong sizes, CRCs and segments: a transfer ends with the whole value or a typed error.
-#![allow(missing_docs)]
 
-mod link;
-mod reference;
-
+use crate::link::{MS, block_settings, settings, value};
+use crate::reference::{Block, Frame, Server};
 use ecan_canopen::{Sdo, SdoClient, SdoConfig, SdoFault};
 use ecan_protocol::object::AbortCode;
-use link::{MS, block_settings, settings, value};
 use proptest::prelude::*;
-use reference::{Block, Frame, Server};
 
 const LENGTH: SdoFault = SdoFault::Violated(AbortCode::LENGTH);
 const SEQUENCE: SdoFault = SdoFault::Violated(AbortCode(0x0504_0003));

@@ -1,16 +1,12 @@
 //! SDO transfers on a wire that loses, delays and damages frames, with servers that reject.
-#![allow(missing_docs)]
-
-mod link;
-mod reference;
 
 use std::time::Duration;
 
+use crate::link::{Link, MS, TIMEOUT_MS, block_settings, settings, value};
+use crate::reference::{self, Block, Server, abort};
 use ecan_canopen::{Sdo, SdoConfig, SdoFault};
 use ecan_protocol::object::AbortCode;
-use link::{Link, MS, TIMEOUT_MS, block_settings, settings, value};
 use proptest::prelude::*;
-use reference::{Block, Server, abort};
 
 #[test]
 fn abort_by_the_server_is_final_and_explained() {

@@ -1,5 +1,4 @@
 //! SDO frames: golden bytes, and back again.
-#![allow(missing_docs)]
 
 use ecan_canopen::{ClientFrame, Initiate, SdoDecodeError, Segment, ServerFrame};
 use ecan_protocol::object::AbortCode;

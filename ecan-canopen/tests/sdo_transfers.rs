@@ -1,12 +1,8 @@
 //! SDO transfers that go well, byte by byte against the tables of CiA 301.
-#![allow(missing_docs)]
 
-mod link;
-mod reference;
-
+use crate::link::{Link, Way, block_settings, settings, value};
+use crate::reference::{self, Block, Server};
 use ecan_canopen::{Sdo, SdoConfig, SdoStartError};
-use link::{Link, Way, block_settings, settings, value};
-use reference::{Block, Server};
 
 #[test]
 fn expedited_values_of_every_length() {

@@ -1,14 +1,8 @@
 //! No allocation in waiting for cycles and recording them.
-#![allow(missing_docs)]
 
-mod common;
-
-use common::{open, raw_config};
+use crate::common::{open, raw_config};
 use ecan_host::{Clock, CycleStatistics, CycleTimer, CycleTiming, MonotonicClock, OverrunPolicy};
-use ecan_test_support::{CountingAllocator, allocations};
-
-#[global_allocator]
-static ALLOCATOR: CountingAllocator = CountingAllocator;
+use ecan_test_support::allocations;
 
 #[test]
 fn wait_and_recording_do_not_allocate() {

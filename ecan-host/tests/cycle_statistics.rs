@@ -1,5 +1,4 @@
 //! Histograms of the cycle: exact ends, bounded percentiles, the manual's line.
-#![allow(missing_docs)]
 
 use std::time::Duration;
 

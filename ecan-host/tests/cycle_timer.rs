@@ -1,5 +1,4 @@
 //! The cycle timer on the stepped clock: exact points, whatever the cycles take.
-#![allow(missing_docs)]
 
 use std::time::Duration;
 

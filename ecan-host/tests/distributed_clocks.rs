@@ -1,5 +1,4 @@
 //! Distributed clocks on the stepped clock: drift, start phase, lost frames, both directions.
-#![allow(missing_docs)]
 
 use std::time::Duration;
 

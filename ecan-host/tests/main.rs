@@ -1,10 +1,11 @@
-//! All tests of the crate in one program; those that need a process of their own are separate.
+//! Tests of the Adapter.
 #![allow(missing_docs)]
 
 mod common;
 #[path = "../../ecrt-sys/tests/fake/mod.rs"]
 mod fake;
 
+mod cycle_allocation;
 mod cycle_statistics;
 mod cycle_timer;
 mod distributed_clocks;
@@ -15,3 +16,9 @@ mod operation;
 mod plan;
 mod real_time_settings;
 mod slave_access;
+
+use ecan_test_support::CountingAllocator;
+
+// Counts by thread, so that tests beside each other do not disturb.
+#[global_allocator]
+static ALLOCATOR: CountingAllocator = CountingAllocator;

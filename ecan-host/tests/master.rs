@@ -1,6 +1,5 @@
 //! The safe handles behave the same on a library of 1.5, whose functions return nothing, and on one
 //! of 1.6, whose functions return a status; opening a master reports the cause of each failure.
-#![allow(missing_docs)]
 
 use crate::fake::{Fake, RELEASES, assert_contains};
 use ecan_host::{

@@ -1,5 +1,4 @@
 //! Snapshots of the Adapter's cycle, requests to stop, and an opening that ends early.
-#![allow(missing_docs)]
 
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::{Arc, OnceLock};

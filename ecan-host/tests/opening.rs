@@ -1,5 +1,4 @@
 //! From a configuration to a configured bus, and every way in which that fails.
-#![allow(missing_docs)]
 
 use std::time::Duration;
 

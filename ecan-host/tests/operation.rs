@@ -1,5 +1,4 @@
 //! OP, its report, the cycle, requests in the cycle, distributed clocks and attaching.
-#![allow(missing_docs)]
 
 use std::time::Duration;
 

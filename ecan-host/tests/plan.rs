@@ -1,5 +1,4 @@
 //! The preflight plan: figures worked out by hand, and against the simulated master.
-#![allow(missing_docs)]
 
 use std::time::Duration;
 

@@ -1,5 +1,4 @@
 //! Messages of privileges that the system does not grant to a real-time thread.
-#![allow(missing_docs)]
 
 use ecan_host::{
     CycleTiming, Need, Privilege, RealTimeConfig, RealTimeError, RealTimeFault, RealTimeReport,

@@ -1,6 +1,5 @@
 //! The programs of README.md and the starter as a user runs them: undisturbed, through outages, and
 //! without a master.
-#![allow(missing_docs)]
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};

@@ -1,5 +1,4 @@
 //! Accounts of frames and images over faults, compared with the records of the simulated gateway.
-#![allow(missing_docs)]
 
 use std::path::Path;
 use std::time::Duration;

@@ -1,19 +1,13 @@
 //! No allocation between `cycle_begin` and `cycle_end`, with full images both ways.
-#![allow(missing_docs)]
 
 use std::time::Duration;
 
-mod common;
-
-use common::{Fixture, Handles, SendData};
+use crate::common::{Fixture, Handles, SendData, id, with_sync0};
 use ecan_host::AdapterConfig;
 use ecan_mcan_port::{ChannelConfig, GatewayConfig, PortConfig, Received};
 use ecan_protocol::can::{CanFrame, CanId};
 use ecan_protocol::image::{OptionFlags, Schedule};
-use ecan_test_support::{CountingAllocator, allocations};
-
-#[global_allocator]
-static ALLOCATOR: CountingAllocator = CountingAllocator;
+use ecan_test_support::allocations;
 
 /// Runs `cycles` of sending until the image is full and receiving everything; gives the
 /// allocations inside the cycles and the frames that came back.
@@ -78,7 +72,7 @@ fn full_images_allocate_nothing() {
 
 #[test]
 fn scheduled_frames_and_the_look_at_their_flags_allocate_nothing() {
-    let mut fixture = common::with_sync0(ecan_sim::echo(1), 500_000, |gateway| {
+    let mut fixture = with_sync0(ecan_sim::echo(1), 500_000, |gateway| {
         gateway.tx_options = OptionFlags::TX_RESULT;
         gateway.schedule.watch_ms = 10;
     });
@@ -90,7 +84,7 @@ fn scheduled_frames_and_the_look_at_their_flags_allocate_nothing() {
             let mut cycle = fixture.port.begin_cycle();
             cycle.received().for_each(drop);
             let at = Schedule { tag, offset_ns: 100_000 };
-            cycle.schedule_can(0, 0, common::id(1), &[1], at).unwrap();
+            cycle.schedule_can(0, 0, id(1), &[1], at).unwrap();
             assert_eq!(cycle.finish().error(), None);
             if tag % 100 == 10 {
                 fixture.port.clear_schedule_flags(fixture.port.gw(0));

@@ -1,5 +1,4 @@
 //! A Port on a master that the application owns and serves.
-#![allow(missing_docs)]
 
 use std::time::Duration;
 

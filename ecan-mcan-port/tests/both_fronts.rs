@@ -1,6 +1,5 @@
 //! One scenario through both fronts of the simulator: the same startup list and the same images give
 //! the same CAN traffic, over the simulated libethercat and over Ethernet frames.
-#![allow(missing_docs)]
 
 use std::path::Path;
 use std::time::Duration;

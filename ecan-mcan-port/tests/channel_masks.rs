@@ -1,5 +1,4 @@
 //! Channel masks per direction (manual 3, 13.2): channels that only receive or only send.
-#![allow(missing_docs)]
 
 use std::path::Path;
 use std::time::Duration;

@@ -1,5 +1,4 @@
 //! Frames out and back through simulated gateways.
-#![allow(missing_docs)]
 
 use std::time::Duration;
 

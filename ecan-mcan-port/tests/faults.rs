@@ -1,5 +1,4 @@
 //! The fault scenarios of docs/SIMULATION.md; each test carries the number of its row.
-#![allow(missing_docs)]
 
 use std::time::Duration;
 

@@ -1,6 +1,5 @@
 //! The jobs of a Port under each alternative of each switch of the simulated gateway: frames out and back over
 //! a disturbed line, each once and in order, and scheduled frames with a true account, or an error.
-#![allow(missing_docs)]
 
 use std::path::Path;
 use std::time::Duration;

@@ -1,6 +1,5 @@
 //! Gateways come back after their mailbox was silent, and after a branch of the bus was away: ready
 //! again, or with a state that names what to do; and no frame reaches another gateway.
-#![allow(missing_docs)]
 
 use std::collections::{BTreeMap, HashMap};
 use std::time::Duration;

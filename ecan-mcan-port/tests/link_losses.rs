@@ -1,5 +1,4 @@
 //! Link losses in quick succession during any phase: every gateway becomes ready again.
-#![allow(missing_docs)]
 
 use std::time::Duration;
 

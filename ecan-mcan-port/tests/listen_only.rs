@@ -1,6 +1,5 @@
 //! Channels that must only listen: the registers of the controller decide, not the number of the node mode
 //! (assumption H9).
-#![allow(missing_docs)]
 
 use std::path::Path;
 use std::time::Duration;

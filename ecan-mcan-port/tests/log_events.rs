@@ -1,5 +1,4 @@
 //! Log events of Adapter and Port: one per transition, none in undisturbed cycles.
-#![allow(missing_docs)]
 
 use crate::common::{Fixture, Handles, classic};
 use ecan_mcan_port::{GatewayConfig, Port, Session};

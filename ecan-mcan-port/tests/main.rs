@@ -1,4 +1,4 @@
-//! All tests of the crate in one program; those that need a process of their own are separate.
+//! Tests of the MCAN Port.
 #![allow(missing_docs)]
 
 mod common;
@@ -8,6 +8,7 @@ mod schedule_support;
 mod wire_support;
 
 mod accounts;
+mod allocation;
 mod attached;
 mod both_fronts;
 mod channel_masks;
@@ -34,3 +35,9 @@ mod startup;
 mod sync0_window;
 mod transmit_results;
 mod verification_faults;
+
+use ecan_test_support::CountingAllocator;
+
+// Counts by thread, so that tests beside each other do not disturb.
+#[global_allocator]
+static ALLOCATOR: CountingAllocator = CountingAllocator;

@@ -1,5 +1,4 @@
 //! The Port's part of a snapshot, with traffic and faults.
-#![allow(missing_docs)]
 
 use std::time::Duration;
 

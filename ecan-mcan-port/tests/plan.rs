@@ -1,5 +1,4 @@
 //! The preflight plan of a Port: figures worked out by hand, and against the simulated gateway.
-#![allow(missing_docs)]
 
 use std::time::Duration;
 

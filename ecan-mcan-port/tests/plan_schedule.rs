@@ -1,6 +1,5 @@
 //! Scheduled frames and the Sync0 shift in the preflight plan of a Port: figures worked out by hand, and
 //! against the simulated gateway.
-#![allow(missing_docs)]
 
 use std::time::Duration;
 

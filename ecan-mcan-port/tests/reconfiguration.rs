@@ -1,5 +1,4 @@
 //! Switching N and channels at run time (manual 14.2).
-#![allow(missing_docs)]
 
 use std::time::Duration;
 

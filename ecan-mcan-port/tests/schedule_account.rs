@@ -1,6 +1,5 @@
 //! What the Port says of scheduled frames against what really happened in the gateway
 //! (manual 8.4, 10, 13.7).
-#![allow(missing_docs)]
 
 use std::time::Duration;
 

@@ -1,6 +1,5 @@
 //! Gateways whose results or objects differ from what the account of scheduled frames assumes: frames stay
 //! unknown for a stated reason, and what the reason proposes helps.
-#![allow(missing_docs)]
 
 use crate::common::{Fixture, Handles, with_sync0};
 use crate::schedule_support::{OFFSET_NS, SHIFT_NS, check, results, schedule};

@@ -1,6 +1,5 @@
 //! Scheduled frames that would miss their Sync0 pulse: rejected, withdrawn or discarded, but never
 //! reported as sent (manual 8.4, 13.8).
-#![allow(missing_docs)]
 
 use crate::common::{Handles, SendData, id, with_sync0, without_sync0_window};
 use crate::schedule_support::{

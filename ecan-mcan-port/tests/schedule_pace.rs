@@ -1,6 +1,5 @@
 //! Results of scheduled frames while the master reads the flags at the pace of IgH 1.6.2
 //! (manual 13.7).
-#![allow(missing_docs)]
 
 use std::time::Duration;
 

@@ -1,5 +1,4 @@
 //! Frames at a phase of the next Sync0 period (manual 8.4, 13.8).
-#![allow(missing_docs)]
 
 use std::time::Duration;
 

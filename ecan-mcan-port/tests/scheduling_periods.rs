@@ -1,6 +1,5 @@
 //! Periods on the bus at 1 ms on a machine with jitter: direct sending shows it, scheduled sending
 //! does not (manual 13.9).
-#![allow(missing_docs)]
 
 use crate::common::{Fixture, Handles, id, with_sync0};
 use ecan_host::{CycleTiming, Distribution, OverrunPolicy};

@@ -1,5 +1,4 @@
 //! Sequence numbers of both directions over their wrap (manual 6.1).
-#![allow(missing_docs)]
 
 use std::collections::HashSet;
 use std::time::Duration;

@@ -1,5 +1,4 @@
 //! Images for another thread, and frames of another thread.
-#![allow(missing_docs)]
 
 use std::collections::VecDeque;
 use std::time::Duration;

@@ -1,6 +1,5 @@
 //! Configuration of a gateway before OP, faults that are found before the bus is touched, and
 //! leaving OP.
-#![allow(missing_docs)]
 
 use std::time::Duration;
 

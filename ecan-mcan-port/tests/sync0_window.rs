@@ -1,5 +1,4 @@
 //! A Sync0 shift among the arrivals of the outputs costs working counters and OP (manual 16.1).
-#![allow(missing_docs)]
 
 use std::time::Duration;
 

@@ -1,5 +1,4 @@
 //! Transmit results find the sends that caused them (manual 10).
-#![allow(missing_docs)]
 
 use std::collections::HashSet;
 

@@ -1,5 +1,4 @@
 //! Faults that strike while a gateway is being verified: rows 31 and 32 of docs/SIMULATION.md.
-#![allow(missing_docs)]
 
 use std::time::Duration;
 

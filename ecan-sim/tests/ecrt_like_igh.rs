@@ -1,11 +1,9 @@
 //! The simulated master with the pace and the side activities of IgH 1.6.2.
 
-mod ecrt_support;
-
+use crate::ecrt_support::{CYCLE_NS, Program, stepped};
 use ecan_host::{Errno, Master, RequestState, SdoRequestId};
 use ecan_sim::variant::SdoInformation;
 use ecan_sim::{Backend, Fault, MasterBehaviour, Scenario, Simulation, echo};
-use ecrt_support::{CYCLE_NS, Program, stepped};
 
 const MS: u64 = 1_000_000;
 

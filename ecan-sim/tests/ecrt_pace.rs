@@ -1,12 +1,10 @@
 //! Durations of the master: SDO transfers that travel with the application's sends, slaves
 //! configured one after the other, activation.
 
-mod ecrt_support;
-
+use crate::ecrt_support::{CYCLE_NS, Program, stepped_echo};
 use ecan_host::{Errno, Master, RequestState, SdoRequestId};
 use ecan_protocol::object::{ObjectType, SdoWrite};
 use ecan_sim::{Fault, GatewayFault};
-use ecrt_support::{CYCLE_NS, Program, stepped_echo};
 
 const MS: u64 = 1_000_000;
 

@@ -2,8 +2,7 @@
 //! are stored here. A change for speed must not change them; a change of the simulated behaviour
 //! needs new ones.
 
-mod ecrt_support;
-
+use crate::ecrt_support::{Program, stepped};
 use ecan_canopen::{NmtState, NodeId};
 use ecan_protocol::can::{CanFrame, CanId, FrameKind};
 use ecan_protocol::config::DataPathConfig;
@@ -12,7 +11,6 @@ use ecan_sim::{
     LossDirection, NodeKind, NodeSpec, Scenario, ScriptedFault, StationConfig, StationMode, When,
     drives,
 };
-use ecrt_support::{Program, stepped};
 
 /// FNV-1a over 64 bits.
 #[derive(Clone, Copy)]

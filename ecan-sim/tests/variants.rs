@@ -1,5 +1,4 @@
 //! The table of variants: keys of scenario files, and rows of docs/ASSUMPTIONS.md.
-#![allow(missing_docs)]
 
 use std::collections::BTreeSet;
 use std::path::Path;

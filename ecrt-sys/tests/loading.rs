@@ -1,11 +1,9 @@
 //! Loading a library: success, and the text of each failure.
 
-mod fake;
-
 use std::path::Path;
 
+use crate::fake::{Fake, RELEASES, assert_contains};
 use ecrt_sys::{Ecrt, EcrtSetting, LoadError, Origin};
-use fake::{Fake, RELEASES, assert_contains};
 
 #[test]
 fn missing_path_is_reported() {

@@ -1,6 +1,5 @@
 //! A program that is linked statically with musl: no library can be loaded.
 #![cfg(all(target_env = "musl", target_feature = "crt-static"))]
-#![allow(missing_docs)]
 
 use std::path::Path;
 

@@ -1,18 +1,13 @@
 //! The network of examples/network on the simulator, as a user runs it.
-#![allow(missing_docs)]
 
 use std::path::Path;
-use std::process::{Command, Output};
+use std::process::Output;
+
+use crate::program::command;
 
 fn run(arguments: &[&str]) -> Output {
     let directory = Path::new(env!("CARGO_MANIFEST_DIR")).join("network");
-    Command::new(example()).current_dir(directory).args(arguments).output().unwrap()
-}
-
-/// Cargo builds the examples next to the tests.
-fn example() -> std::path::PathBuf {
-    let test = std::env::current_exe().unwrap();
-    test.parent().unwrap().parent().unwrap().join("examples/canopen_network")
+    command("canopen_network", arguments).current_dir(directory).output().unwrap()
 }
 
 #[test]

@@ -1,9 +1,6 @@
 //! The program on distributed clocks as a user runs it.
-#![allow(missing_docs)]
 
-mod program;
-
-use program::{fails, run, succeeds, text};
+use crate::program::{fails, run, succeeds, text};
 
 const PROGRAM: &str = "dc_clocks";
 const DRIFT: &str = concat!("sim:", env!("CARGO_MANIFEST_DIR"), "/scenarios/drift.toml");

@@ -1,9 +1,6 @@
 //! `mcan_gateway_tx_probe` as a user runs it.
-#![allow(missing_docs)]
 
-mod program;
-
-use program::text;
+use crate::program::{self, text};
 
 const NAME: &str = "mcan_gateway_tx_probe";
 const SIM: [&str; 4] = ["--ecrt", "sim", "--frames", "1000"];

@@ -1,9 +1,6 @@
 //! The CiA 402 demos and the SDO probe as a user runs them.
-#![allow(missing_docs)]
 
-mod program;
-
-use program::{command, fails, interrupt_after, run, succeeds, text};
+use crate::program::{command, fails, interrupt_after, run, succeeds, text};
 
 const SINGLE: &str = "cia402_single_axis_demo";
 const TEN: &str = "cia402_10axis_demo";

@@ -1,12 +1,8 @@
 //! A sweep finds the shifts and offsets that work, and recommends one (manual 15.6.1).
-#![allow(missing_docs)]
 
 use std::time::Duration;
 
-#[path = "../../ecan-mcan-port/tests/common/mod.rs"]
-mod common;
-
-use common::{Fixture, Handles, SendData, classic, id, with_sync0};
+use crate::common::{Fixture, Handles, SendData, classic, id, with_sync0};
 use ecan_example_support::phase_sweep::{PhaseSweep, PhaseSweepError, sweep_phase};
 use ecan_host::AdapterConfig;
 use ecan_mcan_port::{GatewayConfig, Port, PortConfig, PortError};

@@ -1,9 +1,6 @@
 //! `--plan` as a user runs it: no bus, no master, no `--ecrt`.
-#![allow(missing_docs)]
 
-mod program;
-
-use program::{fails, run, succeeds, text};
+use crate::program::{fails, run, succeeds, text};
 
 const LOOP: &str = "simple_loop";
 const SINGLE: &str = "cia402_single_axis_demo";

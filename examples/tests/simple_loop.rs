@@ -1,18 +1,13 @@
 //! `simple_loop` as a user runs it.
-#![allow(missing_docs)]
-
-#[path = "program/master_faults.rs"]
-mod master_faults;
-mod program;
 
 use std::path::Path;
 use std::process::{Command, Output};
 
+use crate::program::{self, master_faults, text};
 use ecan_can_io::candump::Record;
 use ecan_example_support::bus_load::BusLoad;
 use ecan_protocol::can::{CanFrame, CanId, Dlc};
 use ecan_test_support::output;
-use program::text;
 
 fn command(arguments: &[&str]) -> Command {
     program::command("simple_loop", arguments)

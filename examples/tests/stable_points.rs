@@ -1,14 +1,10 @@
 //! The stable points of manual 15.6.1 and the usable shifts of the simulator: the table of
 //! docs/PERFORMANCE.md, which `scripts/regenerate-sync0.sh` writes.
-#![allow(missing_docs)]
 
 use std::fmt;
 use std::time::Duration;
 
-#[path = "../../ecan-mcan-port/tests/common/mod.rs"]
-mod common;
-
-use common::{Fixture, Handles, SendData, classic, id};
+use crate::common::{Fixture, Handles, SendData, classic, id};
 use ecan_example_support::phase_sweep::{PhaseSweep, PhaseSweepError, sweep_phase};
 use ecan_example_support::shift_windows::ShiftWindows;
 use ecan_host::{AdapterConfig, DcSync, OutputArrivals, Plan};

@@ -2,7 +2,7 @@
 
 use ecan_canopen::{AccessType, Commissioning, DataType, DataValue, DeviceFile, ObjectType};
 
-use crate::{everything, node};
+use super::{everything, node};
 
 #[test]
 fn correct_file_has_no_warning() {
@@ -138,7 +138,7 @@ fn compact_objects_have_all_sub_objects() {
 
 #[test]
 fn same_file_is_equal_whatever_its_warnings() {
-    let text = crate::EVERYTHING.replace("SupportedObjects=9", "SupportedObjects=8");
+    let text = super::EVERYTHING.replace("SupportedObjects=9", "SupportedObjects=8");
     let file = DeviceFile::parse(text.as_bytes()).unwrap();
     assert_eq!(file.warnings().len(), 1);
     assert_eq!(file, everything());

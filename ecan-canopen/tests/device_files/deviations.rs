@@ -2,7 +2,7 @@
 
 use ecan_canopen::{DataType, DataValue, DeviceFile, ObjectType};
 
-use crate::node;
+use super::node;
 
 /// A small device without deviations; the tests change it line by line.
 const SMALL: &str = "\

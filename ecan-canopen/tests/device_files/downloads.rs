@@ -6,7 +6,7 @@ use ecan_canopen::{
 };
 use proptest::prelude::*;
 
-use crate::{everything, node};
+use super::{everything, node};
 
 fn list(file: &DeviceFile, scope: DownloadScope) -> Vec<(u16, u8, u32)> {
     let downloads = file.downloads(node(5), scope).unwrap();

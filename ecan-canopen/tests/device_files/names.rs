@@ -2,7 +2,7 @@
 
 use ecan_canopen::FindError;
 
-use crate::everything;
+use super::everything;
 
 #[test]
 fn entries_are_found_by_name_and_index() {

@@ -10,10 +10,10 @@ use std::process::{Command, Stdio};
 
 use ecan_canopen::{DataType, DataValue, DeviceFile, FileValue, ObjectEntry, ObjectType};
 
-use crate::foreign::foreign_files;
-use crate::{EVERYTHING, everything, node};
+use super::foreign::foreign_files;
+use super::{EVERYTHING, everything, node};
+use crate::python_peer::python;
 use ecan_test_support::Killed;
-use python_peer::python;
 
 const NODE: u8 = 17;
 

@@ -3,7 +3,7 @@
 use ecan_canopen::DeviceFile;
 use proptest::prelude::*;
 
-use crate::{EVERYTHING, everything};
+use super::{EVERYTHING, everything};
 
 #[test]
 fn written_file_is_equal_and_correct() {

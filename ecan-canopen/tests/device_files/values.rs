@@ -3,7 +3,7 @@
 use ecan_canopen::{DataType, DataValue, DeviceFile, DeviceObject, FileValue, ObjectEntry};
 use proptest::prelude::*;
 
-use crate::{everything, node};
+use super::{everything, node};
 
 const TYPES: [DataType; 26] = [
     DataType::Boolean,

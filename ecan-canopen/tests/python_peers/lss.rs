@@ -9,8 +9,8 @@ use ecan_canopen::{
 use ecan_protocol::object::AbortCode;
 use ecan_sim::{BridgeSpec, DriveConfig, DriveSpec, GatewaySpec, Scenario};
 
+use super::{CYCLE, Client, DriveAndBridge, aborted};
 use crate::python_peer::{PATIENCE, Peer, python};
-use crate::{CYCLE, Client, DriveAndBridge, aborted};
 
 /// The package's LSS master in front of our drive without node-ID.
 #[test]

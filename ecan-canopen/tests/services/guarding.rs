@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use ecan_canopen::{GuardErrors, GuardingConfig, Heartbeat, NmtCommand, NmtState, NodeConfig};
 
-use crate::bench::{Bench, drives};
+use super::bench::{Bench, drives};
 
 const GUARDING: GuardingConfig =
     GuardingConfig { guard_time: Duration::from_millis(20), life_time_factor: 3 };

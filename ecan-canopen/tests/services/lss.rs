@@ -7,7 +7,7 @@ use ecan_canopen::{
     LssResult, LssStartError, NmtCommand, NodeConfig, NodeId, WaitError,
 };
 
-use crate::bench::{Bench, drives, identity, node_id, open_port};
+use super::bench::{Bench, drives, identity, node_id, open_port};
 
 #[test]
 fn fastscan_gives_node_ids_to_all_drives() {

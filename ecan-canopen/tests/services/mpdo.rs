@@ -6,7 +6,7 @@ use ecan_canopen::{
 };
 use ecan_protocol::can::FrameRef;
 
-use crate::bench::{Bench, LONG, drives, node_id, run_steps};
+use super::bench::{Bench, LONG, drives, node_id, run_steps};
 
 /// CAN ID of the MPDOs to all drives: RPDO 2 of node 127, which does not exist.
 fn to_drives() -> CobId {

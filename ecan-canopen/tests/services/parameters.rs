@@ -7,7 +7,7 @@ use ecan_canopen::{
     Step,
 };
 
-use crate::bench::{Bench, LONG, drives, run_steps};
+use super::bench::{Bench, LONG, drives, run_steps};
 
 #[test]
 fn parameter_groups_are_stored_and_restored_one_by_one() {

@@ -5,7 +5,7 @@ use ecan_canopen::{
     PdoMappingError, Step, SyncConfig, TransmissionType, run_cycle_until,
 };
 
-use crate::bench::{Bench, LONG, drives, node_id, run_steps};
+use super::bench::{Bench, LONG, drives, node_id, run_steps};
 
 /// TPDO 1 with statusword and actual position.
 fn feedback(id: u8) -> PdoMapping {

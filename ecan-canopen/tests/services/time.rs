@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use ecan_canopen::{NodeConfig, TimeConfig, TimeReference};
 
-use crate::bench::{Bench, drives};
+use super::bench::{Bench, drives};
 
 #[test]
 fn time_of_the_host_reaches_the_drive() {

@@ -2,7 +2,7 @@
 
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use crate::common::{MS, fixture, two, with};
+use super::common::{MS, fixture, two, with};
 use ecan_host::{Clock, Error, MaintenanceError, StartupStep};
 use ecan_lite::config::{
     Difference, Expected, FlashCommand, ResolveError, ResolvedGateway, apply, differences, find,

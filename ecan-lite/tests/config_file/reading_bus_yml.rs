@@ -9,7 +9,7 @@ use ecan_canopen::{
 use ecan_cia402::{InputObject, OutputObject, Scale};
 use ecan_lite::config::{load_axes, load_network, load_network_settings, load_nodes};
 
-use crate::network_files::{GATEWAY, GRIPPER, SERVO, address, directory, faults_with, id};
+use super::network_files::{GATEWAY, GRIPPER, SERVO, address, directory, faults_with, id};
 
 /// A file in the form of ros2_canopen.
 const BUS: &str = r#"

@@ -12,7 +12,7 @@ use ecan_lite::config::{
     NetworkSettings, load_axes, load_network, load_network_settings, load_nodes,
 };
 
-use crate::network_files::{
+use super::network_files::{
     GATEWAY, GRIPPER, SERVO, address, directory, faults, faults_with, id, nodes,
 };
 

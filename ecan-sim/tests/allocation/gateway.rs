@@ -1,6 +1,6 @@
 //! A gateway in operation allocates nothing.
 
-use crate::gateway_support::{Fixture, MS, chunks, fd, standard};
+use crate::gateway::fixture::{Fixture, MS, chunks, fd, standard};
 use ecan_protocol::config::DataPathConfig;
 use ecan_protocol::image::{OptionFlags, PdoProfile, Schedule};
 use ecan_test_support::allocations;

@@ -1,6 +1,6 @@
 //! Errors on a bus: counters, states, bus-off and recovery.
 
-use crate::fixture::{
+use super::fixture::{
     BIT, CLASSIC, FD, START, bits, bus_of, classic, error_frames, received, run, sent, states,
 };
 use ecan_protocol::can::{CanFrame, CanId, Phase};

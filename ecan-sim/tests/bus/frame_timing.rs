@@ -158,7 +158,7 @@ proptest! {
 
     #[test]
     fn lengths_equal_encoded_bits(frame in any_frame()) {
-        let wire = crate::naive::encode(&frame);
+        let wire = super::naive::encode(&frame);
         let t = FrameTiming::of(&frame);
         prop_assert_eq!(t.total_bits() as usize, wire.bits.len());
         prop_assert_eq!(usize::from(t.data_bits), wire.data_phase.len());
@@ -167,7 +167,7 @@ proptest! {
 
     #[test]
     fn wire_frame_equals_naive_encoder(frame in any_frame()) {
-        let wire = crate::naive::encode(&frame);
+        let wire = super::naive::encode(&frame);
         let encoded = WireFrame::new(&frame);
         prop_assert_eq!(encoded.bits().collect::<Vec<_>>(), wire.bits);
         prop_assert_eq!(encoded.data_phase(), wire.data_phase);

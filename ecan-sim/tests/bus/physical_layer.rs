@@ -1,6 +1,6 @@
 //! Sample points, delays and delay compensation. The times in the comments are computed by hand.
 
-use crate::fixture::{START, bus_of, classic, error_frames, received, run, sent, states};
+use super::fixture::{START, bus_of, classic, error_frames, received, run, sent, states};
 use ecan_protocol::can::{CanFrame, CanId, Phase, SamplePoint};
 use ecan_sim::{
     BusError, BusEvent, CanBus, DelayCompensation, DetectedError, ErrorState, PhysicalLayer,

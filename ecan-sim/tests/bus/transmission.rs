@@ -1,6 +1,6 @@
 //! Frame times, arbitration and station modes of a bus.
 
-use crate::fixture::{
+use super::fixture::{
     BIT, CLASSIC, FD, START, bits, bus_of, classic, error_frames, received, run, sent,
 };
 use ecan_protocol::can::{CanFrame, CanId};
@@ -126,8 +126,8 @@ proptest! {
     fn pending_frames_are_sent_by_priority(frames in prop::collection::vec(any_classic(), 1..12)) {
         let mut expected: Vec<CanFrame> = Vec::new();
         for frame in frames {
-            let bits = crate::naive::arbitration_bits(&frame);
-            if expected.iter().all(|other| crate::naive::arbitration_bits(other) != bits) {
+            let bits = super::naive::arbitration_bits(&frame);
+            if expected.iter().all(|other| super::naive::arbitration_bits(other) != bits) {
                 expected.push(frame);
             }
         }
@@ -136,7 +136,7 @@ proptest! {
         for (frame, station) in expected.iter().zip(&s) {
             bus.offer(START, *station, *frame);
         }
-        expected.sort_by_key(crate::naive::arbitration_bits);
+        expected.sort_by_key(super::naive::arbitration_bits);
         let events = run(&mut bus, START + 1_000_000_000);
         let out = sent(&events);
         let order: Vec<_> = out.iter().map(|(_, frame, ..)| *frame).collect();
@@ -144,7 +144,7 @@ proptest! {
         let mut start = START;
         for (_, frame, began, ended) in out {
             prop_assert_eq!(began, start);
-            prop_assert_eq!(ended, start + crate::naive::encode(&frame).bits.len() as u64 * BIT);
+            prop_assert_eq!(ended, start + super::naive::encode(&frame).bits.len() as u64 * BIT);
             start = ended + 3 * BIT;
         }
         prop_assert_eq!(received(&events).len(), expected.len() * (s.len() - 1));

@@ -1,6 +1,6 @@
 //! Nodes that are made from device files (EDS, DCF).
 
-use crate::fixture::{Fixture, MS, NODE, config};
+use super::fixture::{Fixture, MS, NODE, config};
 use ecan_canopen::{
     Commissioning, DeviceFile, Download, DownloadScope, DriveState, NmtCommand, NmtState, NodeId,
     OperatingMode,

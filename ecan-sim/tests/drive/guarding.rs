@@ -1,6 +1,6 @@
 //! Node guarding, life guarding and TIME of the drive (CiA 301).
 
-use crate::fixture::{Fixture, MS, NODE, config};
+use super::fixture::{Fixture, MS, NODE, config};
 use ecan_canopen::{DriveState, NmtCommand, NmtState, OperatingMode, TimeOfDay};
 use ecan_sim::{DriveConfig, DriveQuirks};
 

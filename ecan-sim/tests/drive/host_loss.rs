@@ -2,7 +2,7 @@
 use ecan_canopen::{DriveState, NmtCommand, NmtState, OperatingMode};
 use ecan_sim::{DriveConfig, NodeOutput, TraceCause, TraceEvent};
 
-use crate::fixture::{Fixture, config};
+use super::fixture::{Fixture, config};
 
 const MODES: [OperatingMode; 6] = [
     OperatingMode::CyclicPosition,

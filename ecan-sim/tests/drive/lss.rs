@@ -1,6 +1,6 @@
 //! The drive as an LSS slave, byte by byte (CiA 305).
 
-use crate::fixture::{Fixture, MS, config};
+use super::fixture::{Fixture, MS, config};
 use ecan_canopen::{NmtCommand, NmtState, NodeId};
 use ecan_sim::{Drive, DriveConfig, DriveQuirks, Node};
 

@@ -1,6 +1,6 @@
 //! Modes of operation: motion of the motor and its limits.
 
-use crate::fixture::{Fixture, MS, config};
+use super::fixture::{Fixture, MS, config};
 use ecan_canopen::{DriveState, NmtCommand, OperatingMode};
 use ecan_sim::{DriveConfig, DriveQuirks, MotorConfig, NodeOutput, TargetKind};
 

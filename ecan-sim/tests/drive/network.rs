@@ -1,6 +1,6 @@
 //! The drive as a CANopen node: NMT, boot-up, heartbeats, emergencies, saved parameters.
 
-use crate::fixture::{Fixture, MS, NODE, config};
+use super::fixture::{Fixture, MS, NODE, config};
 use ecan_canopen::{DriveState, Emcy, ErrorRegister, NmtCommand, NmtState, OperatingMode};
 use ecan_sim::{Drive, DriveConfig, DriveQuirks, Node, NodeOutput};
 

@@ -1,6 +1,6 @@
 //! PDOs: mapping rules, SYNC, events, inhibit and event timers.
 
-use crate::fixture::{Fixture, MS, NODE, config};
+use super::fixture::{Fixture, MS, NODE, config};
 use ecan_canopen::{Command, NmtCommand};
 use ecan_sim::{DriveConfig, DriveQuirks};
 

@@ -1,6 +1,6 @@
 //! The drive under any input: it neither panics nor violates its own rules.
 
-use crate::fixture::{Fixture, config};
+use super::fixture::{Fixture, config};
 use ecan_canopen::{DriveState, NmtCommand, OperatingMode};
 use ecan_sim::{Drive, MotorConfig, NodeOutput};
 use proptest::prelude::*;

@@ -519,7 +519,7 @@ fn missing_or_invalid_eds_is_reported() {
 fn module_of_scenario_file_sends_changed_input() {
     let directory = std::env::temp_dir().join(format!("ecan-module-{}", std::process::id()));
     std::fs::create_dir_all(&directory).unwrap();
-    std::fs::write(directory.join("module.dcf"), crate::eds::MODULE).unwrap();
+    std::fs::write(directory.join("module.dcf"), super::eds::MODULE).unwrap();
     let text = "[[gateway]]\n[[node]]\nkind = \"drive\"\nbus = \"0.0\"\nname = \"module\"\n\
                 node_id = 5\ndcf = \"module.dcf\"\n";
     let scenario = Scenario::from_toml(text, "test", &directory).unwrap();

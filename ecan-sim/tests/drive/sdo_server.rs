@@ -1,6 +1,6 @@
 //! The drive's SDO server, with bytes written by hand from CiA 301.
 
-use crate::fixture::{Fixture, config};
+use super::fixture::{Fixture, config};
 use ecan_sim::{DriveConfig, DriveQuirks, SdoDirection, SdoEffect, SdoRule};
 
 fn aborted(response: [u8; 8], index: u16, sub: u8) -> u32 {

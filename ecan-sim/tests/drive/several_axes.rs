@@ -1,6 +1,6 @@
 //! Drives with several axes: each has objects, a state machine and a motor of its own.
 
-use crate::fixture::{Fixture, NODE, config};
+use super::fixture::{Fixture, NODE, config};
 use ecan_canopen::{DeviceFile, DriveState, NmtCommand, OperatingMode};
 use ecan_sim::{Drive, DriveConfig};
 

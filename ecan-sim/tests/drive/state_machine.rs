@@ -1,6 +1,6 @@
 //! The CiA 402 state machine of the drive: transitions, option codes, faults.
 
-use crate::fixture::{Fixture, config};
+use super::fixture::{Fixture, config};
 use ecan_canopen::DriveState::{
     self, Fault, FaultReactionActive, OperationEnabled, QuickStopActive, ReadyToSwitchOn,
     SwitchOnDisabled, SwitchedOn,

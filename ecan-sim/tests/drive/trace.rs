@@ -3,7 +3,7 @@
 use ecan_canopen::{Command, Controlword, DriveState, NmtCommand, OperatingMode};
 use ecan_sim::{CommandSource, DriveConfig, TraceCause, TraceEvent};
 
-use crate::fixture::{Fixture, MS, config};
+use super::fixture::{Fixture, MS, config};
 
 const BY_SDO: TraceCause = TraceCause::Command(CommandSource::Sdo);
 

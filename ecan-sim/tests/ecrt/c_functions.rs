@@ -3,7 +3,7 @@
 
 use std::ptr::{null, null_mut};
 
-use crate::c_master::{CMaster, stepped_echo};
+use super::c_master::{CMaster, stepped_echo};
 use ecan_sim::libethercat as c;
 use ecrt_sys::{EC_REQUEST_BUSY, EC_REQUEST_SUCCESS, EC_REQUEST_UNUSED, Errno};
 

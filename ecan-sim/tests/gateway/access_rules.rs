@@ -1,6 +1,6 @@
 //! SDO access to the whole object dictionary (manual 3.1, 13): permissions, lengths and states.
 
-use crate::fixture::{Fixture, MS, chunks};
+use super::fixture::{Fixture, MS, chunks};
 use ecan_protocol::device::AlState;
 use ecan_protocol::object::{AbortCode, Access, Entry, Object, ObjectType, describe, objects};
 use ecan_sim::GatewayFault;
@@ -187,7 +187,7 @@ fn assignment_is_written_in_preop_and_safeop_while_its_count_is_0() {
 #[test]
 fn data_units_read_the_sync_manager_memory() {
     let mut fixture = Fixture::op(chunks(3), chunks(3));
-    fixture.deliver(0, crate::fixture::standard(0x123, &[1, 2, 3]));
+    fixture.deliver(0, super::fixture::standard(0x123, &[1, 2, 3]));
     fixture.cycle();
     assert_eq!(fixture.try_upload(0x6000, 1).unwrap(), fixture.input[..16]);
     assert_eq!(fixture.try_upload(0x6010, 1).unwrap(), fixture.input[16..32]);

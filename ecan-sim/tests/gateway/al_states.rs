@@ -1,6 +1,6 @@
 //! The EtherCAT state machine and its AL status codes (manual 5.4.6, 14).
 
-use crate::fixture::{Fixture, MS, chunks, standard};
+use super::fixture::{Fixture, MS, chunks, standard};
 use AlState::{Boot, Init, Op, PreOp, SafeOp};
 use ecan_protocol::config::assignment_writes;
 use ecan_protocol::device::AlState;

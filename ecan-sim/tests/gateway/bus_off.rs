@@ -1,7 +1,7 @@
 //! Error states of a channel: status word, counters, registers, and the recovery policies of
 //! 0x8021:14 (manual 7, 13.2.2, 13.5).
 
-use crate::fixture::{Fixture, chunks, standard};
+use super::fixture::{Fixture, chunks, standard};
 use ecan_protocol::config::{BusOffRecovery, DataPathConfig, McanChannelConfig};
 use ecan_protocol::image::HeaderFlags;
 use ecan_sim::ErrorState;

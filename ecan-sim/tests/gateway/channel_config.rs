@@ -1,7 +1,7 @@
 //! 0x8001..0x8004: accepted configurations, their effect on the controller, and filters of the
 //! editing window (manual 13.4).
 
-use crate::fixture::{Fixture, chunks, fd, standard};
+use super::fixture::{Fixture, chunks, fd, standard};
 use ecan_protocol::can::{BitTiming, CanFrame, CanId, Dlc};
 use ecan_protocol::config::{
     BitTimingMode, DataPathConfig, DataSize, ExtendedFilter, ExtendedMatch, FifoMode, FilterAction,
@@ -391,7 +391,7 @@ fn tsu_captures_start_of_frame_if_configured() {
         fixture.apply_channel(0, config);
         fixture.start();
         fixture.cycle();
-        let service = fixture.now - crate::fixture::MS + crate::fixture::SERVICE;
+        let service = fixture.now - super::fixture::MS + super::fixture::SERVICE;
         let end = service + 400_000;
         fixture.gateway.received(end, 0, &standard(1, &[]), service + 100_000);
         fixture.cycle();

@@ -1,6 +1,6 @@
 //! The emulated EEPROM, which only a rebuild resets (manual 13.7, bit 6).
 
-use crate::fixture::{Fixture, MS, chunks};
+use super::fixture::{Fixture, MS, chunks};
 use ecan_protocol::device::AlState;
 
 const REBUILD: u8 = 1 << 6;

@@ -1,6 +1,6 @@
 //! The manual's example (5.4.4.1): these bytes in SM2 put this frame on channel 0.
 
-use crate::fixture::{Fixture, chunks, standard};
+use super::fixture::{Fixture, chunks, standard};
 
 const EXAMPLE: [u8; 36] = [
     0x16, 0x00, 0x01, 0x00, 0x01, 0x00, 0x0C, 0x00, 0xD3, 0x56, 0xE7, 0x01, 0x0F, 0x01, 0x00, 0x01,

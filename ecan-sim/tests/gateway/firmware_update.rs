@@ -1,7 +1,7 @@
 //! Firmware partitions without FoE: progress, maintenance commands on the free partition, return to
 //! the previous version (manual 13.7, 13.8, 15.3.1).
 
-use crate::fixture::{Fixture, MS, chunks};
+use super::fixture::{Fixture, MS, chunks};
 use ecan_protocol::device::AlState;
 use ecan_sim::{
     FirmwarePackage, FirmwarePackageError, FirmwareProgress, FirmwareUpdateError, Gateway,

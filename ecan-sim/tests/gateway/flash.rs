@@ -1,7 +1,7 @@
 //! The saved configuration: saving, loading and factory defaults, as a whole and by channel, and
 //! power loss (manual 13.4, 13.7).
 
-use crate::fixture::{Fixture, MS, chunks, standard};
+use super::fixture::{Fixture, MS, chunks, standard};
 use ecan_protocol::config::{
     DataPathConfig, FilterAction, McanChannelConfig, StandardFilter, StandardMatch, filter_writes,
 };

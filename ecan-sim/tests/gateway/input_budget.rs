@@ -1,7 +1,7 @@
 //! Division of the TxPDO frame area among the channels (manual 12): whole packets only, truncation
 //! flag and count, no loss.
 
-use crate::fixture::{Fixture, MS, SERVICE, chunks, fd, standard};
+use super::fixture::{Fixture, MS, SERVICE, chunks, fd, standard};
 use ecan_protocol::can::{CanFrame, CanId};
 use ecan_protocol::config::DataPathConfig;
 use ecan_protocol::image::{

@@ -1,6 +1,6 @@
 //! 0xB000 and 0x9011: access modes, diagnostics and cycle statistics (manual 13.2.4, 13.7).
 
-use crate::fixture::{Fixture, MS, chunks, standard};
+use super::fixture::{Fixture, MS, chunks, standard};
 use ecan_protocol::image::Schedule;
 
 #[test]

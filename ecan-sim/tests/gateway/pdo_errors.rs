@@ -1,7 +1,7 @@
 //! Every Last PDO error of 0x8011:14 (manual 13.2): the image that causes it, and the frames that
 //! are still sent. The errors of 0x8010 (2, 3 and 12) are in gateway_input_budget.
 
-use crate::fixture::{Fixture, chunks, standard};
+use super::fixture::{Fixture, chunks, standard};
 use ecan_protocol::image::{
     EncapsulationProfile, Header, HeaderFlags, OptionFlags, PdoProfile, crc16,
 };
@@ -178,7 +178,7 @@ fn bad_schedule_16() {
     for record in [[0, 0, 0, 0, 0, 0, 0, 0], [2, 0, 0, 0, 0, 0, 0, 0], [1, 1, 0, 0, 0, 0, 0, 0]] {
         let mut fixture = Fixture::configured(chunks(8), chunks(8));
         fixture.start_sync0();
-        fixture.pass(crate::fixture::MS + 300_000);
+        fixture.pass(super::fixture::MS + 300_000);
         fixture.start();
         let payload = [&GOOD[..], &schedule(record)].concat();
         fixture.image = image(chunks(8), 2, &payload, |_| {});

@@ -1,6 +1,6 @@
 //! Every status of 0x8010:2 and 0x8011:2 (manual 13.2), and the profile that stays active.
 
-use crate::fixture::{Fixture, chunks};
+use super::fixture::{Fixture, chunks};
 use ecan_protocol::config::assignment_writes;
 use ecan_protocol::device::AlState;
 use ecan_protocol::image::PdoProfile;

@@ -1,7 +1,7 @@
 //! From the bus to the TxPDO: drain budgets, cache depth and overflow policies of
 //! 0x8021..0x8024, with their counters of 0x9020..0x9023 (manual 13.2.2, 13.2.5).
 
-use crate::fixture::{Fixture, MS, chunks, standard};
+use super::fixture::{Fixture, MS, chunks, standard};
 use ecan_protocol::can::CanId;
 use ecan_protocol::config::{CacheDepth, CriticalFrames, DataPathConfig, RxBudget, RxOverflow};
 use ecan_protocol::image::PdoProfile;

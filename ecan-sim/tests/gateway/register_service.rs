@@ -1,6 +1,6 @@
 //! 0xA000..0xA003: reading and writing MCAN registers (manual 13.6).
 
-use crate::fixture::{Fixture, MS, chunks, standard};
+use super::fixture::{Fixture, MS, chunks, standard};
 use ecan_protocol::can::{CanFrame, CanId};
 use ecan_protocol::object::WRITABLE_REGISTERS;
 use ecan_sim::{StationConfig, StationMode};

@@ -1,6 +1,6 @@
 //! Repeated images are no-ops: no frame, no TX_RESULT, no error (manual 13.2, 13.8).
 
-use crate::fixture::{Fixture, chunks, standard};
+use super::fixture::{Fixture, chunks, standard};
 use ecan_protocol::image::{OptionFlags, PdoProfile};
 
 fn with_results() -> PdoProfile {
@@ -67,7 +67,7 @@ fn power_cycle_makes_the_old_image_new_again() {
     let old = fixture.image.clone();
     fixture.gateway.power(fixture.now, false);
     fixture.gateway.power(fixture.now, true);
-    fixture.pass(1_000 * crate::fixture::MS);
+    fixture.pass(1_000 * super::fixture::MS);
     fixture.set_up_mailboxes();
     fixture.gateway.request_al_state(fixture.now, ecan_protocol::device::AlState::PreOp);
     fixture.apply_profiles(chunks(8), chunks(8));

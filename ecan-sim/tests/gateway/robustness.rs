@@ -1,7 +1,7 @@
 //! For any input, the gateway responds with a code or a counter, its counters stay consistent, and
 //! the same seed gives the same result.
 
-use crate::fixture::{Fixture, MS, chunks, fd, standard};
+use super::fixture::{Fixture, MS, chunks, fd, standard};
 use ecan_protocol::device::AlState;
 use ecan_protocol::image::{CommitFields, Packet, PdoProfile};
 use ecan_protocol::object::objects;

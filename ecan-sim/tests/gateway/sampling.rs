@@ -1,6 +1,6 @@
 //! Sample points and delay compensation of a channel on its bus, and the errors that its controller shows.
 
-use crate::fixture::{Fixture, chunks, fd, standard};
+use super::fixture::{Fixture, chunks, fd, standard};
 use ecan_protocol::can::{Phase, SamplePoint};
 use ecan_protocol::config::McanChannelConfig;
 use ecan_sim::{BusError, DelayCompensation, DetectedError, GatewayModelConfig, PhysicalLayer};

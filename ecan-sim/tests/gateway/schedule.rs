@@ -1,7 +1,7 @@
 //! Scheduled transmission (manual 8.4, 13.8): frames are sent at their offset after the next Sync0
 //! pulse, or dropped.
 
-use crate::fixture::{Fixture, MS, chunks, standard};
+use super::fixture::{Fixture, MS, chunks, standard};
 use ecan_protocol::config::{McanChannelConfig, MessageRamLayout};
 use ecan_protocol::image::Schedule;
 use ecan_sim::{GatewayModelConfig, Sync0Window};

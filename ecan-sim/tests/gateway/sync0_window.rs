@@ -1,6 +1,6 @@
 //! Outputs that arrive around a Sync0 pulse are missed (manual 15.6.1, 16.1).
 
-use crate::fixture::{Fixture, MS, SERVICE, chunks, standard};
+use super::fixture::{Fixture, MS, SERVICE, chunks, standard};
 use ecan_protocol::device::{AlState, AlStatusCode};
 use ecan_sim::{GatewayModelConfig, Sync0Window};
 

@@ -1,6 +1,6 @@
 //! SM2 and SM3 as single buffers: accepted accesses and working counters.
 
-use crate::fixture::{Fixture, MS, SERVICE, chunks, standard};
+use super::fixture::{Fixture, MS, SERVICE, chunks, standard};
 use ecan_protocol::device::AlState;
 use ecan_sim::GatewayModelConfig;
 

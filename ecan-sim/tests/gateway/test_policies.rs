@@ -1,6 +1,6 @@
 //! 0x8030 and the bypass options: key rule and effects (manual 9.1, 13.2.3).
 
-use crate::fixture::{Fixture, MS, chunks, standard};
+use super::fixture::{Fixture, MS, chunks, standard};
 use ecan_protocol::config::{
     CrcTest, DIAGNOSTIC_TEST_KEY, DiagnosticTest, RxBypass, Sides, TxBypass,
 };

@@ -1,7 +1,7 @@
 //! From the RxPDO to the controller: TX budget, ring of 64, overflow policies, and the order in
 //! which a FIFO and a queue send (manual 13.2.2, 13.4).
 
-use crate::fixture::{Fixture, chunks, fd, standard};
+use super::fixture::{Fixture, chunks, fd, standard};
 use ecan_protocol::can::{CanFrame, CanId, Dlc};
 use ecan_protocol::config::{
     DataPathConfig, McanChannelConfig, MessageRamLayout, TxMode, TxOverflow,

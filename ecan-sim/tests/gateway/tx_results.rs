@@ -1,7 +1,7 @@
 //! TX_RESULT packets (manual 10): one per CAN_FRAME of each new image, in frame order, with the
 //! result of the service that parsed it.
 
-use crate::fixture::{Fixture, MS, chunks, fd, standard};
+use super::fixture::{Fixture, MS, chunks, fd, standard};
 use ecan_protocol::config::{DataPathConfig, McanChannelConfig, NodeMode, TxOverflow};
 use ecan_protocol::image::{OptionFlags, PdoProfile, ResultCode, Schedule};
 use ecan_sim::ErrorState;

@@ -4,7 +4,7 @@ use ecan_protocol::config::{McanChannelConfig, SamplePointWindow};
 use ecan_sim::GatewayModelConfig;
 use ecan_sim::variant::{BitTimingChoice, GatewayVariant};
 
-use crate::fixture::Fixture;
+use super::fixture::Fixture;
 
 const BUILD_FAIL: u32 = 3;
 

@@ -8,7 +8,7 @@ use ecan_sim::variant::{
 };
 use ecan_sim::{ErrorState, GatewayModelConfig};
 
-use crate::fixture::{Fixture, chunks};
+use super::fixture::{Fixture, chunks};
 
 const OK: u32 = 0;
 const FAIL: u32 = 1;

@@ -11,7 +11,7 @@ use ecan_sim::variant::{
 };
 use ecan_sim::{GatewayModelConfig, StationMode, Sync0Window};
 
-use crate::fixture::{Fixture, MS, SERVICE, chunks, standard};
+use super::fixture::{Fixture, MS, SERVICE, chunks, standard};
 
 /// In OP with one chunk per direction.
 fn op(variant: GatewayVariant) -> Fixture {

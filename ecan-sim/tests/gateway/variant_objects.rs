@@ -13,7 +13,7 @@ use ecan_sim::variant::{
     TxPdoNumbering,
 };
 
-use crate::fixture::{Fixture, MS, chunks};
+use super::fixture::{Fixture, MS, chunks};
 
 fn config(variant: GatewayVariant) -> GatewayModelConfig {
     GatewayModelConfig { variant, ..GatewayModelConfig::default() }

@@ -9,7 +9,7 @@ use ecan_sim::variant::{
 };
 use ecan_sim::{GatewayModelConfig, Sync0Window};
 
-use crate::fixture::{Fixture, MS, SERVICE, chunks, standard};
+use super::fixture::{Fixture, MS, SERVICE, chunks, standard};
 
 fn config(variant: GatewayVariant) -> GatewayModelConfig {
     GatewayModelConfig { variant, sync0_window: Sync0Window::OFF, ..GatewayModelConfig::default() }

@@ -1,6 +1,8 @@
 //! Running the example programs as a user does.
 #![allow(dead_code, missing_docs)]
 
+pub mod master_faults;
+
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 

@@ -1,7 +1,5 @@
 //! Tests of the CiA 402 drive.
 
-#[path = "../ecrt_support/mod.rs"]
-mod ecrt_support;
 mod eds;
 mod fixture;
 mod guarding;

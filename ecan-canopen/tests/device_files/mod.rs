@@ -1,5 +1,4 @@
 //! Device files: EDS and DCF (CiA 306-1).
-#![allow(missing_docs)]
 
 mod contents;
 mod deviations;

@@ -8,5 +8,3 @@ mod process_data;
 mod registers;
 mod robustness;
 mod trace;
-#[path = "../wire_support/mod.rs"]
-mod wire_support;

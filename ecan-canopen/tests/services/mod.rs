@@ -1,5 +1,4 @@
 //! Services of CANopen over a simulated gateway, with simulated drives.
-#![allow(missing_docs)]
 
 mod bench;
 mod guarding;

@@ -7,7 +7,7 @@ mod channel_config;
 mod eeprom;
 mod example_image;
 mod firmware_update;
-mod fixture;
+pub mod fixture;
 mod flash;
 mod input_budget;
 mod maintenance;

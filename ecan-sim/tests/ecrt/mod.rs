@@ -3,8 +3,6 @@
 mod c_functions;
 mod c_master;
 mod clocks;
-#[path = "../ecrt_support/mod.rs"]
-mod ecrt_support;
 mod fault_descriptions;
 mod faults;
 mod idle_bus;

@@ -1,0 +1,4 @@
+//! Tests of the configuration file and of programs that use it.
+
+mod config_file;
+mod programs;

@@ -1,0 +1,7 @@
+//! Tests of the binding.
+
+mod abi;
+mod fake;
+mod loading;
+mod static_program;
+mod symbols;
