@@ -30,6 +30,7 @@ pub mod canopen;
 pub mod cia402;
 pub mod mcan_port;
 pub mod observer;
+pub mod plan;
 
 // The tests link its functions.
 #[cfg(test)]

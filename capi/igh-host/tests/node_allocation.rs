@@ -26,15 +26,14 @@ use ecan_igh_host::canopen::node::{
 use ecan_igh_host::canopen::node_errors::{igh_canopen_emergency_t, igh_canopen_get_emergencies};
 use ecan_igh_host::canopen::node_sdo::{igh_canopen_sdo_poll, igh_canopen_sdo_start_upload};
 use ecan_igh_host::cia402::context::{igh_cia402_context_init_file, igh_cia402_context_t};
-use ecan_igh_host::cia402::cycle::{igh_cia402_process_rx, igh_cia402_send_targets_all};
+use ecan_igh_host::cia402::cycle::{
+    igh_cia402_arm_probe, igh_cia402_disarm_probe, igh_cia402_process_rx,
+    igh_cia402_send_targets_all, igh_cia402_set_digital_outputs, igh_cia402_set_target_with,
+};
 use ecan_igh_host::cia402::drive_values::{
     igh_cia402_drive_limits_t, igh_cia402_drive_units_t, igh_cia402_get_drive_limits,
     igh_cia402_get_drive_units,
 };
-use ecan_igh_host::cia402::process_data::{
-    igh_cia402_set_digital_outputs, igh_cia402_set_target_with,
-};
-use ecan_igh_host::cia402::touch_probe::{igh_cia402_arm_probe, igh_cia402_disarm_probe};
 use ecan_igh_host::mcan_port::cycle::{
     igh_mcan_port_cycle_begin, igh_mcan_port_cycle_end, igh_mcan_port_wait_next_cycle,
 };

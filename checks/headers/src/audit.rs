@@ -27,7 +27,9 @@ pub fn audit(root: &Path, faults: &mut Vec<String>) -> Result<(), String> {
                 ));
             }
             let is_predicate = function.summary().starts_with("Returns 1 ");
-            if is_predicate && function.export.as_ref().is_some_and(|it| !it.contains("or 0")) {
+            if is_predicate
+                && function.export.as_ref().is_some_and(|attribute| !attribute.contains("or 0"))
+            {
                 faults.push(format!("{location}: {name} answers yes or no: export it with `or 0`"));
             }
         }

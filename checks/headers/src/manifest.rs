@@ -11,7 +11,7 @@ pub struct Header {
     pub intro: &'static [&'static str],
     /// The headers that it includes.
     pub includes: &'static [&'static str],
-    /// Its sections, in order: sources in `capi/`.
+    /// Its sections, in order: sources in `capi/`, or one section `SOURCE: TITLE` of a source.
     pub sections: &'static [&'static str],
 }
 
@@ -115,22 +115,18 @@ pub const HEADERS: &[Header] = &[
         sections: &[
             "igh-host/src/cia402/numbers.rs",
             "igh-host/src/cia402/axis.rs",
-            "igh-host/src/cia402/settings.rs",
-            "igh-host/src/cia402/context.rs",
-            "igh-host/src/cia402/progress.rs",
-            "igh-host/src/cia402/start_up.rs",
+            "igh-host/src/cia402/context.rs: Settings of all axes together",
+            "igh-host/src/cia402/context.rs: Life of the axes",
+            "igh-host/src/cia402/start_up.rs: Progress of the calls that wait",
+            "igh-host/src/cia402/start_up.rs: Startup and shutdown that wait",
             "igh-host/src/cia402/cycle.rs",
-            "igh-host/src/cia402/targets.rs",
-            "igh-host/src/cia402/process_data.rs",
-            "igh-host/src/cia402/touch_probe.rs",
             "igh-host/src/cia402/commands.rs",
-            "igh-host/src/cia402/state_terms.rs",
-            "igh-host/src/cia402/state.rs",
-            "igh-host/src/cia402/host_loss.rs",
-            "igh-host/src/cia402/drive_values.rs",
-            "igh-host/src/cia402/statistics.rs",
+            "igh-host/src/cia402/state.rs: Values of an axis' state",
+            "igh-host/src/cia402/state.rs: State of the axes",
+            "igh-host/src/cia402/drive_values.rs: Reaction of the drives to the loss of the host",
+            "igh-host/src/cia402/drive_values.rs: Limits and units of drives",
+            "igh-host/src/cia402/state.rs: Counters and bus load",
             "igh-host/src/cia402/sdo.rs",
-            "igh-host/src/cia402/canopen.rs",
         ],
     },
     Header {
@@ -169,7 +165,7 @@ pub const HEADERS: &[Header] = &[
             "Load of wire, CAN buses, images and mailboxes, with warnings and errors, without a bus.",
         ],
         includes: &["igh_cia402_protocol.h", "igh_mcan_port.h"],
-        sections: &["igh-host/src/mcan_port/plan.rs", "igh-host/src/cia402/plan.rs"],
+        sections: &["igh-host/src/plan.rs"],
     },
     Header {
         name: "igh_observer.h",

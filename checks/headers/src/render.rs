@@ -8,24 +8,24 @@ use cbindgen::{
 };
 
 use crate::manifest::Header;
+use crate::sources::Section;
 use crate::{expand, read, sources};
 
-/// Renders a header. A section is the output of cbindgen for one source file, after the heading and
-/// the introduction at the start of the file. Sources in a row with the same heading are one section.
+/// Renders a header. A section is the output of cbindgen for its part of a source file, after its
+/// heading. Sections in a row with the same title have one heading.
 pub fn header(root: &Path, header: &Header) -> Result<String, String> {
     let template = read(&root.join("checks/headers/templates").join(header.template))?;
     let mut sections = String::new();
-    let mut last = None;
-    for section in header.sections {
-        let title = sources::heading(root, section)?;
-        if last.as_ref() != Some(&title) {
-            heading(&mut sections, &sources::section(root, section)?);
-            sections.push('\n');
+    let mut last = String::new();
+    for entry in header.sections {
+        for section in sources::sections(root, entry)? {
+            if last != section.title() {
+                heading(&mut sections, &section);
+                last = section.title().to_owned();
+            }
+            sections.push_str(tidy(&declarations(&section)?).trim_end());
+            sections.push_str("\n\n");
         }
-        last = Some(title);
-        let declarations = declarations(section, &sources::section(root, section)?)?;
-        sections.push_str(tidy(&declarations).trim_end());
-        sections.push_str("\n\n");
     }
     let guard = header.name.to_uppercase().replace('.', "_");
     let lines = |prefix: &str, lines: &[&str], suffix: &str| {
@@ -65,19 +65,13 @@ fn license(root: &Path) -> Result<String, String> {
     Ok(format!("/* SPDX-License-Identifier: {license} */\n/* {copyright} */\n"))
 }
 
-fn heading(out: &mut String, source: &str) {
-    let intro: Vec<&str> = source
-        .lines()
-        .map_while(|line| line.strip_prefix("//!"))
-        .map(str::trim_end)
-        .filter(|line| !line.trim_start().starts_with("```"))
-        .collect();
+fn heading(out: &mut String, section: &Section) {
     let rule = "-".repeat(75);
     let _ = writeln!(out, "/* {rule}");
-    for line in intro {
+    for line in &section.heading {
         let _ = writeln!(out, " *{line}");
     }
-    let _ = writeln!(out, " * {rule} */");
+    let _ = writeln!(out, " * {rule} */\n");
 }
 
 /// Puts a comment of one line on one line, and removes commas that C90 lacks.
@@ -110,9 +104,9 @@ fn tidy(text: &str) -> String {
     out
 }
 
-fn declarations(section: &str, source: &str) -> Result<String, String> {
-    let fault = |error: &dyn Display| format!("capi/{section}: {error}");
-    let source = expand::expand(source).map_err(|error| fault(&error))?;
+fn declarations(section: &Section) -> Result<String, String> {
+    let fault = |error: &dyn Display| format!("capi/{}: {error}", section.file);
+    let source = expand::expand(&section.text).map_err(|error| fault(&error))?;
     let config = Config {
         // Types are exported whether a function takes them or not.
         export: ExportConfig { include: expand::types(&source), ..ExportConfig::default() },

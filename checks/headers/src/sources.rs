@@ -17,22 +17,70 @@ pub struct Function {
     pub location: String,
 }
 
-pub fn section(root: &Path, section: &str) -> Result<String, String> {
-    read(&root.join("capi").join(section))
+/// A section of a header: a part of a source file.
+#[derive(Debug)]
+pub struct Section {
+    /// Path of the source below `capi/`.
+    pub file: String,
+    /// Number of the first line.
+    pub line: usize,
+    /// Heading and introduction, without the marks of comments.
+    pub heading: Vec<String>,
+    pub text: String,
+}
+
+impl Section {
+    /// The first line of the heading.
+    pub fn title(&self) -> &str {
+        self.heading.first().map_or("", |title| title.trim())
+    }
+
+    fn new(file: &str, line: usize, mark: &str, text: String) -> Self {
+        let heading = text.lines().map_while(|line| line.strip_prefix(mark));
+        let heading = heading.map(|line| line.trim_end().replace(SECTION, ""));
+        let heading = heading.filter(|line| !line.trim_start().starts_with("```")).collect();
+        Self { file: file.to_owned(), line, heading, text }
+    }
+}
+
+/// Begins the comment that is the heading of a section in a file with several sections.
+const SECTION: &str = "Section: ";
+
+/// Reads the sections of an entry of the manifest. A file without marked sections is one section, with
+/// the file's doc comment as heading.
+pub fn sections(root: &Path, entry: &str) -> Result<Vec<Section>, String> {
+    let (file, title) = entry.split_once(": ").map_or((entry, None), |(f, t)| (f, Some(t)));
+    let text = read(&root.join("capi").join(file))?;
+    let lines: Vec<&str> = text.lines().collect();
+    let is_start =
+        |line: &&str| line.strip_prefix("// ").is_some_and(|comment| comment.starts_with(SECTION));
+    let mut starts: Vec<usize> = (0..lines.len()).filter(|at| is_start(&lines[*at])).collect();
+    if starts.is_empty() {
+        return Ok(vec![Section::new(file, 1, "//!", text)]);
+    }
+    starts.push(lines.len());
+    let sections = starts
+        .windows(2)
+        .map(|range| Section::new(file, range[0] + 1, "//", lines[range[0]..range[1]].join("\n")));
+    let sections: Vec<_> =
+        sections.filter(|section| title.is_none_or(|title| section.title() == title)).collect();
+    if sections.is_empty() { Err(format!("capi/{entry}: no such section")) } else { Ok(sections) }
 }
 
 pub fn functions(root: &Path, header: &Header) -> Result<Vec<Function>, String> {
-    let sections = header.sections.iter().map(|name| functions_of(root, name));
-    Ok(sections.collect::<Result<Vec<_>, _>>()?.into_iter().flatten().collect())
+    let mut found = Vec::new();
+    for entry in header.sections {
+        found.extend(sections(root, entry)?.iter().flat_map(functions_of));
+    }
+    Ok(found)
 }
 
-fn functions_of(root: &Path, name: &str) -> Result<Vec<Function>, String> {
+fn functions_of(section: &Section) -> Vec<Function> {
     let mut found = Vec::new();
-    let text = section(root, name)?;
     let mut comment = Vec::new();
     let mut is_exported = false;
     let mut export = None;
-    for (line, number) in text.lines().zip(1..) {
+    for (line, number) in section.text.lines().zip(0..) {
         is_exported |= line.starts_with("#[export(") || line == "#[unsafe(no_mangle)]";
         if line.starts_with("#[export(") {
             export = Some(line.to_owned());
@@ -46,8 +94,8 @@ fn functions_of(root: &Path, name: &str) -> Result<Vec<Function>, String> {
                 name: declared[..end].to_owned(),
                 comment: std::mem::take(&mut comment),
                 export: export.take(),
-                signature: signature(text.lines().skip(number - 1)),
-                location: format!("capi/{name}:{number}"),
+                signature: signature(section.text.lines().skip(number)),
+                location: format!("capi/{}:{}", section.file, section.line + number),
             });
         } else if let Some(text) = line.strip_prefix("///") {
             comment.push(text.trim().to_owned());
@@ -55,7 +103,7 @@ fn functions_of(root: &Path, name: &str) -> Result<Vec<Function>, String> {
             comment.clear();
         }
     }
-    Ok(found)
+    found
 }
 
 /// Lines from the declaration of a function to its body.
@@ -85,10 +133,4 @@ impl Function {
     pub fn tag(&self, tag: &str) -> Option<&str> {
         self.comment.iter().find_map(|line| line.strip_prefix(tag)).map(str::trim)
     }
-}
-
-/// The heading of a section: the first line of its source.
-pub fn heading(root: &Path, name: &str) -> Result<String, String> {
-    let text = section(root, name)?;
-    Ok(text.lines().next().unwrap_or_default().trim_start_matches("//!").trim().to_owned())
 }

@@ -28,7 +28,7 @@ use super::boot_terms::igh_canopen_boot_phase_t;
 use super::lookup::{self, add, find, need_node};
 use crate::cia402::context::igh_cia402_context_t;
 use crate::cia402::numbers::{self, igh_canopen_nmt_state_t};
-use crate::cia402::state_terms::igh_canopen_heartbeat_t;
+use crate::cia402::state::igh_canopen_heartbeat_t;
 use crate::errors::OrCode as _;
 
 /// State of a CANopen node.

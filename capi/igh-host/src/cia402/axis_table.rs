@@ -12,11 +12,11 @@ use ecan_cia402::{
     AxisConfig, AxisFault, AxisFaults, Cia402Error, DriveConfig, MotionLimits, PositionRange, Scale,
 };
 
+use super::axis;
 use super::axis::{
     IGH_CIA402_MAX_FURTHER, IGH_CIA402_MAX_PDOS, IGH_CIA402_UNCHANGED, SEAL, igh_cia402_axis_t,
     igh_cia402_object_t,
 };
-use super::axis_options;
 use super::numbers::{igh_cia402_range_t, igh_cia402_reset_t};
 use crate::errors;
 use crate::milliseconds::{duration, milliseconds};
@@ -261,7 +261,7 @@ impl igh_cia402_axis_t {
         if self.following_window != 0 {
             settings.following_window = self.following_window;
         }
-        axis_options::apply(self, &mut settings, report);
+        axis::apply(self, &mut settings, report);
         Some(settings)
     }
 
@@ -323,10 +323,11 @@ impl igh_cia402_object_t {
 
 #[cfg(test)]
 mod tests {
+    use std::ffi::c_int;
+
     use ecan_c_boundary::call;
     use ecan_canopen::IdentityCheck;
     use ecan_mcan_host::common::last_error::ecan_last_error;
-    use std::ffi::c_int;
 
     use super::super::axis::igh_cia402_axis_init;
     use super::*;

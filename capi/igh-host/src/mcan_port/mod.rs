@@ -7,7 +7,6 @@ pub mod config_filter;
 pub mod config_gateway;
 pub mod context;
 pub mod cycle;
-pub mod plan;
 pub mod schedule;
 pub mod send;
 pub mod service;

@@ -1,7 +1,4 @@
-//! Preflight plan
-//!
-//! Load of configurations on wire, CAN buses, images and mailboxes, with warnings and errors,
-//! before anything touches a bus.
+//! Preflight plan: `igh_plan.h`.
 
 use std::ffi::c_char;
 
@@ -9,13 +6,21 @@ use ecan_c_boundary::frames::igh_mcan_tx_frame_t;
 use ecan_c_boundary::result::ecan_result_t;
 use ecan_c_boundary::{Call, OutText, pointers};
 use ecan_c_export::export;
+use ecan_cia402::{Cia402Config, axis_traffic};
 use ecan_host::Faults;
 use ecan_mcan_port::{FrameRate, FrameRoute, FrameStream, PortConfig, PortPlan};
 
-use super::config::igh_mcan_port_config_t;
 use crate::adapter::config::{IghConfig, ecan_igh_config_t};
+use crate::cia402::axis::igh_cia402_axis_t;
+use crate::cia402::axis_table::AxisTable;
 use crate::encoded::EncodedCall as _;
+use crate::mcan_port::config::igh_mcan_port_config_t;
 use crate::port_config::configured;
+
+// Section: Preflight plan
+//
+// Load of configurations on wire, CAN buses, images and mailboxes, with warnings and errors,
+// before anything touches a bus.
 
 /// Route of the frames of a plan.
 #[repr(C)]
@@ -119,4 +124,33 @@ pub fn igh_mcan_port_plan(
     pointers!(call, encoded(igh_config), encoded(config), items(streams, count));
     let traffic: Result<Vec<_>, _> = streams.iter().map(|s| s.to_rust(call)).collect();
     plan(call, &igh_config, &config, &traffic?, text)
+}
+
+// Section: Preflight plan of axes
+
+/// Plans configurations for the process data of axes: targets, TPDOs and SYNC. As
+/// igh_mcan_port_plan().
+///
+/// @param motion_div  Cycles from target to target; 0 counts as 1.
+///
+/// @usage   not rt, any thread, any time
+/// @return  As igh_mcan_port_plan(); ECAN_ERR_NOT_INITIALISED also for an axis that is not filled,
+///          ECAN_ERR_CONFIG also for a value out of range.
+#[must_use]
+#[export(call)]
+pub fn igh_cia402_plan(
+    igh_config: *const ecan_igh_config_t,
+    config: *const igh_mcan_port_config_t,
+    axes: *const igh_cia402_axis_t,
+    axis_count: usize,
+    motion_div: u32,
+    text: *mut c_char,
+    size: usize,
+    needed: *mut usize,
+) {
+    pointers!(call, out_text(text, size, needed));
+    pointers!(call, encoded(igh_config), encoded(config), items(axes, axis_count));
+    let axes = AxisTable::read(call, axes)?.into_axes(call, |_| Vec::new())?;
+    let settings = Cia402Config { motion_div: motion_div.max(1), ..Cia402Config::default() };
+    plan(call, &igh_config, &config, &axis_traffic(&axes, &settings), text)
 }
