@@ -4,10 +4,13 @@
 #   scripts/fuzz-volume.sh sum DIRECTORY
 #   scripts/fuzz-volume.sh seeds BINARIES DIRECTORY TARGET...
 # BINARIES is the directory with the built targets, DIRECTORY takes corpora, findings and one log per run.
-# `seeds` adds inputs of at most 512 bytes to checks/fuzz/seeds/, as few as reach every code that the corpus reaches.
+# `seeds` adds inputs of at most 512 bytes to checks/fuzz/seeds.tar.xz, as few as reach every code that the corpus reaches.
 # A run ends at a finding; the next one continues with the remaining executions, ten runs at most.
 set -euo pipefail
 root=$(cd "$(dirname "$0")/.." && pwd)
+seeds=$root/target/fuzz/seeds
+mkdir -p "$root/target/fuzz"
+tar --extract --xz --file "$root/checks/fuzz/seeds.tar.xz" --directory "$root/target/fuzz"
 
 # Executions in a log: the final count, or the last count of a run that is in progress or found something.
 executions() {
@@ -21,15 +24,15 @@ run() {
     for share in "$@"; do
         target=${share%%=*}
         left=${share#*=}
-        local options=() seeds=()
+        local options=() begin=()
         if [[ -f $root/checks/fuzz/words/$target.dict ]]; then options+=("-dict=$root/checks/fuzz/words/$target.dict"); fi
-        if [[ -d $root/checks/fuzz/seeds/$target ]]; then seeds=("$root/checks/fuzz/seeds/$target"); fi
+        if [[ -d $seeds/$target ]]; then begin=("$seeds/$target"); fi
         mkdir -p "$directory/corpus/$target"
         for attempt in {1..10}; do
             log=$directory/logs/$target.$(date +%s).$attempt
             "$binaries/$target" "-runs=$left" -max_len="${MAX_LEN:-4096}" -timeout=10 -rss_limit_mb=2048 \
                 -print_final_stats=1 "-artifact_prefix=$directory/findings/$target-" "${options[@]}" \
-                "$directory/corpus/$target" "${seeds[@]}" > "$log" 2>&1 && break
+                "$directory/corpus/$target" "${begin[@]}" > "$log" 2>&1 && break
             left=$((left - $(executions "$log")))
             if ((left <= 0)); then break; fi
         done
@@ -57,10 +60,12 @@ seeds() {
     local binaries=$1 directory=$2 target
     shift 2
     for target in "$@"; do
-        mkdir -p "$root/checks/fuzz/seeds/$target"
+        mkdir -p "$seeds/$target"
         "$binaries/$target" -set_cover_merge=1 -use_counters=0 -max_len=512 \
-            "$root/checks/fuzz/seeds/$target" "$directory/corpus/$target" > "$directory/seeds.$target.log" 2>&1
+            "$seeds/$target" "$directory/corpus/$target" > "$directory/seeds.$target.log" 2>&1
     done
+    tar --create --xz --sort=name --mtime=@0 --owner=0 --group=0 --numeric-owner \
+        --file "$root/checks/fuzz/seeds.tar.xz" --directory "$root/target/fuzz" seeds
 }
 
 case ${1:-} in

@@ -25,8 +25,9 @@ RUSTFLAGS=$coverage CARGO_TARGET_DIR=target/fuzz \
     cargo build --quiet --release --locked --manifest-path checks/fuzz/Cargo.toml --target "$host" --bin "$target"
 mkdir -p "target/fuzz/corpus/$target" "target/fuzz/findings"
 # What a target begins with, where it would not find the grammar by itself.
+tar --extract --xz --file checks/fuzz/seeds.tar.xz --directory target/fuzz
 seeds=()
-if [[ -d checks/fuzz/seeds/$target ]]; then seeds=("checks/fuzz/seeds/$target"); fi
+if [[ -d target/fuzz/seeds/$target ]]; then seeds=("target/fuzz/seeds/$target"); fi
 # Words of the grammar.
 words=()
 if [[ -f checks/fuzz/words/$target.dict ]]; then words=("-dict=checks/fuzz/words/$target.dict"); fi

@@ -53,15 +53,18 @@ def c_items():
                 yield f"{header.name}: {line}"
 
 
-def commands():
+def program(name):
     run("cargo", "build", "--quiet", "--locked", "-p", "ecan-tool", "--bins")
-    target = json.loads(run("cargo", "metadata", "--no-deps", "--format-version", "1"))["target_directory"]
+    return json.loads(run("cargo", "metadata", "--no-deps", "--format-version", "1"))["target_directory"] + f"/debug/{name}"
+
+
+def commands():
     with tempfile.TemporaryDirectory() as directory:
-        run(f"{target}/debug/ecan", "man", directory)
+        run(program("ecan"), "man", directory)
         for page in sorted(pathlib.Path(directory).iterdir()):
             for line in page.read_text().splitlines():
                 yield f"{page.name}: {line}"
-    yield from run(f"{target}/debug/ecan-sim", "--help").splitlines()
+    yield from run(program("ecan-sim"), "--help").splitlines()
 
 
 def keys(schema, path=""):
@@ -96,8 +99,7 @@ def main():
     write("c.txt", c_items())
     write("messages.txt", messages())
     write("commands.txt", commands())
-    schemas = run("git", "ls-files", "*schema.json").splitlines()
-    write("keys.txt", sorted(set(line for name in schemas for line in keys(json.loads(pathlib.Path(name).read_text())))))
+    write("keys.txt", sorted(set(keys(json.loads(run(program("ecan"), "config", "schema"))))))
     if with_rust:
         for crate in CRATES:
             command = ["cargo", "+nightly", "public-api", "-p", f"ecan-{crate}", "--all-features", "-sss"]
