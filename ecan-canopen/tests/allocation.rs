@@ -120,14 +120,14 @@ fn boot_up_allocates_nothing() {
         network.serve(cycle, now, |network| {
             let ended = network
                 .boot_progress(now)
-                .filter(|it| matches!(it.phase, BootPhase::Booted | BootPhase::Failed))
+                .filter(|node| matches!(node.phase, BootPhase::Booted | BootPhase::Failed))
                 .count();
             inside += allocations() - before;
             (ended == 5).then_some(())
         })
     })
     .unwrap();
-    let phases: Vec<_> = network.boot_progress(0).map(|it| it.phase).collect();
+    let phases: Vec<_> = network.boot_progress(0).map(|node| node.phase).collect();
     let (booted, failed) = (BootPhase::Booted, BootPhase::Failed);
     assert_eq!(phases, [booted, failed, failed, booted, failed]);
     assert_eq!(inside, 0);

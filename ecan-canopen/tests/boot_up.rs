@@ -96,14 +96,14 @@ impl Fixture {
         });
         if let Err(error) = ended {
             let texts: Vec<_> =
-                self.network.boot_progress(self.now_ns).map(|it| it.to_string()).collect();
+                self.network.boot_progress(self.now_ns).map(|node| node.to_string()).collect();
             panic!("{what}: {error}\n{}", texts.join("\n"));
         }
     }
 
     fn run_to_the_end(&mut self) -> BootState {
         self.run_until("end of the boot-up", |_, progress| {
-            progress.iter().all(|it| matches!(it.phase, BootPhase::Booted | BootPhase::Failed))
+            progress.iter().all(|node| matches!(node.phase, BootPhase::Booted | BootPhase::Failed))
         });
         self.network.boot_state()
     }
@@ -171,7 +171,8 @@ fn forty_nodes_on_three_gateways_boot_in_parallel() {
     let mut fixture = Fixture::new(ecan_sim::drives(3, 4), 3);
     fixture.add_all(3, 4, config);
     assert_eq!(fixture.run_to_the_end(), BootState::Booted);
-    let longest = fixture.network.boot_progress(fixture.now_ns).map(|it| it.elapsed).max().unwrap();
+    let longest =
+        fixture.network.boot_progress(fixture.now_ns).map(|node| node.elapsed).max().unwrap();
     assert!(longest < Duration::from_millis(500), "{longest:?}");
     for (nth, handle) in fixture.nodes.iter().enumerate() {
         let address = fixture.network.address(*handle).unwrap();
@@ -236,8 +237,8 @@ fn nodes_boot_in_their_order() {
     let mut violations = 0;
     fixture.run_until("all nodes", |network, progress| {
         for node in progress {
-            let later = progress.iter().filter(|it| it.address.node < node.address.node);
-            let has_begun = later.filter(|it| it.phase != BootPhase::Waiting).count() > 0;
+            let later = progress.iter().filter(|other| other.address.node < node.address.node);
+            let has_begun = later.filter(|node| node.phase != BootPhase::Waiting).count() > 0;
             violations += usize::from(node.phase != BootPhase::Booted && has_begun);
         }
         network.boot_state() == BootState::Booted
@@ -354,7 +355,7 @@ fn node_that_restarts_in_the_middle_of_the_download_boots_again() {
     fixture.drive_fault(restarting, DriveFault::PowerCycle { off_ms: 50 });
     assert_eq!(fixture.run_to_the_end(), BootState::Booted);
     let progress: Vec<_> = fixture.network.boot_progress(fixture.now_ns).collect();
-    assert_eq!(progress.iter().map(|it| it.restarts).sum::<u32>(), progress[nth].restarts);
+    assert_eq!(progress.iter().map(|node| node.restarts).sum::<u32>(), progress[nth].restarts);
     assert_eq!(progress[nth].restarts, 1, "{}", progress[nth]);
     assert_eq!(fixture.object(restarting, object::PROFILE_VELOCITY, 0), Some(1_002));
 }

@@ -132,7 +132,7 @@ fn move_axes(
     }
     for axis in 0..cia402.axis_count() {
         let position =
-            cia402.actual(axis).map_or_else(|| "unknown".to_owned(), |it| it.to_string());
+            cia402.actual(axis).map_or_else(|| "unknown".to_owned(), |value| value.to_string());
         print_line!("axis {axis}: actual position {position}");
     }
     Ok(())

@@ -140,7 +140,7 @@ impl Arguments {
 }
 
 fn run(arguments: &Arguments) -> Result<bool, Box<dyn Error>> {
-    let is_html = |path: &PathBuf| path.extension().is_some_and(|it| it == "html");
+    let is_html = |path: &PathBuf| path.extension().is_some_and(|extension| extension == "html");
     if arguments.sweep && arguments.report.as_ref().is_some_and(is_html) {
         return Err("--report of --sweep is a picture; use a name that ends in .svg".into());
     }

@@ -43,13 +43,13 @@ impl BusRecord {
     /// counts as sent, the others as its echo.
     pub fn from_log(path: &Path, id: CanId) -> Result<Self, Box<dyn Error>> {
         let log = log_file::read(path)?.frames;
-        let is_coarse = log.iter().all(|it| it.time_ns.is_multiple_of(1_000));
+        let is_coarse = log.iter().all(|frame| frame.time_ns.is_multiple_of(1_000));
         let mut seen = std::collections::HashSet::new();
         let frames: Vec<_> = log
             .iter()
-            .filter_map(|it| {
-                let number = number_of(&it.frame, id)?;
-                seen.insert(number).then_some(NumberedFrame { number, time_ns: it.time_ns })
+            .filter_map(|frame| {
+                let number = number_of(&frame.frame, id)?;
+                seen.insert(number).then_some(NumberedFrame { number, time_ns: frame.time_ns })
             })
             .collect();
         if frames.is_empty() {
@@ -61,7 +61,7 @@ impl BusRecord {
 
     pub fn periods(&self, numbers: std::ops::Range<u64>) -> BusPeriods {
         let frames: Vec<_> =
-            self.frames.iter().filter(|it| numbers.contains(&it.number)).copied().collect();
+            self.frames.iter().filter(|frame| numbers.contains(&frame.number)).copied().collect();
         let order_errors = frames.windows(2).filter(|pair| pair[1].number < pair[0].number);
         let periods = frames.windows(2).map(|pair| pair[1].time_ns.saturating_sub(pair[0].time_ns));
         BusPeriods {

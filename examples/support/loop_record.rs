@@ -166,5 +166,6 @@ impl LoopRecord {
 
 /// Returns whether the delivery of a frame is not proven yet.
 fn has_pending_frames(port: &Port) -> bool {
-    port.gateways().any(|at| port.statistics(at).channels.iter().any(|it| it.frames_pending > 0))
+    port.gateways()
+        .any(|at| port.statistics(at).channels.iter().any(|channel| channel.frames_pending > 0))
 }

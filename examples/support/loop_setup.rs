@@ -94,7 +94,7 @@ impl LoopSetup {
         let (line, interface) = (logged.line, &logged.interface);
         let gateways = self.port.gateways.len();
         let (slave, channel) = self.channels.target_of(interface, targets, gateways);
-        match targets.iter().find(|it| (it.slave, it.channel) == (slave, channel)) {
+        match targets.iter().find(|target| (target.slave, target.channel) == (slave, channel)) {
             Some(target) if target.is_fd || !logged.frame.as_ref().is_fd() => {
                 Ok(RecordedFrame { target: *target, logged })
             }

@@ -60,7 +60,8 @@ impl ProbeFiles<'_> {
         target: Target,
         results: Vec<ModeResult>,
     ) -> Result<(), Box<dyn Error>> {
-        let recorded = simulation.map(|it| it.with_world(|world| world.take_recorded()));
+        let recorded =
+            simulation.map(|simulation| simulation.with_world(|world| world.take_recorded()));
         let (record, bus_source, log_error) = match self.bus_record(recorded.as_deref()) {
             Ok((record, source)) => (record, source, Ok(())),
             Err(error) => (None, "no times on the bus: the log cannot be used".into(), Err(error)),
@@ -132,6 +133,7 @@ impl ProbeFiles<'_> {
 /// The name does not end in `.html` or `.svg`.
 pub fn parse_picture(text: &str) -> Result<PathBuf, String> {
     let path = PathBuf::from(text);
-    let is_known = path.extension().is_some_and(|it| it == "html" || it == "svg");
+    let is_known =
+        path.extension().is_some_and(|extension| extension == "html" || extension == "svg");
     if is_known { Ok(path) } else { Err("expected a name that ends in .html or .svg".into()) }
 }

@@ -116,7 +116,7 @@ impl Report {
             }
             for (number, (sent_ns, bus)) in (start..).zip(row.result.sent_ns.iter().zip(on_bus)) {
                 let text = |ns: Option<u64>| ns.map_or_else(String::new, |ns| ns.to_string());
-                let (at, period) = (bus.map(|it| it.0), bus.and_then(|it| it.1));
+                let (at, period) = (bus.map(|bus| bus.0), bus.and_then(|bus| bus.1));
                 let _ = writeln!(csv, "{mode},{number},{sent_ns},{},{}", text(at), text(period));
             }
         }
@@ -140,7 +140,7 @@ impl Report {
             format!("<tr>{}</tr>\n", cells.iter().map(cell).collect::<String>())
         };
         let head = row(&HEAD.map(str::to_owned), "th");
-        let body: String = self.rows.iter().map(|it| row(&self.cells(it), "td")).collect();
+        let body: String = self.rows.iter().map(|values| row(&self.cells(values), "td")).collect();
         let notes: String =
             self.notes().iter().map(|note| format!("<p>{}</p>\n", escaped(note))).collect();
         let circumstances: String = self

@@ -313,16 +313,16 @@ fn configuration_file_sets_channels_and_bit_rates() {
     assert!(rows.iter().all(|row| (row.1, row.2) == (200, 200)), "{printed}");
     let returned = lines_of_log(&back);
     for (interface, is_fd, length) in [("can0", true, 64), ("can2", false, 8), ("can5", false, 8)] {
-        let of_interface = || returned.iter().filter(|it| it.0 == interface);
+        let of_interface = || returned.iter().filter(|frame| frame.0 == interface);
         let is_right = |frame: &CanFrame| frame.as_ref().is_fd() == is_fd && frame.len() == length;
-        assert!(of_interface().all(|it| is_right(&it.1)), "{interface}");
+        assert!(of_interface().all(|frame| is_right(&frame.1)), "{interface}");
         assert_eq!(of_interface().count(), 200, "{interface}");
     }
     assert_eq!(returned.len(), 600);
     // Each bus has its own rates: the load of one gives those of the others.
     let percent = |interface: &str, nominal, data| {
         let mut load = BusLoad::default();
-        load.add(&returned.iter().find(|it| it.0 == interface).unwrap().1);
+        load.add(&returned.iter().find(|frame| frame.0 == interface).unwrap().1);
         load.percent(nominal, data, 1_000_000)
     };
     let reference = rows[2].3 / percent("can5", 1_000_000, 1);
@@ -366,7 +366,7 @@ fn recording_uses_channels_of_the_configuration_file() {
     succeeds(&[&base[..], &["--channel", "1"]].concat());
     let returned = lines_of_log(&back);
     assert_eq!(returned.len(), 2);
-    assert!(returned.iter().all(|it| it.0 == "can5"), "{returned:?}");
+    assert!(returned.iter().all(|frame| frame.0 == "can5"), "{returned:?}");
 
     let elsewhere = "line 2: can6 is slave 1 channel 2, which is not configured";
     let classic = "line 2: CAN FD frame, but slave 0 channel 2 is classic; set data_bitrate in";

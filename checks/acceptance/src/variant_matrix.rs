@@ -95,17 +95,17 @@ pub fn run(arguments: &Arguments, interrupt: Interrupt) -> Result<bool, String> 
     let mut switches = switches(&mut bench).map_err(|stop| stop.to_string())?;
     if !arguments.switch.is_empty() {
         if let Some(key) =
-            arguments.switch.iter().find(|key| switches.iter().all(|it| it.key != **key))
+            arguments.switch.iter().find(|key| switches.iter().all(|other| other.key != **key))
         {
             return Err(format!("--switch {key}: not listed by `ecan-sim variants`"));
         }
-        switches.retain(|it| arguments.switch.contains(&it.key));
+        switches.retain(|switch| arguments.switch.contains(&switch.key));
     }
     let mut table =
         String::from("| switch | alternative | rows | outcome |\n| --- | --- | --- | --- |\n");
     let mut failed = 0;
     for switch in &switches {
-        for alternative in switch.alternatives.iter().filter(|it| !it.default) {
+        for alternative in switch.alternatives.iter().filter(|alternative| !alternative.default) {
             bench.change_gateways(switch.keys(alternative)).map_err(|stop| stop.to_string())?;
             let name = format!("{} = {}", switch.key, alternative.value);
             let (mut named, mut faulty) = (Vec::new(), Vec::new());

@@ -263,7 +263,8 @@ fn run(case: &Case, segments: usize, segment: Duration) -> Fallible<()> {
 }
 
 fn main() -> ExitCode {
-    let selected: Vec<usize> = std::env::args().filter_map(|it| it.parse().ok()).collect();
+    let selected: Vec<usize> =
+        std::env::args().filter_map(|argument| argument.parse().ok()).collect();
     let is_bench = std::env::args().any(|argument| argument == "--bench");
     let (segments, segment) =
         if is_bench { (SEGMENTS, SEGMENT) } else { (1, Duration::from_millis(200)) };

@@ -42,7 +42,10 @@ impl<'a> Bytes<'a> {
 
 fn states(line: &Line) -> Vec<AlState> {
     let world = line.wire.world();
-    (0..world.gateway_count()).filter_map(|it| world.gateway(it)).map(Gateway::al_state).collect()
+    (0..world.gateway_count())
+        .filter_map(|index| world.gateway(index))
+        .map(Gateway::al_state)
+        .collect()
 }
 
 fn rank(state: AlState) -> u8 {

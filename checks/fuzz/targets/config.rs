@@ -21,7 +21,9 @@ fuzz_target!(|text: &str| {
             // Each fault is in a line of the text.
             let lines = text.matches('\n').count() + 1;
             assert!(!faults.0.is_empty());
-            assert!(faults.0.iter().all(|it| (1..=lines).contains(&it.line) && it.column > 0));
+            assert!(
+                faults.0.iter().all(|fault| (1..=lines).contains(&fault.line) && fault.column > 0)
+            );
         }
     }
 });

@@ -8,7 +8,7 @@ use libfuzzer_sys::fuzz_target;
 fuzz_target!(|data: &[u8]| {
     let database = match Database::parse(data) {
         Ok(database) => database,
-        Err(faults) => return assert!(faults.0.iter().all(|it| it.line >= 1)),
+        Err(faults) => return assert!(faults.0.iter().all(|fault| fault.line >= 1)),
     };
     // The end of the file is the data of a frame.
     let bytes = data.len().saturating_sub(64);
@@ -21,7 +21,7 @@ fuzz_target!(|data: &[u8]| {
         let values: Vec<_> = decoded
             .signals
             .iter()
-            .map(|it| (it.signal.name.as_str(), it.value.to_string()))
+            .map(|decoded| (decoded.signal.name.as_str(), decoded.value.to_string()))
             .collect();
         let values: Vec<_> = values.iter().map(|(name, value)| (*name, value.as_str())).collect();
         match message.encode(&values) {

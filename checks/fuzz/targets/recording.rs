@@ -11,7 +11,7 @@ fuzz_target!(|data: &[u8]| {
     let text = String::from_utf8_lossy(text);
     match Recording::parse(&text, &ReadOptions { format, screen_times: None }) {
         Ok(recording) => {
-            let lines: Vec<_> = recording.frames.iter().map(|it| it.line).collect();
+            let lines: Vec<_> = recording.frames.iter().map(|frame| frame.line).collect();
             assert!(lines.is_sorted() && lines.len() <= text.lines().count());
         }
         Err(error) => assert!(error.line >= 1 && !error.to_string().is_empty()),

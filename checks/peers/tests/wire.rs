@@ -129,7 +129,8 @@ fn distributed_clocks_reach_op_with_sync0_in_phase() {
             for gateway in group.iter(master) {
                 configure(&gateway, 3).await?;
             }
-            let delays: Vec<_> = group.iter(master).map(|it| it.propagation_delay()).collect();
+            let delays: Vec<_> =
+                group.iter(master).map(|gateway| gateway.propagation_delay()).collect();
             assert_eq!(delays, [0, 600, 1200], "a hop on the wire takes 600 ns");
             group.into_pre_op_pdi(master).await
         });

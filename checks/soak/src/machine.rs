@@ -157,7 +157,7 @@ impl Machine {
         let is_apart = adapter.dc.is_none_or(|dc| {
             plan.ethercat
                 .output_arrivals()
-                .is_none_or(|it| it.margin_ns(dc.shift_ns()) >= SYNC0_MARGIN_NS)
+                .is_none_or(|arrivals| arrivals.margin_ns(dc.shift_ns()) >= SYNC0_MARGIN_NS)
         });
         plan.faults(&adapter, &port).is_empty()
             && plan.warnings.is_empty()
@@ -221,7 +221,8 @@ impl Machine {
             lines.find(|(known, _)| *known == key).map(|(_, value)| value)
         };
         // The answers of four drives saturate the count of waiting frames.
-        let most = self.gateway.iter().flat_map(|it| &it.channel).map(Channel::drives).max();
+        let most =
+            self.gateway.iter().flat_map(|channels| &channels.channel).map(Channel::drives).max();
         if most.unwrap_or(0) > 3 && variant("publishes_after_read").is_some() {
             return false;
         }
@@ -278,7 +279,10 @@ impl Machine {
         if chance(r, 35) {
             share_buses(r, &mut gateway);
         }
-        let has_drives = gateway.iter().flat_map(|it| &it.channel).any(|it| it.drives() > 0);
+        let has_drives = gateway
+            .iter()
+            .flat_map(|channels| &channels.channel)
+            .any(|channel| channel.drives() > 0);
         let service = chance(r, 15).then(|| ServicePlan::draw(r, has_drives));
         let is_attached = chance(r, 20);
         let uses_c = !has_drives && !is_attached && service.is_none() && chance(r, 35);

@@ -130,7 +130,7 @@ impl Connection {
     /// Returns whether a gateway waits for another attempt of its startup.
     pub fn waits_for_startup(&self) -> bool {
         let mut gateways = self.port.gateways();
-        gateways.any(|it| self.port.waiting_for(it) == Some(PendingStep::StartupRetry))
+        gateways.any(|gateway| self.port.waiting_for(gateway) == Some(PendingStep::StartupRetry))
     }
 }
 

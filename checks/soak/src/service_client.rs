@@ -84,7 +84,7 @@ impl ServiceClient {
     /// Returns whether frames have no result. Those for a bus where nobody acknowledges may wait without end.
     pub fn has_unresolved(&self, sides: &[Side]) -> bool {
         let is_open = |(side, _): &(usize, FrameNumber)| sides[*side].has_partner;
-        self.connection.as_ref().is_some_and(|it| it.unresolved.values().any(is_open))
+        self.connection.as_ref().is_some_and(|requests| requests.unresolved.values().any(is_open))
     }
 
     /// Connects, or reads, sends and changes its subscription; leaves or sleeps afterwards.
@@ -167,7 +167,7 @@ impl ServiceClient {
         }
         let Some(connection) = &self.connection else { return Ok(()) };
         let name = &connection.name;
-        let found = stats.clients.iter().find(|it| it.name == *name);
+        let found = stats.clients.iter().find(|client| client.name == *name);
         let found = found.ok_or_else(|| format!("{name} is missing: {stats:?}"))?;
         let counted = (found.frames_delivered, found.frames_lost, found.frames_pending);
         let pending = connection.unresolved.len() as u64;
@@ -285,7 +285,7 @@ impl Connection {
     fn take(&mut self, report: &FrameReport, sides: &mut [Side]) -> Result<(), String> {
         let FrameReport { gateway, channel, tag, event, frame, .. } = *report;
         let place = (usize::from(gateway), channel);
-        let index = sides.iter().position(|it| (it.slave, it.channel) == place);
+        let index = sides.iter().position(|side| (side.slave, side.channel) == place);
         let Some(index) = index else { return Err(format!("another channel: {report:?}")) };
         let side = &mut sides[index];
         self.delivered += u64::from(!is_rejected_by_session(event));

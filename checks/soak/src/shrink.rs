@@ -38,7 +38,7 @@ impl Search<'_> {
         }
         self.attempts += 1;
         let outcome = (self.trial)(&plan);
-        let repeats = outcome.finding.as_ref().is_some_and(|it| it.rule == self.rule);
+        let repeats = outcome.finding.as_ref().is_some_and(|finding| finding.rule == self.rule);
         if repeats {
             (self.plan, self.outcome) = (plan, outcome);
         }
@@ -69,7 +69,7 @@ impl Search<'_> {
     fn machine(&mut self) {
         self.attempt(|plan| plan.machine.uses_c = false);
         self.attempt(|plan| plan.machine.service = None);
-        self.attempt(|plan| plan.machine.service.iter_mut().for_each(|it| it.clients = 1));
+        self.attempt(|plan| plan.machine.service.iter_mut().for_each(|client| client.clients = 1));
         self.attempt(|plan| plan.machine.variants.clear());
         self.attempt(|plan| plan.machine.gateway_keys.clear());
         self.attempt(|plan| plan.machine.sync0_shift_us = None);

@@ -98,7 +98,9 @@ impl Trial {
         let check = trial.all_phases();
         let (cycles, faults) =
             trial.simulation.with_world(|world| (world.cycles(), world.faults().count()));
-        let sum = |of: fn(&Account) -> u64| trial.accounts.iter().map(|it| of(&it.account)).sum();
+        let sum = |of: fn(&Account) -> u64| {
+            trial.accounts.iter().map(|account| of(&account.account)).sum()
+        };
         let finding = check.err().map(|(rule, text)| Finding { rule, cycle: trial.cycle, text });
         Outcome {
             finding,
@@ -395,7 +397,8 @@ impl Trial {
     fn quiet(&mut self) -> Check {
         let begin = self.now_ns();
         // A master that serves requests in turn reads an AL status slowly.
-        let has_pending = |trial: &Self| trial.accounts.iter().any(|it| it.account.pending() > 0);
+        let has_pending =
+            |trial: &Self| trial.accounts.iter().any(|account| account.account.pending() > 0);
         while self.now_ns() - begin < QUIET_NS
             || (has_pending(self) || self.awaits_bus()) && self.now_ns() - begin < PENDING_NS
         {

@@ -17,8 +17,8 @@ pub(crate) fn any_frame(has_esi: bool) -> impl Strategy<Value = CanFrame> {
         .prop_map(|(id, data)| CanFrame::classic(id, &data).unwrap());
     let remote = (any_id(), 0..=8u8)
         .prop_map(|(id, dlc)| CanFrame::remote(id, Dlc::new(dlc).unwrap()).unwrap());
-    let fd = (any_id(), 0..16u8, any::<[u8; 32]>(), any::<(bool, bool)>()).prop_map(move |it| {
-        let (id, dlc, half, (brs, esi)) = it;
+    let fd = (any_id(), 0..16u8, any::<[u8; 32]>(), any::<(bool, bool)>()).prop_map(move |parts| {
+        let (id, dlc, half, (brs, esi)) = parts;
         let data = [half, half].concat();
         let length = Dlc::new(dlc).unwrap().fd_len();
         CanFrame::fd(id, &data[..length], brs, esi && has_esi).unwrap()

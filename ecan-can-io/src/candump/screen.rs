@@ -136,9 +136,9 @@ pub fn parse_screen_line(line: &str) -> Result<Option<ScreenRecord<'_>>, ParseEr
             ..error
         }
     })?;
-    let (brs, esi) = flags.map_or((false, false), |it| (it.brs, it.esi));
+    let (brs, esi) = flags.map_or((false, false), |flags| (flags.brs, flags.esi));
     let frame = frame(&mut cursor, id, brs, esi)?;
-    let direction = flags.map(|it| it.direction);
+    let direction = flags.map(|flags| flags.direction);
     Ok(Some(ScreenRecord { time, interface, frame, direction }))
 }
 
@@ -148,7 +148,7 @@ fn time<'a>(cursor: &mut Cursor<'a>) -> Result<Option<ScreenTime<'a>>, ParseErro
         return Ok(None);
     }
     let rest = cursor.rest();
-    let is_date = rest.bytes().take_while(|it| *it != b')').any(|it| it == b'-');
+    let is_date = rest.bytes().take_while(|byte| *byte != b')').any(|byte| byte == b'-');
     let time = if is_date {
         let end = rest.split_once(')');
         let (date, _) = end.ok_or_else(|| start.error(ParseErrorKind::Fraction))?;
@@ -216,7 +216,7 @@ fn frame(cursor: &mut Cursor<'_>, id: CanId, brs: bool, esi: bool) -> Result<Can
     let after_data = *cursor;
     let is_separate = cursor.take_blanks();
     let rest = cursor.rest().trim_end();
-    let is_time = |text: &str| !text.is_empty() && text.bytes().all(|it| it.is_ascii_digit());
+    let is_time = |text: &str| !text.is_empty() && text.bytes().all(|byte| byte.is_ascii_digit());
     let is_ascii = rest.starts_with('\'');
     if !(rest.is_empty()
         || is_separate && (is_ascii || rest.strip_prefix('+').is_some_and(is_time)))

@@ -34,7 +34,7 @@ impl Message {
         }
         self.set_multiplexers(&mut given)?;
         let raw = |signal: &Signal| {
-            let index = self.signals.iter().position(|it| std::ptr::eq(it, signal))?;
+            let index = self.signals.iter().position(|other| std::ptr::eq(other, signal))?;
             Some(given.get(&index).copied().unwrap_or(signal.initial))
         };
         let mut buffer = [0; MAX_BYTES];
@@ -80,10 +80,11 @@ impl Message {
                 }
             };
             if !condition.selects(value) {
-                let ranges = condition.values.iter().map(|it| match it.start() == it.end() {
-                    true => it.start().to_string(),
-                    false => format!("{} to {}", it.start(), it.end()),
-                });
+                let ranges =
+                    condition.values.iter().map(|range| match range.start() == range.end() {
+                        true => range.start().to_string(),
+                        false => format!("{} to {}", range.start(), range.end()),
+                    });
                 return Err(EncodeErrorKind::Multiplexer {
                     signal: signal.name.clone(),
                     multiplexer: multiplexer.name.clone(),
@@ -100,10 +101,13 @@ impl Message {
     fn common_value(&self, at: usize, condition: &Condition, given: &BTreeMap<usize, u64>) -> u64 {
         let of_given =
             given.keys().filter_map(|index| self.signals.get(*index)?.condition.as_ref());
-        let conditions: Vec<_> = of_given.filter(|it| it.multiplexer == at).collect();
+        let conditions: Vec<_> = of_given.filter(|condition| condition.multiplexer == at).collect();
         // The smallest common value begins a range.
-        let starts = conditions.iter().flat_map(|it| &it.values).map(|range| *range.start());
-        let common = starts.filter(|start| conditions.iter().all(|it| it.selects(*start))).min();
+        let starts =
+            conditions.iter().flat_map(|condition| &condition.values).map(|range| *range.start());
+        let common = starts
+            .filter(|start| conditions.iter().all(|condition| condition.selects(*start)))
+            .min();
         let own = condition.values.first().map(|range| *range.start());
         common.or(own).unwrap_or_default()
     }
@@ -123,7 +127,7 @@ impl Given {
             None => (1, text),
         };
         if let Some(hex) = digits.strip_prefix("0x").or_else(|| digits.strip_prefix("0X")) {
-            let is_hex = hex.bytes().all(|it| it.is_ascii_hexdigit());
+            let is_hex = hex.bytes().all(|byte| byte.is_ascii_hexdigit());
             let value = u64::from_str_radix(hex, 16).ok().filter(|_| is_hex)?;
             return Some(Self::Integer(sign * i128::from(value)));
         }

@@ -19,7 +19,7 @@
 //! let database = Database::parse(file)?;
 //! let frame = CanFrame::classic(CanId::standard(0x123)?, &[0xE8, 0x03, 0x01, 0x00])?;
 //! let decoded = database.decode(&frame).expect("a message of the file");
-//! let texts: Vec<_> = decoded.signals.iter().map(|it| it.to_string()).collect();
+//! let texts: Vec<_> = decoded.signals.iter().map(|signal| signal.to_string()).collect();
 //! assert_eq!(texts, ["Speed = 100.0 km/h", "Gear = 1 (First)"]);
 //!
 //! let values = [("Speed", "100"), ("Gear", "First")];

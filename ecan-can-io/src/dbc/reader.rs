@@ -74,7 +74,7 @@ impl<'a> Reader<'a> {
         if name == INDEPENDENT_SIGNALS {
             return;
         }
-        let key = part(item, Rule::msg_var).map_or("", |it| part_text(&it, Rule::message_id));
+        let key = part(item, Rule::msg_var).map_or("", |id| part_text(&id, Rule::message_id));
         let Some(id) = can_id(key) else {
             return self.fault(line, FaultKind::CanId(key.to_owned()));
         };
@@ -82,10 +82,11 @@ impl<'a> Reader<'a> {
         let Some(bytes) = length.parse().ok().filter(|length| *length <= MAX_BYTES) else {
             return self.fault(line, FaultKind::Length(length.to_owned()));
         };
-        let first = self.messages.iter().map(|it| &it.message);
-        let same = first.clone().find(|it| it.id == id).map(|it| ("CAN ID", key, it.line));
+        let first = self.messages.iter().map(|message| &message.message);
+        let same =
+            first.clone().find(|other| other.id == id).map(|message| ("CAN ID", key, message.line));
         let same = same.or_else(|| {
-            first.clone().find(|it| it.name == name).map(|it| ("message", name, it.line))
+            first.clone().find(|other| other.name == name).map(|same| ("message", name, same.line))
         });
         if let Some((what, value, first)) = same {
             let duplicate = FaultKind::Duplicate { what, value: value.to_owned(), line: first };
@@ -106,7 +107,7 @@ impl<'a> Reader<'a> {
             indicators: Vec::new(),
             extended: BTreeMap::new(),
         };
-        for item in item.clone().into_inner().filter(|it| it.as_rule() == Rule::signal) {
+        for item in item.clone().into_inner().filter(|inner| inner.as_rule() == Rule::signal) {
             self.signal(&item, &mut read);
         }
         self.by_key.insert(key, self.messages.len());
@@ -115,12 +116,13 @@ impl<'a> Reader<'a> {
 
     fn signal(&mut self, item: &Pair<'a, Rule>, read: &mut ReadMessage<'a>) {
         // The item begins with the line break before it.
-        let line = part(item, Rule::signal_name).map_or_else(|| line_of(item), |it| line_of(&it));
+        let line =
+            part(item, Rule::signal_name).map_or_else(|| line_of(item), |name| line_of(&name));
         let raw = match can_dbc::Signal::try_from(item.clone()) {
             Ok(raw) => raw,
             Err(error) => return self.fault(line, FaultKind::Value(error.to_string())),
         };
-        let same = read.message.signals.iter().position(|it| it.name == raw.name);
+        let same = read.message.signals.iter().position(|other| other.name == raw.name);
         if let Some(first) = same.and_then(|at| read.lines.get(at)) {
             let duplicate = FaultKind::Duplicate { what: "signal", value: raw.name, line: *first };
             return self.fault(line, duplicate);
@@ -160,8 +162,9 @@ impl<'a> Reader<'a> {
         let name = part_text(item, Rule::signal_name);
         let message = self.by_key.get(key).copied();
         let message = message.ok_or_else(|| format!("message {key}"))?;
-        let signals = self.messages.get(message).map(|it| &it.message.signals);
-        let signal = signals.and_then(|it| it.iter().position(|it| it.name == name));
+        let signals = self.messages.get(message).map(|message| &message.message.signals);
+        let signal =
+            signals.and_then(|signals| signals.iter().position(|signal| signal.name == name));
         Ok((message, signal.ok_or_else(|| format!("signal {name} of message {key}"))?))
     }
 
@@ -179,13 +182,14 @@ impl<'a> Reader<'a> {
         let Ok(at) = self.referred(item) else { return };
         if let Some(signal) = self.signal_mut(at) {
             let texts = value_descriptions.into_iter();
-            signal.texts = texts.map(|it| (it.id, it.description.replace("\\\"", "\""))).collect();
+            signal.texts =
+                texts.map(|text| (text.id, text.description.replace("\\\"", "\""))).collect();
         }
     }
 
     fn value_type(&mut self, item: &Pair<'a, Rule>) {
         let line = line_of(item);
-        let value_type = item.clone().into_inner().last().map(|it| it.as_rule());
+        let value_type = item.clone().into_inner().last().map(|inner| inner.as_rule());
         let kind = match value_type.map(SignalExtendedValueType::try_from) {
             Some(Ok(SignalExtendedValueType::IEEEfloat32Bit)) => SignalKind::Float32,
             Some(Ok(SignalExtendedValueType::IEEEdouble64bit)) => SignalKind::Float64,
@@ -217,11 +221,16 @@ impl<'a> Reader<'a> {
         };
         let Some(read) = self.messages.get_mut(message) else { return };
         let name = multiplex.multiplexor_signal_name;
-        let Some(multiplexer) = read.message.signals.iter().position(|it| it.name == name) else {
+        let Some(multiplexer) = read.message.signals.iter().position(|other| other.name == name)
+        else {
             let reference = format!("signal {name} of message {}", read.key);
             return self.fault(line, FaultKind::Reference(reference));
         };
-        let values = multiplex.mappings.iter().map(|it| it.min_value..=it.max_value).collect();
+        let values = multiplex
+            .mappings
+            .iter()
+            .map(|multiplex| multiplex.min_value..=multiplex.max_value)
+            .collect();
         read.extended.insert(signal, Condition { multiplexer, values });
     }
 
@@ -239,16 +248,16 @@ impl<'a> Reader<'a> {
             self.messages.push(read);
         }
         if self.faults.is_empty() {
-            return Ok(self.messages.into_iter().map(|it| it.message).collect());
+            return Ok(self.messages.into_iter().map(|read| read.message).collect());
         }
-        self.faults.sort_by_key(|it| it.line);
+        self.faults.sort_by_key(|fault| fault.line);
         Err(DbcFaults(self.faults))
     }
 
     /// Sets the conditions of multiplexed signals.
     fn multiplex(&mut self, read: &mut ReadMessage<'_>) {
         let is_multiplexer = |it: &MultiplexIndicator| *it == MultiplexIndicator::Multiplexor;
-        let count = read.indicators.iter().filter(|it| is_multiplexer(it)).count();
+        let count = read.indicators.iter().filter(|indicator| is_multiplexer(indicator)).count();
         let multiplexer = read.indicators.iter().position(is_multiplexer);
         for (at, indicator) in read.indicators.iter().enumerate() {
             let condition = match (read.extended.remove(&at), indicator) {
@@ -260,7 +269,7 @@ impl<'a> Reader<'a> {
                 ) => match multiplexer.filter(|_| count == 1) {
                     Some(multiplexer) => Condition { multiplexer, values: vec![*value..=*value] },
                     None => {
-                        let name = read.message.signals.get(at).map(|it| it.name.clone());
+                        let name = read.message.signals.get(at).map(|signal| signal.name.clone());
                         let kind =
                             FaultKind::Multiplexer { signal: name.unwrap_or_default(), count };
                         self.fault(read.lines.get(at).copied().unwrap_or_default(), kind);
@@ -274,10 +283,11 @@ impl<'a> Reader<'a> {
             }
         }
         let signals = &read.message.signals;
-        let above = |at: usize| signals.get(at)?.condition.as_ref().map(|it| it.multiplexer);
+        let above =
+            |at: usize| signals.get(at)?.condition.as_ref().map(|condition| condition.multiplexer);
         for (at, signal) in signals.iter().enumerate() {
             // A chain without a cycle has at most as many links as signals.
-            let chain = std::iter::successors(above(at), |it| above(*it));
+            let chain = std::iter::successors(above(at), |signal| above(*signal));
             if chain.take(signals.len()).count() == signals.len() {
                 let line = read.lines.get(at).copied().unwrap_or_default();
                 self.fault(line, FaultKind::MultiplexerCycle(signal.name.clone()));

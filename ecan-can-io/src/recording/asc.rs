@@ -36,7 +36,7 @@ pub fn parse(text: &str) -> Result<Recording, RecordingError> {
         if first.eq_ignore_ascii_case("base") {
             radix = fields.parse("base", "hex or dec", radix_of).map_err(in_line)?;
             is_relative =
-                fields.clone().next().is_some_and(|it| it.eq_ignore_ascii_case("timestamps"))
+                fields.clone().next().is_some_and(|text| text.eq_ignore_ascii_case("timestamps"))
                     && text.trim_end().to_ascii_lowercase().ends_with("relative");
         }
         let Some(time_ns) = time_ns(first, SECOND_DIGITS).filter(|_| first.contains('.')) else {
@@ -125,14 +125,14 @@ fn fd_item(fields: &mut Fields<'_>) -> FieldResult<Item> {
         return Ok(Item::ErrorFrame);
     }
     let id = can_id(name, 16).ok_or_else(|| invalid("CAN ID", name, CAN_ID))?;
-    if fields.peek().is_some_and(|it| bit(it).is_none()) {
+    if fields.peek().is_some_and(|field| bit(field).is_none()) {
         // The symbolic name of the message.
         fields.next();
     }
     let brs = fields.parse("bit rate switch", "0 or 1", bit)?;
     let esi = fields.parse("error state indicator", "0 or 1", bit)?;
     let dlc = fields.parse("DLC", "a hex digit", dlc)?;
-    let is_length = |text: &str| number(text, 10).filter(|it| *it <= 64);
+    let is_length = |text: &str| number(text, 10).filter(|length| *length <= 64);
     let length = fields.parse("data length", "0 to 64", is_length)? as usize;
     let mut buffer = [0; 64];
     let data = fields.data(buffer.get_mut(..length).unwrap_or_default(), 16)?;
@@ -157,7 +157,7 @@ fn fd_item(fields: &mut Fields<'_>) -> FieldResult<Item> {
 }
 
 fn is_error_frame(text: &str) -> bool {
-    text.get(..10).is_some_and(|it| it.eq_ignore_ascii_case("ErrorFrame"))
+    text.get(..10).is_some_and(|text| text.eq_ignore_ascii_case("ErrorFrame"))
 }
 
 fn bit(text: &str) -> Option<bool> {

@@ -52,7 +52,7 @@ pub fn parse_screen(
         recording.frames.push(LoggedFrame { line, time_ns, interface, frame });
     }
     if has_times && !has_dates {
-        let times: Vec<_> = recording.frames.iter().map(|it| it.time_ns).collect();
+        let times: Vec<_> = recording.frames.iter().map(|frame| frame.time_ns).collect();
         let reference = screen_times.unwrap_or_else(|| ScreenTimes::recognize(&times));
         recording.screen_times = Some(reference);
         if reference == ScreenTimes::SincePrevious {

@@ -66,9 +66,9 @@ fn header(comment: &str, columns: &mut Option<String>) -> FieldResult<()> {
         };
     } else if let Some(given) = comment.strip_prefix("$COLUMNS=") {
         let given = given.trim();
-        let has = |letter: char| given.split(',').any(|it| it.chars().eq([letter]));
+        let has = |letter: char| given.split(',').any(|flag| flag.chars().eq([letter]));
         let is_known =
-            given.split(',').all(|it| matches!(it.len(), 1) && "NOTBIdRlLD".contains(it));
+            given.split(',').all(|flag| matches!(flag.len(), 1) && "NOTBIdRlLD".contains(flag));
         let is_whole = has('O') && has('T') && has('I') && (has('l') || has('L'));
         if !is_known || !is_whole || !given.ends_with(",D") {
             return Err(invalid("list of columns", given, COLUMNS));
@@ -143,9 +143,10 @@ fn item(line: &str, columns: &str) -> FieldResult<Item> {
                 fields.take("reserved column", "-")?;
             }
             "l" => {
-                length = Length::Bytes(fields.parse("data length", "0 to 64", |it| small(it, 64))?)
+                length =
+                    Length::Bytes(fields.parse("data length", "0 to 64", |text| small(text, 64))?)
             }
-            "L" => length = Length::Dlc(fields.parse("DLC", "0 to 15", |it| small(it, 15))?),
+            "L" => length = Length::Dlc(fields.parse("DLC", "0 to 15", |text| small(text, 15))?),
             _ => {}
         }
     }

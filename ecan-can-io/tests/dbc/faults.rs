@@ -77,7 +77,7 @@ fn each_fault_names_its_line() {
 fn all_faults_are_reported_in_order() {
     let text = "BO_ 9999 A: 8 X\nBO_ 1 B: 99 X\nBO_ 2 C: 1 X\n SG_ S : 7|2@1+ (1,0) [0|0] \"\" X\n";
     let message = faults(text).to_string();
-    let lines: Vec<_> = message.lines().map(|it| it.split(':').next().unwrap()).collect();
+    let lines: Vec<_> = message.lines().map(|line| line.split(':').next().unwrap()).collect();
     assert_eq!(lines, ["3 faults", "  - line 1", "  - line 2", "  - line 4"]);
 }
 
@@ -119,7 +119,7 @@ proptest! {
             characters[..at].iter().chain(&other.chars().collect::<Vec<_>>()).chain(&characters[end..]).collect();
         if let Err(DbcFaults(faults)) = Database::parse(text.as_bytes()) {
             let lines = text.lines().count() + 1;
-            prop_assert!(!faults.is_empty() && faults.iter().all(|it| (1..=lines).contains(&it.line)));
+            prop_assert!(!faults.is_empty() && faults.iter().all(|fault| (1..=lines).contains(&fault.line)));
         }
     }
 }

@@ -51,12 +51,12 @@ fn cantools_agrees_on_values_and_bytes() {
         let mut next = || words.next().unwrap();
         let (id, form, data, encoded) = (next(), next(), bytes(next()), bytes(next()));
         let id = CanId::new(u32::from_str_radix(id, 16).unwrap(), form == "E").unwrap();
-        let values: Vec<_> = words.map(|it| it.split_once('=').unwrap()).collect();
+        let values: Vec<_> = words.map(|word| word.split_once('=').unwrap()).collect();
         let frame = CanFrame::fd(id, &data, false, false).unwrap();
         let ours = database.decode(&frame).unwrap();
         assert_eq!(ours.signals.len(), values.len(), "{line}");
         for (name, value) in &values {
-            let signal = ours.signals.iter().find(|it| it.signal.name == *name).expect(line);
+            let signal = ours.signals.iter().find(|other| other.signal.name == *name).expect(line);
             assert!(is_equal(signal.value, value), "{line}: {signal}");
         }
         decoded_frames += 1;

@@ -215,7 +215,7 @@ proptest! {
         let values: Vec<_> = decoded.signals.iter().filter(is_allowed).collect();
         prop_assume!(values.len() == decoded.signals.len());
         let values: Vec<_> =
-            values.iter().map(|it| (it.signal.name.as_str(), it.value.to_string())).collect();
+            values.iter().map(|decoded| (decoded.signal.name.as_str(), decoded.value.to_string())).collect();
         let values: Vec<_> = values.iter().map(|(name, value)| (*name, value.as_str())).collect();
         let again = message.encode(&values).unwrap();
         prop_assert_eq!(texts(&message.decode(&again)), texts(&decoded));

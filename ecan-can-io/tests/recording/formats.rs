@@ -128,12 +128,12 @@ fn candump_texts_give_frames() {
 #[test]
 fn screen_times_are_recognized_or_selected() {
     let screen = |times: &[f64]| -> String {
-        times.iter().map(|it| format!(" ({it:010.6})  can0  123   [0] \n")).collect()
+        times.iter().map(|time| format!(" ({time:010.6})  can0  123   [0] \n")).collect()
     };
     let times_us = |text: &str, screen_times| {
         let options = ReadOptions { screen_times, ..ReadOptions::default() };
         let recording = Recording::parse(text, &options).unwrap();
-        let times = recording.frames.iter().map(|it| it.time_ns / 1000).collect::<Vec<_>>();
+        let times = recording.frames.iter().map(|frame| frame.time_ns / 1000).collect::<Vec<_>>();
         (recording.screen_times.unwrap(), times)
     };
     let zero = screen(&[0.0, 0.01, 0.02, 0.03]);
@@ -147,7 +147,7 @@ fn screen_times_are_recognized_or_selected() {
     let selected = times_us(&growing, Some(ScreenTimes::SincePrevious));
     assert_eq!(selected, (ScreenTimes::SincePrevious, vec![0, 10_000, 20_000]));
     // One late stamp of another interface does not make a long recording one of differences.
-    let mut late: Vec<_> = (0..40).map(|it| f64::from(it) / 100.0).collect();
+    let mut late: Vec<_> = (0..40).map(|step| f64::from(step) / 100.0).collect();
     late.swap(20, 21);
     assert_eq!(times_us(&screen(&late), None).0, ScreenTimes::SinceFirst);
     let absolute = screen(&[1_398_128_223.803_317, 1_398_128_223.803_3]);

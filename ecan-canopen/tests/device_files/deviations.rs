@@ -493,7 +493,8 @@ fn wrong_counts_of_other_sections_are_warnings() {
     ];
     for (text, warning) in cases {
         let file = read(&(SMALL.to_owned() + text));
-        let warnings: Vec<_> = file.warnings().iter().map(|it| it.problem.to_string()).collect();
+        let warnings: Vec<_> =
+            file.warnings().iter().map(|warning| warning.problem.to_string()).collect();
         match warning {
             "" => assert_eq!(warnings.len(), 0, "{text}"),
             _ => assert!(warnings.len() == 1 && warnings[0].starts_with(warning), "{warnings:?}"),

@@ -424,7 +424,8 @@ impl Client {
             }
             if left.is_zero() {
                 let end = input.end.clone();
-                return take(&mut input).map_or(end.map_or(Ok(None), Err), |it| Ok(Some(it)));
+                return take(&mut input)
+                    .map_or(end.map_or(Ok(None), Err), |message| Ok(Some(message)));
             }
         }
     }

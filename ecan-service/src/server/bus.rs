@@ -38,7 +38,7 @@ pub(crate) struct Bus {
 impl Bus {
     pub(crate) fn set_cycle(&mut self, cycle: Option<Box<Attachment>>) {
         self.hello.cycle_ns = cycle.as_ref().map(|cycle| cycle.cycle_ns);
-        self.hello.gateways = cycle.as_ref().map_or_else(Vec::new, |it| it.gateways.clone());
+        self.hello.gateways = cycle.as_ref().map_or_else(Vec::new, |cycle| cycle.gateways.clone());
         self.cycle = cycle;
     }
 

@@ -164,7 +164,7 @@ impl FrameFeed {
         self.activate();
         let slave = usize::from(gateway);
         let account = self.accounts.gateways.get_mut(slave);
-        let queue = account.and_then(|it| it.channels.get_mut(usize::from(channel)));
+        let queue = account.and_then(|account| account.channels.get_mut(usize::from(channel)));
         let Some(queue) = queue else { return Err(RejectReason::NoSuchChannel) };
         self.queues.push_until(slave, channel, frame, expires_ns).map_err(|error| match error {
             QueueError::Full { .. } => RejectReason::QueueFull,
@@ -346,7 +346,7 @@ impl Accounts {
             while let Some((owner, frame)) = queue.take_before(taken.saturating_sub(sent.into())) {
                 report.frame(channel, frame, Some(owner), FrameEvent::Unknown);
             }
-            let of_channel = frames.iter_mut().flatten().filter(|it| it.channel == channel);
+            let of_channel = frames.iter_mut().flatten().filter(|frame| frame.channel == channel);
             let mut last: Vec<_> = of_channel.rev().take(sent.into()).collect();
             while let (Some((owner, _)), Some(frame)) = (queue.take_before(taken), last.pop()) {
                 frame.owner = Some(owner);
@@ -402,10 +402,10 @@ fn frame_of(packet: Packet<'_>) -> Option<Option<PublishedFrame>> {
 impl GatewayAccount {
     /// Reports the frame of a transmit result. Its image may be older than the subscription.
     fn result(&mut self, result: &TxResult, report: &mut Reporter<'_, impl FeedSink>) {
-        let image = self.published.iter_mut().rev().find(|it| it.sequence == result.sequence);
+        let image = self.published.iter_mut().rev().find(|image| image.sequence == result.sequence);
         let Some(image) = image else { return };
         let slot = image.frames.get_mut(usize::from(result.frame_index));
-        let frame = slot.and_then(|slot| slot.take_if(|it| it.channel == result.channel));
+        let frame = slot.and_then(|slot| slot.take_if(|frame| frame.channel == result.channel));
         let Some(PublishedFrame { channel, frame, owner }) = frame else { return };
         image.open -= 1;
         self.open_frames = self.open_frames.saturating_sub(1);

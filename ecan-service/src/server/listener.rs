@@ -157,7 +157,9 @@ fn create(
     mode: u32,
     group: Option<u32>,
 ) -> Result<(UnixListener, FileId), (&'static str, io::Error)> {
-    if let Some(directory) = path.parent().filter(|it| !it.as_os_str().is_empty() && !it.exists()) {
+    if let Some(directory) =
+        path.parent().filter(|directory| !directory.as_os_str().is_empty() && !directory.exists())
+    {
         fs::create_dir(directory).map_err(|error| ("create its directory", error))?;
     }
     let new = random_name(path).map_err(|error| ("name", error))?;

@@ -333,7 +333,7 @@ impl FeedSink for Clients {
         };
         for client in self.all.values_mut() {
             let images = &client.session.images;
-            if images.as_ref().is_some_and(|it| it.selects(image.gateway, direction)) {
+            if images.as_ref().is_some_and(|filter| filter.selects(image.gateway, direction)) {
                 client.session.output.push_image(image);
             }
         }

@@ -364,7 +364,8 @@ impl Session {
     /// Takes a frame of the bus.
     pub(crate) fn deliver(&mut self, report: &FrameReport) {
         let FrameReport { gateway, channel, event, ref frame, .. } = *report;
-        if self.frames.as_ref().is_some_and(|it| it.selects(gateway, channel, event, frame)) {
+        if self.frames.as_ref().is_some_and(|filter| filter.selects(gateway, channel, event, frame))
+        {
             self.output.push_frame(report);
         }
     }

@@ -8,7 +8,11 @@ use ecan_test_support::Killed;
 
 #[test]
 fn python_client_prints_frames_and_sends_one() {
-    if !Command::new("python3").arg("--version").output().is_ok_and(|it| it.status.success()) {
+    if !Command::new("python3")
+        .arg("--version")
+        .output()
+        .is_ok_and(|output| output.status.success())
+    {
         return println!("skipped: no python3");
     }
     let fixture = Fixture::start(|config| config.name = "bench".into());

@@ -427,7 +427,8 @@ fn mapping_of_constant_cob_id_changes_while_valid() {
 /// Device files of other makers, in the directory that `ECAN_DEVICE_FILES` names.
 #[test]
 fn nodes_from_foreign_files_boot_and_answer() {
-    let Some(directory) = std::env::var_os("ECAN_DEVICE_FILES").filter(|it| !it.is_empty()) else {
+    let Some(directory) = std::env::var_os("ECAN_DEVICE_FILES").filter(|path| !path.is_empty())
+    else {
         eprintln!("skipped: ECAN_DEVICE_FILES names no directory with device files");
         return;
     };
@@ -439,7 +440,7 @@ fn nodes_from_foreign_files_boot_and_answer() {
         assert_eq!(fixture.lines()[..1], [(0x705, vec![0])], "{}", path.display());
         let node = NodeId::new(NODE as u8).unwrap();
         let mut uploads = 0;
-        for entry in file.parameters().filter(|it| it.data_type.is_integer()) {
+        for entry in file.parameters().filter(|entry| entry.data_type.is_integer()) {
             let Some(value) = entry.configured_value(node).filter(|_| entry.index >= 0x1000) else {
                 continue;
             };

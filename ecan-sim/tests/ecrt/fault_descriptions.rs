@@ -118,7 +118,7 @@ fn only_gateway_and_io_are_the_default() {
 #[test]
 fn scheduled_faults_are_pending_until_their_time() {
     let simulation = stepped_echo(1).simulation.unwrap();
-    let pending = || simulation.with_world(|it| it.pending_faults().collect::<Vec<_>>());
+    let pending = || simulation.with_world(|world| world.pending_faults().collect::<Vec<_>>());
     simulation.pass_ns(2_000_000);
     let now_ns = simulation.with_world(|world| world.now_ns() - world.start_ns());
     for (time, text) in [
@@ -134,7 +134,7 @@ fn scheduled_faults_are_pending_until_their_time() {
         let effect = execute(&simulation, &format!("kind = 'power_off'\n{time}")).unwrap();
         assert_eq!(effect.to_string(), text);
     }
-    let times: Vec<_> = pending().into_iter().map(|it| it.when).collect();
+    let times: Vec<_> = pending().into_iter().map(|fault| fault.when).collect();
     let after = When::At(now_ns + 3_000_000);
     let others = [
         When::At(60_000_000_000),

@@ -168,8 +168,12 @@ fn rx_budget_is_applied_or_not() {
         fixture.push(0, standard(3, &[0; 8]));
         fixture.push(1, standard(4, &[0; 8]));
         fixture.cycle();
-        let results: Vec<_> =
-            fixture.results().iter().filter(|it| it.channel == 0).map(|it| it.code).collect();
+        let results: Vec<_> = fixture
+            .results()
+            .iter()
+            .filter(|result| result.channel == 0)
+            .map(|result| result.code)
+            .collect();
         assert_eq!(results, codes, "{rx_budget:?}");
         assert_eq!(fixture.sent(1).len(), 1, "{rx_budget:?}");
         assert_eq!(fixture.upload(0x8011, 14), u32::from(error.raw()), "{rx_budget:?}");

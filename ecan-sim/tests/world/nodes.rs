@@ -92,7 +92,7 @@ fn replay_of_all_interfaces_contains_every_record() {
 fn replay_skips_error_messages() {
     let log = "(1.000000) can0 20000080#0000000000000000\n(2.000000) can0 123#1122334455667788_B\n";
     let node = ReplayNode::from_log(log, None).unwrap();
-    let records: Vec<_> = node.records().iter().map(|it| it.frame.data().len()).collect();
+    let records: Vec<_> = node.records().iter().map(|record| record.frame.data().len()).collect();
     assert_eq!(records, [8]);
 }
 
@@ -105,7 +105,7 @@ fn replay_recognizes_other_formats() {
     ];
     for text in texts {
         let node = ReplayNode::from_log(text, None).unwrap();
-        let frames: Vec<_> = node.records().iter().map(|it| it.frame).collect();
+        let frames: Vec<_> = node.records().iter().map(|record| record.frame).collect();
         assert_eq!(frames, [frame(0x123, &[0x11]), frame(0x124, &[])], "{text}");
     }
 }

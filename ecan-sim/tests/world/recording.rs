@@ -63,6 +63,6 @@ fn buses_are_recorded_with_name_in_order_of_time() {
     let mut later = 0;
     wire.world_mut().drain_recorded(|_, _| later += 1);
     assert_eq!(later, 0, "they were fetched");
-    assert_eq!(wire.world().channel_statistics(0, 0).map(|it| it.transmitted), Some(0));
+    assert_eq!(wire.world().channel_statistics(0, 0).map(|channel| channel.transmitted), Some(0));
     assert!(wire.world().channel_statistics(1, 0).is_none());
 }

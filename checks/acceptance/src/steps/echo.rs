@@ -96,7 +96,7 @@ fn check_complete(
 ) -> Result<(), Stop> {
     let output = finished.output();
     for (gateway, channel) in
-        (0..gateways).flat_map(|gateway| (0..channels).map(move |it| (gateway, it)))
+        (0..gateways).flat_map(|gateway| (0..channels).map(move |channel| (gateway, channel)))
     {
         let row = format!("slave {gateway} can{channel}");
         let counts =

@@ -105,7 +105,7 @@ fn main() {
     if !is_accelerated {
         println!("This processor has no carry-less multiplication: one kernel is measured.");
     }
-    let [second, last] = [&cold.second_level, &cold.last_level].map(|it| it.bytes() >> 20);
+    let [second, last] = [&cold.second_level, &cold.last_level].map(|level| level.bytes() >> 20);
     println!("From the last-level cache: {second} MiB walked before each timed call.");
     println!("From memory: {last} MiB.");
 }

@@ -171,7 +171,10 @@ fn main() -> Result<(), Box<dyn Error>> {
             let measure = format!("turnaround on veth, {scheduling}, {quantile}");
             Row::new(measure, "ecan-sim wire / another slave simulator", value).with_goals(1.0, 1.0)
         };
-        print_rows(&[row("p50", ratio(|it| it.p50)), row("p99", ratio(|it| it.p99))]);
+        print_rows(&[
+            row("p50", ratio(|latency| latency.p50)),
+            row("p99", ratio(|latency| latency.p99)),
+        ]);
     }
     program.end(Signal::SIGTERM);
     Ok(())

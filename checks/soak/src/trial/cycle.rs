@@ -22,8 +22,10 @@ impl Trial {
         let received = self.exchange(sends)?;
         self.drain_buses()?;
         for (slave, channel, frame) in received {
-            let side =
-                self.accounts.iter_mut().find(|it| (it.slave, it.channel) == (slave, channel));
+            let side = self
+                .accounts
+                .iter_mut()
+                .find(|account| (account.slave, account.channel) == (slave, channel));
             let side = side.ok_or_else(|| {
                 (Rule::Receive, format!("a frame of slave {slave} channel {channel}: {frame:?}"))
             })?;

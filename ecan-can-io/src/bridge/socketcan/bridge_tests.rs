@@ -90,14 +90,14 @@ fn frames_unfit_for_bus_are_counted() {
     };
     // Before the bus is known, then CAN FD on a classic bus.
     kernel.send(&bytes(0x123, 0, 0, &[], 16)).unwrap();
-    count(|it| it.mismatched, 1);
+    count(|counters| counters.mismatched, 1);
     clients.set_bus(BusRates::classic(500_000));
     kernel.send(&bytes(0x123, 0, 4, &[], 72)).unwrap();
-    count(|it| it.mismatched, 2);
+    count(|counters| counters.mismatched, 2);
     // An error frame, and data that is not a frame.
     kernel.send(&bytes(0x2000_0040, 8, 0, &[], 16)).unwrap();
     kernel.send(&[1, 2, 3]).unwrap();
-    count(|it| it.rejected, 4);
+    count(|counters| counters.rejected, 4);
     // The interface receives an event for each frame that the bus cannot carry.
     for _ in 0..2 {
         assert_eq!(received(&kernel), bytes(0x2000_0001, 8, 0, &[], 16));

@@ -124,7 +124,9 @@ impl Values {
             Source::Channel(value) => self.number(&labels, value(status)),
             Source::ChannelPending(count) | Source::ChannelCount(count) => {
                 let counters = found.statistics.channels.get(channel);
-                counters.into_iter().for_each(|it| self.number(&labels, count(it) as f64));
+                counters
+                    .into_iter()
+                    .for_each(|counters| self.number(&labels, count(counters) as f64));
             }
             Source::ChannelState(states) => {
                 for (name, state) in states {

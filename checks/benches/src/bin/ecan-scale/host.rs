@@ -39,7 +39,8 @@ pub fn sections() -> Fallible<[Section; 3]> {
     let axes = open(&AXES, Axes::new)?;
     // Nothing can be opened any more.
     ecan_bench::null_master::freeze();
-    let planned = |all: &[Exchange]| all.iter().map(|it| Some(it.planned_ns)).collect::<Vec<_>>();
+    let planned =
+        |all: &[Exchange]| all.iter().map(|exchange| Some(exchange.planned_ns)).collect::<Vec<_>>();
     let plans = [planned(&gateways), planned(&frames), vec![None; axes.len()]];
     let [of_gateways, of_frames, of_axes] = plans;
     let gateways = Section {

@@ -73,7 +73,8 @@ fn response_ns(adapter: AdapterConfig) -> Fallible<u64> {
         port.next_cycle().end()?;
         clock.sleep_until_ns(clock.now_ns() + middle);
         let cycle = port.begin_cycle();
-        let is_complete = cycle.gateways().all(|it| cycle.cycle_report(it).domain.is_complete());
+        let is_complete =
+            cycle.gateways().all(|gateway| cycle.cycle_report(gateway).domain.is_complete());
         let _ = cycle.finish();
         if is_complete {
             enough = middle;
