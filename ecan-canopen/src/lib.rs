@@ -13,9 +13,9 @@
 //!
 //! With the feature `network` (requires `std`), `Network` is the master of all nodes that are
 //! connected to the gateways of a Port: NMT, boot-up messages, heartbeats or node guarding, EMCY, SYNC,
-//! TIME, one LSS master per channel, and one SDO client per node. The cycle drives it; it never blocks. A `Configurator` configures many
-//! nodes at once from lists of `Step`s; a `PdoMapping` returns the steps that map a PDO. Calls
-//! whose names end in `_blocking` run the cycle themselves.
+//! TIME, one LSS master per channel, and one SDO client per node. The cycle drives it; it never blocks. A
+//! `Configurator` configures many nodes at once from lists of `Step`s; a `PdoMapping` returns the steps that
+//! map a PDO. The calls of `Network::blocking` run the cycle themselves.
 //!
 //! ```no_run
 //! # #[cfg(feature = "network")]
@@ -29,7 +29,7 @@
 //!     let mut network = Network::new(NetworkConfig::default());
 //!     let address = NodeAddress { slave: 0, channel: 0, node };
 //!     let drive = network.add_node(address, NodeConfig::default())?;
-//!     Ok(network.upload_blocking(port, drive, (0x1000, 0), Duration::from_secs(2))?)
+//!     Ok(network.blocking(port, Duration::from_secs(2)).upload(drive, (0x1000, 0))?)
 //! }
 //! # }
 //! ```

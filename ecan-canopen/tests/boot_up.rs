@@ -238,7 +238,7 @@ fn nodes_boot_in_their_order() {
     fixture.run_until("all nodes", |network, progress| {
         for node in progress {
             let later = progress.iter().filter(|other| other.address.node < node.address.node);
-            let has_begun = later.filter(|node| node.phase != BootPhase::Waiting).count() > 0;
+            let has_begun = later.filter(|other| other.phase != BootPhase::Waiting).count() > 0;
             violations += usize::from(node.phase != BootPhase::Booted && has_begun);
         }
         network.boot_state() == BootState::Booted

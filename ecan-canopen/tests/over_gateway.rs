@@ -252,7 +252,7 @@ fn inactive_bus_is_reported_at_once() {
     let mut network = Network::new(NetworkConfig::default());
     let node = network.add_node(address(0, 0, 1), NodeConfig::default()).unwrap();
     let error =
-        network.upload_blocking(&mut port, node, (0x1000, 0), Duration::from_secs(60)).unwrap_err();
+        network.blocking(&mut port, Duration::from_secs(60)).upload(node, (0x1000, 0)).unwrap_err();
     assert!(matches!(error, WaitError::Cycle(_)), "{error}");
     assert_eq!(network.sdo_failure(node).unwrap().fault, SdoFault::Cancelled);
 }
@@ -267,11 +267,12 @@ fn lost_ethernet_frames_do_not_end_a_blocking_call() {
     let mut network = Network::new(NetworkConfig::default());
     let node = network.add_node(address(0, 0, 5), NodeConfig::default()).unwrap();
     network
-        .wait_nmt_state_blocking(&mut port, NmtState::PreOperational, Duration::from_secs(10))
+        .blocking(&mut port, Duration::from_secs(10))
+        .wait_nmt_state(NmtState::PreOperational)
         .unwrap();
     simulation.inject(Fault::LostFrame { direction: LossDirection::Outward, cycles: 5 });
     let value =
-        network.upload_blocking(&mut port, node, (0x1000, 0), Duration::from_secs(1)).unwrap();
+        network.blocking(&mut port, Duration::from_secs(1)).upload(node, (0x1000, 0)).unwrap();
     assert_eq!(value, [0x92, 0x01, 0x02, 0x00]);
 }
 
@@ -330,16 +331,17 @@ fn node_boots_is_watched_read_and_lost() {
     let node = network.add_node(address(0, 0, 5), settings).unwrap();
     assert_eq!(network.heartbeat(node), Heartbeat::Unknown);
     network
-        .wait_nmt_state_blocking(&mut port, NmtState::Operational, Duration::from_secs(10))
+        .blocking(&mut port, Duration::from_secs(10))
+        .wait_nmt_state(NmtState::Operational)
         .unwrap_or_else(|error| panic!("{error}"));
     assert_eq!(network.status(node).unwrap().boot_ups, 1);
     assert_eq!(network.heartbeat(node), Heartbeat::Active);
 
     let value =
-        network.upload_blocking(&mut port, node, (0x1000, 0), Duration::from_secs(1)).unwrap();
+        network.blocking(&mut port, Duration::from_secs(1)).upload(node, (0x1000, 0)).unwrap();
     assert_eq!(value, [0x92, 0x01, 0x02, 0x00]);
     let error =
-        network.upload_blocking(&mut port, node, (0x1018, 1), Duration::from_secs(1)).unwrap_err();
+        network.blocking(&mut port, Duration::from_secs(1)).upload(node, (0x1018, 1)).unwrap_err();
     assert_eq!(
         error.to_string(),
         "SDO upload 0x1018:01 from node 5 (slave 0, channel 0): aborted by the node: 0x06020000 \
@@ -361,7 +363,8 @@ fn node_boots_is_watched_read_and_lost() {
 
     // No answer for this one in the node's script.
     let error = network
-        .upload_blocking(&mut port, node, (0x2000, 0), Duration::from_millis(100))
+        .blocking(&mut port, Duration::from_millis(100))
+        .upload(node, (0x2000, 0))
         .unwrap_err();
     assert!(
         matches!(error, WaitError::TimedOut { waited } if waited <= Duration::from_millis(102)),
@@ -399,7 +402,8 @@ fn configuration_reports_progress_and_result() {
     );
     let mut text = Vec::new();
     network
-        .configure_blocking(&mut port, &mut configurator, Duration::from_secs(20), |progress| {
+        .blocking(&mut port, Duration::from_secs(20))
+        .configure(&mut configurator, |progress| {
             let step = progress.step.map_or("done".to_owned(), |step| step.to_string());
             if text.last() != Some(&step) {
                 text.push(step);
@@ -420,7 +424,8 @@ fn configuration_reports_progress_and_result() {
     configurator.clear(&mut network);
     configurator.add(&network, node, [Step::expect(0x1000, 0, 1u32)]);
     let error = network
-        .configure_blocking(&mut port, &mut configurator, Duration::from_secs(5), |_| {})
+        .blocking(&mut port, Duration::from_secs(5))
+        .configure(&mut configurator, |_| {})
         .unwrap_err();
     assert_eq!(
         error.to_string(),

@@ -100,10 +100,10 @@ fn run(arguments: &Arguments) -> Result<bool, Box<dyn Error>> {
     let timeout = Duration::from_millis(arguments.timeout_ms.into());
     let name = format!("0x{:04X}:{:02X}", arguments.index, arguments.sub);
     if let Some(data) = written {
-        network.download_blocking(&mut port, node, object, &data, timeout)?;
+        network.blocking(&mut port, timeout).download(node, object, &data)?;
         print_line!("{name} written");
     }
-    let data = network.upload_blocking(&mut port, node, object, timeout)?;
+    let data = network.blocking(&mut port, timeout).upload(node, object)?;
     let kind = arguments.value_type.unwrap_or(ValueType::Any);
     print_line!("{name} = {}", kind.show(&data)?);
     Ok(true)

@@ -2,7 +2,7 @@
 
 use ecan_protocol::can::CanId;
 
-use super::node_id::NodeId;
+use super::nmt::NodeId;
 
 /// An 11-bit identifier of the predefined connection set.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]

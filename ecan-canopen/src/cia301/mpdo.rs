@@ -2,7 +2,7 @@
 
 use core::fmt;
 
-use super::node_id::NodeId;
+use super::nmt::NodeId;
 
 /// Address of an MPDO.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -203,8 +203,9 @@ mod tests {
     extern crate std;
     use std::string::ToString;
 
-    use super::*;
     use proptest::prelude::*;
+
+    use super::*;
 
     fn node(id: u8) -> NodeId {
         NodeId::new(id).unwrap()

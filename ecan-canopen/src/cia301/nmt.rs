@@ -1,6 +1,6 @@
-//! Network management (CiA 301, 7.2.8.3).
+//! Network management and error control: NMT, heartbeat and node guarding (CiA 301, 7.2.8).
 
-use super::node_id::NodeId;
+use core::fmt;
 
 ecan_protocol::text_enum! {
     /// A command of the NMT master.
@@ -65,6 +65,99 @@ ecan_protocol::text_enum! {
     PreOperational = 0x7F, "pre-operational";
 }
 
+/// Data of a heartbeat; with [`NmtState::Initialising`] that of the boot-up message.
+pub const fn heartbeat_data(state: NmtState) -> [u8; 1] {
+    [state.raw()]
+}
+
+/// The state that a heartbeat or boot-up message reports. The toggle bit of node guarding, bit 7,
+/// is ignored. `None` for what is neither.
+pub fn parse_heartbeat(data: &[u8]) -> Option<NmtState> {
+    let &[byte] = data else { return None };
+    NmtState::from_raw(byte & 0x7F)
+}
+
+/// An entry of the consumer heartbeat time, 0x1016.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct HeartbeatConsumer {
+    /// Whose heartbeat is watched.
+    pub producer: NodeId,
+    /// Longest time without it, in milliseconds.
+    pub time_ms: u16,
+}
+
+impl HeartbeatConsumer {
+    /// The value of the entry.
+    pub const fn raw(self) -> u32 {
+        (self.producer.get() as u32) << 16 | self.time_ms as u32
+    }
+
+    /// Reads an entry; `None` for one that is not used.
+    pub const fn from_raw(raw: u32) -> Option<Self> {
+        let [time_low, time_high, producer, reserved] = raw.to_le_bytes();
+        let time_ms = u16::from_le_bytes([time_low, time_high]);
+        match NodeId::new(producer) {
+            Some(producer) if time_ms > 0 && reserved == 0 => Some(Self { producer, time_ms }),
+            _ => None,
+        }
+    }
+}
+
+/// Response of a node to a guarding request, a remote frame with the CAN ID of its heartbeat.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct GuardResponse {
+    /// Alternates from response to response; false in the first one after a reset of communication.
+    pub toggle: bool,
+    /// NMT state of the node.
+    pub state: NmtState,
+}
+
+const TOGGLE: u8 = 0x80;
+
+impl GuardResponse {
+    /// Bytes of data that a guarding request asks for.
+    pub const LENGTH: u8 = 1;
+
+    /// The data of the frame.
+    pub const fn to_bytes(self) -> [u8; 1] {
+        [self.state.raw() | if self.toggle { TOGGLE } else { 0 }]
+    }
+
+    /// Reads the data of a frame; `None` for another length or an undefined state.
+    pub fn parse(data: &[u8]) -> Option<Self> {
+        let &[byte] = data else { return None };
+        let state = NmtState::from_raw(byte & !TOGGLE)?;
+        Some(Self { toggle: byte & TOGGLE != 0, state })
+    }
+}
+
+/// Node id of a CANopen device, 1 to 127.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct NodeId(u8);
+
+impl NodeId {
+    /// The lowest id.
+    pub const MIN: Self = Self(1);
+    /// The highest id.
+    pub const MAX: Self = Self(127);
+
+    /// The id with this number; `None` outside 1 to 127.
+    pub const fn new(id: u8) -> Option<Self> {
+        if id >= 1 && id <= 127 { Some(Self(id)) } else { None }
+    }
+
+    /// The number.
+    pub const fn get(self) -> u8 {
+        self.0
+    }
+}
+
+impl fmt::Display for NodeId {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.0.fmt(f)
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -81,6 +174,45 @@ mod tests {
         assert!(!request.concerns(NodeId::MAX));
         for wrong in [&[][..], &[1], &[1, 2, 3], &[3, 0], &[1, 128]] {
             assert_eq!(NmtRequest::parse(wrong), None);
+        }
+    }
+
+    #[test]
+    fn states_and_boot_up() {
+        assert_eq!(parse_heartbeat(&[0]), Some(NmtState::Initialising));
+        assert_eq!(parse_heartbeat(&[5]), Some(NmtState::Operational));
+        assert_eq!(parse_heartbeat(&[0x7F]), Some(NmtState::PreOperational));
+        assert_eq!(parse_heartbeat(&[0x84]), Some(NmtState::Stopped));
+        assert_eq!(parse_heartbeat(&[6]), None);
+        assert_eq!(parse_heartbeat(&[]), None);
+        assert_eq!(heartbeat_data(NmtState::Operational), [5]);
+    }
+
+    #[test]
+    fn consumer_entries() {
+        let producer = NodeId::new(0x7F).unwrap();
+        let entry = HeartbeatConsumer { producer, time_ms: 250 };
+        assert_eq!(entry.raw(), 0x007F_00FA);
+        assert_eq!(HeartbeatConsumer::from_raw(0x007F_00FA), Some(entry));
+        for unused in [0, 0x007F_0000, 0x0000_00FA, 0x0080_00FA, 0x017F_00FA] {
+            assert_eq!(HeartbeatConsumer::from_raw(unused), None);
+        }
+    }
+
+    #[test]
+    fn response_has_state_and_toggle_bit() {
+        for (byte, toggle, state) in [
+            (0x05, false, NmtState::Operational),
+            (0x85, true, NmtState::Operational),
+            (0x04, false, NmtState::Stopped),
+            (0xFF, true, NmtState::PreOperational),
+        ] {
+            let response = GuardResponse { toggle, state };
+            assert_eq!(response.to_bytes(), [byte]);
+            assert_eq!(GuardResponse::parse(&[byte]), Some(response));
+        }
+        for wrong in [&[][..], &[0x06], &[0x86], &[5, 5]] {
+            assert_eq!(GuardResponse::parse(wrong), None);
         }
     }
 }

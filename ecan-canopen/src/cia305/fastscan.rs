@@ -1,7 +1,6 @@
 //! Search for the LSS address of a slave without node-ID, bit by bit (CiA 305, fastscan).
 
-use super::lss_address::{LssAddress, LssPart};
-use super::lss_request::LssRequest;
+use super::lss::{LssAddress, LssPart, LssRequest};
 
 /// Known parts of the address that a fastscan searches. A known part takes one request instead of 33.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Default)]
@@ -133,8 +132,9 @@ mod tests {
     extern crate std;
     use std::vec::Vec;
 
-    use super::*;
     use proptest::prelude::*;
+
+    use super::*;
 
     /// A slave as CiA 305 describes it, byte by byte.
     struct Slave {

@@ -1,4 +1,4 @@
-//! Data types of CiA 301 (7.4.7) by their index in the object dictionary.
+//! Types and accesses of the objects of a device file, with the data types of CiA 301 (7.4.7).
 
 use core::fmt;
 
@@ -239,6 +239,151 @@ impl fmt::Display for DataType {
             Some(row) => f.write_str(row.2),
             None => write!(f, "type {:#06X}", self.index()),
         }
+    }
+}
+
+/// Access to an object (CiA 306-1, `AccessType`), as seen from the bus.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub enum AccessType {
+    /// Readable; the value never changes.
+    Const,
+    /// Readable.
+    ReadOnly,
+    /// Writable.
+    WriteOnly,
+    /// Readable and writable.
+    #[default]
+    ReadWrite,
+    /// Readable and writable; a TPDO may contain it.
+    ReadWriteInput,
+    /// Readable and writable; an RPDO may contain it.
+    ReadWriteOutput,
+}
+
+impl AccessType {
+    /// All types, in the order of their words in [`WORDS`](Self::WORDS).
+    const ALL: [Self; 6] = [
+        Self::Const,
+        Self::ReadOnly,
+        Self::WriteOnly,
+        Self::ReadWrite,
+        Self::ReadWriteInput,
+        Self::ReadWriteOutput,
+    ];
+    /// Allowed words of a file.
+    pub(super) const WORDS: &str = "const, ro, wo, rw, rwr, rww";
+
+    /// The access with this word, without regard to case.
+    pub(super) fn from_word(word: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|access| access.word().eq_ignore_ascii_case(word))
+    }
+
+    /// The word in a file.
+    #[must_use]
+    pub const fn word(self) -> &'static str {
+        match self {
+            Self::Const => "const",
+            Self::ReadOnly => "ro",
+            Self::WriteOnly => "wo",
+            Self::ReadWrite => "rw",
+            Self::ReadWriteInput => "rwr",
+            Self::ReadWriteOutput => "rww",
+        }
+    }
+
+    /// Returns whether an SDO can read the object.
+    #[must_use]
+    pub const fn is_readable(self) -> bool {
+        !matches!(self, Self::WriteOnly)
+    }
+
+    /// Returns whether an SDO can write the object.
+    #[must_use]
+    pub const fn is_writable(self) -> bool {
+        !matches!(self, Self::Const | Self::ReadOnly)
+    }
+}
+
+impl fmt::Display for AccessType {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.word())
+    }
+}
+
+/// Type of an object (CiA 301, 7.4.3, "object code").
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub enum ObjectType {
+    /// An object without data.
+    Null,
+    /// Bytes of any length.
+    Domain,
+    /// Definition of a simple data type.
+    DefType,
+    /// Definition of a structure.
+    DefStruct,
+    /// A single value.
+    #[default]
+    Var,
+    /// Values of the same type.
+    Array,
+    /// Values of any types.
+    Record,
+}
+
+impl ObjectType {
+    const ALL: [Self; 7] = [
+        Self::Null,
+        Self::Domain,
+        Self::DefType,
+        Self::DefStruct,
+        Self::Var,
+        Self::Array,
+        Self::Record,
+    ];
+
+    /// The type with this code.
+    #[must_use]
+    pub fn from_code(code: u8) -> Option<Self> {
+        Self::ALL.into_iter().find(|object_type| object_type.code() == code)
+    }
+
+    /// The code in a file and in the object dictionary.
+    #[must_use]
+    pub const fn code(self) -> u8 {
+        match self {
+            Self::Null => 0,
+            Self::Domain => 2,
+            Self::DefType => 5,
+            Self::DefStruct => 6,
+            Self::Var => 7,
+            Self::Array => 8,
+            Self::Record => 9,
+        }
+    }
+
+    /// Returns whether objects of this type have sub-objects.
+    #[must_use]
+    pub const fn has_sub_objects(self) -> bool {
+        matches!(self, Self::Array | Self::Record | Self::DefStruct)
+    }
+
+    pub(super) const fn name(self) -> &'static str {
+        match self {
+            Self::Null => "NULL",
+            Self::Domain => "DOMAIN",
+            Self::DefType => "DEFTYPE",
+            Self::DefStruct => "DEFSTRUCT",
+            Self::Var => "VAR",
+            Self::Array => "ARRAY",
+            Self::Record => "RECORD",
+        }
+    }
+}
+
+impl fmt::Display for ObjectType {
+    /// The name of CiA 301, for example `ARRAY`.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
     }
 }
 

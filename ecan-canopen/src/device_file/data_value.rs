@@ -1,11 +1,11 @@
-//! Values of an object dictionary: bytes of an SDO, text of a person.
+//! Values of an object dictionary: in a file, in an SDO and as text; and what is wrong with them.
 
 use alloc::string::String;
 use alloc::vec::Vec;
 use core::fmt;
 
 use super::data_type::{DataType, ValueClass};
-use super::value_error::ValueError;
+use crate::NodeId;
 
 /// Value of an object, of the kind that its [`DataType`] states.
 ///
@@ -214,10 +214,108 @@ impl DataType {
     }
 }
 
+/// Reason why a value cannot be read, encoded or decoded.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum ValueError {
+    /// The text is not a number.
+    #[error("`{text}` is not a number; allowed: decimal, hexadecimal with 0x, octal with 0")]
+    NotANumber {
+        /// Text.
+        text: String,
+    },
+    /// The number does not fit into the type.
+    #[error("{text} is out of range for {data_type}; allowed: {low} to {high}")]
+    OutOfRange {
+        /// Text.
+        text: String,
+        /// Type.
+        data_type: DataType,
+        /// Smallest value.
+        low: i128,
+        /// Largest value.
+        high: i128,
+    },
+    /// The text is not a sequence of bytes.
+    #[error("`{text}` is not a sequence of bytes; allowed: pairs of hexadecimal digits")]
+    NotBytes {
+        /// Text.
+        text: String,
+    },
+    /// The text has a character that the type cannot hold.
+    #[error(
+        "{character:?} is not a character of {data_type}; allowed: characters up to U+00FF (ISO \
+         8859-1)"
+    )]
+    Character {
+        /// First such character.
+        character: char,
+        /// Type.
+        data_type: DataType,
+    },
+    /// The number of bytes is not that of the type.
+    #[error("{data_type} cannot have {found} bytes; allowed: {}", sizes(*.data_type))]
+    Length {
+        /// Type.
+        data_type: DataType,
+        /// Number of bytes.
+        found: usize,
+    },
+    /// The value is of another kind than the type.
+    #[error("{kind} cannot be encoded as {data_type}; use a value of this type")]
+    Kind {
+        /// Kind of the value.
+        kind: &'static str,
+        /// Type.
+        data_type: DataType,
+    },
+}
+
+fn sizes(data_type: DataType) -> String {
+    match data_type.size() {
+        Some(size) => alloc::format!("{size} bytes"),
+        None if data_type == DataType::UnicodeString => "an even number of bytes".into(),
+        None => "any number of bytes".into(),
+    }
+}
+
+/// Value in a device file, which may depend on the node-ID (CiA 306-1, `$NODEID`).
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum FileValue {
+    /// The same value for every node.
+    Fixed(DataValue),
+    /// The node-ID plus a number, for integer types.
+    NodeId {
+        /// Number that is added to the node-ID.
+        offset: i64,
+    },
+}
+
+impl FileValue {
+    /// The value for a node; excess bits of a sum are cut off.
+    #[must_use]
+    pub fn resolve(&self, data_type: DataType, node: NodeId) -> DataValue {
+        match self {
+            Self::Fixed(value) => value.clone(),
+            Self::NodeId { offset } => {
+                let sum = i128::from(*offset) + i128::from(node.get());
+                data_type.integer(sum).unwrap_or(DataValue::Unsigned(sum as u64))
+            }
+        }
+    }
+}
+
+impl From<DataValue> for FileValue {
+    fn from(value: DataValue) -> Self {
+        Self::Fixed(value)
+    }
+}
+
 #[cfg(test)]
 mod tests {
-    use super::*;
     use alloc::format;
+
+    use super::*;
 
     #[test]
     fn display_shows_each_kind() {

@@ -4,7 +4,7 @@ use alloc::string::String;
 use alloc::vec::Vec;
 use core::fmt;
 
-use super::value_error::ValueError;
+use super::data_value::ValueError;
 use super::value_text::ValueNote;
 
 /// Deviation of a device file from CiA 306-1: a warning if the file is usable nevertheless, a fault

@@ -4,15 +4,12 @@ use alloc::collections::BTreeMap;
 use alloc::format;
 use alloc::string::String;
 
-use super::access_type::AccessType;
-use super::data_type::DataType;
+use super::data_type::{AccessType, DataType, ObjectType};
+use super::data_value::{FileValue, ValueError};
 use super::deviation::{FileProblem, Report};
-use super::file_value::FileValue;
+use super::device_object::{ObjectEntry, ObjectFlags};
 use super::ini::{Line, Section};
-use super::object_entry::{ObjectEntry, ObjectFlags};
-use super::object_type::ObjectType;
-use super::section_fields::bounded;
-use super::value_error::ValueError;
+use super::sections::bounded;
 use super::value_text;
 
 /// Reader of entries.

@@ -5,16 +5,13 @@ use alloc::format;
 use alloc::string::String;
 use alloc::vec::Vec;
 
-use super::data_type::DataType;
+use super::data_type::{DataType, ObjectType};
+use super::data_value::ValueError;
 use super::deviation::FileProblem;
-use super::device_object::{DeviceObject, compact_name};
+use super::device_object::{DeviceObject, ObjectEntry, compact_name};
 use super::entry_reader::{EntryPlace, EntryReader};
 use super::ini::{Line, Section};
-use super::object_entry::ObjectEntry;
-use super::object_type::ObjectType;
-use super::section_fields::bounded;
-use super::section_name::Part;
-use super::value_error::ValueError;
+use super::sections::{Part, bounded};
 use super::value_text;
 
 /// Sections of one object.

@@ -5,9 +5,7 @@ use alloc::string::String;
 use alloc::vec::Vec;
 
 use super::data_type::{DataType, ValueClass};
-use super::data_value::{DataValue, TIME_MASK};
-use super::file_value::FileValue;
-use super::value_error::ValueError;
+use super::data_value::{DataValue, FileValue, TIME_MASK, ValueError};
 
 /// A deviation in the text of a value, which nevertheless has a meaning.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -181,7 +179,8 @@ fn time(text: &str) -> Option<DataValue> {
     let (days, clock) = text.split_once(" d ")?;
     let (clock, thousandths) = clock.split_once('.')?;
     let number = |digits: &str, length: usize, limit: u32| -> Option<u32> {
-        let is_number = digits.len() == length && digits.bytes().all(|it| it.is_ascii_digit());
+        let is_number =
+            digits.len() == length && digits.bytes().all(|digit| digit.is_ascii_digit());
         is_number.then(|| digits.parse().ok()).flatten().filter(|number| *number < limit)
     };
     let mut parts = clock.splitn(3, ':');

@@ -1,12 +1,12 @@
 //! Configuration of the network and its nodes: plain data.
 
+use std::fmt;
 use std::time::Duration;
 
 use ecan_protocol::image::Schedule;
+use ecan_protocol::sequence;
 
-use super::guarding_config::GuardingConfig;
-use super::node_action::Step;
-use crate::{NodeId, object};
+use crate::{NmtCommand, NmtState, NodeId, object};
 
 /// Use of SDO block transfer with a node (CiA 301, 7.2.4.2.9 to 7.2.4.2.16).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -143,6 +143,115 @@ impl Default for NetworkConfig {
             reserved_image_bytes: 0,
             nmt_queue: 32,
             host_heartbeat: None,
+        }
+    }
+}
+
+/// Address of a CANopen node: gateway, channel and node-ID.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub struct NodeAddress {
+    /// Slave index of the gateway in the Port.
+    pub slave: usize,
+    /// Channel of the gateway, 0..3.
+    pub channel: u8,
+    /// Node-ID, 1..127.
+    pub node: NodeId,
+}
+
+impl fmt::Display for NodeAddress {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "node {} (slave {}, channel {})", self.node, self.slave, self.channel)
+    }
+}
+
+/// A node of one [`Network`](crate::Network), by its index there.
+///
+/// In another network it refers to another node or to none; a call for no node does nothing, or
+/// returns its error.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct NodeHandle(pub(crate) usize);
+
+impl NodeHandle {
+    /// Index of the node, in the order in which nodes were added, from 0.
+    pub fn index(self) -> usize {
+        self.0
+    }
+}
+
+/// Node guarding of a node: the host asks for its NMT state, and the node detects by the requests that the host
+/// runs (life guarding). For nodes without heartbeat producer.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub struct GuardingConfig {
+    /// Time between two requests, 1 ms to 65535 ms, in whole milliseconds (0x100C).
+    pub guard_time: Duration,
+    /// The node, and the host, react after this multiple of the guard time without response or request, 1 to 255
+    /// (0x100D).
+    pub life_time_factor: u8,
+}
+
+impl GuardingConfig {
+    /// Longest time between two valid responses: guard time times life time factor.
+    pub fn life_time(&self) -> Duration {
+        self.guard_time * u32::from(self.life_time_factor)
+    }
+
+    /// Returns whether guard time and factor are in range.
+    pub fn is_valid(&self) -> bool {
+        self.checked_ms().is_some()
+    }
+
+    /// Guard time in milliseconds; `None` if it or the factor is out of range.
+    pub(super) fn checked_ms(&self) -> Option<u16> {
+        let is_whole = self.guard_time.subsec_nanos().is_multiple_of(1_000_000);
+        let ms = u16::try_from(self.guard_time.as_millis()).ok()?;
+        (is_whole && ms > 0 && self.life_time_factor > 0).then_some(ms)
+    }
+}
+
+/// One step of the configuration of a node: object access, or a [`NodeAction`].
+pub type Step = sequence::Step<NodeAction>;
+
+/// Action of a [`Step`] that concerns the NMT state of a node:
+/// `Step::device(NodeAction::Nmt(NmtCommand::Start))`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum NodeAction {
+    /// Sends an NMT command to the node.
+    Nmt(NmtCommand),
+    /// Waits for a boot-up message after the last NMT command of the list, or, without one, after
+    /// the start of the list.
+    AwaitBootUp {
+        /// Longest waiting time.
+        timeout: Duration,
+    },
+    /// Waits until the node reports a state, by heartbeat or guarding.
+    AwaitState {
+        /// The state.
+        state: NmtState,
+        /// Longest waiting time.
+        timeout: Duration,
+    },
+    /// Watches the node's heartbeat with this timeout from now on, and waits for the first one.
+    AwaitHeartbeat {
+        /// Longest time between two heartbeats, and longest waiting time.
+        timeout: Duration,
+    },
+    /// Guards the node from now on, and waits for its first response, at most its life time. The
+    /// node must have 0x100C and 0x100D, see [`GuardingConfig::steps`].
+    AwaitGuarding(GuardingConfig),
+    /// Writes the parameters of [`Network::set_parameters`](crate::Network::set_parameters), reads
+    /// them back and writes their date; nothing without parameters.
+    WriteParameters,
+}
+
+impl fmt::Display for NodeAction {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Nmt(command) => write!(f, "NMT {command}"),
+            Self::AwaitBootUp { .. } => f.write_str("wait for the boot-up message"),
+            Self::WriteParameters => f.write_str("write the parameters"),
+            Self::AwaitGuarding(_) => f.write_str("wait for a guarding response"),
+            Self::AwaitHeartbeat { .. } => f.write_str("wait for the heartbeat"),
+            Self::AwaitState { state, .. } => write!(f, "wait for NMT state {state}"),
         }
     }
 }

@@ -1,13 +1,13 @@
-//! Configuration of many nodes at once.
+//! Configuration of the nodes of a network by lists of steps: of one node, and of many at once.
 
 use std::fmt;
+use std::ops::Deref;
 use std::time::Duration;
 
-use super::address::{NodeAddress, NodeHandle};
-use super::network::Network;
-use super::node_action::Step;
+use super::config::{NodeAddress, NodeHandle, Step};
+use super::error::StepFailure;
+use super::master::Network;
 use super::node_sequence::{Configuring, NodeSequence};
-use super::step_failure::StepFailure;
 
 /// Progress of the configuration of one node.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -155,5 +155,31 @@ impl Configurator {
         let task = self.tasks.iter().find(|task| task.handle == handle)?;
         let found = task.uploaded.iter().rev().find(|(i, s, _)| (*i, *s) == (index, subindex));
         found.map(|(_, _, value)| *value)
+    }
+}
+
+impl<S: Deref<Target = [Step]>> NodeSequence<S> {
+    /// Cancels the running transfer. Real-time safe.
+    pub fn cancel(&self, network: &mut Network, handle: NodeHandle) {
+        if let Some(member) = network.member(handle) {
+            self.cancel_transfer(&mut member.node.sdo);
+        }
+    }
+
+    /// Executes steps until one must wait, all are complete, or one fails; after a failure it does
+    /// nothing. `on_read` receives index, subindex and value of each read. Call once per cycle,
+    /// between [`Network::receive`] and [`Network::send`]. Real-time safe.
+    pub fn advance(
+        &mut self,
+        network: &mut Network,
+        handle: NodeHandle,
+        now_ns: u64,
+        on_read: impl FnMut(u16, u8, u64),
+    ) -> Configuring {
+        match (network.member(handle), self.failure()) {
+            (Some(mut member), _) => self.advance_member(&mut member, now_ns, on_read),
+            (None, Some(failure)) => Configuring::Failed(failure),
+            (None, None) => Configuring::Done,
+        }
     }
 }

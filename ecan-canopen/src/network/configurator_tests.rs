@@ -3,7 +3,6 @@
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-use crate::{MappingEntry, NmtCommand, NmtState, TransmissionType};
 use ecan_protocol::can::CanId;
 use ecan_protocol::object::AbortCode;
 use proptest::prelude::*;
@@ -14,6 +13,7 @@ use super::{
     NodeConfig, NodeHandle, ParameterGroup, PdoDirection, PdoMapping, PdoMappingError, SdoConfig,
     SdoFault, Step, StepFault,
 };
+use crate::{MappingEntry, NmtCommand, NmtState, TransmissionType};
 
 #[path = "../../tests/reference/mod.rs"]
 mod reference;

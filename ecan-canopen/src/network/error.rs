@@ -1,15 +1,17 @@
 //! Errors of the network.
 
+use std::fmt;
 use std::time::Duration;
 
-use ecan_host::CycleError;
+use ecan_host::{CycleError, SdoDirection};
+use ecan_mcan_port::SendError;
+use ecan_protocol::object::AbortCode;
+use ecan_protocol::sequence::{SdoValue, StepError};
 use thiserror::Error;
 
-use super::address::NodeAddress;
-use super::guarding_config::GuardingConfig;
+use super::config::{GuardingConfig, NodeAddress, Step};
 use super::lss::{LssFailure, LssStartError};
-use super::sdo_error::{SdoFailure, SdoStartError};
-use super::step_failure::StepFailure;
+use crate::NmtState;
 
 /// Rejection of a node or of a configuration.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
@@ -167,6 +169,197 @@ impl WaitError {
             Self::TimedOut { .. } => true,
             Self::Stopped => false,
             Self::Cycle(error) => error.is_temporary(),
+        }
+    }
+}
+
+/// Cause of the failure of an SDO transfer.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
+#[non_exhaustive]
+pub enum SdoFault {
+    /// The node aborted it.
+    #[error("aborted by the node: {0}")]
+    Aborted(AbortCode),
+    /// The host aborted it, because the answer violates the protocol.
+    #[error("aborted by the host: {0}")]
+    Violated(AbortCode),
+    /// No answer arrived in time.
+    #[error("no answer after {attempts} attempt{}", if *attempts == 1 { "" } else { "s" })]
+    TimedOut {
+        /// Number of attempts.
+        attempts: u8,
+    },
+    /// The value is longer than the buffer of [`SdoConfig`](crate::SdoConfig).
+    #[error("the value does not fit the buffer of {capacity} bytes")]
+    TooLong {
+        /// Capacity in bytes.
+        capacity: usize,
+    },
+    /// The gateway is no longer ready, and has lost the transfer.
+    #[error("the gateway was lost")]
+    GatewayLost,
+    /// The node restarted: its boot-up message arrived.
+    #[error("the node restarted")]
+    NodeRestarted,
+    /// The application cancelled it.
+    #[error("cancelled by the application")]
+    Cancelled,
+    /// The Port rejected the frame for a reason that waiting does not cure.
+    #[error("the frame was rejected: {0}")]
+    Rejected(SendError),
+}
+
+impl SdoFault {
+    /// Returns whether the same transfer may succeed later without a change by the application.
+    pub const fn is_temporary(&self) -> bool {
+        matches!(self, Self::TimedOut { .. } | Self::GatewayLost | Self::NodeRestarted)
+    }
+}
+
+/// Failure of an SDO transfer, with its node and object.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
+#[error("SDO {} 0x{index:04X}:{subindex:02X} {} {address}: {fault}", text(*direction).0, text(*direction).1)]
+pub struct SdoFailure {
+    /// The node.
+    pub address: NodeAddress,
+    /// Upload or download.
+    pub direction: SdoDirection,
+    /// Object index.
+    pub index: u16,
+    /// Object subindex.
+    pub subindex: u8,
+    /// Cause.
+    pub fault: SdoFault,
+}
+
+fn text(direction: SdoDirection) -> (&'static str, &'static str) {
+    match direction {
+        SdoDirection::Upload => ("upload", "from"),
+        SdoDirection::Download => ("download", "to"),
+    }
+}
+
+/// Rejection of an SDO transfer before its start.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
+pub enum SdoStartError {
+    /// Another transfer with the node is running.
+    #[error("another SDO transfer with the node is running; retry after its end")]
+    Busy,
+    /// The value is longer than the buffer.
+    #[error("{length} bytes do not fit the SDO buffer of {capacity} bytes")]
+    TooLong {
+        /// Length of the value in bytes.
+        length: usize,
+        /// Capacity in bytes.
+        capacity: usize,
+    },
+    /// The network has no such node.
+    #[error("the network has no such node")]
+    UnknownNode,
+}
+
+impl SdoStartError {
+    /// Returns whether the same call may succeed later without a change by the application.
+    pub const fn is_temporary(&self) -> bool {
+        matches!(self, Self::Busy)
+    }
+}
+
+/// Cause of the failure of a step.
+pub type StepFault = StepError<NodeAccessError>;
+
+/// Cause of the failure of a step.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
+#[non_exhaustive]
+pub enum NodeAccessError {
+    /// The transfer failed.
+    #[error(transparent)]
+    Sdo(#[from] SdoFault),
+    /// The transfer could not start.
+    #[error(transparent)]
+    Start(#[from] SdoStartError),
+    /// The boot-up message did not arrive in time.
+    #[error("no boot-up message after {} ms", waited.as_millis())]
+    NoBootUp {
+        /// Waiting time.
+        waited: Duration,
+    },
+    /// A parameter could not be written or read back.
+    #[error("parameter 0x{index:04X}:{subindex:02X}: {fault}")]
+    Parameter {
+        /// Object index.
+        index: u16,
+        /// Object subindex.
+        subindex: u8,
+        /// Cause.
+        fault: SdoFault,
+    },
+    /// The node has another value of a parameter than the one that was written.
+    #[error("parameter 0x{index:04X}:{subindex:02X} = {expected} was written, {found} read back")]
+    ParameterMismatch {
+        /// Object index.
+        index: u16,
+        /// Object subindex.
+        subindex: u8,
+        /// Value that was read back; the first bytes of a long one.
+        found: SdoValue,
+        /// Value that was written; the first bytes of a long one.
+        expected: SdoValue,
+    },
+    /// Neither heartbeat nor guarding response arrived in time.
+    #[error("no heartbeat or guarding response after {} ms", waited.as_millis())]
+    NoHeartbeat {
+        /// Waiting time.
+        waited: Duration,
+    },
+    /// The node did not report the state in time.
+    #[error("after {} ms the node {}", waited.as_millis(), LastState(*reported))]
+    State {
+        /// State that the node reported last; `None` before its first report.
+        reported: Option<NmtState>,
+        /// Waiting time.
+        waited: Duration,
+    },
+}
+
+struct LastState(Option<NmtState>);
+
+impl fmt::Display for LastState {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.0 {
+            Some(state) => write!(f, "is still in state {state}"),
+            None => f.write_str("has not reported a state"),
+        }
+    }
+}
+
+/// Failure of a step, with its node and its position in the list.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
+#[error("{address}, step {} of {of}, {step}: {fault}", *nth + 1)]
+pub struct StepFailure {
+    /// The node.
+    pub address: NodeAddress,
+    /// Index of the step, from 0.
+    pub nth: usize,
+    /// Number of steps.
+    pub of: usize,
+    /// The step.
+    pub step: Step,
+    /// Cause.
+    pub fault: StepFault,
+}
+
+impl StepFailure {
+    /// Returns whether the same step may succeed later without a change by the application.
+    pub const fn is_temporary(&self) -> bool {
+        match self.fault {
+            StepError::Access(
+                NodeAccessError::Sdo(fault) | NodeAccessError::Parameter { fault, .. },
+            ) => fault.is_temporary(),
+            StepError::Access(NodeAccessError::ParameterMismatch { .. }) => false,
+            StepError::Access(NodeAccessError::Start(error)) => error.is_temporary(),
+            StepError::Mismatch { .. } => false,
+            _ => true,
         }
     }
 }

@@ -1,69 +1,36 @@
 //! A CANopen master over a Port (CiA 301).
+//!
+//! `master` holds the network: nodes and channels are in `node_table`, one node with its life sign in `node`
+//! and `life_sign`, the clients of services in `sdo` and `lss`. `service_sender` sends what is due. `boot` boots
+//! nodes, `node_sequence` and `configurator` execute lists of steps, `blocking` runs the cycle itself.
 
-// Cycle
-mod address;
-mod channel;
-mod config;
-mod emcy_log;
-mod error;
-mod frame_sink;
-mod guarding;
-mod guarding_config;
-mod heartbeat;
-mod lss;
-#[expect(clippy::module_inception, reason = "a file has the name of its main type")]
-mod network;
-mod network_cycle;
-mod network_lss;
-mod network_parameters;
-mod network_startup;
-mod network_sync;
-mod nmt_tracker;
-mod node;
-mod period_timer;
-mod sdo;
-mod sdo_error;
-mod service_sender;
-mod statistics;
-mod sync_producer;
-mod time_producer;
-
-pub use address::{NodeAddress, NodeHandle};
-pub use config::{
-    BlockTransferConfig, HostHeartbeat, NetworkConfig, NodeConfig, SdoConfig, SyncConfig,
-};
-pub use emcy_log::{EMCY_DEPTH, EmcyLog, EmcyRecord};
-pub use error::{NetworkError, NmtError, WaitError};
-pub use guarding::GuardErrors;
-pub use guarding_config::GuardingConfig;
-pub use heartbeat::Heartbeat;
-pub use lss::{
-    Lss, LssCommand, LssConfig, LssFailure, LssFault, LssMaster, LssResult, LssStartError,
-};
-pub use network::Network;
-pub use node::NodeStatus;
-pub use sdo::{Sdo, SdoClient};
-pub use sdo_error::{SdoFailure, SdoFault, SdoStartError};
-pub use statistics::ServiceStatistics;
-pub use time_producer::{TimeConfig, TimeReference};
-
-// Configuration of nodes
+mod blocking;
 mod boot;
+mod config;
 mod configurator;
 #[cfg(feature = "device-files")]
 mod description;
-mod error_history;
-mod mpdo_config;
-mod node_action;
+mod error;
+mod life_sign;
+mod lss;
+mod master;
+mod node;
 mod node_sequence;
-mod parameter_storage;
+mod node_table;
 mod pdo_mapping;
-mod sdo_turn;
-mod step_failure;
+mod producers;
+mod sdo;
+mod service_sender;
+mod storage;
 
+pub use blocking::{Blocking, run_cycle_uninterrupted, run_cycle_until};
 pub use boot::{
     BootConfig, BootError, BootPhase, BootProgress, BootReset, BootState, ConfigurationDate,
     IdentityCheck, Parameter, ParameterError, ParameterSet, RevisionCheck, Subject,
+};
+pub use config::{
+    BlockTransferConfig, GuardingConfig, HostHeartbeat, NetworkConfig, NodeAction, NodeAddress,
+    NodeConfig, NodeHandle, SdoConfig, Step, SyncConfig,
 };
 pub use configurator::{Configurator, Progress};
 #[cfg(feature = "device-files")]
@@ -71,26 +38,28 @@ pub use description::{
     ChannelDescription, DescriptionError, NetworkDescription, NetworkFault, NetworkFaultKind,
     NodeDescription, PdoName,
 };
-pub use error_history::ErrorHistory;
-pub use mpdo_config::{MpdoConfig, MpdoConfigError, MpdoMode};
-pub use node_action::{NodeAction, Step};
-pub use node_sequence::{Configuring, NodeSequence};
-pub use parameter_storage::{ParameterGroup, StorageCapability};
-pub use pdo_mapping::{PdoDirection, PdoMapping, PdoMappingError};
-pub use step_failure::{NodeAccessError, StepFailure, StepFault};
-
-// Blocking calls
-mod blocking;
-mod wait;
-
-pub use wait::{run_cycle_uninterrupted, run_cycle_until};
-
 pub use ecan_host::SdoDirection;
 pub use ecan_protocol::sequence::{Expectation, SdoValue, Tolerance};
+pub use error::{
+    NetworkError, NmtError, NodeAccessError, SdoFailure, SdoFault, SdoStartError, StepFailure,
+    StepFault, WaitError,
+};
+pub use life_sign::{GuardErrors, Heartbeat};
+pub use lss::{
+    Lss, LssCommand, LssConfig, LssFailure, LssFault, LssMaster, LssResult, LssStartError,
+};
+pub use master::Network;
+pub use node::{EMCY_DEPTH, EmcyLog, EmcyRecord, NodeStatus};
+pub use node_sequence::{Configuring, NodeSequence};
+pub use pdo_mapping::{
+    MpdoConfig, MpdoConfigError, MpdoMode, PdoDirection, PdoMapping, PdoMappingError,
+};
+pub use producers::{TimeConfig, TimeReference};
+pub use sdo::{Sdo, SdoClient};
+pub use service_sender::ServiceStatistics;
+pub use storage::{ErrorHistory, ParameterGroup, StorageCapability};
 
 #[cfg(test)]
 mod configurator_tests;
-#[cfg(test)]
-mod network_services_tests;
 #[cfg(test)]
 mod network_tests;

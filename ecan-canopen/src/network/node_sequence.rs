@@ -6,14 +6,11 @@ use std::time::Duration;
 use ecan_protocol::object::AbortCode;
 use ecan_protocol::sequence::{Action, ObjectAccess, SdoValue, Sequence, SequenceState, Transfer};
 
-use super::address::NodeHandle;
-use super::error::NmtError;
-use super::heartbeat::Heartbeat;
-use super::network::Network;
-use super::node_action::{NodeAction, Step};
-use super::sdo_error::{SdoFault, SdoStartError};
-use super::sdo_turn::{SdoTurn, TurnState};
-use super::step_failure::{NodeAccessError, StepFailure};
+use super::config::{NodeAction, Step};
+use super::error::{NodeAccessError, SdoFault, StepFailure};
+use super::life_sign::Heartbeat;
+use super::node_table::Member;
+use super::sdo::{SdoClient, SdoTurn, TurnState};
 
 /// State of a configuration.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -77,41 +74,38 @@ impl<S> NodeSequence<S> {
 }
 
 impl<S: Deref<Target = [Step]>> NodeSequence<S> {
-    /// Cancels the running transfer. Real-time safe.
-    pub fn cancel(&self, network: &mut Network, handle: NodeHandle) {
+    /// Cancels the running transfer.
+    pub(super) fn cancel_transfer(&self, client: &mut SdoClient) {
         let is_writing = matches!(
             self.sequence.current().map(|step| step.action),
             Some(Action::Device(NodeAction::WriteParameters))
         );
         let is_transferring =
-            self.sequence.is_transferring() && self.client.turn.is_current(network, handle);
+            self.sequence.is_transferring() && self.client.turn.is_current(client);
         if is_transferring || is_writing {
-            network.cancel_sdo(handle);
+            client.cancel();
         }
     }
 
-    /// Executes steps until one must wait, all are complete, or one fails; after a failure it does
-    /// nothing. `on_read` receives index, subindex and value of each read. Call once per cycle,
-    /// between [`Network::receive`] and [`Network::send`]. Real-time safe.
-    pub fn advance(
+    /// Executes steps until one must wait, all are complete, or one fails; after a failure it does nothing.
+    pub(super) fn advance_member(
         &mut self,
-        network: &mut Network,
-        handle: NodeHandle,
+        member: &mut Member<'_>,
         now_ns: u64,
         on_read: impl FnMut(u16, u8, u64),
     ) -> Configuring {
         if let Some(failure) = self.failure {
             return Configuring::Failed(failure);
         }
-        let Some(status) = network.status(handle) else { return Configuring::Done };
-        self.client.boot_ups.get_or_insert(status.boot_ups);
-        let mut access = NodeAccess { network, handle, client: &mut self.client };
+        self.client.boot_ups.get_or_insert(member.node.nmt.boot_ups());
+        let address = member.node.address;
+        let mut access = NodeAccess { member, client: &mut self.client };
         match self.sequence.advance(&mut access, now_ns, on_read) {
             SequenceState::Running => Configuring::Running,
             SequenceState::Done => Configuring::Done,
             SequenceState::Failed(fault) => {
                 let failure = StepFailure {
-                    address: status.address,
+                    address,
                     nth: self.sequence.position(),
                     of: self.sequence.steps().len(),
                     step: self.sequence.current().unwrap_or_default(),
@@ -124,15 +118,14 @@ impl<S: Deref<Target = [Step]>> NodeSequence<S> {
     }
 }
 
-struct NodeAccess<'a> {
-    network: &'a mut Network,
-    handle: NodeHandle,
+struct NodeAccess<'a, 'm> {
+    member: &'a mut Member<'m>,
     client: &'a mut ClientState,
 }
 
-impl NodeAccess<'_> {
+impl NodeAccess<'_, '_> {
     fn await_life(&self, timeout: Duration, elapsed: Duration) -> Result<bool, NodeAccessError> {
-        if self.network.heartbeat(self.handle) == Heartbeat::Active {
+        if self.member.node.life() == Heartbeat::Active {
             Ok(true)
         } else if elapsed > timeout {
             Err(NodeAccessError::NoHeartbeat { waited: elapsed })
@@ -142,45 +135,43 @@ impl NodeAccess<'_> {
     }
 }
 
-impl ObjectAccess for NodeAccess<'_> {
+impl ObjectAccess for NodeAccess<'_, '_> {
     type Action = NodeAction;
     type Error = NodeAccessError;
 
     fn start_write(&mut self, index: u16, subindex: u8, data: &[u8]) -> Result<bool, Self::Error> {
         let key = (index, subindex);
-        Ok(self.client.turn.download(self.network, self.handle, key, data)?)
+        Ok(self.client.turn.download(&mut self.member.node.sdo, key, data)?)
     }
 
     fn start_read(&mut self, index: u16, subindex: u8) -> Result<bool, Self::Error> {
-        Ok(self.client.turn.upload(self.network, self.handle, (index, subindex))?)
+        Ok(self.client.turn.upload(&mut self.member.node.sdo, (index, subindex))?)
     }
 
     fn poll(&mut self) -> Result<Transfer, Self::Error> {
-        match self.client.turn.poll(self.network, self.handle) {
+        match self.client.turn.poll(&self.member.node.sdo) {
             TurnState::Busy => Ok(Transfer::Busy),
             TurnState::Lost => Ok(Transfer::Lost),
             TurnState::Done => {
-                Ok(Transfer::Done(SdoValue::from_bytes(self.network.sdo_data(self.handle)).raw()))
+                Ok(Transfer::Done(SdoValue::from_bytes(self.member.node.sdo.data()).raw()))
             }
             TurnState::Failed(fault) => Err(fault.into()),
         }
     }
 
     fn act(&mut self, action: &NodeAction, elapsed: Duration) -> Result<bool, Self::Error> {
-        let status = self.network.status(self.handle).ok_or(SdoStartError::UnknownNode)?;
+        let node = &mut *self.member.node;
+        let boot_ups = node.nmt.boot_ups();
         match *action {
-            NodeAction::Nmt(command) => match self.network.nmt(self.handle, command) {
-                Ok(()) => {
-                    self.client.boot_ups = Some(status.boot_ups);
-                    Ok(true)
+            NodeAction::Nmt(command) => {
+                let is_queued = self.member.queue_nmt(command);
+                if is_queued {
+                    self.client.boot_ups = Some(boot_ups);
                 }
-                Err(NmtError::QueueFull { .. }) => Ok(false),
-                Err(NmtError::UnknownNode | NmtError::UnknownChannel { .. }) => {
-                    Err(SdoStartError::UnknownNode.into())
-                }
-            },
+                Ok(is_queued)
+            }
             NodeAction::AwaitBootUp { timeout } => {
-                if self.client.boot_ups != Some(status.boot_ups) {
+                if self.client.boot_ups != Some(boot_ups) {
                     Ok(true)
                 } else if elapsed > timeout {
                     Err(NodeAccessError::NoBootUp { waited: elapsed })
@@ -188,24 +179,22 @@ impl ObjectAccess for NodeAccess<'_> {
                     Ok(false)
                 }
             }
-            NodeAction::WriteParameters => {
-                self.network.write_parameters(self.handle, elapsed.is_zero())
-            }
+            NodeAction::WriteParameters => node.write_parameters(elapsed.is_zero()),
             NodeAction::AwaitHeartbeat { timeout } => {
                 if elapsed.is_zero() {
-                    self.network.set_heartbeat_timeout(self.handle, timeout);
+                    node.set_heartbeat_timeout(timeout);
                 }
                 self.await_life(timeout, elapsed)
             }
             NodeAction::AwaitGuarding(guarding) => {
                 if elapsed.is_zero() {
                     // A guard time out of range was rejected before: then nothing is guarded.
-                    let _ = self.network.set_guarding(self.handle, Some(guarding));
+                    node.set_guarding(Some(guarding));
                 }
                 self.await_life(guarding.life_time(), elapsed)
             }
             NodeAction::AwaitState { state, timeout } => {
-                let reported = status.nmt_state;
+                let reported = node.nmt.reported();
                 if reported == Some(state) {
                     Ok(true)
                 } else if elapsed > timeout {

@@ -1,17 +1,15 @@
-//! Sends the service frames of one channel, within the limits of a cycle.
+//! Sends the service frames of one channel within the limits of a cycle, and counts them.
 
-use crate::{CobId, GuardResponse, NmtState, heartbeat_data};
-use ecan_mcan_port::{SendError, SendOptions};
+use ecan_mcan_port::{Cycle, SendError, SendOptions, SendTicket};
 use ecan_protocol::can::{Dlc, FrameRef};
 
-use super::channel::Channel;
 use super::config::{NetworkConfig, SyncConfig};
-use super::frame_sink::FrameSink;
+use super::error::SdoFault;
 use super::lss::LssFault;
 use super::node::Node;
-use super::sdo_error::SdoFault;
-use super::statistics::ServiceStatistics;
-use super::time_producer::TimeConfig;
+use super::node_table::Channel;
+use super::producers::TimeConfig;
+use crate::{CobId, GuardResponse, NmtState, heartbeat_data};
 
 /// Bytes that an SDO frame takes in the RxPDO image: control word, 11-bit identifier and eight
 /// bytes of data (manual 8.3).
@@ -70,10 +68,7 @@ impl<O: FrameSink> ServiceSender<'_, O> {
                         if let Some(node) = self.nodes.get_mut(*nth)
                             && request.concerns(node.address.node)
                         {
-                            node.nmt.commanded(request.command);
-                            if let Some(guard) = &mut node.guard {
-                                guard.commanded();
-                            }
+                            node.on_command(request.command);
                         }
                     }
                 }
@@ -81,7 +76,7 @@ impl<O: FrameSink> ServiceSender<'_, O> {
                 Err(error) if error.is_temporary() => return 0,
                 Err(_) => {}
             }
-            self.channel.nmt_sent();
+            self.channel.pop_nmt();
         }
         0
     }
@@ -94,7 +89,7 @@ impl<O: FrameSink> ServiceSender<'_, O> {
         let data = heartbeat_data(NmtState::Operational);
         if self.send(CobId::heartbeat(host.node), &data, SendOptions::default()).is_ok() {
             self.statistics.heartbeats_sent += 1;
-            self.channel.heartbeat.sent(now_ns, host.period);
+            self.channel.heartbeat.advance(now_ns, host.period);
         }
     }
 
@@ -103,7 +98,7 @@ impl<O: FrameSink> ServiceSender<'_, O> {
         let Some(message) = time.message(now_ns) else { return };
         if self.send(CobId::TIME, &message, SendOptions::default()).is_ok() {
             self.statistics.times_sent += 1;
-            self.channel.time.sent(now_ns, time.period);
+            self.channel.time.advance(now_ns, time.period);
         }
     }
 
@@ -133,7 +128,7 @@ impl<O: FrameSink> ServiceSender<'_, O> {
             self.channel.guard_turn = (turn + 1) % count;
             let Some(node) = nth.and_then(|nth| self.nodes.get_mut(nth)) else { continue };
             if let Some(guard) = &mut node.guard {
-                guard.sent(now_ns, expected);
+                guard.on_request_sent(now_ns, expected);
             }
         }
         budget
@@ -224,9 +219,108 @@ impl<O: FrameSink> ServiceSender<'_, O> {
         match self.send(CobId::SYNC, data, options) {
             Ok(()) => {
                 self.statistics.syncs_sent += 1;
-                self.channel.sync.sent(sync);
+                self.channel.sync.on_sent(sync);
             }
             Err(_) => self.statistics.syncs_late += 1,
+        }
+    }
+}
+
+pub(super) trait FrameSink {
+    fn send(
+        &mut self,
+        slave: usize,
+        channel: u8,
+        frame: FrameRef<'_>,
+        options: SendOptions,
+    ) -> Result<SendTicket, SendError>;
+
+    /// Frames that the gateway has not sent yet on a channel, by its status.
+    fn pending(&self, slave: usize, channel: u8) -> u8;
+
+    /// Bytes left in the image of this cycle.
+    fn room(&self, slave: usize) -> usize;
+
+    fn is_ready(&self, slave: usize) -> bool;
+
+    /// Returns whether the last image is unconfirmed, so that frames wait for the next one.
+    fn is_unconfirmed(&self, slave: usize) -> bool;
+}
+
+impl FrameSink for Cycle<'_> {
+    fn send(
+        &mut self,
+        slave: usize,
+        channel: u8,
+        frame: FrameRef<'_>,
+        options: SendOptions,
+    ) -> Result<SendTicket, SendError> {
+        let to = self.channel(slave, channel)?;
+        self.send_with(to, frame, options)
+    }
+
+    fn pending(&self, slave: usize, channel: u8) -> u8 {
+        let channel = self.channel(slave, channel);
+        channel.map_or(0, |channel| self.channel_status(channel).tx_pending())
+    }
+
+    fn room(&self, slave: usize) -> usize {
+        self.gateway(slave).map_or(0, |gateway| self.image_room(gateway))
+    }
+
+    fn is_ready(&self, slave: usize) -> bool {
+        self.gateway(slave).is_ok_and(|gateway| self.gateway_is_ready(gateway))
+    }
+
+    fn is_unconfirmed(&self, slave: usize) -> bool {
+        let gateway = self.gateway(slave);
+        gateway.is_ok_and(|gateway| self.cycle_report(gateway).is_unconfirmed)
+    }
+}
+
+/// Counters of a network; they only grow.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct ServiceStatistics {
+    /// SDO frames sent to gateways.
+    pub sdo_sent: u64,
+    /// NMT commands sent to gateways.
+    pub nmt_sent: u64,
+    /// Heartbeats of the host sent to gateways.
+    pub heartbeats_sent: u64,
+    /// TIME messages sent to gateways.
+    pub times_sent: u64,
+    /// Guarding requests sent to gateways.
+    pub guards_sent: u64,
+    /// LSS frames sent to gateways.
+    pub lss_sent: u64,
+    /// SYNC messages sent to gateways.
+    pub syncs_sent: u64,
+    /// Times that a frame waited: it found no space, or its gateway was not ready.
+    pub waited: u64,
+    /// Cycles in which a SYNC was due on a channel and waited: it found no space, or the gateway's last
+    /// image was unconfirmed.
+    pub syncs_late: u64,
+    /// Frames that the Port rejected for a permanent reason.
+    pub rejected: u64,
+    /// Reason of the last of those.
+    pub last_rejection: Option<SendError>,
+    /// SDO answers that matched no transfer.
+    pub sdo_strays: u64,
+    /// LSS responses that matched no command.
+    pub lss_strays: u64,
+    /// Messages of nodes that CiA 301 does not allow: a heartbeat without a valid state, an emergency
+    /// message of another length.
+    pub malformed: u64,
+}
+
+impl ServiceStatistics {
+    /// Counts a frame that was not sent.
+    pub(super) fn note(&mut self, error: SendError) {
+        if error.is_temporary() {
+            self.waited += 1;
+        } else {
+            self.rejected += 1;
+            self.last_rejection = Some(error);
         }
     }
 }

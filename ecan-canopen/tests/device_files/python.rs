@@ -1,8 +1,5 @@
 //! The Python package `canopen` reads the files that are written here, and finds the same values.
 
-#[path = "../python_peer/mod.rs"]
-mod python_peer;
-
 use std::collections::BTreeMap;
 use std::io::Write as _;
 use std::path::Path;

@@ -65,7 +65,7 @@ impl Bench {
     }
 
     pub fn lss(&mut self, command: LssCommand) -> Result<LssResult, WaitError> {
-        self.network.lss_blocking(&mut self.port, (0, 0), command, LONG)
+        self.network.blocking(&mut self.port, LONG).lss((0, 0), command)
     }
 
     pub fn lss_ok(&mut self, command: LssCommand) -> LssResult {
@@ -102,14 +102,16 @@ impl Bench {
     pub fn read(&mut self, node: NodeHandle, index: u16, subindex: u8) -> u64 {
         let data = self
             .network
-            .upload_blocking(&mut self.port, node, (index, subindex), LONG)
+            .blocking(&mut self.port, LONG)
+            .upload(node, (index, subindex))
             .unwrap_or_else(|error| panic!("{error}"));
         data.iter().rev().fold(0, |value, byte| value << 8 | u64::from(*byte))
     }
 
     pub fn write(&mut self, node: NodeHandle, (index, subindex): (u16, u8), value: &[u8]) {
         self.network
-            .download_blocking(&mut self.port, node, (index, subindex), value, LONG)
+            .blocking(&mut self.port, LONG)
+            .download(node, (index, subindex), value)
             .unwrap_or_else(|error| panic!("{error}"));
     }
 }
@@ -125,5 +127,5 @@ pub fn open_port(backend: &Backend, bit_per_s: u32) -> Port {
 pub fn run_steps(bench: &mut Bench, node: NodeHandle, steps: &[Step]) -> Result<(), WaitError> {
     let mut configurator = Configurator::new();
     configurator.add(&bench.network, node, steps.iter().copied());
-    bench.network.configure_blocking(&mut bench.port, &mut configurator, LONG, |_| {})
+    bench.network.blocking(&mut bench.port, LONG).configure(&mut configurator, |_| {})
 }

@@ -59,16 +59,16 @@ fn error_history_is_read_newest_first_and_cleared() {
     }
     let expected = [0x2310, 0x4210].map(|code| HistoryEntry { code, additional: 0 });
     let Bench { network, port, .. } = &mut bench;
-    assert_eq!(network.error_history_blocking(port, node, LONG).unwrap(), expected);
+    assert_eq!(network.blocking(port, LONG).error_history(node).unwrap(), expected);
 
     let mut configurator = Configurator::new();
     assert_eq!(ErrorHistory::uploaded(&configurator, node), None);
     configurator.add(network, node, ErrorHistory::steps(4));
-    network.configure_blocking(port, &mut configurator, LONG, |_| {}).unwrap();
+    network.blocking(port, LONG).configure(&mut configurator, |_| {}).unwrap();
     assert_eq!(ErrorHistory::uploaded(&configurator, node).unwrap(), expected);
     configurator.clear(network);
     configurator.add(network, node, [ErrorHistory::clearing_step()]);
     configurator.add(network, node, ErrorHistory::steps(4));
-    network.configure_blocking(port, &mut configurator, LONG, |_| {}).unwrap();
+    network.blocking(port, LONG).configure(&mut configurator, |_| {}).unwrap();
     assert_eq!(ErrorHistory::uploaded(&configurator, node).unwrap(), []);
 }

@@ -300,7 +300,7 @@ impl Cia402 {
     }
 
     /// Executes an LSS command on a channel of the network and waits, see
-    /// [`Network::lss_blocking`](ecan_canopen::Network::lss_blocking). The axes remain at their last targets.
+    /// [`Blocking::lss`](ecan_canopen::Blocking::lss). The axes remain at their last targets.
     /// Blocks.
     ///
     /// # Errors

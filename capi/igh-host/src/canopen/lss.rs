@@ -80,7 +80,7 @@ pub fn igh_canopen_lss(
     } else {
         let mut network = Network::new(NetworkConfig::default());
         network.add_channel(slave, channel).or_code(call)?;
-        network.lss_blocking(bus.need_port(call)?, at, command, timeout).or_code(call)?
+        network.blocking(bus.need_port(call)?, timeout).lss(at, command).or_code(call)?
     };
     if let Some(result) = result {
         result.set(ended.into());

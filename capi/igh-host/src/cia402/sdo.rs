@@ -306,7 +306,7 @@ pub fn igh_canopen_sdo_upload(
     let (object, timeout) = ((index, subindex), duration(timeout_ms));
     let value = match Peer::new(call, bus, (slave, channel, node_id), size)? {
         Peer::Alone(port, mut network, node) => {
-            network.upload_blocking(port, node, object, timeout).or_code(call)
+            network.blocking(port, timeout).upload(node, object).or_code(call)
         }
         Peer::WithAxes(cia402, port, node) => {
             cia402.upload_node_timeout(port, node, object, timeout).or_code(call)
@@ -340,7 +340,7 @@ pub fn igh_canopen_sdo_download(
     let (object, timeout) = ((index, subindex), duration(timeout_ms));
     match Peer::new(call, bus, (slave, channel, node_id), size)? {
         Peer::Alone(port, mut network, node) => {
-            network.download_blocking(port, node, object, data, timeout).or_code(call)
+            network.blocking(port, timeout).download(node, object, data).or_code(call)
         }
         Peer::WithAxes(cia402, port, node) => {
             cia402.download_node_timeout(port, node, object, data, timeout).or_code(call)

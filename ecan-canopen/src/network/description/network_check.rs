@@ -1,9 +1,18 @@
 //! Check of a network as a whole.
 
-use super::network_description::NetworkDescription;
-use super::network_fault::{NetworkFault, NetworkFaultKind};
-use super::{cob_id_check, load_check, parameter_check, pdo_check};
-use crate::device_file::BitRates;
+use std::collections::BTreeMap;
+
+use ecan_mcan_port::{ChannelLoad, FrameRate, FrameStream};
+use ecan_protocol::can::{CanFrame, CanId};
+
+use super::node_description::{
+    ChannelDescription, NetworkDescription, NetworkFault, NetworkFaultKind, NodeDescription,
+    PdoName,
+};
+use crate::device_file::{BitRates, DeviceFile};
+use crate::network::boot::{Parameter, Subject};
+use crate::network::pdo_mapping::{PdoDirection, PdoMapping};
+use crate::{CobId, MappingEntry, PdoCobId, TransmissionType, object};
 
 impl NetworkDescription {
     /// Checks the description as a whole and returns every fault: addresses, bit rates, PDOs,
@@ -13,11 +22,11 @@ impl NetworkDescription {
         self.check_addresses(&mut faults);
         for (nth, node) in self.nodes.iter().enumerate() {
             let mut report = |kind| faults.push(NetworkFault { nodes: vec![nth], kind });
-            pdo_check::check(node, &mut report);
-            parameter_check::check(node, &mut report);
+            check_pdos(node, &mut report);
+            check_parameters(node, &mut report);
         }
-        cob_id_check::check(self, &mut faults);
-        load_check::check(self, &mut faults);
+        check_cob_ids(self, &mut faults);
+        check_load(self, &mut faults);
         faults
     }
 
@@ -26,14 +35,15 @@ impl NetworkDescription {
         for (nth, node) in nodes() {
             let address = node.address;
             let mut fault = |nodes, kind| faults.push(NetworkFault { nodes, kind });
-            if let Some((first, _)) = nodes().take(nth).find(|(_, it)| it.address == address) {
+            if let Some((first, _)) = nodes().take(nth).find(|(_, other)| other.address == address)
+            {
                 fault(vec![first, nth], NetworkFaultKind::Duplicate { address });
             }
             if self.host_heartbeat.is_some_and(|host| host.node == address.node) {
                 fault(vec![nth], NetworkFaultKind::HostNode { node: address.node });
             }
             let key = (address.slave, address.channel);
-            match self.channels.iter().find(|it| (it.slave, it.channel) == key) {
+            match self.channels.iter().find(|channel| (channel.slave, channel.channel) == key) {
                 None => fault(vec![nth], NetworkFaultKind::Channel { address }),
                 Some(channel) => {
                     let bitrate = channel.can.nominal_bitrate;
@@ -48,4 +58,287 @@ impl NetworkDescription {
             }
         }
     }
+}
+
+/// Sender of a COB-ID: its node, and a text.
+type Sender = (Option<usize>, String);
+
+pub(super) fn check_cob_ids(network: &NetworkDescription, faults: &mut Vec<NetworkFault>) {
+    for channel in &network.channels {
+        let here = |node: &NodeDescription| {
+            (node.address.slave, node.address.channel) == (channel.slave, channel.channel)
+        };
+        let nodes = || network.nodes.iter().enumerate().filter(|(_, node)| here(node));
+        let mut senders = BTreeMap::new();
+        let mut add = |id: CanId, sender: Sender| {
+            let key = (id.is_extended(), id.raw());
+            match senders.get(&key) {
+                None => _ = senders.insert(key, sender),
+                Some((first_node, first)) if *first_node != sender.0 || *first != sender.1 => {
+                    let nodes = first_node.iter().copied().chain(sender.0).collect();
+                    let (first, second): (&String, _) = (first, sender.1);
+                    let kind = NetworkFaultKind::Collision { id, first: first.clone(), second };
+                    faults.push(NetworkFault { nodes, kind });
+                }
+                Some(_) => {}
+            }
+        };
+        for (id, text) in [(CobId::NMT, "NMT"), (CobId::SYNC, "SYNC"), (CobId::TIME, "TIME")] {
+            add(id.can_id(), (None, text.to_owned()));
+        }
+        if let Some(host) = network.host_heartbeat {
+            add(CobId::heartbeat(host.node).can_id(), (None, "the host's heartbeat".to_owned()));
+        }
+        for (nth, node) in nodes() {
+            for (id, what) in services(node) {
+                add(id, (Some(nth), format!("{what} of {}", node.title())));
+            }
+        }
+        for (nth, node) in nodes() {
+            for (pdo, id) in
+                valid_pdos(node).filter(|(pdo, _)| pdo.direction == PdoDirection::Transmit)
+            {
+                add(id, (Some(nth), format!("{pdo} of {}", node.title())));
+            }
+        }
+    }
+}
+
+/// COB-IDs of the services of a node, except PDOs.
+fn services(node: &NodeDescription) -> Vec<(CanId, &'static str)> {
+    let id = node.address.node;
+    let emcy = number(node, object::EMCY_COB_ID, 0).and_then(PdoCobId::from_raw);
+    let emcy = match emcy {
+        Some(emcy) => emcy.is_valid.then_some(emcy.id),
+        None => Some(CobId::emcy(id).can_id()),
+    };
+    let mut services = vec![
+        (CobId::sdo_client(id).can_id(), "SDO requests"),
+        (CobId::sdo_server(id).can_id(), "SDO responses"),
+        (CobId::heartbeat(id).can_id(), "heartbeat"),
+    ];
+    services.extend(emcy.map(|id| (id, "EMCY")));
+    services
+}
+
+/// PDOs of a node that exist after its boot-up: those that are described, and those that exist by
+/// its device file.
+fn valid_pdos(node: &NodeDescription) -> impl Iterator<Item = (PdoName, CanId)> + '_ {
+    let described = node.pdos.iter().map(|pdo| {
+        let PdoName { direction, number } =
+            PdoName { direction: pdo.direction, number: pdo.number };
+        (PdoName { direction, number }, pdo.cob_id)
+    });
+    let name = |index: u16| match index {
+        0x1400..=0x15FF => {
+            Some(PdoName { direction: PdoDirection::Receive, number: index - 0x1400 + 1 })
+        }
+        0x1800..=0x19FF => {
+            Some(PdoName { direction: PdoDirection::Transmit, number: index - 0x1800 + 1 })
+        }
+        _ => None,
+    };
+    let is_described = |pdo: &PdoName| {
+        node.pdos.iter().any(|other| (other.direction, other.number) == (pdo.direction, pdo.number))
+            || node.disabled_pdos.contains(&(pdo.direction, pdo.number))
+    };
+    let objects = node.device.iter().flat_map(|device| device.objects());
+    let by_file = objects.filter_map(move |object| {
+        let pdo = name(object.index).filter(|pdo| !is_described(pdo))?;
+        let cob_id = PdoCobId::from_raw(number(node, object.index, 1)?)?;
+        cob_id.is_valid.then_some((pdo, cob_id.id))
+    });
+    described.chain(by_file)
+}
+
+/// Value of an object after the boot-up, as far as override and device file state it.
+fn number(node: &NodeDescription, index: u16, subindex: u8) -> Option<u32> {
+    if let Some(value) =
+        node.overrides.iter().find(|value| (value.index, value.subindex) == (index, subindex))
+    {
+        let bytes = value.data.first_chunk::<4>()?;
+        return Some(u32::from_le_bytes(*bytes));
+    }
+    let entry = node.device.as_ref()?.entry(index, subindex)?;
+    let value = entry.configured_value(node.address.node)?.to_integer()?;
+    u32::try_from(value).ok()
+}
+
+pub(super) fn check_load(network: &NetworkDescription, faults: &mut Vec<NetworkFault>) {
+    for channel in &network.channels {
+        let streams = network.streams(channel);
+        let load = ChannelLoad::of(&streams, &channel.can, network.cycle_ns);
+        if load.most > 1.0 {
+            let ChannelDescription { slave, channel, .. } = *channel;
+            let kind = NetworkFaultKind::Load { slave, channel, share: load.most };
+            faults.push(NetworkFault { nodes: Vec::new(), kind });
+        }
+    }
+}
+
+impl NetworkDescription {
+    /// The periodic frames of a channel: SYNC, described PDOs, heartbeats. An event-driven PDO counts
+    /// with its event timer, or with its inhibit time if it has no event timer.
+    pub fn streams(&self, channel: &ChannelDescription) -> Vec<FrameStream> {
+        let ChannelDescription { slave, channel, .. } = *channel;
+        let per_sync = self.sync.map_or(1, |sync| sync.every_cycles.max(1));
+        let to_bus = |frame, rate| FrameStream::to_bus(slave, channel, frame, rate);
+        let from_bus = |frame, rate| FrameStream::from_bus(slave, channel, frame, rate);
+        let mut streams = Vec::new();
+        if let Some(sync) = &self.sync {
+            let length = usize::from(sync.counter_overflow.is_some());
+            let rate = FrameRate::EveryCycles(per_sync);
+            streams.extend(frame(CobId::SYNC.can_id(), length).map(|frame| to_bus(frame, rate)));
+        }
+        if let Some(host) = &self.host_heartbeat {
+            let rate = FrameRate::PerSecond(1.0 / host.period.as_secs_f64().max(1e-3));
+            let id = CobId::heartbeat(host.node).can_id();
+            streams.extend(frame(id, 1).map(|frame| to_bus(frame, rate)));
+        }
+        let here = self
+            .nodes
+            .iter()
+            .filter(|node| (node.address.slave, node.address.channel) == (slave, channel));
+        for node in here {
+            let life_sign_ms = match node.boot.guarding {
+                Some(guarding) => guarding.guard_time.as_secs_f64() * 1e3,
+                None => node.boot.heartbeat_ms.into(),
+            };
+            if life_sign_ms > 0.0 {
+                let rate = FrameRate::PerSecond(1e3 / life_sign_ms);
+                let id = CobId::heartbeat(node.address.node).can_id();
+                streams.extend(frame(id, 1).map(|frame| from_bus(frame, rate)));
+            }
+            for pdo in &node.pdos {
+                let Some(frame) = frame(pdo.cob_id, pdo.length()) else { continue };
+                let Some(rate) = rate(pdo, per_sync) else { continue };
+                streams.push(match pdo.direction {
+                    PdoDirection::Receive => to_bus(frame, rate),
+                    PdoDirection::Transmit => from_bus(frame, rate),
+                });
+            }
+        }
+        streams
+    }
+}
+
+/// Rate of a PDO; `None` if only events of the device decide it.
+fn rate(pdo: &PdoMapping, cycles_per_sync: u32) -> Option<FrameRate> {
+    match pdo.transmission {
+        TransmissionType::Synchronous(nth) => {
+            Some(FrameRate::EveryCycles(cycles_per_sync.saturating_mul(u32::from(nth.max(1)))))
+        }
+        TransmissionType::SynchronousAcyclic => Some(FrameRate::EveryCycles(cycles_per_sync)),
+        _ => match (pdo.event_timer_ms, pdo.inhibit_time) {
+            (Some(ms @ 1..), _) => Some(FrameRate::PerSecond(1e3 / f64::from(ms))),
+            (_, Some(time @ 1..)) => Some(FrameRate::PerSecond(1e4 / f64::from(time))),
+            _ => None,
+        },
+    }
+}
+
+/// A frame of zeros; none beyond eight bytes, which `pdo_check` reports.
+fn frame(id: CanId, length: usize) -> Option<CanFrame> {
+    CanFrame::classic(id, [0; 8].get(..length)?).ok()
+}
+
+pub(super) fn check_parameters(node: &NodeDescription, report: &mut impl FnMut(NetworkFaultKind)) {
+    let Some(device) = node.device.as_deref() else { return };
+    for value in &node.overrides {
+        let Parameter { index, subindex, data, .. } = value;
+        let subject = value.subject();
+        let Some(entry) = device.entry(*index, *subindex) else {
+            report(NetworkFaultKind::NoParameter { subject });
+            continue;
+        };
+        if !entry.access.is_writable() {
+            report(NetworkFaultKind::ReadOnly { subject });
+            continue;
+        }
+        if let Some(expected) = entry.data_type.size()
+            && expected != data.len()
+        {
+            report(NetworkFaultKind::ValueLength { subject, expected, found: data.len() });
+            continue;
+        }
+        let number = entry.data_type.decode(data).ok().and_then(|value| value.to_integer());
+        let (low, high) = entry.limits(node.address.node);
+        let (range_low, range_high) = entry.data_type.range().unwrap_or_default();
+        let low = low.and_then(|value| value.to_integer()).unwrap_or(range_low);
+        let high = high.and_then(|value| value.to_integer()).unwrap_or(range_high);
+        if let Some(number) = number
+            && !(low..=high).contains(&number)
+        {
+            let (value, low, high) = (number.to_string(), low.to_string(), high.to_string());
+            report(NetworkFaultKind::Limit { subject, value, low, high });
+        }
+    }
+}
+
+pub(super) fn check_pdos(node: &NodeDescription, report: &mut impl FnMut(NetworkFaultKind)) {
+    for (nth, pdo) in node.pdos.iter().enumerate() {
+        let name = PdoName { direction: pdo.direction, number: pdo.number };
+        let same =
+            |other: &PdoMapping| (other.direction, other.number) == (pdo.direction, pdo.number);
+        if node.pdos.iter().take(nth).any(same) {
+            report(NetworkFaultKind::DuplicatePdo { pdo: name });
+        }
+        if let Err(error) = pdo.steps() {
+            report(NetworkFaultKind::Pdo { pdo: name, error });
+        }
+        if is_reserved(pdo.cob_id.raw()) && !pdo.cob_id.is_extended() {
+            report(NetworkFaultKind::Reserved { pdo: name, id: pdo.cob_id });
+        }
+        let Some(device) = node.device.as_deref() else { continue };
+        let index = pdo.communication_index();
+        if device.object(index).is_none() {
+            report(NetworkFaultKind::NoPdo { pdo: name, index });
+        }
+        for entry in &pdo.entries {
+            check_entry(device, name, *entry, report);
+        }
+    }
+}
+
+fn check_entry(
+    device: &DeviceFile,
+    pdo: PdoName,
+    entry: MappingEntry,
+    report: &mut impl FnMut(NetworkFaultKind),
+) {
+    if is_dummy(device, pdo.direction, entry) {
+        return;
+    }
+    let Some(object) = device.entry(entry.index, entry.subindex) else {
+        return report(NetworkFaultKind::NoObject { pdo, entry });
+    };
+    let subject = Subject {
+        index: entry.index,
+        subindex: entry.subindex,
+        name: Some(device.label(object).into()),
+    };
+    let is_mappable = match pdo.direction {
+        PdoDirection::Receive => object.is_rpdo_mappable(),
+        PdoDirection::Transmit => object.is_tpdo_mappable(),
+    };
+    match object.data_type.pdo_bits() {
+        _ if !is_mappable => report(NetworkFaultKind::NotMappable { pdo, subject }),
+        Some(expected) if expected != entry.bits => {
+            report(NetworkFaultKind::EntryLength { pdo, subject, expected, found: entry.bits });
+        }
+        _ => {}
+    }
+}
+
+/// A data type as a gap in an RPDO (CiA 301, 7.4.7.1).
+fn is_dummy(device: &DeviceFile, direction: PdoDirection, entry: MappingEntry) -> bool {
+    direction == PdoDirection::Receive && device.dummy_usage.contains(&entry.index)
+}
+
+/// CAN-IDs that a PDO must not have (CiA 301, 7.3.5).
+fn is_reserved(raw: u32) -> bool {
+    matches!(
+        raw,
+        0x000..=0x07F | 0x101..=0x180 | 0x581..=0x5FF | 0x601..=0x67F | 0x6E0..=0x6FF | 0x701..=0x7FF
+    )
 }
