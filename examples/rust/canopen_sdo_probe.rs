@@ -15,7 +15,7 @@ use ecan_example_support::backend::MasterArguments;
 use ecan_example_support::object_value::ValueType;
 use ecan_example_support::{EXIT_STATUS, report_exit};
 use ecan_mcan_port::{ChannelConfig, GatewayConfig, Port, PortConfig};
-use ecan_tool_support::command_line::bit_rate::parse_bit_rate;
+use ecan_tool_support::command_line::options::parse_bit_rate;
 use ecan_tool_support::command_line::screen::parse_arguments;
 use ecan_tool_support::print_line;
 

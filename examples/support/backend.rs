@@ -5,7 +5,7 @@ use std::time::Duration;
 use clap::Args;
 use ecan_host::AdapterConfig;
 use ecan_sim::{Backend, BackendError, ClockKind, EcrtSetting, SimOptions};
-use ecan_tool_support::command_line::logging::LogArguments;
+use ecan_tool_support::command_line::options::LogArguments;
 use ecan_tool_support::print_error_line;
 use ecan_tool_support::print_line;
 

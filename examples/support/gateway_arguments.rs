@@ -3,7 +3,7 @@
 use clap::Args;
 use ecan_host::AdapterConfig;
 use ecan_mcan_port::ChannelConfig;
-use ecan_tool_support::command_line::bit_rate::parse_bit_rate;
+use ecan_tool_support::command_line::options::parse_bit_rate;
 
 use crate::backend::MasterArguments;
 

@@ -34,9 +34,9 @@ pub mod sync0;
 pub mod tx_probe;
 
 pub use ecan_tool_support::command_line::interrupt::Interrupt;
-pub use ecan_tool_support::command_line::real_time::RealTimeArguments;
+pub use ecan_tool_support::command_line::options::RealTimeArguments;
 pub use ecan_tool_support::command_line::run_info::RunInfo;
-pub use ecan_tool_support::command_line::{interrupt, log_file, real_time};
+pub use ecan_tool_support::command_line::{interrupt, log_file, options as real_time};
 pub use exit::{EXIT_STATUS, report_exit};
 pub use plan::print_plan;
 pub use ready::wait_ready;

@@ -10,7 +10,7 @@ use ecan_host::{Adapter, AdapterConfig, ClockSource, DcSync, Ecrt, StartupPlan};
 use ecan_mcan_port::{ChannelConfig, GatewayConfig, Port, PortConfig, Traffic};
 use ecan_protocol::image::{EncapsulationProfile, OptionFlags};
 use ecan_protocol::mapping::CHANNELS;
-use ecan_tool_support::command_line::bit_rate::parse_bit_rate;
+use ecan_tool_support::command_line::options::parse_bit_rate;
 
 use crate::backend::MasterArguments;
 use crate::real_time::RealTimeArguments;

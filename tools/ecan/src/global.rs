@@ -1,5 +1,5 @@
 use clap::{Args, ValueEnum};
-use ecan_tool_support::command_line::logging::LogArguments;
+use ecan_tool_support::command_line::options::LogArguments;
 
 use crate::failure::{Failure, Result};
 use crate::slave_choice::SlaveChoice;

@@ -31,7 +31,7 @@ use std::error::Error;
 
 use clap::Parser;
 use ecan_bench::measure::{Row, median, print_rows, rounds};
-use ecan_tool_support::command_line::real_time::ThreadArguments;
+use ecan_tool_support::command_line::options::ThreadArguments;
 use nix::sys::signal::Signal;
 
 use interface::Interface;

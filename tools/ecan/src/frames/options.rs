@@ -9,8 +9,8 @@ use ecan_host::AdapterConfig;
 use ecan_lite::config::DEFAULT_N;
 use ecan_mcan_port::ChannelConfig;
 use ecan_protocol::config::SamplePointWindow;
-use ecan_tool_support::command_line::bit_rate::parse_bit_rate;
-use ecan_tool_support::command_line::real_time::RealTimeArguments;
+use ecan_tool_support::command_line::options::RealTimeArguments;
+use ecan_tool_support::command_line::options::parse_bit_rate;
 
 use crate::frames::capture::CaptureOptions;
 

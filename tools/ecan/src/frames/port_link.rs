@@ -9,7 +9,7 @@ use ecan_protocol::can::CanFrame;
 use ecan_protocol::image::ChannelStatus;
 use ecan_protocol::mapping::Direction;
 use ecan_tool_support::command_line::interrupt::Interrupt;
-use ecan_tool_support::command_line::real_time::RealTimeArguments;
+use ecan_tool_support::command_line::options::RealTimeArguments;
 
 use crate::context::{Failure, Result, note};
 use crate::frames::link::{Arrival, BusFrame, Event, FrameLink, Outcome, SessionState, Ticket};

@@ -1,7 +1,8 @@
 //! Reading of recordings, writing of candump logs.
 
 use std::fmt::Display;
-use std::io::{self, BufWriter, Read, Write};
+use std::io;
+use std::io::{BufWriter, Read, Write};
 use std::path::{Path, PathBuf};
 
 use ecan_can_io::candump::Record;
@@ -10,7 +11,7 @@ use ecan_protocol::can::CanFrame;
 use ecan_protocol::text::Printable;
 use thiserror::Error;
 
-use crate::command_line::new_file::{Existing, create, is_standard_stream};
+use super::new_file::{Existing, create, is_standard_stream};
 
 /// Error of a recording.
 #[derive(Debug, Error)]

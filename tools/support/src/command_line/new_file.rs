@@ -5,14 +5,15 @@
 //! and devices are written directly, also through a link such as `/dev/stdout`.
 
 use std::fs::{File, Metadata, OpenOptions, Permissions};
-use std::io::{self, ErrorKind, Write};
+use std::io;
+use std::io::{ErrorKind, Write};
 use std::os::unix::fs::{MetadataExt as _, OpenOptionsExt as _, PermissionsExt as _, fchown};
 use std::path::{Path, PathBuf};
 
 use rustix::fs::OFlags;
 use tempfile::NamedTempFile;
 
-use crate::command_line::screen::{CleanWriter, Stream};
+use super::screen::{CleanWriter, Stream};
 
 /// Policy for an existing file that is not empty.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -7,11 +7,11 @@
 
 #![allow(clippy::disallowed_methods)] // Here, and only here, the streams are used.
 
-use std::fmt::{self, Display};
+use std::fmt::Display;
 use std::hash::{BuildHasher, RandomState};
-use std::io::{self, IsTerminal, Write};
-use std::process;
+use std::io::{IsTerminal, Write};
 use std::sync::LazyLock;
+use std::{fmt, io, process};
 
 use clap::error::ContextValue;
 use ecan_protocol::text::{Printable, is_control, write_escaped};

@@ -15,14 +15,17 @@
 //!
 //! Allocates; do not call in the cycle.
 
-mod bit_names;
-mod diagnostic_flags;
+mod channel;
+mod channel_bus;
+mod channel_loss;
+mod channel_setting;
 mod finding;
-mod findings;
+mod gateway;
+mod operation;
+mod process_data;
 pub mod registers;
 mod snapshot;
 
-pub use diagnostic_flags::{DIAGNOSTIC_FLAGS, flag_names};
 pub use finding::{Finding, Location, Severity};
-pub use findings::findings;
+pub use gateway::{DIAGNOSTIC_FLAGS, findings, flag_names};
 pub use snapshot::{Depth, ObjectKey, ReadError, Snapshot};

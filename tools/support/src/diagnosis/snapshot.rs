@@ -187,7 +187,7 @@ impl Snapshot {
             (0x8030, 2..=6) => true,
             (0x9000..=0x9003, CHANNEL_STATUS) => true,
             (0x9000..=0x9003, 1..=8 | 13..=15) => !self.is_unused(index - 0x9000),
-            (0x9011, 1..=13) => [0x8010, 0x8011].into_iter().any(|it| is_not(it, 9, 0)),
+            (0x9011, 1..=13) => [0x8010, 0x8011].into_iter().any(|object| is_not(object, 9, 0)),
             (0x9020..=0x9023, 2 | 5 | 11 | 12 | 15 | 16) => !self.is_unused(index - 0x9020),
             (0x9020..=0x9023, 6..=8) => is_not(index, 5, 0),
             (0xB000, 2 | 5 | 6) => true,

@@ -1,8 +1,11 @@
+//! Recorded motion of the axes, as diagrams of positions and following errors.
+
 use std::ops::Range;
 
-use ecan_cia402::{AxisError, AxisPhase, TargetRejection};
+use ecan_cia402::{AxisError, AxisPhase, Cia402, Decision, TargetRejection};
 
-use crate::plot::time_panel::{Band, Mark, Series, TimePanel, Tone};
+use super::canvas::Heading;
+use super::time_figure::{Band, Mark, Series, TimeFigure, TimePanel, Tone};
 
 /// Positions of an axis in one cycle, in increments.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -79,7 +82,7 @@ impl AxisTrace {
     /// Adds the positions of a cycle; `is_kept` ends an interval, of which the sample with the
     /// largest following error is kept. Samples beyond the space of the trace are dropped.
     pub fn record(&mut self, sample: AxisSample, is_kept: bool) {
-        let size = |it: &AxisSample| it.following_error.map_or(0, i64::unsigned_abs);
+        let size = |sample: &AxisSample| sample.following_error.map_or(0, i64::unsigned_abs);
         if self.pending.is_none_or(|pending| size(&pending) <= size(&sample)) {
             self.pending = Some(sample);
         }
@@ -103,21 +106,21 @@ impl AxisTrace {
 
     /// Largest following error, in increments; `None` without one.
     pub fn largest_following_error(&self) -> Option<u64> {
-        self.samples.iter().filter_map(|it| it.following_error).map(i64::unsigned_abs).max()
+        self.samples.iter().filter_map(|sample| sample.following_error).map(i64::unsigned_abs).max()
     }
 
     /// Returns the panels of the axis: positions, and the following error below.
     pub fn panels(&self, title: &str) -> [TimePanel; 2] {
         let (bands, mut marks) = self.marks();
         if self.lost_events > 0 {
-            let seconds = self.events.last().map_or(0.0, |it| it.0);
+            let seconds = self.events.last().map_or(0.0, |event| event.0);
             let text = format!("{} more events, not recorded", self.lost_events);
             marks.push(Mark { seconds, text });
         }
         let series = |name: &str, tone, value: fn(&AxisSample) -> Option<f64>| Series {
             name: name.to_owned(),
             tone,
-            points: self.samples.iter().map(|it| (it.seconds, value(it))).collect(),
+            points: self.samples.iter().map(|sample| (sample.seconds, value(sample))).collect(),
         };
         let largest = self.largest_following_error();
         let largest = largest.map_or("none".to_owned(), |error| format!("largest {error} inc"));
@@ -126,8 +129,8 @@ impl AxisTrace {
             y_label: "position [inc]".to_owned(),
             least_width: 4.0,
             series: vec![
-                series("target", Tone::Target, |it| it.target.map(f64::from)),
-                series("actual position", Tone::Actual, |it| it.actual.map(f64::from)),
+                series("target", Tone::Target, |sample| sample.target.map(f64::from)),
+                series("actual position", Tone::Actual, |sample| sample.actual.map(f64::from)),
             ],
             bands: bands.clone(),
             marks: marks.clone(),
@@ -138,8 +141,8 @@ impl AxisTrace {
             title: format!("following error: {largest}"),
             y_label: "error [inc]".to_owned(),
             least_width: 4.0,
-            series: vec![series("target - actual position", Tone::Difference, |it| {
-                it.following_error.map(|error| error as f64)
+            series: vec![series("target - actual position", Tone::Difference, |sample| {
+                sample.following_error.map(|error| error as f64)
             })],
             bands,
             marks,
@@ -149,12 +152,12 @@ impl AxisTrace {
     }
 
     fn marks(&self) -> (Vec<Band>, Vec<Mark>) {
-        let end = self.samples.last().map_or(0.0, |it| it.seconds);
+        let end = self.samples.last().map_or(0.0, |sample| sample.seconds);
         let (mut bands, mut marks) = (Vec::new(), Vec::new());
         for (number, &(seconds, event)) in self.events.iter().enumerate() {
             let later = self.events.get(number + 1..).unwrap_or_default();
-            let is_phase = |it: &&(f64, AxisEvent)| matches!(it.1, AxisEvent::Phase(_));
-            let until = later.iter().find(is_phase).map_or(end, |it| it.0);
+            let is_phase = |event: &&(f64, AxisEvent)| matches!(event.1, AxisEvent::Phase(_));
+            let until = later.iter().find(is_phase).map_or(end, |event| event.0);
             match event.begins_band() {
                 true => bands.push(Band {
                     seconds: Range { start: seconds, end: until.max(seconds) },
@@ -167,10 +170,100 @@ impl AxisTrace {
     }
 }
 
+/// Most samples per axis.
+const SAMPLES: u64 = 2_000;
+const POSITION_HEIGHT: u32 = 260;
+const ERROR_HEIGHT: u32 = 170;
+/// Additional height of the last panel, for the name of the time.
+const TIME_HEIGHT: u32 = 22;
+
+/// Last observations of an axis, to find changes.
+#[derive(Debug, Clone, Copy, Default)]
+struct Observed {
+    phase: Option<AxisPhase>,
+    error: Option<AxisError>,
+    is_rejected: bool,
+}
+
+/// Recorded motion of the axes of a context, drawn after the run.
+#[derive(Debug)]
+pub struct AxisRecorder {
+    /// Cycles per sample.
+    interval: u64,
+    axes: Vec<(AxisTrace, Observed)>,
+}
+
+impl AxisRecorder {
+    /// Creates a recorder for this number of axes and cycles.
+    pub fn new(axes: usize, cycles: u64) -> Self {
+        let interval = cycles.div_ceil(SAMPLES).max(1);
+        let samples = usize::try_from(cycles / interval + 1).unwrap_or(0);
+        // A clone of a trace would have no space.
+        let axes = (0..axes).map(|_| (AxisTrace::new(samples), Observed::default())).collect();
+        Self { interval, axes }
+    }
+
+    /// Records a cycle at a time in seconds: positions, changed phases, errors, rejected
+    /// targets. Allocates
+    /// nothing.
+    pub fn record(&mut self, seconds: f64, cycle: u64, cia402: &Cia402) {
+        let is_kept = cycle % self.interval == self.interval - 1;
+        for (axis, (trace, observed)) in self.axes.iter_mut().enumerate() {
+            let (target, actual) = (cia402.target(axis), cia402.actual(axis));
+            let following_error = cia402.following_error(axis);
+            trace.record(AxisSample { seconds, target, actual, following_error }, is_kept);
+            let phase = cia402.phase(axis);
+            if let (Some(new), true) = (phase, phase != observed.phase) {
+                // A run starts with an axis that follows targets.
+                let is_start = observed.phase.is_none() && new == AxisPhase::Running;
+                if !is_start {
+                    trace.record_event(seconds, AxisEvent::Phase(new));
+                }
+            }
+            observed.phase = phase;
+            let error = cia402.error(axis).filter(|error| !matches!(error, AxisError::Held(_)));
+            if let (Some(new), true) = (error, error != observed.error) {
+                trace.record_event(seconds, AxisEvent::Error(new));
+            }
+            observed.error = error;
+            let rejection = match cia402.decision(axis) {
+                Decision::Reject(rejection) => Some(rejection),
+                _ => None,
+            };
+            if let (Some(rejection), false) = (rejection, observed.is_rejected) {
+                trace.record_event(seconds, AxisEvent::Rejected(rejection));
+            }
+            observed.is_rejected = rejection.is_some();
+        }
+    }
+
+    /// Recorded motion of an axis; `None` for an axis that does not exist.
+    pub fn trace(&self, axis: usize) -> Option<&AxisTrace> {
+        self.axes.get(axis).map(|recorded| &recorded.0)
+    }
+
+    /// Returns the figure of all axes: positions and following error of each.
+    pub fn figure(&self, heading: Heading, cia402: &Cia402) -> TimeFigure {
+        let mut panels = Vec::with_capacity(2 * self.axes.len());
+        for (axis, (trace, _)) in self.axes.iter().enumerate() {
+            let address = cia402.config(axis).map(|config| config.address.to_string());
+            let mode = cia402.mode(axis).map_or_else(String::new, |mode| format!(", {mode}"));
+            let title = format!("axis {axis}: {}{mode}", address.unwrap_or_default());
+            let [positions, error] = trace.panels(&title);
+            panels.extend([(positions, POSITION_HEIGHT), (error, ERROR_HEIGHT)]);
+        }
+        if let Some((_, height)) = panels.last_mut() {
+            *height += TIME_HEIGHT;
+        }
+        TimeFigure { heading, x_label: "time since the start of motion [s]".to_owned(), panels }
+    }
+}
+
 #[cfg(test)]
 mod tests {
-    use super::*;
     use ecan_cia402::HoldReason;
+
+    use super::*;
 
     fn sample(seconds: f64, following_error: i64) -> AxisSample {
         let actual = Some(0);

@@ -1,14 +1,15 @@
-//! The frame of every picture: heading, body, circumstances of the run.
+//! The frame of every picture: heading, body, circumstances of the run; ranges and labels of its axes.
 
-use std::path::Path;
+use std::ops::Range;
+use std::path::{Path, PathBuf};
 
-use crate::command_line::new_file;
 use plotters::coord::Shift;
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
+use thiserror::Error;
 
-use crate::plot::heading::Heading;
-use crate::plot::plot_error::PlotError;
+use crate::command_line::new_file;
+use crate::command_line::run_info::RunInfo;
 
 /// Part of a picture.
 pub type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
@@ -133,4 +134,111 @@ fn footer(heading: &Heading, width: u32) -> Vec<String> {
         Some((end, _)) => format!("{}...", line.get(..end).unwrap_or_default()),
     };
     [facts, run.command_line().to_owned()].map(cut).into()
+}
+
+/// Title of a picture, and the circumstances of the run.
+#[derive(Debug, Clone, Default)]
+pub struct Heading {
+    /// Title.
+    pub title: String,
+    /// Second line: the settings of the measurement. Empty for none.
+    pub subtitle: String,
+    /// The run was simulated: the picture is marked.
+    pub is_simulated: bool,
+    /// Date, program, kernel and command line, below the picture.
+    pub run: Option<RunInfo>,
+}
+
+impl Heading {
+    /// A heading of a run on real hardware.
+    pub fn new(title: impl Into<String>) -> Self {
+        Self { title: title.into(), ..Self::default() }
+    }
+
+    /// The same with a second line.
+    #[must_use]
+    pub fn with_subtitle(self, subtitle: impl Into<String>) -> Self {
+        Self { subtitle: subtitle.into(), ..self }
+    }
+
+    /// The same with the mark of a simulated run.
+    #[must_use]
+    pub fn simulated(self, is_simulated: bool) -> Self {
+        Self { is_simulated, ..self }
+    }
+
+    /// The same with the circumstances of the run.
+    #[must_use]
+    pub fn with_run(self, run: RunInfo) -> Self {
+        Self { run: Some(run), ..self }
+    }
+}
+
+/// Error of a picture.
+#[derive(Debug, Error)]
+#[non_exhaustive]
+pub enum PlotError {
+    /// The file cannot be written.
+    #[error("cannot write {}: {source}; use a writable directory", path.display())]
+    Write {
+        /// The file.
+        path: PathBuf,
+        /// Error of the system.
+        source: std::io::Error,
+    },
+    /// The picture cannot be drawn.
+    #[error("cannot draw the picture: {reason}")]
+    Draw {
+        /// Error of the drawing library.
+        reason: String,
+    },
+}
+
+impl PlotError {
+    /// An error of the drawing library.
+    pub(crate) fn draw(error: impl std::fmt::Display) -> Self {
+        Self::Draw { reason: error.to_string() }
+    }
+}
+
+/// Returns the range of these values with a margin of 6 %, at least `least` wide.
+pub fn range(values: impl Iterator<Item = f64>, least: f64) -> Range<f64> {
+    let mut ends: Option<(f64, f64)> = None;
+    for value in values.filter(|value| value.is_finite()) {
+        let (low, high) = ends.unwrap_or((value, value));
+        ends = Some((low.min(value), high.max(value)));
+    }
+    let (low, high) = ends.unwrap_or((0.0, 0.0));
+    let missing = (least - (high - low)).max(0.0) / 2.0;
+    let margin = missing + (high - low) * 0.06;
+    low - margin..high + margin
+}
+
+/// Formats a value of an axis of this width: as many decimals as its ticks need.
+pub fn label(value: f64, width: f64) -> String {
+    let step = width.abs() / 10.0;
+    let decimals = if step > 0.0 { (-step.log10().floor()).clamp(0.0, 9.0) as usize } else { 0 };
+    let text = format!("{value:.decimals$}");
+    let is_zero = text.bytes().all(|byte| matches!(byte, b'-' | b'0' | b'.'));
+    if is_zero { "0".to_owned() } else { text }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn equal_values_get_a_range_of_the_least_width() {
+        assert_eq!(range([5.0, 5.0].into_iter(), 4.0), 3.0..7.0);
+        assert_eq!(range(std::iter::empty(), 2.0), -1.0..1.0);
+        assert_eq!(range([f64::NAN, 1.0, 2.0].into_iter(), 0.0), 0.94..2.06);
+    }
+
+    #[test]
+    fn labels_have_the_decimals_of_their_ticks() {
+        assert_eq!(label(120_000.0, 200_000.0), "120000");
+        assert_eq!(label(0.25, 1.0), "0.2");
+        assert_eq!(label(0.0005, 0.002), "0.0005");
+        assert_eq!(label(-0.0, 3.0), "0");
+    }
 }

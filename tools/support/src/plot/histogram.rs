@@ -1,3 +1,15 @@
+//! Histograms of times, one above the other.
+
+use std::path::Path;
+
+use plotters::prelude::*;
+use plotters::style::text_anchor::{HPos, VPos};
+
+use super::canvas;
+use super::canvas::{
+    Area, BLUE, FAINT, FRAME, GRID, Heading, ORANGE, PlotError, TEXT, UNIT, font, px, stroke, text,
+};
+
 /// Number of bars; odd, so that symmetric distributions have a middle bar.
 pub const BARS: usize = 61;
 
@@ -61,6 +73,156 @@ impl Histogram {
     /// Width of an interval, in microseconds.
     pub fn step_us(&self) -> f64 {
         (self.range.high_us - self.range.low_us) / self.counts.len().max(1) as f64
+    }
+}
+
+/// Histogram of one measurement.
+#[derive(Debug, Clone)]
+pub struct HistogramRow {
+    /// Name of the measurement.
+    pub title: String,
+    /// Figures of the distribution.
+    pub figures: String,
+    /// Name of the times: rows of the same name have common axes in the left column.
+    pub kind: String,
+    /// Index of the measurement: rows of the same index have the same colour.
+    pub measurement: usize,
+    /// The times, in nanoseconds.
+    pub times_ns: Vec<u64>,
+}
+
+/// Histograms of times: a row per measurement, on the left with common axes, on the right with its own.
+#[derive(Debug, Clone, Default)]
+pub struct HistogramFigure {
+    /// Title and circumstances.
+    pub heading: Heading,
+    /// Nominal time, marked in each diagram, in microseconds.
+    pub nominal_us: f64,
+    /// Name and unit of the times: `period [us]`.
+    pub x_label: String,
+    /// Rows; those without a time are left out.
+    pub rows: Vec<HistogramRow>,
+}
+
+const WIDTH: u32 = px(1_080);
+const HEIGHT: u32 = px(250);
+/// Height of the line with the title.
+const HEAD: i32 = 30 * UNIT;
+const MARGIN: i32 = 14 * UNIT;
+const Y_LABELS: u32 = px(58);
+
+/// Axes of a diagram.
+struct Axes {
+    range: HistogramRange,
+    /// Largest count that the vertical axis must show.
+    largest: u64,
+}
+
+impl HistogramFigure {
+    /// Returns the picture.
+    ///
+    /// # Errors
+    /// [`PlotError::Draw`].
+    pub fn to_svg(&self) -> Result<String, PlotError> {
+        let rows: Vec<_> = self.rows.iter().filter(|row| !row.times_ns.is_empty()).collect();
+        let height = (HEIGHT * rows.len() as u32).max(1);
+        canvas::picture(&self.heading, (WIDTH, height), |area| {
+            let cells = area.split_evenly((rows.len().max(1), 2));
+            for (row, cells) in rows.iter().zip(cells.chunks_exact(2)) {
+                let of_kind = || rows.iter().filter(|other| other.kind == row.kind);
+                let all = of_kind().flat_map(|other| &other.times_ns);
+                let common = HistogramRange::around(all, self.nominal_us);
+                let own = HistogramRange::around(&row.times_ns, self.nominal_us);
+                let ([left, right], Some(common), Some(own)) = (cells, common, own) else {
+                    continue;
+                };
+                let largest =
+                    of_kind().map(|other| Histogram::new(&other.times_ns, common).largest()).max();
+                let title = format!("{}: {}, common axes", row.title, row.kind);
+                let axes = Axes { range: common, largest: largest.unwrap_or(0) };
+                self.draw(left, row, &title, &axes)?;
+                let title = format!("own axes: {}", row.figures);
+                self.draw(right, row, &title, &Axes { range: own, largest: 0 })?;
+            }
+            Ok(())
+        })
+    }
+
+    /// Writes the picture to a file.
+    ///
+    /// # Errors
+    /// [`PlotError`].
+    pub fn write(&self, path: &Path) -> Result<(), PlotError> {
+        canvas::write(path, &self.to_svg()?)
+    }
+
+    /// Draws a diagram. The vertical axis is logarithmic, so that single times are visible next to
+    /// thousands.
+    fn draw(
+        &self,
+        area: &Area<'_>,
+        row: &HistogramRow,
+        title: &str,
+        axes: &Axes,
+    ) -> Result<(), PlotError> {
+        let HistogramRange { low_us, high_us } = axes.range;
+        let histogram = Histogram::new(&row.times_ns, axes.range);
+        let largest = histogram.largest().max(axes.largest).max(8) as f64 * 1.3;
+        let color = if row.measurement.is_multiple_of(2) { ORANGE } else { BLUE };
+        let left = MARGIN + Y_LABELS as i32;
+        text(area, title, (left, HEAD - 6 * UNIT), 15, TEXT, (HPos::Left, VPos::Bottom))?;
+        // A single time has a visible bar.
+        let least = 0.5;
+        let mut chart = ChartBuilder::on(area)
+            .margin_left(MARGIN)
+            .margin_right(18 * UNIT)
+            .margin_top(HEAD)
+            .margin_bottom(4 * UNIT)
+            .x_label_area_size(px(42))
+            .y_label_area_size(Y_LABELS)
+            .build_cartesian_2d(low_us..high_us, (least..largest).log_scale())
+            .map_err(PlotError::draw)?;
+        chart
+            .configure_mesh()
+            .x_labels(8)
+            .y_labels(6)
+            .max_light_lines(0)
+            .bold_line_style(stroke(GRID, 1))
+            .axis_style(stroke(FRAME, 1))
+            .set_all_tick_mark_size(px(5))
+            .label_style(font(13, TEXT))
+            .axis_desc_style(font(14, TEXT))
+            .x_label_formatter(&|us| canvas::label(*us, high_us - low_us))
+            .y_label_formatter(&|count| canvas::label(*count, 10.0))
+            .x_desc(&self.x_label)
+            .y_desc("cycles")
+            .draw()
+            .map_err(PlotError::draw)?;
+        let step = histogram.step_us();
+        let bars = histogram.counts.iter().enumerate().filter(|(_, count)| **count > 0);
+        let bars = bars.map(|(number, count)| {
+            let from = low_us + step * number as f64;
+            let ends = [(from + step * 0.06, least), (from + step * 0.94, *count as f64)];
+            Rectangle::new(ends, color.filled())
+        });
+        chart.draw_series(bars).map_err(PlotError::draw)?;
+        let nominal = vec![(self.nominal_us, least), (self.nominal_us, largest)];
+        let line = std::iter::once(PathElement::new(nominal, stroke(FAINT, 1)));
+        chart
+            .draw_series(line)
+            .map_err(PlotError::draw)?
+            .label(format!("nominal {} us", canvas::label(self.nominal_us, 10.0)))
+            .legend(|(x, y)| PathElement::new(vec![(x, y), (x + 14 * UNIT, y)], stroke(FAINT, 1)));
+        chart
+            .configure_series_labels()
+            .position(SeriesLabelPosition::UpperRight)
+            .background_style(WHITE.mix(0.85))
+            .border_style(stroke(GRID, 1))
+            .label_font(font(12, TEXT))
+            .legend_area_size(px(22))
+            .margin(px(6))
+            .draw()
+            .map_err(PlotError::draw)
     }
 }
 

@@ -1,14 +1,14 @@
+//! Usable Sync0 shifts of configurations.
+
 use std::path::Path;
 
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, VPos};
 
-use crate::plot::canvas::{
-    self, Area, BLUE, FRAME, GREEN, GRID, RED, TEXT, UNIT, font, px, stroke, text,
+use super::canvas;
+use super::canvas::{
+    Area, BLUE, FRAME, GREEN, GRID, Heading, PlotError, RED, TEXT, UNIT, font, px, stroke, text,
 };
-use crate::plot::heading::Heading;
-use crate::plot::plot_error::PlotError;
-use crate::plot::scale;
 
 /// Tested Sync0 shifts of one configuration.
 #[derive(Debug, Clone, PartialEq)]
@@ -117,7 +117,7 @@ impl ShiftRow {
             .set_all_tick_mark_size(px(5))
             .label_style(font(13, TEXT))
             .axis_desc_style(font(14, TEXT))
-            .x_label_formatter(&|us| scale::label(*us, period_us))
+            .x_label_formatter(&|us| canvas::label(*us, period_us))
             .x_desc("Sync0 shift [us]")
             .draw()
             .map_err(PlotError::draw)?;

@@ -6,28 +6,14 @@
 //! a real gateway and on a simulated one alike. Nothing is written to the Flash. The caller restores the
 //! configuration afterwards.
 
-mod experiment;
+mod catalogue;
 mod experiments;
-mod finding;
-mod inputs;
-mod interruption;
-mod measured;
 mod outcome;
-mod registers;
 mod run;
-mod runner;
 mod sdo;
 mod session;
-mod setup;
-mod stage;
-mod undecidable;
 
+pub use catalogue::{Experiment, Finding, UNDECIDABLE, Undecidable, experiments};
 pub use ecan_lite::config::DeviceProfile;
-pub use experiment::Experiment;
-pub use experiments::experiments;
-pub use finding::Finding;
-pub use interruption::Interruption;
-pub use outcome::{Outcome, Verdict};
+pub use outcome::{Interruption, Outcome, Stage, Verdict};
 pub use run::{Probe, ProbeOptions};
-pub use stage::Stage;
-pub use undecidable::{UNDECIDABLE, Undecidable};

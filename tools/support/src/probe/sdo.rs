@@ -1,9 +1,11 @@
-//! SDO transfers of a gateway while no cycle runs.
+//! SDO transfers of a gateway while no cycle runs, and registers of its CAN controllers by the register service
+//! (manual 13.6).
 
-use ecan_host::{Diagnostics, Error};
+use ecan_host::{CanController, Diagnostics, Error};
+use ecan_protocol::device::ControllerMode;
 use ecan_protocol::object::{SdoWrite, describe, lookup};
 
-use crate::probe::interruption::{Result, unavailable};
+use super::outcome::{Result, unavailable};
 
 /// Result of an upload that the gateway may abort.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -66,6 +68,31 @@ impl Sdo<'_> {
     }
 
     pub(crate) fn write_all(&self, writes: impl IntoIterator<Item = SdoWrite>) -> Result {
-        writes.into_iter().try_for_each(|it| self.write(it.index, it.subindex, it.value))
+        writes
+            .into_iter()
+            .try_for_each(|write| self.write(write.index, write.subindex, write.value))
     }
+}
+
+pub(crate) const ENDN: u16 = 0x04;
+pub(crate) const DBTP: u16 = 0x0C;
+pub(crate) const NBTP: u16 = 0x1C;
+
+/// Reads a register; requests engineering mode only if the gateway demands it, and restores the mode.
+pub(crate) fn read_register(sdo: Sdo<'_>, channel: u8, offset: u16) -> Result<u32> {
+    Ok(CanController::new(sdo.diagnostics, sdo.slave, channel).read(offset)?)
+}
+
+/// Reads the mode of a controller.
+pub(crate) fn controller_mode(sdo: Sdo<'_>, channel: u8) -> Result<ControllerMode> {
+    Ok(CanController::new(sdo.diagnostics, sdo.slave, channel).mode()?)
+}
+
+/// Sample point in 0.1 % of a value of NBTP, or of DBTP if `is_data`.
+pub(crate) fn sample_point(value: u32, is_data: bool) -> u32 {
+    let (tseg1, tseg2) = match is_data {
+        false => ((value >> 8 & 0xFF) + 1, (value & 0x7F) + 1),
+        true => ((value >> 8 & 0x1F) + 1, (value >> 4 & 0x0F) + 1),
+    };
+    (1 + tseg1) * 1000 / (1 + tseg1 + tseg2)
 }

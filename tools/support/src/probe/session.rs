@@ -1,18 +1,26 @@
-//! A gateway in OP, with images and SDO transfers of the probe.
+//! A gateway in OP: its configuration, the images and SDO transfers of the probe, and the inputs of its cycles.
 
 use std::sync::Arc;
+use std::time::Duration;
 
-use ecan_host::{Adapter, Delivery, Ecrt, RegRequestId, RequestState, SdoRequestId};
-use ecan_protocol::config::{SessionCommand, session_command_write};
+use ecan_host::{
+    Adapter, AdapterConfig, DcSync, Delivery, Ecrt, RegRequestId, RequestState, SdoRequestId,
+    SlaveConfig, StartupPlan, StartupStep,
+};
+use ecan_protocol::can::CanFrame;
+use ecan_protocol::config::{
+    DataPathConfig, McanChannelConfig, SessionCommand, session_command_write,
+};
 use ecan_protocol::device::AlState;
-use ecan_protocol::image::{CommitFields, ImageReader, ImageWriter, SequenceTracker};
+use ecan_protocol::image::{
+    CommitFields, Header, Image, ImageReader, ImageWriter, Packet, PdoProfile, SequenceTracker,
+    Timestamp, TxResult,
+};
 use ecan_protocol::mapping::Direction;
 use ecan_protocol::object::describe;
 
-use crate::probe::inputs::Inputs;
-use crate::probe::interruption::{Interruption, Result, unavailable};
-use crate::probe::sdo::size_of;
-use crate::probe::setup::Setup;
+use super::outcome::{Interruption, Result, unavailable};
+use super::sdo::size_of;
 
 /// Function that decides whether to end the probe.
 pub(crate) type Stop = Arc<dyn Fn() -> bool + Send + Sync>;
@@ -89,7 +97,7 @@ impl Session {
         for (size, request) in &mut downloads {
             *request = adapter.requests().create_sdo(0, *size)?;
         }
-        for request in downloads.iter().map(|it| it.1).chain([upload]) {
+        for request in downloads.iter().map(|download| download.1).chain([upload]) {
             adapter.requests().sdo_timeout(request, SDO_TIMEOUT_MS)?;
         }
         let registers = adapter.requests().create_register(0, REGISTER_BYTES)?;
@@ -276,7 +284,11 @@ impl Session {
 
     pub(crate) fn write(&mut self, index: u16, subindex: u8, value: u32) -> Result {
         let size = size_of(index, subindex);
-        let request = self.downloads.iter().find(|it| it.0 == size).map_or(self.upload, |it| it.1);
+        let request = self
+            .downloads
+            .iter()
+            .find(|download| download.0 == size)
+            .map_or(self.upload, |download| download.1);
         let bytes = value.to_le_bytes();
         self.adapter.requests().sdo_write(request, index, subindex, &bytes[..size])?;
         self.finish(request, "download", index, subindex)
@@ -380,5 +392,121 @@ impl Session {
     pub(crate) fn clear_errors(&mut self) -> Result {
         let clear = session_command_write(Direction::RxPdo, SessionCommand::ClearErrors);
         self.write(clear.index, clear.subindex, clear.value)
+    }
+}
+
+/// AssignActivate words: Sync0 alone, and with Sync1.
+pub(crate) const SYNC0: u16 = 0x0300;
+pub(crate) const SYNC0_AND_SYNC1: u16 = 0x0700;
+
+/// Configuration of one channel.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct ChannelSetup {
+    pub(crate) channel: u8,
+    pub(crate) can: McanChannelConfig,
+    pub(crate) data_path: DataPathConfig,
+}
+
+/// Configuration of a session.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Setup {
+    pub(crate) rx: PdoProfile,
+    pub(crate) tx: PdoProfile,
+    pub(crate) cycle: Duration,
+    pub(crate) sync0_shift: Option<Duration>,
+    /// AssignActivate word with Sync0.
+    pub(crate) assign_activate: u16,
+    pub(crate) watchdog: Duration,
+    pub(crate) channels: Vec<ChannelSetup>,
+    pub(crate) is_applied: bool,
+}
+
+impl Setup {
+    /// N = 1, 2 ms, without channels.
+    pub(crate) fn plain() -> Self {
+        let profile = PdoProfile { multiplier: 1, ..PdoProfile::default() };
+        Self {
+            rx: profile,
+            tx: profile,
+            cycle: Duration::from_millis(2),
+            sync0_shift: None,
+            assign_activate: SYNC0,
+            watchdog: Duration::from_millis(100),
+            channels: Vec::new(),
+            is_applied: true,
+        }
+    }
+
+    pub(crate) fn adapter(&self, master: u32, position: u16) -> AdapterConfig {
+        let mut config = AdapterConfig::new(1)
+            .with_multiplier(self.rx.multiplier)
+            .with_cycle(self.cycle)
+            .with_watchdog(self.watchdog);
+        config.master_index = master;
+        if let Some(slave) = config.slaves.iter_mut().next() {
+            *slave = SlaveConfig {
+                tx_multiplier: self.tx.multiplier,
+                ..SlaveConfig::at(position, self.rx.multiplier)
+            };
+        }
+        config.dc = self.sync0_shift.map(|shift| DcSync {
+            assign_activate: self.assign_activate,
+            ..DcSync::new(self.cycle, shift)
+        });
+        config
+    }
+
+    pub(crate) fn startup(&self) -> StartupPlan {
+        let mut writes = Vec::new();
+        writes.extend(self.tx.writes(Direction::TxPdo));
+        writes.extend(self.rx.writes(Direction::RxPdo));
+        if self.is_applied {
+            writes.push(PdoProfile::apply_write(Direction::TxPdo));
+            writes.push(PdoProfile::apply_write(Direction::RxPdo));
+        }
+        for ChannelSetup { channel, can, data_path } in &self.channels {
+            writes.extend(can.needed_writes(*channel));
+            writes.push(McanChannelConfig::apply_write(*channel));
+            writes.extend(data_path.writes(*channel));
+            writes.push(DataPathConfig::apply_write(*channel));
+        }
+        [writes.into_iter().map(StartupStep::Download).collect()].into_iter().collect()
+    }
+}
+
+/// A received frame.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct ReceivedFrame {
+    pub(crate) channel: u8,
+    pub(crate) frame: CanFrame,
+    pub(crate) timestamp: Timestamp,
+}
+
+/// Inputs of one cycle.
+#[derive(Clone, Debug)]
+pub(crate) struct Inputs {
+    /// Delivery of the last RxPDO image.
+    pub(crate) outputs: Delivery,
+    /// Time of the send of this cycle after its deadline, in ns.
+    pub(crate) sent_ns: u64,
+    /// Header of a new image.
+    pub(crate) header: Option<Header>,
+    pub(crate) frames: Vec<ReceivedFrame>,
+    pub(crate) results: Vec<TxResult>,
+}
+
+impl Inputs {
+    pub(crate) fn take_packets(&mut self, image: &Image<'_>) {
+        self.header = Some(*image.header());
+        for packet in image.packets().map_while(Result::ok) {
+            match packet {
+                Packet::Frame(packet) => self.frames.push(ReceivedFrame {
+                    channel: packet.channel,
+                    frame: packet.frame.to_owned(),
+                    timestamp: packet.timestamp,
+                }),
+                Packet::TxResult(result) => self.results.push(result),
+            }
+        }
     }
 }

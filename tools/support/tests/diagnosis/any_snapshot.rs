@@ -99,7 +99,11 @@ fn extreme_numbers_are_reported_without_panic() {
     snapshot.set(0x9001, 9, 0x001A);
     let found = findings(&snapshot);
     let what = |id| -> Vec<_> {
-        found.iter().filter(|it| it.id == id).map(|it| it.what.as_str()).collect()
+        found
+            .iter()
+            .filter(|finding| finding.id == id)
+            .map(|finding| finding.what.as_str())
+            .collect()
     };
     assert_eq!(
         what("frame-area"),
@@ -109,6 +113,6 @@ fn extreme_numbers_are_reported_without_panic() {
         ]
     );
     assert!(what("assignment-differs")[0].contains("assigns 4294967295 chunks"), "{found:#?}");
-    let alone = found.iter().find(|it| it.id == "no-acknowledge").unwrap();
+    let alone = found.iter().find(|finding| finding.id == "no-acknowledge").unwrap();
     assert!(alone.causes[1].ends_with("this channel uses pin group 0"), "{alone:#?}");
 }

@@ -17,8 +17,8 @@ fn each_apply_status_has_its_causes() {
     // An exceeded Message RAM may be any of them.
     for status in [1, 3, 4] {
         let causes = causes(status);
-        assert!(causes.iter().any(|it| it.contains("Message RAM")), "{causes:#?}");
-        assert_eq!(causes.iter().any(|it| it.contains("did not restart")), status == 4);
+        assert!(causes.iter().any(|cause| cause.contains("Message RAM")), "{causes:#?}");
+        assert_eq!(causes.iter().any(|cause| cause.contains("did not restart")), status == 4);
     }
     assert!(with(0x8001, 2, 3).next.contains("read 0x8001:02 again"));
 }
@@ -33,7 +33,7 @@ fn invalid_values_are_the_first_cause() {
     });
     assert!(found.causes[0].starts_with("data bit timing: "), "{found:#?}");
     assert!(found.causes[0].contains("81.25 %"), "{found:#?}");
-    assert!(!found.causes.iter().any(|it| it.contains("Message RAM")), "{found:#?}");
+    assert!(!found.causes.iter().any(|cause| cause.contains("Message RAM")), "{found:#?}");
     // 64 elements of 72 bytes in RX FIFO0, by either status.
     for status in [3, 4] {
         let found = only(|snapshot| {

@@ -36,7 +36,8 @@ fn missing_value_is_shown_as_unknown() {
     snapshot.set(0x9020, 5, 7);
     let found = findings(&snapshot);
     let has = |words: &str| {
-        let mut told = found.iter().flat_map(|it| it.causes.iter().chain([&it.what]));
+        let mut told =
+            found.iter().flat_map(|finding| finding.causes.iter().chain([&finding.what]));
         assert!(told.any(|text| text.contains(words)), "{words}: {found:#?}");
     };
     has("than N = unknown");

@@ -34,7 +34,7 @@ fn whitelist_matches_the_manual() {
         assert_eq!(register(offset).unwrap().name, name);
         assert!(register_named(&name.to_lowercase()).unwrap().is_writable());
     }
-    assert_eq!(REGISTERS.iter().filter(|it| it.is_writable()).count(), 17);
+    assert_eq!(REGISTERS.iter().filter(|register| register.is_writable()).count(), 17);
     assert!(REGISTERS.windows(2).all(|pair| pair[0].offset < pair[1].offset));
     assert!(!register_named("PSR").unwrap().is_writable());
 }

@@ -133,7 +133,7 @@ fn oversized_message_ram_layout_is_found() {
     });
     bench.simulation.pass_ns(100_000_000);
     let found = bench.found();
-    let finding = found.iter().find(|it| it.id == "apply-failed").unwrap();
+    let finding = found.iter().find(|finding| finding.id == "apply-failed").unwrap();
     assert!(finding.what.contains("the CAN controller could not be restarted with it"));
     assert!(finding.causes[0].starts_with("Message RAM layout needs "), "{finding:#?}");
 }
@@ -173,7 +173,7 @@ fn damaged_images_are_found_with_their_error() {
         assert_eq!(is_taken, Some(true));
         bench.simulation.pass_ns(300_000);
         let found = bench.found();
-        assert!(found.iter().any(|it| it.id == id), "{id}: {found:#?}");
+        assert!(found.iter().any(|finding| finding.id == id), "{id}: {found:#?}");
     }
 }
 

@@ -25,7 +25,10 @@ fn full_depth_reads_more_entries() {
 /// Number of entries that are read of a gateway that shows these values, and else 0.
 fn read_count(shown: &[(u16, u8, u32)]) -> usize {
     let value = |key: ObjectKey| {
-        shown.iter().find(|it| (it.0, it.1) == (key.index, key.subindex)).map_or(0, |it| it.2)
+        shown
+            .iter()
+            .find(|shown| (shown.0, shown.1) == (key.index, key.subindex))
+            .map_or(0, |shown| shown.2)
     };
     Snapshot::read(Depth::Findings, |key| Ok(value(key))).values.len()
 }

@@ -271,7 +271,7 @@ const SYMPTOMS: &[Symptom] = &[
         "16.2",
         "pdo-frame-overrun",
         || {
-            let mut payload = packet(|it| (it[0], it[1]) = (0x40, 0x81));
+            let mut payload = packet(|bytes| (bytes[0], bytes[1]) = (0x40, 0x81));
             payload.resize(68, 0);
             parsed(&[image(9, &payload)])
         },
@@ -284,31 +284,31 @@ const SYMPTOMS: &[Symptom] = &[
         parsed(&[image])
     }),
     ("a packet has an unknown kind: PDO error 4", "16.2", "pdo-unknown-kind", || {
-        parsed(&[image(9, &packet(|it| it[1] = 0x60))])
+        parsed(&[image(9, &packet(|bytes| bytes[1] = 0x60))])
     }),
     ("a classic frame has DLC 9: PDO error 5", "16.2", "pdo-invalid-dlc", || {
-        parsed(&[image(9, &packet(|it| it[0] = 9 << 3))])
+        parsed(&[image(9, &packet(|bytes| bytes[0] = 9 << 3))])
     }),
     (
         "a frame is for a channel outside the mask: PDO error 6",
         "16.2",
         "pdo-invalid-channel",
-        || parsed(&[image(9, &packet(|it| it[0] |= 2))]),
+        || parsed(&[image(9, &packet(|bytes| bytes[0] |= 2))]),
     ),
     ("a timestamp is not in the profile: PDO error 7", "16.2", "pdo-invalid-timestamp", || {
-        parsed(&[image(9, &packet(|it| it[1] = 1 << 3))])
+        parsed(&[image(9, &packet(|bytes| bytes[1] = 1 << 3))])
     }),
     ("payload_len ends inside a packet: PDO error 8", "16.2", "pdo-truncated", || {
         parsed(&[image(9, &PACKET[..8])])
     }),
     ("the sequence does not change with the image: PDO error 10", "16.2", "pdo-duplicate", || {
-        parsed(&[image(9, &PACKET), image(9, &packet(|it| it[4] = 9))])
+        parsed(&[image(9, &PACKET), image(9, &packet(|bytes| bytes[4] = 9))])
     }),
     ("layout_id is that of another profile: PDO error 12", "16.2", "pdo-active-area", || {
         changed(|image| image[10] ^= 1)
     }),
     ("a reserved bit is set: PDO error 13", "16.2", "pdo-reserved-bit", || {
-        parsed(&[image(9, &packet(|it| it[3] |= 0x40))])
+        parsed(&[image(9, &packet(|bytes| bytes[3] |= 0x40))])
     }),
     ("the image is all zero, without a header: PDO error 14", "16.2", "pdo-bad-header", || {
         parsed(&[vec![0; 384]])
@@ -416,7 +416,7 @@ fn each_symptom_leads_to_the_check_of_the_manual() {
         let finding = found.iter().find(|finding| finding.id == *id);
         let ids: Vec<_> = found.iter().map(|finding| (finding.id, finding.chapter)).collect();
         match finding {
-            Some(finding) if finding.chapter.split(", ").any(|it| it == *chapter) => {
+            Some(finding) if finding.chapter.split(", ").any(|part| part == *chapter) => {
                 assert!(!finding.causes.is_empty() && !finding.next.is_empty(), "{finding:#?}");
             }
             _ => failed.push(format!("{symptom}: {id} ({chapter}), found {ids:?}")),

@@ -75,7 +75,7 @@ fn axis_picture_has_units_legend_and_hold() {
     ] {
         assert!(contains(&texts, expected), "{expected}: {texts:?}");
     }
-    assert!(texts.iter().any(|it| it.contains("demo 1.2.3, Linux ")), "{texts:?}");
+    assert!(texts.iter().any(|text| text.contains("demo 1.2.3, Linux ")), "{texts:?}");
     assert!(!contains(&texts, "SIMULATED"), "{texts:?}");
     // The target is interrupted by the hold; one more line each is in the legend.
     assert_eq!(elements(&svg, "polyline", LIGHT_BLUE), 3);
@@ -144,8 +144,8 @@ fn histogram_shows_single_times_and_common_axes() {
     assert_eq!((bars("#D9542B"), bars("#0B62A4")), (4, 2), "two bars and one, on both axes");
     let texts = texts(&svg);
     assert!(contains(&texts, "mode 0: period on the bus, common axes"), "{texts:?}");
-    assert!(!texts.iter().any(|it| it.starts_with("mode 2")), "no times: {texts:?}");
-    assert_eq!(texts.iter().filter(|it| *it == "nominal 1000 us").count(), 4);
+    assert!(!texts.iter().any(|text| text.starts_with("mode 2")), "no times: {texts:?}");
+    assert_eq!(texts.iter().filter(|text| *text == "nominal 1000 us").count(), 4);
 }
 
 #[test]

@@ -19,7 +19,7 @@ fn probe(lost_at: usize, for_ms: u32) -> Vec<Finding> {
 }
 
 fn decided(findings: &[Finding]) -> usize {
-    findings.iter().filter(|it| it.verdict != Verdict::Undecided).count()
+    findings.iter().filter(|finding| finding.verdict != Verdict::Undecided).count()
 }
 
 #[test]
@@ -28,7 +28,7 @@ fn interrupted_experiment_is_repeated() {
     for lost_at in 0..experiments().count() {
         let findings = probe(lost_at, 1_500);
         let different: Vec<_> =
-            findings.iter().filter(|it| it.verdict == Verdict::Differs).collect();
+            findings.iter().filter(|finding| finding.verdict == Verdict::Differs).collect();
         assert!(different.is_empty(), "lost at {lost_at}: {different:?}");
         assert!(decided(&findings) + 1 >= undisturbed, "lost at {lost_at}: {findings:#?}");
     }
@@ -41,7 +41,8 @@ fn lost_gateway_leaves_the_rest_undecided() {
     let (before, after) = findings.split_at(lost_at);
     assert_eq!(decided(before), before.len() - 1, "the abort code of a missing entry");
     assert_eq!(decided(after), 0);
-    let lost =
-        after.iter().filter(|it| it.detail == "process data or the link to the gateway were lost");
+    let lost = after
+        .iter()
+        .filter(|finding| finding.detail == "process data or the link to the gateway were lost");
     assert!(lost.count() > 10, "{after:#?}");
 }

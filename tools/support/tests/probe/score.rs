@@ -62,24 +62,28 @@ fn names(finding: &Finding, variant: &Variant, alternative: &Alternative) -> boo
 
 /// Alternatives that differ from the default, of the switches with an experiment.
 fn alternatives() -> impl Iterator<Item = (&'static Variant, &'static Alternative)> {
-    variants().flat_map(|variant| variant.alternatives.iter().skip(1).map(move |it| (variant, it)))
+    variants().flat_map(|variant| {
+        variant.alternatives.iter().skip(1).map(move |alternative| (variant, alternative))
+    })
 }
 
 #[test]
 fn every_switch_has_an_experiment_or_a_reason() {
-    let decided = experiments().map(|it| (it.key, it.rows));
-    let known: Vec<_> = decided.chain(UNDECIDABLE.iter().map(|it| (it.key, it.rows))).collect();
+    let decided = experiments().map(|experiment| (experiment.key, experiment.rows));
+    let known: Vec<_> = decided
+        .chain(UNDECIDABLE.iter().map(|assumption| (assumption.key, assumption.rows)))
+        .collect();
     for variant in variants() {
-        let rows = known.iter().filter(|it| it.0 == variant.key).flat_map(|it| it.1);
+        let rows = known.iter().filter(|known| known.0 == variant.key).flat_map(|known| known.1);
         let rows: BTreeSet<_> = rows.collect();
         let expected: BTreeSet<_> = variant.assumptions.iter().collect();
         assert_eq!(rows, expected, "{}", variant.key);
     }
-    for (key, _) in known.iter().filter(|it| !it.0.is_empty()) {
-        assert!(variants().any(|it| it.key == *key), "{key} is not a switch");
+    for (key, _) in known.iter().filter(|known| !known.0.is_empty()) {
+        assert!(variants().any(|variant| variant.key == *key), "{key} is not a switch");
     }
-    let reasons = UNDECIDABLE.iter().filter(|it| it.key.is_empty());
-    let mut rows: Vec<_> = reasons.flat_map(|it| it.rows).collect();
+    let reasons = UNDECIDABLE.iter().filter(|assumption| assumption.key.is_empty());
+    let mut rows: Vec<_> = reasons.flat_map(|reason| reason.rows).collect();
     rows.sort_unstable();
     assert!(rows.windows(2).all(|pair| pair[0] != pair[1]), "a row occurs twice: {rows:?}");
 }
@@ -126,23 +130,24 @@ fn each_alternative_is_named_and_no_other() {
     for (variant, alternative) in alternatives() {
         all += 1;
         let findings = probe_alternative(variant, alternative);
-        let is_other = |it: &&Finding| {
+        let is_other = |finding: &&Finding| {
             let consequence = |row: &&str| CONSEQUENCES.contains(&(variant.key, row));
-            it.verdict == Verdict::Differs
-                && it.key != variant.key
-                && !it.rows.iter().any(consequence)
+            finding.verdict == Verdict::Differs
+                && finding.key != variant.key
+                && !finding.rows.iter().any(consequence)
         };
         let others: Vec<_> = findings.iter().filter(is_other).collect();
         assert!(others.is_empty(), "{} = {}: {others:#?}", variant.key, alternative.value);
         if !findings.iter().any(|finding| names(finding, variant, alternative)) {
-            let of_key: Vec<_> = findings.into_iter().filter(|it| it.key == variant.key).collect();
+            let of_key: Vec<_> =
+                findings.into_iter().filter(|finding| finding.key == variant.key).collect();
             not_named.push((variant.key, alternative.value, of_key));
         }
     }
     println!("alternatives named: {} of {all}", all - not_named.len());
     for (key, value, of_key) in &not_named {
-        let known = NOT_NAMED.iter().find(|it| (it.0, it.1) == (*key, *value));
-        let reason = known.map(|it| it.2);
+        let known = NOT_NAMED.iter().find(|known| (known.0, known.1) == (*key, *value));
+        let reason = known.map(|known| known.2);
         println!("  {key} = {value}: {}", reason.unwrap_or("NOT NAMED"));
         assert!(reason.is_some(), "{key} = {value}: {of_key:#?}");
     }
@@ -175,17 +180,19 @@ fn print_decided(name: &str, rows: &BTreeSet<String>, decided: &BTreeSet<String>
 #[test]
 fn nine_of_ten_device_assumptions_are_decided() {
     let findings = probe("");
-    let is_decided = |it: &&Finding| it.verdict != Verdict::Undecided;
-    let rows_of = |it: &Finding| it.rows.iter().map(|row| (*row).to_owned()).collect::<Vec<_>>();
+    let is_decided = |finding: &&Finding| finding.verdict != Verdict::Undecided;
+    let rows_of =
+        |finding: &Finding| finding.rows.iter().map(|row| (*row).to_owned()).collect::<Vec<_>>();
     let decided: BTreeSet<_> = findings.iter().filter(is_decided).flat_map(rows_of).collect();
     let known: BTreeSet<_> = findings.iter().flat_map(rows_of).collect();
     let all = device_rows();
     assert_eq!(known, all, "each row has an experiment or a reason");
-    let switched = variants().flat_map(|it| it.assumptions).map(|row| (*row).to_owned()).collect();
+    let switched =
+        variants().flat_map(|variant| variant.assumptions).map(|row| (*row).to_owned()).collect();
     print_decided("device assumptions with a switch", &switched, &decided);
     print_decided("all device assumptions", &all, &decided);
     for row in all.difference(&decided) {
-        let of_row = findings.iter().find(|it| it.rows.contains(&row.as_str())).unwrap();
+        let of_row = findings.iter().find(|finding| finding.rows.contains(&row.as_str())).unwrap();
         println!("  {row}: {}", of_row.detail);
     }
     let undecided: Vec<_> = switched.difference(&decided).collect();

@@ -19,7 +19,8 @@ fn probe(buses: &str, keys: &str) -> (Vec<Finding>, DeviceProfile) {
 const WIRED: &str = "[\"w\", \"w\", \"a\", \"b\"]";
 
 fn sample_point(findings: Vec<Finding>) -> Finding {
-    let is_wanted = |it: &Finding| it.stage == Some(Stage::Wired) && it.key == "bit_timing";
+    let is_wanted =
+        |finding: &Finding| finding.stage == Some(Stage::Wired) && finding.key == "bit_timing";
     findings.into_iter().find(is_wanted).unwrap()
 }
 
@@ -64,7 +65,7 @@ fn controller_shows_the_delay_of_its_transceiver() {
         (90, 87, Verdict::Differs, Some("87")),
     ] {
         let (findings, profile) = probe(WIRED, &format!("transceiver_ns = {delay}"));
-        let finding = findings.into_iter().find(|it| it.key == "transceiver_ns").unwrap();
+        let finding = findings.into_iter().find(|finding| finding.key == "transceiver_ns").unwrap();
         assert_eq!(finding.verdict, verdict, "{finding:?}");
         assert_eq!(finding.alternative.as_deref(), name, "{finding:?}");
         assert_eq!(profile.transceiver_ns, Some(measured));

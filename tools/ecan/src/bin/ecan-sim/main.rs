@@ -19,7 +19,7 @@ use std::process::ExitCode;
 
 use clap::{CommandFactory, Parser, Subcommand};
 use clap_complete::Shell;
-use ecan_tool_support::command_line::logging::LogArguments;
+use ecan_tool_support::command_line::options::LogArguments;
 use ecan_tool_support::command_line::screen::parse_arguments;
 
 /// Simulated ECAN-Lite gateways for any EtherCAT master.

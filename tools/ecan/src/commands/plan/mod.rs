@@ -10,7 +10,7 @@ use std::path::PathBuf;
 use clap::Args;
 use ecan_host::AdapterConfig;
 use ecan_mcan_port::{ChannelConfig, GatewayConfig, PortConfig, PortPlan};
-use ecan_tool_support::command_line::bit_rate::parse_bit_rate;
+use ecan_tool_support::command_line::options::parse_bit_rate;
 
 use crate::config_file;
 use crate::context::{Context, Failure, Result, Tone};

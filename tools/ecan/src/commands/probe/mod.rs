@@ -16,7 +16,7 @@ use ecan_protocol::device::AlState;
 use ecan_protocol::mapping::CHANNELS;
 use ecan_tool_support::command_line::interrupt::Interrupt;
 use ecan_tool_support::command_line::new_file;
-use ecan_tool_support::command_line::real_time::RealTimeArguments;
+use ecan_tool_support::command_line::options::RealTimeArguments;
 use ecan_tool_support::command_line::run_info::RunInfo;
 use ecan_tool_support::probe::{
     DeviceProfile, Experiment, Finding, Probe, ProbeOptions, Stage, Verdict,

@@ -24,7 +24,7 @@ use clap::Args;
 use ecan_lite::config::DEFAULT_N;
 use ecan_sim::ClockKind;
 use ecan_tool_support::command_line::interrupt::Interrupt;
-use ecan_tool_support::command_line::real_time::RealTimeArguments;
+use ecan_tool_support::command_line::options::RealTimeArguments;
 use ecan_tool_support::command_line::screen::Stream;
 use serde::Serialize;
 

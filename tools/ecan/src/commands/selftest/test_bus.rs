@@ -6,7 +6,7 @@ use std::thread::{self, ScopedJoinHandle};
 use ecan_host::{AdapterConfig, Diagnostics, Ecrt, Error};
 use ecan_mcan_port::{Cycle, Port, PortConfig, PortError};
 use ecan_tool_support::command_line::interrupt::Interrupt;
-use ecan_tool_support::command_line::real_time::RealTimeArguments;
+use ecan_tool_support::command_line::options::RealTimeArguments;
 
 use crate::context::{Failure, Result};
 

@@ -4,79 +4,15 @@ use crc::{CRC_32_ISO_HDLC, Crc};
 use ecan_protocol::image::{Header, ImageWriter, PdoError, Schedule, crc16};
 use ecan_protocol::mapping::HEADER_BYTES;
 
-use crate::probe::experiment::Experiment;
-use crate::probe::interruption::Result;
-use crate::probe::outcome::Outcome;
-use crate::probe::run::Probe;
-use crate::probe::session::Session;
-use crate::probe::setup::Setup;
-use crate::probe::stage::Stage;
-
 use super::loopback::{frame, push};
-
-pub(super) const EXPERIMENTS: &[Experiment] = &[
-    Experiment {
-        rows: &["H4", "S2"],
-        key: "layout_crc",
-        stage: Stage::Op,
-        assumption: "the layout CRC is the CRC-32 of object, image size and profile word",
-        run: layout_crc,
-    },
-    Experiment {
-        rows: &["H35"],
-        key: "sequence_readback",
-        stage: Stage::Op,
-        assumption: "0x8011:13 is the sequence of the last RxPDO image",
-        run: sequence,
-    },
-    Experiment {
-        rows: &["H5"],
-        key: "repeated_image",
-        stage: Stage::Op,
-        assumption: "a repeated RxPDO image has no effect",
-        run: repeated_image,
-    },
-    Experiment {
-        rows: &["H20"],
-        key: "profile_errors",
-        stage: Stage::Op,
-        assumption: "the apply status shows 7 after a faulty image",
-        run: profile_errors,
-    },
-    Experiment {
-        rows: &["S9"],
-        key: "pdo_errors",
-        stage: Stage::Op,
-        assumption: "PDO errors: other layout 12, unequal sequences 14, bad CRC 15",
-        run: error_numbers,
-    },
-    Experiment {
-        rows: &["S10"],
-        key: "",
-        stage: Stage::Op,
-        assumption: "a frame of a channel outside the mask is PDO error 6",
-        run: channel_outside_mask,
-    },
-    Experiment {
-        rows: &["S12"],
-        key: "",
-        stage: Stage::Op,
-        assumption: "a scheduled frame without Sync0 is PDO error 16",
-        run: schedule_without_sync0,
-    },
-    Experiment {
-        rows: &["H37"],
-        key: "txpdo_numbering",
-        stage: Stage::Op,
-        assumption: "TxPDO images are numbered from 1 after a session reset",
-        run: numbering,
-    },
-];
+use crate::probe::outcome::{Outcome, Result};
+use crate::probe::run::Probe;
+use crate::probe::session::{Session, Setup};
 
 const LAST_ERROR: u8 = 14;
 const ERROR_COUNTER: u8 = 15;
 
-fn layout_crc(probe: &mut Probe) -> Result<Outcome> {
+pub(in crate::probe) fn layout_crc(probe: &mut Probe) -> Result<Outcome> {
     let session = probe.session(&Setup::plain())?;
     let (crc, bytes, word) =
         (session.read(0x8010, 11)?, session.read(0x8010, 9)?, session.read(0x8010, 12)?);
@@ -97,7 +33,7 @@ fn layout_crc(probe: &mut Probe) -> Result<Outcome> {
     })
 }
 
-fn sequence(probe: &mut Probe) -> Result<Outcome> {
+pub(in crate::probe) fn sequence(probe: &mut Probe) -> Result<Outcome> {
     let session = probe.session(&Setup::plain())?;
     let before = session.sequence();
     let found = session.read(0x8011, 13)?;
@@ -123,7 +59,7 @@ fn errors_of(
     Ok((error, count))
 }
 
-fn repeated_image(probe: &mut Probe) -> Result<Outcome> {
+pub(in crate::probe) fn repeated_image(probe: &mut Probe) -> Result<Outcome> {
     let session = probe.session(&Setup::plain())?;
     let repeat = |session: &mut Session| {
         for _ in 0..4 {
@@ -148,7 +84,7 @@ fn bad_crc(image: &mut [u8]) {
     }
 }
 
-fn profile_errors(probe: &mut Probe) -> Result<Outcome> {
+pub(in crate::probe) fn profile_errors(probe: &mut Probe) -> Result<Outcome> {
     let session = probe.session(&Setup::plain())?;
     let (error, count) = errors_of(session, |session| session.cycle_tampered(bad_crc).map(drop))?;
     let status = session.read(0x8011, 2)?;
@@ -165,7 +101,7 @@ fn profile_errors(probe: &mut Probe) -> Result<Outcome> {
     })
 }
 
-fn error_numbers(probe: &mut Probe) -> Result<Outcome> {
+pub(in crate::probe) fn error_numbers(probe: &mut Probe) -> Result<Outcome> {
     let session = probe.session(&Setup::plain())?;
     let other_layout: fn(&mut [u8]) = |image| {
         if let Some(byte) = image.get_mut(10) {
@@ -185,7 +121,8 @@ fn error_numbers(probe: &mut Probe) -> Result<Outcome> {
         ("unequal sequences", unequal_sequences, PdoError::BadHeader),
         ("bad CRC", bad_crc as fn(&mut [u8]), PdoError::BadCrc),
     ] {
-        let (error, count) = errors_of(session, |it| it.cycle_tampered(tamper).map(drop))?;
+        let (error, count) =
+            errors_of(session, |session| session.cycle_tampered(tamper).map(drop))?;
         is_met &= count == 1 && error == u32::from(expected.raw());
         if expected == PdoError::ActiveArea {
             of_layout = error;
@@ -199,7 +136,7 @@ fn error_numbers(probe: &mut Probe) -> Result<Outcome> {
 }
 
 /// No channel is active in this stage: the frames are not sent.
-fn channel_outside_mask(probe: &mut Probe) -> Result<Outcome> {
+pub(in crate::probe) fn channel_outside_mask(probe: &mut Probe) -> Result<Outcome> {
     let mut setup = Setup::plain();
     (setup.rx.channel_mask, setup.tx.channel_mask) = (1, 1);
     let frame = frame(0x100)?;
@@ -223,7 +160,7 @@ fn channel_outside_mask(probe: &mut Probe) -> Result<Outcome> {
     Ok(Outcome::decided((count, error) == (1, 6), detail))
 }
 
-fn schedule_without_sync0(probe: &mut Probe) -> Result<Outcome> {
+pub(in crate::probe) fn schedule_without_sync0(probe: &mut Probe) -> Result<Outcome> {
     let frame = frame(0x101)?;
     let session = probe.session(&Setup::plain())?;
     let (error, count) = errors_of(session, |session| {
@@ -239,13 +176,13 @@ fn schedule_without_sync0(probe: &mut Probe) -> Result<Outcome> {
     Ok(Outcome::decided((count, error) == (1, 16), detail))
 }
 
-fn numbering(probe: &mut Probe) -> Result<Outcome> {
+pub(in crate::probe) fn numbering(probe: &mut Probe) -> Result<Outcome> {
     let session = probe.session(&Setup::plain())?;
     session.take();
     session.write(0x8010, 8, 1)?;
     session.cycles(2)?;
     let sequences: Vec<_> =
-        session.take().iter().filter_map(|it| Some(it.header?.seq_begin)).collect();
+        session.take().iter().filter_map(|inputs| Some(inputs.header?.seq_begin)).collect();
     let step = sequences.windows(2).find(|pair| pair[1] != pair[0].wrapping_add(1));
     Ok(match step {
         Some([before, 1]) => Outcome::holds(format!("the sequence stepped from {before} to 1")),

@@ -1,40 +1,20 @@
-//! Objects and entries of the dictionary.
+//! Objects in PREOP: identity, entries that a firmware may lack, services of the mailbox, and the maintenance
+//! command that validates a received firmware image, which changes nothing.
 
 use std::fmt::Write as _;
+use std::time::Duration;
 
-use ecan_protocol::mapping::{Direction, map_subindex, pdo_map_index};
-use ecan_protocol::object::{Access, object};
+use ecan_host::{Error, Maintenance, MaintenanceError};
+use ecan_protocol::device::{AccessMode, Capabilities, MaintenanceCommand, MaintenanceStatus};
+use ecan_protocol::mapping::{
+    Direction, MAX_MULTIPLIER, assignment_index, map_subindex, pdo_map_index,
+};
+use ecan_protocol::object::{AbortCode, Access, object};
 
-use crate::probe::experiment::Experiment;
-use crate::probe::interruption::Result;
-use crate::probe::outcome::Outcome;
+use crate::probe::outcome::{Interruption, Outcome, Result};
 use crate::probe::run::Probe;
 use crate::probe::sdo::Upload;
-use crate::probe::stage::Stage;
-
-pub(super) const EXPERIMENTS: &[Experiment] = &[
-    Experiment {
-        rows: &["H1", "H42"],
-        key: "missing_entries",
-        stage: Stage::Reading,
-        assumption: "the gateway has every entry of this version of the manual",
-        run: missing_entries,
-    },
-    Experiment {
-        rows: &["H42"],
-        key: "missing_abort",
-        stage: Stage::Reading,
-        assumption: "an access to a missing entry aborts with 0x06090011",
-        run: missing_abort,
-    },
-    Experiment {
-        rows: &["H3", "S5"],
-        key: "mapped_subindex",
-        stage: Stage::Reading,
-        assumption: "the PDOs map subindex 1 of the 16-byte objects",
-        run: mapped_subindex,
-    },
-];
+use crate::probe::session::Setup;
 
 /// Objects that versions of the firmware may lack, of the first channel only.
 const EXAMINED: [u16; 6] = [0xF000, 0x8030, 0x8021, 0x8001, 0x9011, 0x9020];
@@ -92,7 +72,7 @@ fn ranges(missing: &Missing) -> Vec<String> {
     texts
 }
 
-fn missing_entries(probe: &mut Probe) -> Result<Outcome> {
+pub(in crate::probe) fn missing_entries(probe: &mut Probe) -> Result<Outcome> {
     let missing = find_missing(probe)?;
     if missing.is_empty() {
         return Ok(Outcome::holds("every entry was read"));
@@ -103,7 +83,7 @@ fn missing_entries(probe: &mut Probe) -> Result<Outcome> {
         .like(format!("[{}]", quoted.join(", "))))
 }
 
-fn missing_abort(probe: &mut Probe) -> Result<Outcome> {
+pub(in crate::probe) fn missing_abort(probe: &mut Probe) -> Result<Outcome> {
     let Some(missing) = find_missing(probe)?.pop() else {
         return Ok(Outcome::undecided("no entry is missing"));
     };
@@ -116,7 +96,7 @@ fn missing_abort(probe: &mut Probe) -> Result<Outcome> {
     })
 }
 
-fn mapped_subindex(probe: &mut Probe) -> Result<Outcome> {
+pub(in crate::probe) fn mapped_subindex(probe: &mut Probe) -> Result<Outcome> {
     let mut subindices = [0; 2];
     for (direction, subindex) in Direction::ALL.into_iter().zip(&mut subindices) {
         let entry = probe.sdo().read(pdo_map_index(direction, 0), map_subindex(0))?;
@@ -132,6 +112,187 @@ fn mapped_subindex(probe: &mut Probe) -> Result<Outcome> {
     Ok(match (tx, rx) {
         (1, 1) => Outcome::holds(detail),
         (0, 0) => Outcome::differs(detail).like("zero"),
+        _ => Outcome::differs(detail),
+    })
+}
+
+const VENDOR_ID: u32 = 0x4543;
+const PRODUCT_CODE: u32 = 0x4C49_5445;
+
+pub(in crate::probe) fn vendor(probe: &mut Probe) -> Result<Outcome> {
+    let sii = probe.diagnostics.slave_info(probe.slave)?.vendor_id;
+    compare_identity(probe, sii, 1, VENDOR_ID)
+}
+
+pub(in crate::probe) fn product(probe: &mut Probe) -> Result<Outcome> {
+    let sii = probe.diagnostics.slave_info(probe.slave)?.product_code;
+    compare_identity(probe, sii, 2, PRODUCT_CODE)
+}
+
+fn compare_identity(probe: &Probe, sii: u32, subindex: u8, assumed: u32) -> Result<Outcome> {
+    let object = probe.sdo().read(0x1018, subindex)?;
+    if object != sii {
+        let detail = format!("0x1018:{subindex:02} is 0x{object:08X}, the SII has 0x{sii:08X}");
+        return Ok(Outcome::differs(detail));
+    }
+    let detail = format!("SII and 0x1018:{subindex:02} are 0x{sii:08X}");
+    Ok(Outcome::decided(sii == assumed, detail).like(sii))
+}
+
+pub(in crate::probe) fn serial(probe: &mut Probe) -> Result<Outcome> {
+    let [low, high] =
+        [probe.sdo().read(Capabilities::INDEX, 7)?, probe.sdo().read(Capabilities::INDEX, 8)?];
+    let serial = u64::from(high) << 32 | u64::from(low);
+    if matches!(serial, 0 | u64::MAX) {
+        let detail = format!("0xF000:07 and :08 are {serial}: gateways cannot be distinguished");
+        return Ok(Outcome::differs(detail).like(serial));
+    }
+    probe.profile.serial = Some(serial);
+    let version = |subindex| probe.sdo().read(Capabilities::INDEX, subindex);
+    if let (Ok(major), Ok(minor)) = (version(5), version(6)) {
+        probe.profile.firmware = Some((major, minor));
+    }
+    Ok(Outcome::holds(format!("0xF000:07 and :08 are {serial}")))
+}
+
+/// Time after PREOP in which a master has fetched the dictionary, in ns.
+const FETCH_NS: u64 = 8_000_000_000;
+const FETCH_POLL_NS: u64 = 200_000_000;
+
+pub(in crate::probe) fn sdo_information(probe: &mut Probe) -> Result<Outcome> {
+    let end_ns = probe.clock().now_ns().saturating_add(FETCH_NS);
+    loop {
+        let count = probe.diagnostics.slave_info(probe.slave)?.sdo_count;
+        if count > 0 {
+            return Ok(Outcome::holds(format!("the master found {count} objects")));
+        }
+        if probe.clock().now_ns() >= end_ns {
+            let detail = "the master found no object within 8 s after PREOP";
+            return Ok(Outcome::differs(detail).like("none"));
+        }
+        probe.sleep_ns(FETCH_POLL_NS);
+    }
+}
+
+/// Writes the PDO assignment as it is; each session writes it again.
+pub(in crate::probe) fn complete_access(probe: &mut Probe) -> Result<Outcome> {
+    let index = assignment_index(Direction::RxPdo);
+    let count = probe.sdo().read(index, 0)?;
+    let mut block = count.to_le_bytes()[..2].to_vec();
+    for nth in 1..=count.min(u32::from(MAX_MULTIPLIER)) {
+        let pdo = probe.sdo().read(index, nth as u8)?;
+        block.extend(&pdo.to_le_bytes()[..2]);
+    }
+    let written = probe.diagnostics.sdo_download_complete(probe.slave, index, &block);
+    Ok(match written {
+        Ok(()) => Outcome::differs("a download of 0x1C12 succeeded").like("true"),
+        Err(Error::Sdo { abort_code: Some(AbortCode::UNSUPPORTED_ACCESS), .. }) => {
+            Outcome::holds("a download of 0x1C12 aborts with 0x06010000")
+        }
+        Err(Error::Sdo { abort_code: Some(code), .. }) => {
+            Outcome::undecided(format!("a download of 0x1C12 aborts with {code}"))
+        }
+        Err(error) => return Err(error.into()),
+    })
+}
+
+/// Cycles with which the transfers are measured, in ms.
+const CYCLES_MS: [u64; 2] = [1, 3];
+const GAP_NS: u64 = 200_000;
+const LONGEST_US: u64 = 2_500;
+/// Time of a transfer that a master in the kernel may spend on waiting for timer ticks: three, of 10 ms at
+/// most. IgH 1.6.2 needs three of 4 ms on a usual kernel.
+const TICKS_US: u64 = 30_000;
+
+/// A transfer has steps of the master, one or more cycles each, and the time of the gateway.
+pub(in crate::probe) fn mailbox_delay(probe: &mut Probe) -> Result<Outcome> {
+    let [short_ms, long_ms] = CYCLES_MS;
+    let short_us = shortest_upload_us(probe, short_ms)?;
+    let long_us = shortest_upload_us(probe, long_ms)?;
+    let cycles_us = long_us.saturating_sub(short_us) * short_ms / (long_ms - short_ms);
+    let ticks_us = if probe.ecrt.is_simulated() { 0 } else { TICKS_US };
+    let most_us = short_us.saturating_sub(cycles_us);
+    let least_us = most_us.saturating_sub(ticks_us);
+    probe.profile.mailbox_us = u32::try_from(most_us).ok();
+    let detail = format!(
+        "the fastest of 8 SDO uploads took {short_us} us with a cycle of {short_ms} ms and {long_us} us with \
+         {long_ms} ms; {least_us} to {most_us} us of it are the gateway's"
+    );
+    Ok(if most_us <= LONGEST_US {
+        Outcome::holds(detail).like(most_us)
+    } else if least_us > LONGEST_US {
+        Outcome::differs(detail).like(least_us)
+    } else {
+        Outcome::undecided(detail)
+    })
+}
+
+fn shortest_upload_us(probe: &mut Probe, cycle_ms: u64) -> Result<u64> {
+    let session =
+        probe.session(&Setup { cycle: Duration::from_millis(cycle_ms), ..Setup::plain() })?;
+    // Some masters advance only if receive and send are apart.
+    session.gap_ns = GAP_NS;
+    let mut shortest_ns = u64::MAX;
+    for _ in 0..8 {
+        let start_ns = session.adapter.clock().now_ns();
+        session.read(0x8010, 3)?;
+        shortest_ns = shortest_ns.min(session.adapter.clock().now_ns() - start_ns);
+    }
+    Ok(shortest_ns / 1_000)
+}
+
+/// Status of the command in a mode.
+fn validate(probe: &Probe, mode: AccessMode) -> Result<MaintenanceStatus> {
+    let maintenance = Maintenance::new(&probe.diagnostics, probe.slave);
+    let command = || -> Result<MaintenanceStatus> {
+        match maintenance.command(MaintenanceCommand::Validate, probe.clock()) {
+            Ok(()) => Ok(MaintenanceStatus::Ok),
+            Err(MaintenanceError::Status(status)) => Ok(status),
+            Err(error) => Err(Interruption::from(error)),
+        }
+    };
+    maintenance.in_mode(mode, command)
+}
+
+/// The first mode that permits the command, with its status.
+fn permitted(probe: &Probe) -> Result<Option<(AccessMode, MaintenanceStatus)>> {
+    for mode in [AccessMode::Run, AccessMode::Engineering, AccessMode::Factory] {
+        let status = validate(probe, mode)?;
+        if status != MaintenanceStatus::Denied {
+            return Ok(Some((mode, status)));
+        }
+    }
+    Ok(None)
+}
+
+pub(in crate::probe) fn maintenance_mode(probe: &mut Probe) -> Result<Outcome> {
+    if probe.sdo().read(0xB000, 2)? != u32::from(AccessMode::Run.raw()) {
+        return Ok(Outcome::undecided("another application has requested an access mode"));
+    }
+    Ok(match permitted(probe)? {
+        Some((AccessMode::Run, _)) => {
+            Outcome::differs("the command is permitted in run mode").like("run")
+        }
+        Some((AccessMode::Engineering, _)) => {
+            Outcome::holds("denied in run mode, permitted in engineering mode")
+        }
+        Some((AccessMode::Factory, _)) => {
+            Outcome::differs("denied in engineering mode, permitted in factory mode")
+                .like("factory")
+        }
+        None => Outcome::differs("denied in every mode"),
+    })
+}
+
+pub(in crate::probe) fn maintenance_status(probe: &mut Probe) -> Result<Outcome> {
+    let Some((_, status)) = permitted(probe)? else {
+        return Ok(Outcome::undecided("the command is denied in every mode"));
+    };
+    let detail = format!("validating a firmware image ends with status {}", status.raw());
+    Ok(match status {
+        MaintenanceStatus::Ok => Outcome::undecided("a valid firmware image is stored"),
+        MaintenanceStatus::ImageInvalid => Outcome::holds(detail),
+        MaintenanceStatus::CrcError => Outcome::differs(detail).like("swapped"),
         _ => Outcome::differs(detail),
     })
 }

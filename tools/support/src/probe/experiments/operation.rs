@@ -4,53 +4,11 @@ use std::time::Duration;
 
 use ecan_protocol::device::AlState;
 
-use crate::probe::experiment::Experiment;
-use crate::probe::interruption::{Interruption, Result};
-use crate::probe::outcome::Outcome;
+use crate::probe::outcome::{Interruption, Outcome, Result};
 use crate::probe::run::Probe;
-use crate::probe::session::Session;
-use crate::probe::setup::{SYNC0, SYNC0_AND_SYNC1, Setup};
-use crate::probe::stage::Stage;
+use crate::probe::session::{SYNC0, SYNC0_AND_SYNC1, Session, Setup};
 
-pub(super) const EXPERIMENTS: &[Experiment] = &[
-    Experiment {
-        rows: &["S34"],
-        key: "",
-        stage: Stage::Op,
-        assumption: "the slave controller has 8 FMMUs, 8 sync managers and 8 KiB of memory",
-        run: controller,
-    },
-    Experiment {
-        rows: &["H36"],
-        key: "",
-        stage: Stage::Op,
-        assumption: "a write to AL control takes the gateway out of OP, and the master configures it again",
-        run: al_control,
-    },
-    Experiment {
-        rows: &["H2"],
-        key: "assign_activate",
-        stage: Stage::Op,
-        assumption: "DC AssignActivate 0x0300 starts Sync0",
-        run: sync0,
-    },
-    Experiment {
-        rows: &["H34", "S21"],
-        key: "watchdog",
-        stage: Stage::Op,
-        assumption: "the process data watchdog counts in units of 100 us, and ends OP with AL status 0x001B",
-        run: watchdog,
-    },
-    Experiment {
-        rows: &["S42"],
-        key: "emergencies",
-        stage: Stage::Op,
-        assumption: "a CoE emergency with code 0x8130 reports the watchdog",
-        run: emergencies,
-    },
-];
-
-fn controller(probe: &mut Probe) -> Result<Outcome> {
+pub(in crate::probe) fn controller(probe: &mut Probe) -> Result<Outcome> {
     let session = probe.session(&Setup::plain())?;
     let [kind, _, _, _, fmmus, sync_managers, memory, _] = session.read_registers(0x0000)?;
     let detail = format!(
@@ -65,15 +23,17 @@ fn controller(probe: &mut Probe) -> Result<Outcome> {
 /// Longest way out of OP and back, in cycles of 2 ms.
 const RETURN_CYCLES: u32 = 15_000;
 
-fn al_control(probe: &mut Probe) -> Result<Outcome> {
+pub(in crate::probe) fn al_control(probe: &mut Probe) -> Result<Outcome> {
     let session = probe.session(&Setup::plain())?;
     session.adapter.requests().reconfigure(0)?;
-    let has_left = session.cycles_until(100, |it| it.domain_report(0).working_counter == 0)?;
+    let has_left =
+        session.cycles_until(100, |adapter| adapter.domain_report(0).working_counter == 0)?;
     if !has_left {
         return Ok(Outcome::differs("the gateway exchanges process data 200 ms after the write"));
     }
-    let is_back =
-        session.cycles_until(RETURN_CYCLES, |it| it.all_operational().is_ok_and(|it| it))?;
+    let is_back = session.cycles_until(RETURN_CYCLES, |adapter| {
+        adapter.all_operational().is_ok_and(|is_operational| is_operational)
+    })?;
     session.take_missed();
     Ok(match is_back {
         true => Outcome::holds("the gateway left OP and returned"),
@@ -98,7 +58,7 @@ fn pulses(probe: &mut Probe, assign_activate: u16) -> Result<std::result::Result
     Ok(Ok(session.read(0x9011, 2)?.wrapping_sub(before)))
 }
 
-fn sync0(probe: &mut Probe) -> Result<Outcome> {
+pub(in crate::probe) fn sync0(probe: &mut Probe) -> Result<Outcome> {
     // The plainest configuration reaches OP.
     probe.session(&Setup::plain())?;
     let reason = match pulses(probe, SYNC0)? {
@@ -125,7 +85,7 @@ const WATCHDOG_MS: u64 = 20;
 /// Pauses of the process data: shorter and longer than the watchdog, and longer than its usual default.
 const PAUSES_MS: [u64; 3] = [WATCHDOG_MS * 7 / 10, WATCHDOG_MS * 15 / 10, 150];
 
-fn watchdog(probe: &mut Probe) -> Result<Outcome> {
+pub(in crate::probe) fn watchdog(probe: &mut Probe) -> Result<Outcome> {
     let setup = Setup { watchdog: Duration::from_millis(WATCHDOG_MS), ..Setup::plain() };
     let mut found = Vec::new();
     for gap_ms in PAUSES_MS {
@@ -160,7 +120,7 @@ fn watchdog(probe: &mut Probe) -> Result<Outcome> {
 const LIFE_GUARD: u16 = 0x8130;
 
 /// Lets the watchdog expire, and reads an object: with its response the master receives the emergency.
-fn emergencies(probe: &mut Probe) -> Result<Outcome> {
+pub(in crate::probe) fn emergencies(probe: &mut Probe) -> Result<Outcome> {
     let setup = Setup { watchdog: Duration::from_millis(WATCHDOG_MS), ..Setup::plain() };
     let session = probe.session(&setup)?;
     session.cycles(5)?;

@@ -10,68 +10,10 @@ use ecan_protocol::image::{
     EncapsulationProfile, ImageWriter, OptionFlags, ResultCode, Schedule, Timestamp,
 };
 
-use crate::probe::experiment::Experiment;
-use crate::probe::inputs::Inputs;
-use crate::probe::interruption::Result;
-use crate::probe::measured::Sample;
-use crate::probe::outcome::Outcome;
-use crate::probe::run::Probe;
-use crate::probe::setup::Setup;
-use crate::probe::stage::Stage;
-
 use super::loopback::{frame, setup};
-
-pub(super) const EXPERIMENTS: &[Experiment] = &[
-    Experiment {
-        rows: &["H23", "S11"],
-        key: "tx_result_codes",
-        stage: Stage::Loopback,
-        assumption: "TX_RESULT 1 is queued, 2 is dropped as late",
-        run: result_codes,
-    },
-    Experiment {
-        rows: &["H23", "S11"],
-        key: "scheduled_results",
-        stage: Stage::Loopback,
-        assumption: "a scheduled frame gets one TX_RESULT",
-        run: result_count,
-    },
-    Experiment {
-        rows: &["H24"],
-        key: "",
-        stage: Stage::Loopback,
-        assumption: "the firmware needs at most 50 us from the image to the Sync0 pulse",
-        run: firmware_time,
-    },
-    Experiment {
-        rows: &["H24", "S12"],
-        key: "scheduled_pulse",
-        stage: Stage::Loopback,
-        assumption: "a scheduled frame counts from the first Sync0 pulse after its image",
-        run: pulse,
-    },
-    Experiment {
-        rows: &["H25"],
-        key: "phase_unit",
-        stage: Stage::Loopback,
-        assumption: "0x9011:04 and :05 are distances from a Sync0 pulse to the next image in CPU cycles",
-        run: phase_readback,
-    },
-    Experiment {
-        rows: &["S30"],
-        key: "release_jitter_us",
-        stage: Stage::Loopback,
-        assumption: "a scheduled frame leaves exactly at its phase",
-        run: release_jitter,
-    },
-    Experiment {
-        rows: &["H26", "S12"],
-        key: "schedule_depth",
-        stage: Stage::Loopback,
-        assumption: "the schedule holds 64 frames",
-        run: depth,
-    },
-];
+use crate::probe::outcome::{Outcome, Result};
+use crate::probe::run::{Probe, Sample};
+use crate::probe::session::{Inputs, Setup};
 
 const CYCLE_NS: u64 = 4_000_000;
 const SHIFT_NS: u64 = 3_000_000;
@@ -116,10 +58,14 @@ fn sample(probe: &mut Probe) -> Result<Vec<Sample>> {
         session.cycles(5)?;
         let inputs = session.take();
         // Of the image after it.
-        let is_missed = inputs.get(2).is_some_and(|it| it.outputs != Delivery::Confirmed);
-        let is_sent = inputs.iter().flat_map(|it| &it.frames).any(|it| it.frame.id() == frame.id());
-        let results = inputs.iter().flat_map(|it| &it.results);
-        let codes = results.filter(|it| it.sequence == sequence).map(|it| it.code.raw()).collect();
+        let is_missed = inputs.get(2).is_some_and(|input| input.outputs != Delivery::Confirmed);
+        let is_sent =
+            inputs.iter().flat_map(|input| &input.frames).any(|back| back.frame.id() == frame.id());
+        let results = inputs.iter().flat_map(|input| &input.results);
+        let codes = results
+            .filter(|result| result.sequence == sequence)
+            .map(|result| result.code.raw())
+            .collect();
         samples.extend(before_us.map(|before_us| Sample { before_us, is_missed, is_sent, codes }));
     }
     probe.samples = Some(samples.clone());
@@ -131,24 +77,24 @@ fn sample(probe: &mut Probe) -> Result<Vec<Sample>> {
 const FIRMWARE_US: u64 = 50;
 const WIRE_US: u64 = 30;
 
-fn firmware_time(probe: &mut Probe) -> Result<Outcome> {
+pub(in crate::probe) fn firmware_time(probe: &mut Probe) -> Result<Outcome> {
     let mut samples = sample(probe)?;
-    samples.retain(|it| !it.is_missed);
-    if samples.iter().all(|it| !it.is_sent) {
+    samples.retain(|sample| !sample.is_missed);
+    if samples.iter().all(|sample| !sample.is_sent) {
         return Ok(Outcome::differs("no scheduled frame left"));
     }
-    let late = samples.iter().filter(|it| !it.is_sent).map(|it| it.before_us).max();
+    let late = samples.iter().filter(|sample| !sample.is_sent).map(|sample| sample.before_us).max();
     let detail = match late {
         Some(late) => format!("frames of images sent up to {late} us before a pulse were dropped"),
         None => "no frame was dropped, also those of images sent 1 us before a pulse".to_owned(),
     };
-    Ok(Outcome::decided(late.is_none_or(|it| it <= FIRMWARE_US + WIRE_US), detail))
+    Ok(Outcome::decided(late.is_none_or(|before_us| before_us <= FIRMWARE_US + WIRE_US), detail))
 }
 
 /// Deviation of the phases by the delays of the host, in us.
 const PHASE_TOLERANCE_US: u64 = 400;
 
-fn phase_readback(probe: &mut Probe) -> Result<Outcome> {
+pub(in crate::probe) fn phase_readback(probe: &mut Probe) -> Result<Outcome> {
     let setup = with_sync0(probe)?;
     let session = probe.session(&setup)?;
     session.cycles(5)?;
@@ -177,16 +123,16 @@ fn phase_readback(probe: &mut Probe) -> Result<Outcome> {
 
 /// First codes, each once.
 fn codes_of(samples: &[Sample], is_sent: bool) -> Vec<u8> {
-    let of_kind = samples.iter().filter(|it| it.is_sent == is_sent);
-    let mut codes: Vec<_> = of_kind.filter_map(|it| it.codes.first().copied()).collect();
+    let of_kind = samples.iter().filter(|sample| sample.is_sent == is_sent);
+    let mut codes: Vec<_> = of_kind.filter_map(|sample| sample.codes.first().copied()).collect();
     codes.sort_unstable();
     codes.dedup();
     codes
 }
 
-fn result_codes(probe: &mut Probe) -> Result<Outcome> {
+pub(in crate::probe) fn result_codes(probe: &mut Probe) -> Result<Outcome> {
     let samples = sample(probe)?;
-    let late = samples.iter().filter(|it| !it.is_sent).count();
+    let late = samples.iter().filter(|sample| !sample.is_sent).count();
     let (queued, dropped) = (codes_of(&samples, true), codes_of(&samples, false));
     let detail = format!(
         "results of {} frames that left: {queued:?}; of {late} frames that did not: {dropped:?}",
@@ -202,9 +148,10 @@ fn result_codes(probe: &mut Probe) -> Result<Outcome> {
     })
 }
 
-fn result_count(probe: &mut Probe) -> Result<Outcome> {
+pub(in crate::probe) fn result_count(probe: &mut Probe) -> Result<Outcome> {
     let samples = sample(probe)?;
-    let counts: Vec<_> = samples.iter().filter(|it| it.is_sent).map(|it| it.codes.len()).collect();
+    let counts: Vec<_> =
+        samples.iter().filter(|sample| sample.is_sent).map(|sample| sample.codes.len()).collect();
     let (Some(least), Some(most)) = (counts.iter().min(), counts.iter().max()) else {
         return Ok(Outcome::undecided("no scheduled frame left"));
     };
@@ -230,7 +177,7 @@ const PULSE_BEFORE_NS: u64 = 1_000_000;
 const PULSE_OFFSET_NS: u32 = 3_500_000;
 
 /// Compares the cycle in which a scheduled frame comes back with that of an ordinary frame.
-fn pulse(probe: &mut Probe) -> Result<Outcome> {
+pub(in crate::probe) fn pulse(probe: &mut Probe) -> Result<Outcome> {
     let setup = with_sync0(probe)?;
     let session = probe.session(&setup)?;
     let [ordinary, scheduled] = [frame(0x125)?, frame(0x126)?];
@@ -249,7 +196,9 @@ fn pulse(probe: &mut Probe) -> Result<Outcome> {
     session.cycles(10)?;
     let inputs = session.take();
     let cycle_of = |frame: &CanFrame| {
-        inputs.iter().position(|it| it.frames.iter().any(|it| it.frame.id() == frame.id()))
+        inputs
+            .iter()
+            .position(|input| input.frames.iter().any(|back| back.frame.id() == frame.id()))
     };
     let Some(of_ordinary) = cycle_of(&ordinary) else {
         return Ok(Outcome::undecided("an ordinary frame did not come back"));
@@ -270,7 +219,7 @@ fn pulse(probe: &mut Probe) -> Result<Outcome> {
     })
 }
 
-fn release_jitter(probe: &mut Probe) -> Result<Outcome> {
+pub(in crate::probe) fn release_jitter(probe: &mut Probe) -> Result<Outcome> {
     if probe.service.is_some_and(|service| !service.is_constant()) {
         let reason = "timestamps count from a service, whose time varies here";
         return Ok(Outcome::undecided(reason));
@@ -291,7 +240,7 @@ fn release_jitter(probe: &mut Probe) -> Result<Outcome> {
     }
     session.cycles(3)?;
     let inputs = session.take();
-    let sent_us: Vec<_> = inputs.iter().map(|it| it.sent_ns as i64 / 1_000).collect();
+    let sent_us: Vec<_> = inputs.iter().map(|input| input.sent_ns as i64 / 1_000).collect();
     // Timestamps count from a service, which follows a send. Its number of cycles before the reception is
     // that with which they agree best.
     let times = |back: usize| -> Vec<i64> {
@@ -326,7 +275,7 @@ const ASSUMED_DEPTH: usize = 64;
 const DEPTH_IMAGES: u64 = 5;
 const DEPTH_DISTANCE_NS: u64 = 500_000;
 
-fn depth(probe: &mut Probe) -> Result<Outcome> {
+pub(in crate::probe) fn depth(probe: &mut Probe) -> Result<Outcome> {
     let mut setup = with_sync0(probe)?;
     (setup.rx.multiplier, setup.tx.multiplier) = (11, 11);
     let session = probe.session(&setup)?;
@@ -352,13 +301,13 @@ fn depth(probe: &mut Probe) -> Result<Outcome> {
     }
     session.cycles(8)?;
     let inputs = session.take();
-    let results = inputs.iter().flat_map(|it| &it.results);
+    let results = inputs.iter().flat_map(|input| &input.results);
     // The first result of each frame: whether it was accepted.
     let mut known = BTreeSet::new();
-    let first = results.filter(|it| {
-        sequences.contains(&it.sequence) && known.insert((it.sequence, it.frame_index))
+    let first = results.filter(|result| {
+        sequences.contains(&result.sequence) && known.insert((result.sequence, result.frame_index))
     });
-    let rejected = first.filter(|it| it.code == ResultCode::TxFifoFull).count();
+    let rejected = first.filter(|result| result.code == ResultCode::TxFifoFull).count();
     probe.end_session()?;
     if rejected == 0 {
         return Ok(Outcome::undecided(format!("{added} frames before a pulse were all accepted")));

@@ -3,7 +3,7 @@ use std::time::Duration;
 
 use clap::Args;
 use ecan_host::MAX_SPIN_NS;
-use ecan_tool_support::command_line::real_time::ThreadArguments;
+use ecan_tool_support::command_line::options::ThreadArguments;
 
 /// Longest run, in seconds: a century.
 const LONGEST_RUN_S: f64 = 3.2e9;

@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use clap::Args;
 use ecan_canopen::{LssBitRate, LssCommand, NmtState, NodeId, object};
-use ecan_tool_support::command_line::bit_rate::parse_bit_rate;
+use ecan_tool_support::command_line::options::parse_bit_rate;
 use serde::Serialize;
 
 use crate::commands::node::node_target::NodeTarget;

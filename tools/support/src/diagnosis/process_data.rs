@@ -265,7 +265,8 @@ fn bypass(snapshot: &Snapshot, index: u16, location: Location) -> Option<Finding
 }
 
 fn diagnostic_test(snapshot: &Snapshot) -> Option<Finding> {
-    let value = |subindex| Some((subindex, snapshot.get(0x8030, subindex).filter(|it| *it != 0)?));
+    let value =
+        |subindex| Some((subindex, snapshot.get(0x8030, subindex).filter(|value| *value != 0)?));
     let active: Vec<_> = (2..=6)
         .filter_map(value)
         .map(|(subindex, value)| format!(":{subindex:02} = 0x{value:X}"))

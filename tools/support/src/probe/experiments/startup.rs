@@ -1,69 +1,14 @@
-//! Restart of the gateway, and its state afterwards.
+//! Restart of the gateway, its state afterwards, and its states on the way to OP.
 
 use ecan_host::{Diagnostics, Error};
 use ecan_protocol::device::AlState;
 use ecan_protocol::image::{ChannelState, ChannelStatus};
 use ecan_protocol::mapping::CHANNELS;
 
-use crate::probe::experiment::Experiment;
-use crate::probe::interruption::{Interruption, Result, unavailable};
-use crate::probe::measured::Restart;
-use crate::probe::outcome::{Outcome, Verdict};
-use crate::probe::run::Probe;
+use crate::probe::outcome::{Interruption, Outcome, Result, Verdict, unavailable};
+use crate::probe::run::{Probe, Restart};
 use crate::probe::sdo::Upload;
-use crate::probe::stage::Stage;
-
-pub(super) const EXPERIMENTS: &[Experiment] = &[
-    Experiment {
-        rows: &["S37"],
-        key: "reboot_delay_ms",
-        stage: Stage::PreOp,
-        assumption: "the restart command is answered, and the restart follows",
-        run: answer,
-    },
-    Experiment {
-        rows: &["S1"],
-        key: "boot_ms",
-        stage: Stage::PreOp,
-        assumption: "the gateway responds 0.2 s after a restart",
-        run: boot_time,
-    },
-    Experiment {
-        rows: &["S3"],
-        key: "assigned_at_start",
-        stage: Stage::PreOp,
-        assumption: "24 chunks per direction are assigned after a restart",
-        run: assignment,
-    },
-    Experiment {
-        rows: &["S8"],
-        key: "channels_at_start",
-        stage: Stage::PreOp,
-        assumption: "channels are off after a restart",
-        run: channels_off,
-    },
-    Experiment {
-        rows: &["H40"],
-        key: "",
-        stage: Stage::PreOp,
-        assumption: "a channel that was not applied since the restart has counted nothing",
-        run: counters,
-    },
-    Experiment {
-        rows: &["H16"],
-        key: "",
-        stage: Stage::PreOp,
-        assumption: "a volatile setting is lost with a restart",
-        run: volatile_setting,
-    },
-    Experiment {
-        rows: &["H39"],
-        key: "filter_index",
-        stage: Stage::PreOp,
-        assumption: "the index of a filter editing window is lost with a restart",
-        run: filter_index,
-    },
-];
+use crate::probe::session::Setup;
 
 /// Index of a filter editing window: has no effect of its own.
 const MARK: (u16, u8) = (0x8001, 43);
@@ -151,7 +96,7 @@ fn wait_response(probe: &mut Probe, since: u64) -> Result<u64> {
     }
 }
 
-fn answer(probe: &mut Probe) -> Result<Outcome> {
+pub(in crate::probe) fn restart_answer(probe: &mut Probe) -> Result<Outcome> {
     let Restart { is_answered, vanished_ns, .. } = restart(probe)?;
     let ms = vanished_ns / 1_000_000;
     Ok(match is_answered {
@@ -167,21 +112,21 @@ fn answer(probe: &mut Probe) -> Result<Outcome> {
     })
 }
 
-fn boot_time(probe: &mut Probe) -> Result<Outcome> {
+pub(in crate::probe) fn boot_time(probe: &mut Probe) -> Result<Outcome> {
     let Restart { boot_ns, .. } = restart(probe)?;
     let ms = boot_ns / 1_000_000;
     let detail = format!("first SDO response {ms} ms after the restart, with the master's scan");
     Ok(Outcome::decided(boot_ns <= BOOT_NS, detail).like(ms))
 }
 
-fn assignment(probe: &mut Probe) -> Result<Outcome> {
+pub(in crate::probe) fn assignment_at_start(probe: &mut Probe) -> Result<Outcome> {
     let [rx, tx] = restart(probe)?.chunks;
     let detail = format!("0x1C12 has {rx} entries, 0x1C13 {tx}");
     let outcome = Outcome::decided((rx, tx) == (24, 24), detail);
     Ok(if (rx, tx) == (0, 0) { outcome.like("none") } else { outcome })
 }
 
-fn channels_off(probe: &mut Probe) -> Result<Outcome> {
+pub(in crate::probe) fn channels_off(probe: &mut Probe) -> Result<Outcome> {
     let channels = restart(probe)?.channels;
     let known: Vec<_> = (0..).zip(channels).filter_map(|(at, state)| Some((at, state?))).collect();
     if known.is_empty() {
@@ -210,7 +155,7 @@ const COUNTERS: [(u16, u8); 7] = [
     (0x9020, 13),
 ];
 
-fn counters(probe: &mut Probe) -> Result<Outcome> {
+pub(in crate::probe) fn counters_at_start(probe: &mut Probe) -> Result<Outcome> {
     if restart(probe)?.channels != [Some(ChannelState::Disabled); CHANNELS] {
         return Ok(Outcome::undecided("a channel is active after the restart"));
     }
@@ -223,13 +168,88 @@ fn counters(probe: &mut Probe) -> Result<Outcome> {
     Ok(Outcome::holds("the counters of 0x9000 and 0x9020 are 0"))
 }
 
-fn filter_index(probe: &mut Probe) -> Result<Outcome> {
+pub(in crate::probe) fn filter_index(probe: &mut Probe) -> Result<Outcome> {
     let outcome = volatile_setting(probe)?;
     Ok(if outcome.verdict == Verdict::Differs { outcome.like("kept") } else { outcome })
 }
 
-fn volatile_setting(probe: &mut Probe) -> Result<Outcome> {
+pub(in crate::probe) fn volatile_setting(probe: &mut Probe) -> Result<Outcome> {
     let Restart { mark, .. } = restart(probe)?;
     let detail = format!("0x8001:43 was {WRITTEN} before the restart and is {mark} after it");
     Ok(Outcome::decided(mark != u32::from(WRITTEN), detail))
+}
+
+pub(in crate::probe) fn assignment_rewritten(probe: &mut Probe) -> Result<Outcome> {
+    let statuses = match probe.session(&Setup::plain()) {
+        Ok(session) => [session.read(0x8010, 2)?, session.read(0x8011, 2)?],
+        Err(Interruption::NotInOp { reason, .. }) => return not_in_op(probe, &reason),
+        Err(other) => return Err(other),
+    };
+    let [tx, rx] = statuses;
+    let detail = format!("OP reached; 0x8010:02 is {tx}, 0x8011:02 is {rx}");
+    Ok(match statuses {
+        [0, 0] => Outcome::holds(detail),
+        [5, 5] => Outcome::differs(detail).like("status_5"),
+        _ => Outcome::differs(detail),
+    })
+}
+
+/// The profile was applied before the master wrote the assignment again, and rejected then.
+fn not_in_op(probe: &mut Probe, reason: &str) -> Result<Outcome> {
+    probe.wait_preop()?;
+    let detail = |status| format!("OP not reached, 0x8010:02 is {status} then: {reason}");
+    Ok(match probe.sdo().read(0x8010, 2)? {
+        5 => Outcome::differs(detail(5)).like("dropped_at_safeop"),
+        status => Outcome::undecided(detail(status)),
+    })
+}
+
+/// The first session after the restart, so that no profile is active.
+pub(in crate::probe) fn apply_at_safeop(probe: &mut Probe) -> Result<Outcome> {
+    let active = [probe.sdo().read(0x8010, 9)?, probe.sdo().read(0x8011, 9)?];
+    if active != [0, 0] {
+        return Ok(Outcome::undecided("a profile is active after a restart (Flash)"));
+    }
+    let setup = Setup { is_applied: false, ..Setup::plain() };
+    match probe.session(&setup) {
+        Ok(session) => {
+            let bytes = [session.read(0x8010, 9)?, session.read(0x8011, 9)?];
+            let detail =
+                format!("OP reached without an apply command, with images of {bytes:?} bytes");
+            Ok(Outcome::decided(bytes == [128, 128], detail))
+        }
+        Err(Interruption::NotInOp { reason, .. }) => {
+            // The same with an apply command shows whether that is the cause.
+            probe.session(&Setup::plain())?;
+            let detail = format!("OP reached only after an apply command; without: {reason}");
+            Ok(Outcome::differs(detail).like("required"))
+        }
+        Err(other) => Err(other),
+    }
+}
+
+pub(in crate::probe) fn safeop_inputs(probe: &mut Probe) -> Result<Outcome> {
+    let startup = probe.session(&Setup::plain())?.startup;
+    if startup.cycles == 0 {
+        return Ok(Outcome::undecided("no process data were exchanged before OP"));
+    }
+    let (missed, cycles) = (startup.inputs_missed, startup.cycles);
+    let detail = format!("before OP {missed} of {cycles} cycles had no new TxPDO image");
+    Ok(match missed * 2 > cycles {
+        false => Outcome::holds(detail),
+        true => Outcome::differs(detail).like("none"),
+    })
+}
+
+pub(in crate::probe) fn safeop_outputs(probe: &mut Probe) -> Result<Outcome> {
+    let startup = probe.session(&Setup::plain())?.startup;
+    if startup.cycles == 0 {
+        return Ok(Outcome::undecided("no process data were exchanged before OP"));
+    }
+    let (missed, cycles) = (startup.outputs_missed, startup.cycles);
+    let detail = format!("before OP the gateway did not take {missed} of {cycles} RxPDO images");
+    Ok(match missed * 2 > cycles {
+        false => Outcome::holds(detail),
+        true => Outcome::differs(detail).like("kept"),
+    })
 }

@@ -273,7 +273,8 @@ fn wrong_sync_manager(
 }
 
 fn large_images(snapshot: &Snapshot) -> Option<Finding> {
-    let bytes = [0x8010, 0x8011].into_iter().filter_map(|it| snapshot.active_bytes(it)).max()?;
+    let bytes =
+        [0x8010, 0x8011].into_iter().filter_map(|object| snapshot.active_bytes(object)).max()?;
     let chunks = bytes / CHUNK_BYTES as u32;
     if chunks < LARGE_CHUNKS || snapshot.state() == Some(AlState::Op) {
         return None;

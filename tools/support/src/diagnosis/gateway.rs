@@ -1,12 +1,54 @@
-//! Findings of the gateway as a whole (manual 13.2.1, 13.3, 13.7).
+//! Findings of a gateway: those of all subjects in their order, and those of the device itself (manual 13.2.1,
+//! 13.3, 13.7).
 
 use ecan_protocol::device::{AccessMode, MaintenanceStatus};
+use ecan_protocol::mapping::CHANNELS;
+use ecan_protocol::object::lookup;
 
-use crate::diagnosis::diagnostic_flags::DIAGNOSTIC_FLAGS;
+use crate::diagnosis::channel::Channel;
 use crate::diagnosis::finding::{Finding, Location};
+use crate::diagnosis::registers::set_names;
 use crate::diagnosis::snapshot::Snapshot;
+use crate::diagnosis::{channel_bus, channel_loss, channel_setting, operation, process_data};
 
-pub(super) fn findings(snapshot: &Snapshot) -> Vec<Finding> {
+/// Returns all findings of a snapshot: faults before warnings, then by possible causality:
+/// EtherCAT, process data, CAN, device.
+///
+/// A gateway in PREOP without error has no findings.
+pub fn findings(snapshot: &Snapshot) -> Vec<Finding> {
+    let mut found = operation::findings(snapshot);
+    found.extend(process_data::findings(snapshot));
+    for channel in 0..CHANNELS as u8 {
+        let channel = Channel::of(snapshot, channel);
+        found.extend(channel_bus::findings(&channel));
+        found.extend(channel_setting::findings(&channel));
+        found.extend(channel_loss::findings(&channel));
+    }
+    found.extend(device(snapshot));
+    found.sort_by_key(|finding| finding.severity);
+    found
+}
+
+/// Flags of 0xB000:06: bit, name in the manual, description.
+pub const DIAGNOSTIC_FLAGS: [(u8, &str, &str); 10] = [
+    (0, "SHADOW_FALLBACK", "the TxPDO was published by the fallback path"),
+    (1, "SHADOW_COPY_RETRY", "the copy of a TxPDO image was repeated"),
+    (2, "SHADOW_SIZE_CHANGE", "the TxPDO size changed during publishing"),
+    (3, "RXPDO_STAGE_DROP", "RxPDO data were dropped before parsing"),
+    (4, "TX_RING_DROP", "the queue to the CAN controllers was full and dropped frames"),
+    (5, "TX_FIFO_FULL", "the transmit FIFO of a CAN controller was full"),
+    (6, "SCHED_LATE_DROP", "scheduled frames missed their phase and were dropped"),
+    (7, "SCHED_QUEUE_FULL", "the queue of scheduled frames was full"),
+    (8, "SCHED_TX_FAIL", "a CAN controller rejected a scheduled frame"),
+    (9, "SCHED_TIMER_MISS", "the schedule timer was serviced too late"),
+];
+
+/// Names of the set flags in a value of 0xB000:06.
+pub fn flag_names(flags: u32) -> Vec<&'static str> {
+    lookup(0xB000, 6).map_or_else(Vec::new, |(_, entry)| set_names(flags, entry.bits))
+}
+
+fn device(snapshot: &Snapshot) -> Vec<Finding> {
     let mut found = Vec::new();
     found.extend(flags(snapshot));
     let value = |index, subindex| snapshot.get(index, subindex).filter(|value| *value != 0);
