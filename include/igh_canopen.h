@@ -151,6 +151,9 @@ int igh_canopen_send_nmt(igh_cia402_context_t *context,
  * A node that restarts, or is replaced, boots again automatically.
  * --------------------------------------------------------------------------- */
 
+/** In place of a node in igh_canopen_boot_again(): all nodes that boot. */
+#define IGH_CANOPEN_ALL_NODES 4294967295
+
 /** State of the boot-up of all nodes. */
 typedef enum {
     /** A mandatory node is not booted yet. */
@@ -217,9 +220,6 @@ typedef struct {
     /** Zero; for fields of later versions. */
     uint8_t reserved[37];
 } igh_canopen_boot_progress_t;
-
-/** In place of a node in igh_canopen_boot_again(): all nodes that boot. */
-#define IGH_CANOPEN_ALL_NODES 4294967295
 
 /**
  * Gets the state of the boot-up of all nodes.

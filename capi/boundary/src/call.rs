@@ -1,12 +1,14 @@
-//! A call from C: its panics, pointers and errors.
+//! A call from C: its panics, errors, pointers, texts and opaque structs.
 
 use std::ffi::{CStr, c_char, c_int, c_void};
-use std::fmt;
+use std::fmt::{self, Write};
+use std::mem::MaybeUninit;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::slice;
 
-use super::out_pointer::{OutArray, OutPointer};
-use crate::last_error;
+use ecan_protocol::text::PrintableLines;
+
+use crate::out::{OutArray, OutPointer};
 use crate::result::ecan_result_t;
 
 /// Text for a struct of the application with a reserved field that is not 0.
@@ -76,6 +78,29 @@ pub fn getter_or<R>(
     getter(function, |_| failed, body)
 }
 
+// SAFETY: exported with these signatures by libecan_mcan_host for libecan_igh_host of the same
+// version, and in no header. Both are safe to call from any thread.
+unsafe extern "C" {
+    /// Replaces the last error of this thread by one without a text.
+    safe fn ecan_private_start_error(code: c_int, abort_code: u32);
+
+    /// Appends `length` bytes of UTF-8 to the text; returns 0 if they were cut.
+    fn ecan_private_extend_error(text: *const u8, length: usize) -> c_int;
+}
+
+/// Text of the last error of this thread.
+struct LastErrorText;
+
+impl Write for LastErrorText {
+    fn write_str(&mut self, text: &str) -> fmt::Result {
+        // SAFETY: the bytes of a text are valid for reading.
+        match unsafe { ecan_private_extend_error(text.as_ptr(), text.len()) } {
+            0 => Err(fmt::Error),
+            _ => Ok(()),
+        }
+    }
+}
+
 #[cold]
 fn panicked(call: Call, panic: &(dyn std::any::Any + Send)) -> ecan_result_t {
     let text = panic
@@ -87,19 +112,28 @@ fn panicked(call: Call, panic: &(dyn std::any::Any + Send)) -> ecan_result_t {
 }
 
 impl Call {
-    /// Name of the called function.
-    pub fn function(self) -> &'static str {
-        self.function
-    }
-
-    /// Notes an error and returns its code.
+    /// Stores an error of this thread and returns its code. Allocates nothing if `text` does not.
     #[cold]
     pub fn fail(self, code: ecan_result_t, text: fmt::Arguments<'_>) -> ecan_result_t {
-        last_error::note(self.function, code, text);
+        self.fail_transfer(code, text, 0)
+    }
+
+    /// As [`fail`](Self::fail), with the abort code of an SDO transfer.
+    #[cold]
+    pub fn fail_transfer(
+        self,
+        code: ecan_result_t,
+        text: fmt::Arguments<'_>,
+        abort_code: u32,
+    ) -> ecan_result_t {
+        ecan_private_start_error(code.code(), abort_code);
+        // A text that was cut is an error here.
+        // Programs print the text, which may contain names of devices and files.
+        let _ = write!(LastErrorText, "{}: {}", self.function, PrintableLines(text));
         code
     }
 
-    /// Notes an error of the layers below and returns its code.
+    /// Stores an error of the layers below and returns its code.
     #[cold]
     pub fn error(self, error: &dyn ToResult) -> ecan_result_t {
         self.fail(error.result(), format_args!("{error}"))
@@ -306,9 +340,191 @@ impl Call {
     }
 }
 
+/// A buffer of C for a text.
+///
+/// One convention for all functions `(..., char *text, size_t size, size_t *needed)`: the text ends
+/// with NUL and is cut between characters if it does not fit, which is `ECAN_ERR_BUFFER`. `needed` gets
+/// the bytes of the whole text, NUL included. Without a buffer only `needed` is set. After another error
+/// the text is empty.
+#[derive(Debug)]
+pub struct OutText {
+    room: Option<OutArray<c_char>>,
+    needed: Option<OutPointer<usize>>,
+}
+
+impl OutText {
+    /// `None` for no buffer, or no interest in the size.
+    fn new(room: Option<OutArray<c_char>>, needed: Option<OutPointer<usize>>) -> Self {
+        if let Some(needed) = &needed {
+            needed.set(0);
+        }
+        let mut this = Self { room, needed };
+        if let Some(room) = &mut this.room {
+            room.start_with(0);
+        }
+        this
+    }
+
+    /// Stores the text.
+    ///
+    /// # Errors
+    /// `ECAN_ERR_BUFFER` for a text that was cut.
+    pub fn put(self, call: Call, text: &str) -> Result<(), ecan_result_t> {
+        let bytes = text.len() + 1;
+        if let Some(needed) = &self.needed {
+            needed.set(bytes);
+        }
+        let Some(mut room) = self.room else { return Ok(()) };
+        let size = room.capacity();
+        put_text(&mut room, text);
+        if bytes <= size {
+            return Ok(());
+        }
+        let text = format_args!("the text needs {bytes} bytes, the buffer has {size}");
+        Err(call.fail(ecan_result_t::ECAN_ERR_BUFFER, text))
+    }
+}
+
+impl Call {
+    /// Takes a buffer for a text, and a pointer for the bytes that the whole text needs, which may be
+    /// NULL and gets 0 until the text is stored.
+    ///
+    /// # Safety
+    /// `text` is NULL or valid for writing `size` bytes, `needed` NULL or valid for writing, as long as
+    /// the result lives.
+    pub unsafe fn out_text(
+        self,
+        name: &str,
+        text: *mut c_char,
+        size: usize,
+        needed: *mut usize,
+    ) -> Result<OutText, ecan_result_t> {
+        // SAFETY: the caller's promise.
+        let (needed, room) =
+            unsafe { (self.optional_out("needed", needed)?, self.room(name, text, size)?) };
+        Ok(OutText::new((!text.is_null()).then_some(room), needed))
+    }
+}
+
+/// Copies a text into a buffer of C, with NUL at its end; cuts it if it does not fit.
+pub fn put_text(room: &mut OutArray<c_char>, text: &str) {
+    let mut length = text.len().min(room.capacity().saturating_sub(1));
+    while !text.is_char_boundary(length) {
+        length -= 1;
+    }
+    for byte in text.as_bytes()[..length].iter().chain(&[0]) {
+        room.push(*byte as c_char);
+    }
+}
+
+/// An opaque struct of C that holds a value without resources and may be copied.
+pub trait Opaque: Sized + 'static {
+    /// Type of the value.
+    type Value: 'static;
+    /// Marks an initialised value; uninitialised memory hardly contains it by chance.
+    const SEAL: u64;
+    /// The function that initialises it.
+    const INIT: &'static str;
+}
+
+/// Layout of the value in the struct.
+#[derive(Debug)]
+#[repr(C)]
+struct Sealed<S: Opaque> {
+    seal: u64,
+    value: MaybeUninit<S::Value>,
+}
+
+impl<S: Opaque> Sealed<S> {
+    /// Evaluated at compile time.
+    const FITS: () = assert!(
+        !std::mem::needs_drop::<S::Value>()
+            && size_of::<Self>() <= size_of::<S>()
+            && align_of::<Self>() <= align_of::<S>()
+    );
+}
+
+impl<S: Opaque> OutPointer<S> {
+    /// Stores a value in an opaque struct; the previous content is ignored.
+    pub fn seal(&self, value: S::Value) {
+        const { Sealed::<S>::FITS };
+        self.cast().set(Sealed::<S> { seal: S::SEAL, value: MaybeUninit::new(value) });
+    }
+}
+
+impl Call {
+    /// Borrows the value that [`OutPointer::seal`] stored, to change it.
+    ///
+    /// # Safety
+    /// `storage` is NULL or valid for reading and writing, and not used otherwise during the call.
+    /// A value follows the seal.
+    pub unsafe fn sealed_mut<'a, S: Opaque>(
+        self,
+        name: &str,
+        storage: *mut S,
+    ) -> Result<&'a mut S::Value, ecan_result_t> {
+        // SAFETY: the caller's promise; any bytes are good for an integer and a `MaybeUninit`.
+        let sealed = unsafe {
+            self.sealed(name, storage)?;
+            self.change(name, storage.cast::<Sealed<S>>())?
+        };
+        // SAFETY: a value follows the seal.
+        Ok(unsafe { sealed.value.assume_init_mut() })
+    }
+
+    /// Borrows the value that [`OutPointer::seal`] stored.
+    ///
+    /// # Safety
+    /// `storage` is NULL or valid for reading, and not written to during the call. A value follows
+    /// the seal.
+    pub unsafe fn sealed<'a, S: Opaque>(
+        self,
+        name: &str,
+        storage: *const S,
+    ) -> Result<&'a S::Value, ecan_result_t> {
+        const { Sealed::<S>::FITS };
+        // SAFETY: the caller's promise; any bytes are good for an integer and a `MaybeUninit`.
+        let sealed = unsafe { self.read(name, storage.cast::<Sealed<S>>())? };
+        if sealed.seal != S::SEAL {
+            let text = format_args!("`{name}` is not initialised: call {} first", S::INIT);
+            return Err(self.fail(ecan_result_t::ECAN_ERR_NOT_INITIALISED, text));
+        }
+        // SAFETY: a value follows the seal.
+        Ok(unsafe { sealed.value.assume_init_ref() })
+    }
+}
+
+/// The last error of a thread of the tests, in place of that of libecan_mcan_host.
+#[cfg(test)]
+mod last_error_of_tests {
+    use std::cell::RefCell;
+    use std::ffi::c_int;
+
+    thread_local! {
+        static TEXT: RefCell<Vec<u8>> = const { RefCell::new(Vec::new()) };
+    }
+
+    pub fn text() -> String {
+        String::from_utf8(TEXT.take()).unwrap()
+    }
+
+    #[unsafe(no_mangle)]
+    extern "C" fn ecan_private_start_error(_: c_int, _: u32) {
+        TEXT.take();
+    }
+
+    #[unsafe(no_mangle)]
+    unsafe extern "C" fn ecan_private_extend_error(text: *const u8, length: usize) -> c_int {
+        // SAFETY: the caller passes a text.
+        let text = unsafe { std::slice::from_raw_parts(text, length) };
+        TEXT.with_borrow_mut(|stored| stored.extend_from_slice(text));
+        1
+    }
+}
+
 #[cfg(test)]
 mod tests {
-    use ecan_mcan_host::common::last_error::ecan_last_error;
+    use std::ptr::null_mut;
 
     use super::*;
 
@@ -316,9 +532,7 @@ mod tests {
     fn panic_becomes_a_code() {
         let code = call("f", |_| panic!("at {}", "work"));
         assert_eq!(code, ecan_result_t::ECAN_ERR_INTERNAL.code());
-        // SAFETY: the text ends with NUL and is not changed while it is read.
-        let text = unsafe { CStr::from_ptr(ecan_last_error()) };
-        assert_eq!(text.to_str(), Ok("f: internal fault: at work"));
+        assert_eq!(last_error_of_tests::text(), "f: internal fault: at work");
     }
 
     #[test]
@@ -334,5 +548,38 @@ mod tests {
                 call.items("x", std::ptr::NonNull::<u64>::dangling().as_ptr(), usize::MAX).is_err()
             );
         }
+    }
+
+    fn put(text: &mut [c_char], needed: *mut usize) -> i32 {
+        call("f", |call| {
+            // SAFETY: the pointers are valid.
+            let out = unsafe { call.out_text("text", text.as_mut_ptr(), text.len(), needed)? };
+            out.put(call, "aöö")
+        })
+    }
+
+    #[test]
+    fn long_text_is_cut_between_characters() {
+        let mut needed = 99;
+        let mut buffer = [1; 5];
+        assert_eq!(put(&mut buffer, &raw mut needed), ecan_result_t::ECAN_ERR_BUFFER.code());
+        assert_eq!(buffer.map(|c| c as u8), [b'a', 0xC3, 0xB6, 0, 1]);
+        assert_eq!(needed, 6);
+        let mut whole = [1; 6];
+        assert_eq!(put(&mut whole, null_mut()), 0);
+        assert_eq!(whole[5], 0);
+        assert_eq!(put(&mut [], null_mut()), ecan_result_t::ECAN_ERR_BUFFER.code());
+    }
+
+    #[test]
+    fn text_without_buffer_only_has_a_size() {
+        let mut needed = 99;
+        let code = call("f", |call| {
+            // SAFETY: NULL is allowed without a size.
+            let out = unsafe { call.out_text("text", null_mut(), 0, &raw mut needed)? };
+            assert_eq!(needed, 0);
+            out.put(call, "abc")
+        });
+        assert_eq!((code, needed), (0, 4));
     }
 }

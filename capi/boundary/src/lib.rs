@@ -4,7 +4,7 @@
 //! text. Methods that take pointers return `ECAN_ERR_NULL` for NULL if the length is not 0.
 //!
 //! This crate exports no function, so that a program may contain it more than once. The last error
-//! of a thread is in libecan_mcan_host only ([`last_error`]): a program that uses this crate links
+//! of a thread is in libecan_mcan_host only: a program that uses this crate links
 //! `ecan-mcan-host`.
 #![deny(missing_docs)]
 #![deny(clippy::print_stdout, clippy::print_stderr)]
@@ -12,19 +12,14 @@
 
 mod call;
 mod mirror;
-mod out_pointer;
-mod out_text;
-mod sealed;
+mod out;
 
-pub mod channel_status;
-pub mod constants;
-pub mod diagnosis;
 pub mod frames;
-pub mod last_error;
-pub mod profile;
+pub mod image;
 pub mod result;
 
-pub use call::{Call, RESERVED_IS_SET, ToResult, call, code_getter, getter, getter_or};
-pub use out_pointer::{OutArray, OutPointer};
-pub use out_text::{OutText, put_text};
-pub use sealed::Opaque;
+pub use call::{
+    Call, Opaque, OutText, RESERVED_IS_SET, ToResult, call, code_getter, getter, getter_or,
+    put_text,
+};
+pub use out::{OutArray, OutPointer};

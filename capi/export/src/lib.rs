@@ -89,11 +89,11 @@ impl Arguments {
         // SAFETY of the generated calls: C passes NULL or a pointer that is valid for the access of
         // the function, as the introduction of igh_ecan_common.h demands.
         let access = access(&attrs);
-        let entered = quote!(unsafe { crate::entry::enter(call_of_c, #context, crate::guard::Access::#access)? });
+        let entered = quote!(unsafe { crate::handle::enter_context(call_of_c, #context, crate::guard::Access::#access)? });
         let enter = match kind.as_deref() {
             Some("layer") => quote! {
                 let mut entered = #entered;
-                let #pattern = crate::entry::layer_of(#context, call_of_c, &mut entered)?;
+                let #pattern = crate::handle::layer_of(#context, call_of_c, &mut entered)?;
             },
             Some("bus") => quote!(let #pattern = &mut #entered;),
             Some("config") => quote! {
@@ -102,7 +102,7 @@ impl Arguments {
                 let #pattern = &mut *encoded.value;
             },
             Some(_) => quote! {
-                let ended = unsafe { crate::entry::enter_to_end(call_of_c, #context)? };
+                let ended = unsafe { crate::handle::enter_context_to_end(call_of_c, #context)? };
                 let Some(#pattern) = ended else { return Ok(()) };
             },
             None => quote!(),

@@ -9,9 +9,8 @@ use ecan_mcan_port::{Cycle, Port, PortConfig, SendTicket};
 use ecan_service::server::Service;
 
 use crate::callback::ProgressCallback;
-use crate::errors;
 use crate::handle::{self, Entered, Kind, Pool, Pooled, Words};
-use crate::standard_error;
+use crate::{callback, errors};
 
 #[derive(Debug)]
 pub(crate) enum Layer {
@@ -256,7 +255,7 @@ impl Bus {
             return Ok(());
         };
         axes.cia402.stop_before_end(port).inspect_err(|error| {
-            standard_error::write_line(&format!("ecan: {error}"));
+            callback::write_line(&format!("ecan: {error}"));
         })
     }
 

@@ -3,7 +3,7 @@
 use std::ffi::{CStr, c_int};
 
 use ecan_c_boundary::result::ecan_result_t;
-use ecan_mcan_host::common::last_error::ecan_last_error;
+use ecan_mcan_host::common::ecan_last_error;
 
 pub fn code(result: ecan_result_t) -> c_int {
     result.code()

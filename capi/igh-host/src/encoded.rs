@@ -206,8 +206,10 @@ mod tests {
     use ecan_host::{
         ClockSource, DcSync, Identity, MAX_SLAVES, SlaveConfig, StartupEntry, StartupStep,
     };
-    use ecan_mcan_port::{ChannelConfig, ChannelFilter, GatewayConfig, MAX_GATEWAYS, PortConfig};
-    use ecan_mcan_port::{MAX_FILTERS, MarginCheck, MeasuredOn, ScheduleConfig, Traffic};
+    use ecan_mcan_port::{
+        ChannelConfig, ChannelFilter, GatewayConfig, MAX_FILTERS, MAX_GATEWAYS, MarginCheck,
+        MeasuredOn, PortConfig, ScheduleConfig, Traffic,
+    };
     use ecan_protocol::config::{ConfigObject, ExtendedFilter, List};
     use ecan_protocol::sequence::Expectation;
 

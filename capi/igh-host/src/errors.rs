@@ -2,8 +2,8 @@
 
 use std::fmt::Display;
 
+use ecan_c_boundary::Call;
 use ecan_c_boundary::result::ecan_result_t::{self, *};
-use ecan_c_boundary::{Call, last_error};
 use ecan_canopen::{
     LssFailure, LssFault, LssStartError, NetworkError, NmtError, SdoFailure, SdoFault, WaitError,
 };
@@ -35,8 +35,7 @@ impl<T, E: Coded> OrCode<T> for Result<T, E> {
 #[cold]
 pub(crate) fn note(call: Call, error: &dyn Coded) -> ecan_result_t {
     let (code, abort_code) = error.coded();
-    last_error::note_with_abort_code(call.function(), code, format_args!("{error}"), abort_code);
-    code
+    call.fail_transfer(code, format_args!("{error}"), abort_code)
 }
 
 impl Coded for ConfigFileError {

@@ -350,5 +350,65 @@ pub(crate) fn not_initialised(call: Call, kind: Kind) -> ecan_result_t {
     call.fail(ecan_result_t::ECAN_ERR_NOT_INITIALISED, text)
 }
 
+pub(crate) trait Context: Sized {
+    /// The object that it names.
+    type Object: Pooled;
+    const KIND: Kind;
+    /// The layer that calls with this context work on.
+    type Layer<'a>;
+
+    /// Returns false for a context that outlived its part of the object.
+    fn is_current(_: &Entered<Self::Object>) -> bool {
+        true
+    }
+
+    fn layer(
+        call: Call,
+        object: &mut Entered<Self::Object>,
+    ) -> Result<Self::Layer<'_>, ecan_result_t>;
+}
+
+/// Enters the object that a context names.
+///
+/// # Safety
+/// `context` is NULL or valid for reading, with any content.
+#[inline(always)]
+pub(crate) unsafe fn enter_context<C: Context>(
+    call: Call,
+    context: *const C,
+    access: Access,
+) -> Result<Entered<C::Object>, ecan_result_t> {
+    const { assert!(size_of::<Words>() == size_of::<C>()) };
+    // SAFETY: the caller's promise.
+    let object = unsafe { enter(call, context.cast(), C::KIND, access)? };
+    if !C::is_current(&object) {
+        return Err(not_initialised(call, C::KIND));
+    }
+    Ok(object)
+}
+
+/// The layer that calls with a context work on.
+#[inline(always)]
+pub(crate) fn layer_of<C: Context>(
+    _: *const C,
+    call: Call,
+    object: &mut Entered<C::Object>,
+) -> Result<C::Layer<'_>, ecan_result_t> {
+    C::layer(call, object)
+}
+
+/// Enters the object that a context names, if any.
+///
+/// # Safety
+/// As for [`enter_context`].
+pub(crate) unsafe fn enter_context_to_end<C: Context>(
+    call: Call,
+    context: *const C,
+) -> Result<Option<Entered<C::Object>>, ecan_result_t> {
+    // SAFETY: the caller's promise.
+    let object = unsafe { enter_to_end(call, context.cast(), C::KIND)? };
+    Ok(object.filter(C::is_current))
+}
+
 #[cfg(test)]
 mod tests;

@@ -1,8 +1,8 @@
 //! libecan_igh_host: the whole SDK for C.
 //!
 //! The headers `igh_adapter.h`, `igh_mcan_port.h`, `igh_cia402_protocol.h` and `igh_canopen.h` are generated
-//! from this crate: each source file below [`adapter`], [`mcan_port`], [`cia402`] and [`canopen`] is a section of
-//! one of them, and its doc comments are the header's comments, written for readers of C.
+//! from this crate; its doc comments are the header's comments, written for readers of C. A source file is a
+//! section of a header, or has several, each of which begins with a comment `Section: TITLE`.
 //!
 //! A context of C is a few words that name a `bus` in a table of slots; they are checked before any
 //! access (`handle`).
@@ -16,14 +16,9 @@ mod bus;
 mod c_caller;
 mod callback;
 mod encoded;
-mod entry;
 mod errors;
 mod guard;
 mod handle;
-mod milliseconds;
-mod port_config;
-mod robust_mutex;
-mod standard_error;
 
 pub mod adapter;
 pub mod canopen;

@@ -10,12 +10,11 @@ use ecan_cia402::{Cia402Config, axis_traffic};
 use ecan_host::Faults;
 use ecan_mcan_port::{FrameRate, FrameRoute, FrameStream, PortConfig, PortPlan};
 
-use crate::adapter::config::{IghConfig, ecan_igh_config_t};
+use crate::adapter::config::{IghConfig, configured_port, ecan_igh_config_t};
 use crate::cia402::axis::igh_cia402_axis_t;
 use crate::cia402::axis_table::AxisTable;
 use crate::encoded::EncodedCall as _;
 use crate::mcan_port::config::igh_mcan_port_config_t;
-use crate::port_config::configured;
 
 // Section: Preflight plan
 //
@@ -91,7 +90,7 @@ pub(crate) fn plan(
     traffic: &[FrameStream],
     text: OutText,
 ) -> Result<(), ecan_result_t> {
-    let config = configured(port, adapter.slave_count);
+    let config = configured_port(port, adapter.slave_count);
     let adapter = adapter.configured();
     let plan = PortPlan::of(&adapter, &config, traffic);
     let stored = text.put(call, &ecan_lite::plan_table(&plan, &adapter, traffic));

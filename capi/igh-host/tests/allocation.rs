@@ -11,23 +11,20 @@ use c_port::CPort;
 use ecan_c_boundary::frames::igh_mcan_rx_frame_t;
 use ecan_c_boundary::result::ecan_result_t::*;
 use ecan_igh_host::mcan_port::cycle::{
-    igh_mcan_port_cycle_begin, igh_mcan_port_cycle_end, igh_mcan_port_receive,
-    igh_mcan_port_wait_next_cycle,
+    igh_mcan_port_cycle_begin, igh_mcan_port_cycle_end, igh_mcan_port_get_last_ticket,
+    igh_mcan_port_receive, igh_mcan_port_send_can, igh_mcan_port_send_canfd,
+    igh_mcan_port_wait_next_cycle, igh_mcan_ticket_t,
 };
-use ecan_igh_host::mcan_port::send::{
-    igh_mcan_port_get_last_ticket, igh_mcan_port_send_can, igh_mcan_port_send_canfd,
-    igh_mcan_ticket_t,
+use ecan_igh_host::mcan_port::state::{
+    igh_mcan_port_get_cycle_report, igh_mcan_port_get_session, igh_mcan_port_get_statistics,
+    igh_mcan_statistics_t,
 };
-use ecan_igh_host::mcan_port::state::{igh_mcan_port_get_cycle_report, igh_mcan_port_get_session};
-use ecan_igh_host::mcan_port::statistics::{igh_mcan_port_get_statistics, igh_mcan_statistics_t};
-use ecan_igh_host::observer::commands::ecan_igh_observer_request_stop;
-use ecan_igh_host::observer::handle::{
-    ecan_igh_observer_deinit, ecan_igh_observer_init, ecan_igh_observer_t,
+use ecan_igh_host::observer::{
+    ecan_igh_observed_cycle_t, ecan_igh_observer_deinit, ecan_igh_observer_get_cycle,
+    ecan_igh_observer_init, ecan_igh_observer_request_stop, ecan_igh_observer_t,
+    ecan_igh_observer_update,
 };
-use ecan_igh_host::observer::snapshot::{
-    ecan_igh_observed_cycle_t, ecan_igh_observer_get_cycle, ecan_igh_observer_update,
-};
-use ecan_mcan_host::common::last_error::ecan_last_error;
+use ecan_mcan_host::common::ecan_last_error;
 use ecan_test_support::{CountingAllocator, allocations};
 
 #[global_allocator]

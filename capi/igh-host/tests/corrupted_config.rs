@@ -4,21 +4,17 @@
 use std::ffi::{CStr, c_int};
 
 use ecan_c_boundary::result::ecan_result_t::ECAN_ERR_NOT_INITIALISED;
-use ecan_igh_host::adapter::config::{ecan_igh_config_t, ecan_igh_default_config};
-use ecan_igh_host::adapter::config_clocks::ecan_igh_config_set_dc_sync0;
-use ecan_igh_host::adapter::config_master::{
-    ecan_igh_config_get_slave_count, ecan_igh_config_set_ecrt, ecan_igh_config_set_slave_count,
+use ecan_igh_host::adapter::config::{
+    ecan_igh_config_add_startup_sdo, ecan_igh_config_get_slave_count, ecan_igh_config_set_dc_sync0,
+    ecan_igh_config_set_ecrt, ecan_igh_config_set_slave_count, ecan_igh_config_t,
+    ecan_igh_default_config,
 };
-use ecan_igh_host::adapter::config_slave::ecan_igh_config_add_startup_sdo;
 use ecan_igh_host::mcan_port::config::{
-    igh_mcan_port_apply_config, igh_mcan_port_check_config, igh_mcan_port_config_t,
-    igh_mcan_port_default_config,
+    igh_mcan_port_add_standard_filter, igh_mcan_port_apply_config, igh_mcan_port_check_config,
+    igh_mcan_port_config_t, igh_mcan_port_default_config, igh_mcan_port_get_channel_mask,
+    igh_mcan_port_set_canfd_channel,
 };
-use ecan_igh_host::mcan_port::config_channel::{
-    igh_mcan_port_get_channel_mask, igh_mcan_port_set_canfd_channel,
-};
-use ecan_igh_host::mcan_port::config_filter::igh_mcan_port_add_standard_filter;
-use ecan_mcan_host::common::last_error::ecan_last_error;
+use ecan_mcan_host::common::ecan_last_error;
 
 const SLAVES: usize = 4;
 

@@ -10,21 +10,18 @@ use std::ptr::null;
 use c_port::CPort;
 use ecan_c_boundary::result::ecan_result_t::*;
 use ecan_igh_host::canopen::boot::{
-    igh_canopen_boot_again, igh_canopen_get_boot_progress, igh_canopen_get_boot_state,
-};
-use ecan_igh_host::canopen::boot_terms::{
-    igh_canopen_boot_phase_t, igh_canopen_boot_progress_t, igh_canopen_boot_state_t,
+    igh_canopen_boot_again, igh_canopen_boot_phase_t, igh_canopen_boot_progress_t,
+    igh_canopen_boot_state_t, igh_canopen_get_boot_progress, igh_canopen_get_boot_state,
 };
 use ecan_igh_host::canopen::lss::{
-    igh_canopen_lss_init, igh_canopen_lss_poll, igh_canopen_lss_start,
+    igh_canopen_lss_command_t, igh_canopen_lss_init, igh_canopen_lss_poll,
+    igh_canopen_lss_service_t, igh_canopen_lss_start,
 };
-use ecan_igh_host::canopen::lss_terms::{igh_canopen_lss_command_t, igh_canopen_lss_service_t};
 use ecan_igh_host::canopen::node::{
-    igh_canopen_find_node, igh_canopen_get_node_state, igh_canopen_node_state_t,
-    igh_canopen_send_nmt,
+    igh_canopen_emergency_t, igh_canopen_find_node, igh_canopen_get_emergencies,
+    igh_canopen_get_node_state, igh_canopen_node_state_t, igh_canopen_send_nmt,
 };
-use ecan_igh_host::canopen::node_errors::{igh_canopen_emergency_t, igh_canopen_get_emergencies};
-use ecan_igh_host::canopen::node_sdo::{igh_canopen_sdo_poll, igh_canopen_sdo_start_upload};
+use ecan_igh_host::canopen::services::{igh_canopen_sdo_poll, igh_canopen_sdo_start_upload};
 use ecan_igh_host::cia402::context::{igh_cia402_context_init_file, igh_cia402_context_t};
 use ecan_igh_host::cia402::cycle::{
     igh_cia402_arm_probe, igh_cia402_disarm_probe, igh_cia402_process_rx,

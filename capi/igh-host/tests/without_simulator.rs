@@ -6,10 +6,11 @@ use std::ffi::CStr;
 use std::mem::MaybeUninit;
 
 use ecan_c_boundary::result::ecan_result_t::ECAN_ERR_ECRT;
-use ecan_igh_host::adapter::config::{ecan_igh_config_t, ecan_igh_default_config};
-use ecan_igh_host::adapter::config_master::ecan_igh_config_set_ecrt;
+use ecan_igh_host::adapter::config::{
+    ecan_igh_config_set_ecrt, ecan_igh_config_t, ecan_igh_default_config,
+};
 use ecan_igh_host::adapter::context::{ecan_igh_context_t, ecan_igh_init};
-use ecan_mcan_host::common::last_error::ecan_last_error;
+use ecan_mcan_host::common::ecan_last_error;
 
 #[test]
 fn sim_without_simulator_is_rejected() {

@@ -21,6 +21,4 @@
 #![deny(missing_docs)]
 
 mod exports;
-mod report;
-mod values;
 mod world;

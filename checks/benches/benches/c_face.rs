@@ -17,9 +17,8 @@ use ecan_c_boundary::frames::igh_mcan_rx_frame_t;
 use ecan_host::AdapterConfig;
 use ecan_igh_host::mcan_port::cycle::{
     igh_mcan_port_cycle_begin, igh_mcan_port_cycle_end, igh_mcan_port_receive,
-    igh_mcan_port_wait_next_cycle,
+    igh_mcan_port_send_can, igh_mcan_port_wait_next_cycle,
 };
-use ecan_igh_host::mcan_port::send::igh_mcan_port_send_can;
 use ecan_mcan_port::{ChannelConfig, GatewayConfig, Port, PortConfig, Received, TransmitReport};
 use ecan_protocol::can::{CanId, FrameRef};
 use ecan_protocol::image::ResultCode;

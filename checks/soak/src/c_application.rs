@@ -14,49 +14,36 @@ use ecan_c_boundary::result::ecan_result_t::{
     ECAN_ERR_CHANNEL, ECAN_ERR_FRAME, ECAN_ERR_MASTER, ECAN_ERR_NULL, ECAN_ERR_SCHEDULE,
     ECAN_ERR_SLAVE,
 };
-use ecan_igh_host::adapter::config::{ecan_igh_config_t, ecan_igh_default_config};
-use ecan_igh_host::adapter::config_clocks::ecan_igh_config_set_dc_sync0;
-use ecan_igh_host::adapter::config_master::{
-    ecan_igh_config_allow_large_pdos, ecan_igh_config_set_cycle_us, ecan_igh_config_set_slave_count,
-};
-use ecan_igh_host::adapter::config_slave::{
-    ecan_igh_config_set_slave_pdo_multipliers, ecan_igh_config_set_slave_position,
+use ecan_igh_host::adapter::config::{
+    ecan_igh_config_allow_large_pdos, ecan_igh_config_set_cycle_us, ecan_igh_config_set_dc_sync0,
+    ecan_igh_config_set_slave_count, ecan_igh_config_set_slave_pdo_multipliers,
+    ecan_igh_config_set_slave_position, ecan_igh_config_t, ecan_igh_default_config,
 };
 use ecan_igh_host::adapter::context::{
     ecan_igh_context_t, ecan_igh_deinit, ecan_igh_retry_startup, ecan_igh_startup_timeout_ms,
     ecan_igh_wait_op_timeout, init_on,
 };
 use ecan_igh_host::mcan_port::config::{
-    igh_mcan_port_apply_config, igh_mcan_port_config_t, igh_mcan_port_default_config,
-};
-use ecan_igh_host::mcan_port::config_channel::{
-    igh_mcan_port_set_canfd_channel, igh_mcan_port_set_classic_channel,
-    igh_mcan_port_set_direction_masks, igh_mcan_port_set_traffic,
-};
-use ecan_igh_host::mcan_port::config_filter::igh_mcan_port_add_extended_filter;
-use ecan_igh_host::mcan_port::config_gateway::{
-    igh_mcan_port_set_budget, igh_mcan_port_set_encapsulation, igh_mcan_port_set_options,
-    igh_mcan_port_set_paced,
+    igh_mcan_port_add_extended_filter, igh_mcan_port_apply_config, igh_mcan_port_config_t,
+    igh_mcan_port_default_config, igh_mcan_port_set_budget, igh_mcan_port_set_canfd_channel,
+    igh_mcan_port_set_classic_channel, igh_mcan_port_set_direction_masks,
+    igh_mcan_port_set_encapsulation, igh_mcan_port_set_options, igh_mcan_port_set_paced,
+    igh_mcan_port_set_traffic,
 };
 use ecan_igh_host::mcan_port::context::{
     igh_mcan_port_init, igh_mcan_port_is_ready, igh_mcan_port_reconfigure, igh_mcan_port_t,
 };
 use ecan_igh_host::mcan_port::cycle::{
-    igh_mcan_port_cycle_begin, igh_mcan_port_cycle_end, igh_mcan_port_receive,
-    igh_mcan_port_wait_next_cycle,
-};
-use ecan_igh_host::mcan_port::send::{
-    igh_mcan_port_discard_pending, igh_mcan_port_exchange, igh_mcan_port_schedule_can,
+    igh_mcan_port_cycle_begin, igh_mcan_port_cycle_end, igh_mcan_port_discard_pending,
+    igh_mcan_port_exchange, igh_mcan_port_receive, igh_mcan_port_schedule_can,
     igh_mcan_port_schedule_canfd, igh_mcan_port_send, igh_mcan_port_send_batch,
-    igh_mcan_port_send_can, igh_mcan_port_send_canfd,
+    igh_mcan_port_send_can, igh_mcan_port_send_canfd, igh_mcan_port_wait_next_cycle,
 };
-use ecan_igh_host::mcan_port::state::igh_mcan_port_get_session_text;
-use ecan_igh_host::mcan_port::statistics::{
+use ecan_igh_host::mcan_port::state::{
     igh_mcan_channel_statistics_t, igh_mcan_port_get_channel_statistics,
-    igh_mcan_port_get_statistics, igh_mcan_statistics_t,
+    igh_mcan_port_get_session_text, igh_mcan_port_get_statistics, igh_mcan_statistics_t,
 };
-use ecan_mcan_host::common::last_error::ecan_last_error;
-use ecan_mcan_host::common::result::ecan_result_is_temporary;
+use ecan_mcan_host::common::{ecan_last_error, ecan_result_is_temporary};
 use ecan_mcan_port::{
     AcceptanceFilter, ChannelFilter, ChannelStatistics, Config, PendingStep, SendOptions,
     SlaveStatistics,

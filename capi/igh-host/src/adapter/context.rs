@@ -1,29 +1,33 @@
-//! Life of a master
-//!
-//! ```c
-//! ecan_igh_context_t igh;
-//! ecan_igh_init(&igh, &config);              slaves found, everything registered
-//! ecan_igh_wait_op_timeout(&igh, 10000);     OP, the cycle runs
-//! ...
-//! ecan_igh_deinit(&igh);
-//! ```
+//! Context of a master: life, library of the setting `ecrt`, simulation.
 
-use std::ffi::{c_int, c_void};
+use std::ffi::{c_char, c_int, c_void};
+use std::fmt::Display;
+use std::path::PathBuf;
 use std::time::Duration;
 
-use ecan_c_boundary::result::ecan_result_t::{self, ECAN_ERR_MASTER};
+use ecan_c_boundary::result::ecan_result_t;
+#[cfg(feature = "sim")]
+use ecan_c_boundary::result::ecan_result_t::ECAN_ERR_FILE;
+use ecan_c_boundary::result::ecan_result_t::{ECAN_ERR_ECRT, ECAN_ERR_MASTER};
 use ecan_c_boundary::{Call, OutPointer, pointers};
 use ecan_c_export::export;
-use ecan_host::{Adapter, AdapterConfig, Ecrt, Error, Master};
+use ecan_host::{Adapter, AdapterConfig, Ecrt, EcrtSetting, Error, Master};
 
-use super::config::{IghConfig, ecan_igh_config_t};
-use super::library::{self, Library};
+use super::config::{IghConfig, Text, ecan_igh_config_t};
 use crate::bus::Bus;
 use crate::callback::StopCallback;
 use crate::encoded::EncodedCall as _;
-use crate::entry::Context;
-use crate::errors::{self, OrCode as _};
-use crate::handle::{self, Entered, Kind};
+use crate::errors::OrCode as _;
+use crate::handle::{Context, Entered, Kind};
+use crate::{errors, handle};
+
+// Section: Life of a master
+//
+// ecan_igh_context_t igh;
+// ecan_igh_init(&igh, &config);              slaves found, everything registered
+// ecan_igh_wait_op_timeout(&igh, 10000);     OP, the cycle runs
+// ...
+// ecan_igh_deinit(&igh);
 
 /// A master with its slaves. Belongs to one thread at a time; do not move or copy it. What builds
 /// on it (igh_mcan_port_t, igh_cia402_context_t) ends with it.
@@ -98,7 +102,7 @@ fn open_own(
 #[export(call)]
 pub fn ecan_igh_init(context: *mut ecan_igh_context_t, config: *const ecan_igh_config_t) {
     pointers!(call, out(context), encoded(config));
-    open_own(call, &context, &config, library::open)
+    open_own(call, &context, &config, open_library)
 }
 
 /// As [`ecan_igh_init`], on a library that a Rust program has opened, in place of the configured one: contexts that
@@ -143,7 +147,7 @@ pub fn ecan_igh_attach(
     master: *mut c_void,
 ) {
     pointers!(call, out(context), out(master), encoded(config));
-    open(call, &context, &config, library::find_loaded, |ecrt, rust| {
+    open(call, &context, &config, find_loaded, |ecrt, rust| {
         // SAFETY: the header demands the owner's reserved master of this library.
         let master = unsafe { Master::from_raw(ecrt.clone(), master.as_ptr().cast()) };
         let master = master.map_err(|errno| call.fail(ECAN_ERR_MASTER, format_args!("{errno}")))?;
@@ -296,4 +300,140 @@ pub fn ecan_igh_deinit(context: *mut ecan_igh_context_t) {
 pub fn ecan_igh_startup_timeout_ms(context: *mut ecan_igh_context_t) -> u32 {
     let timeout = adapter.startup_timeout();
     Ok(u32::try_from(timeout.as_millis()).unwrap_or(u32::MAX))
+}
+
+// Section: Simulated bus
+//
+// The setting "sim" of ecan_igh_config_set_ecrt(), or of the environment variable ECAN_ECRT, selects
+// the built-in simulator. The settings have no effect on a real bus.
+
+/// Suggests the scenario for a plain "sim": "echo" (the default) or "drives".
+///
+/// @usage   not rt, any thread, before init
+/// @return  ECAN_OK, ECAN_ERR_ARGUMENT, ECAN_ERR_BUFFER.
+#[export(call, config config)]
+pub fn ecan_igh_config_suggest_scenario(config: *mut ecan_igh_config_t, name: *const c_char) {
+    pointers!(call, text(name));
+    config.scenario = Text::new(call, "name", name)?;
+}
+
+/// Selects the clock of a simulated master, unless its scenario does. A real library ignores it.
+///
+/// @param stepped  0: wall-clock time, the default. Else: time passes only while the program waits
+///                 for the next cycle, as fast as the machine allows; same seed, same result.
+///
+/// @usage   not rt, any thread, before init
+#[export(_, config config)]
+pub fn ecan_igh_config_set_stepped_clock(config: *mut ecan_igh_config_t, stepped: c_int) {
+    config.is_stepped = stepped != 0;
+}
+
+/// Sets the seed of a simulation, in place of the scenario's.
+///
+/// @usage   not rt, any thread, before init
+#[export(_, config config)]
+pub fn ecan_igh_config_set_seed(config: *mut ecan_igh_config_t, seed: u64) {
+    config.seed = Some(seed);
+}
+
+/// Returns 1 if the bus is simulated.
+///
+/// @usage   rt, the cycle's thread, after init
+/// @return  1 or 0; 0 after an error, which ecan_last_error_code() gives.
+#[export(_, layer adapter, or 0)]
+pub fn ecan_igh_is_simulated(context: *mut ecan_igh_context_t) -> c_int {
+    Ok(adapter.is_simulated().into())
+}
+
+/// Returns 1 if time passes only while the program waits for the next cycle: in a simulation with a
+/// stepped clock. The program must then take its own deadlines from ecan_igh_now_ns().
+///
+/// @usage   rt, the cycle's thread, after init
+/// @return  1 or 0; 0 after an error, which ecan_last_error_code() gives.
+#[export(_, bus bus, or 0)]
+pub fn ecan_igh_clock_is_stepped(context: *mut ecan_igh_context_t) -> c_int {
+    Ok(bus.is_stepped.into())
+}
+
+pub(crate) struct Library {
+    pub(crate) ecrt: Ecrt,
+    /// The library is simulated, and its time passes only while the program waits.
+    pub(crate) is_stepped: bool,
+}
+
+impl Library {
+    pub(crate) fn of(ecrt: Ecrt) -> Self {
+        let is_stepped = ecrt.is_simulated() && !ecrt.clock().is_free_running();
+        Self { ecrt, is_stepped }
+    }
+}
+
+/// Path that the build sets in place of the installed libethercat (CMake's ECRT_LIBRARY).
+fn default_library() -> Option<PathBuf> {
+    option_env!("ECAN_DEFAULT_ECRT").filter(|path| !path.is_empty()).map(PathBuf::from)
+}
+
+/// Loads the library that the configuration selects. A simulated one identifies itself on standard
+/// error.
+pub(crate) fn open_library(call: Call, config: &IghConfig) -> Result<Library, ecan_result_t> {
+    let explicit = explicit(config);
+    let setting = match EcrtSetting::resolve(explicit).map_err(|error| failed(call, &error))? {
+        EcrtSetting::Library(None) if explicit.is_none() => EcrtSetting::Library(default_library()),
+        setting => setting,
+    };
+    load(&setting, config).map(Library::of).map_err(|error| not_loaded(call, &error))
+}
+
+/// The library that this process has loaded, of which the owner of a master has its handle.
+pub(crate) fn find_loaded(call: Call, config: &IghConfig) -> Result<Library, ecan_result_t> {
+    let setting = EcrtSetting::resolve(explicit(config)).map_err(|error| failed(call, &error))?;
+    setting.find_loaded().map(Library::of).map_err(|error| failed(call, &error))
+}
+
+fn explicit(config: &IghConfig) -> Option<&str> {
+    config.ecrt.as_ref().map(|text| text.get().unwrap_or_default())
+}
+
+#[cold]
+fn failed(call: Call, error: &dyn Display) -> ecan_result_t {
+    call.fail(ECAN_ERR_ECRT, format_args!("{error}"))
+}
+
+#[cfg(not(feature = "sim"))]
+fn not_loaded(call: Call, error: &ecan_host::LoadError) -> ecan_result_t {
+    failed(call, error)
+}
+
+#[cfg(feature = "sim")]
+fn not_loaded(call: Call, error: &ecan_sim::BackendError) -> ecan_result_t {
+    match error.is_scenario() {
+        true => call.fail(ECAN_ERR_FILE, format_args!("{error}")),
+        false => failed(call, error),
+    }
+}
+
+#[cfg(not(feature = "sim"))]
+fn load(setting: &EcrtSetting, _: &IghConfig) -> Result<Ecrt, ecan_host::LoadError> {
+    setting.load()
+}
+
+#[cfg(feature = "sim")]
+fn load(setting: &EcrtSetting, config: &IghConfig) -> Result<Ecrt, ecan_sim::BackendError> {
+    use ecan_sim::{ClockKind, SimOptions};
+
+    let clock = if config.is_stepped { ClockKind::Stepped } else { ClockKind::Real };
+    let last_position = config.configured().slaves.iter().map(|slave| slave.position).max();
+    let options = SimOptions {
+        suggested: config.scenario.get().map(str::to_owned),
+        clock: Some(clock),
+        seed: config.seed,
+        slaves: last_position.map(|position| usize::from(position) + 1),
+        carries_large_pdos: config.adapter.allow_large_pdos.then_some(true),
+        bridges: Some(ecan_sim::bridge::make),
+    };
+    let backend = ecan_sim::open(setting, &options)?;
+    if let Some(simulation) = &backend.simulation {
+        crate::callback::write_line(&simulation.banner());
+    }
+    Ok(backend.ecrt)
 }

@@ -1,20 +1,22 @@
-//! The cycle
-//!
-//! With a Port on the context use igh_mcan_port_cycle_begin() and igh_mcan_port_cycle_end(), which
-//! call these.
+//! The cycle of the Adapter, its clocks and process data.
 
 use std::ffi::c_int;
 
 use ecan_c_boundary::result::ecan_result_t;
-use ecan_c_boundary::{Call, mirror};
+use ecan_c_boundary::{Call, OutPointer, mirror, pointers};
 use ecan_c_export::export;
-use ecan_host::{Adapter, CycleError, Delivery, DomainReport, WcState};
+use ecan_host::{Adapter, ClockStatus, CycleError, Delivery, DomainReport, WcState};
 
 use super::bus_state::need_slave;
 use super::context::ecan_igh_context_t;
 use crate::bus::Bus;
 use crate::errors::OrCode as _;
 use crate::handle::Entered;
+
+// Section: The cycle
+//
+// With a Port on the context use igh_mcan_port_cycle_begin() and igh_mcan_port_cycle_end(), which
+// call these.
 
 mirror! {
     /// Delivery of one direction in the last exchange, by the working counter.
@@ -153,4 +155,125 @@ pub fn ecan_igh_get_domain_report(
 ) {
     need_slave(call, adapter, slave)?;
     Ok(adapter.domain_report(slave).into())
+}
+
+// Section: Distributed clocks in the cycle
+
+mirror! {
+    /// Differences between the clocks.
+    #[derive(Default)]
+    pub struct ecan_igh_clock_status_t from status: ClockStatus {
+        /// Delay of the host against the reference clock in the last cycle with a reading, in
+        /// nanoseconds, without the time that it is known to have waited and worked since the
+        /// deadline.
+        phase_error_ns: i32 = status.phase_error_ns.unwrap_or_default(),
+        /// Rate of the host's clock minus that of the reference clock, in parts per billion; 0 if
+        /// the host's clock leads.
+        rate_ppb: i32,
+        /// Upper estimate of the differences between the slaves' clocks, in nanoseconds.
+        synchrony_ns: u32 = status.synchrony_ns.unwrap_or_default(),
+        /// 1 if phase_error_ns is known.
+        has_phase_error: u8 = status.phase_error_ns.is_some().into(),
+        /// 1 if synchrony_ns is known.
+        has_synchrony: u8 = status.synchrony_ns.is_some().into(),
+        /// 1 if the mean phase error is below 0.2 % of the cycle.
+        is_locked: u8,
+        /// Zero.
+        padding: u8 = 0,
+        /// Cycles since the first reading whose frame was lost, so that the reference clock could
+        /// not be read.
+        missed_readings: u64,
+        /// Zero; for fields of later versions.
+        reserved: [u64; 3] = [0; 3],
+    }
+}
+
+/// Gets the differences between the distributed clocks.
+///
+/// @usage   rt, the cycle's thread, active bus
+/// @return  ECAN_OK; ECAN_ERR_ORDER without distributed clocks, before activation, and on an
+///          attached context, whose owner serves the clocks.
+#[export(call, layer adapter, into status)]
+pub fn ecan_igh_get_clock_status(
+    context: *mut ecan_igh_context_t,
+    status: *mut ecan_igh_clock_status_t,
+) {
+    let status = adapter.clock_status().ok_or_else(|| {
+        let text = format_args!("there are no distributed clocks in the cycle");
+        call.fail(ecan_result_t::ECAN_ERR_ORDER, text)
+    })?;
+    Ok(status.into())
+}
+
+/// Returns the correction that an application with its own cycle timer adds to its next deadline,
+/// to follow the reference clock. ecan_igh_wait_next_cycle() includes it.
+///
+/// @usage   rt, the cycle's thread, after receive
+/// @return  Nanoseconds; 0 while the host's clock leads and if there is no context.
+#[export(_, layer adapter, or 0)]
+pub fn ecan_igh_clock_correction_ns(context: *mut ecan_igh_context_t) -> i64 {
+    Ok(adapter.clock_correction_ns())
+}
+
+// Section: Raw process data (manual 15.5.3)
+//
+// With a Port on the context the RxPDO belongs to the Port: read it, but do not write to it.
+
+/// Stores the address and the size of an image.
+fn put_image<P>(
+    call: Call,
+    address: OutPointer<P>,
+    size: OutPointer<usize>,
+    (start, bytes): (P, usize),
+) -> Result<(), ecan_result_t> {
+    if bytes == 0 {
+        let text = format_args!("there are no process data before the bus is active");
+        return Err(call.fail(ecan_result_t::ECAN_ERR_ORDER, text));
+    }
+    address.set(start);
+    size.set(bytes);
+    Ok(())
+}
+
+/// Gets the RxPDO of a slave, which the master sends to it: 128 * N continuous bytes to write the
+/// next image into, with igh_mcan_pdo_writer_begin() for example.
+///
+/// @param rxpdo       Gets the address. Valid until the context is reconfigured or ends.
+/// @param rxpdo_size  Gets the bytes.
+///
+/// @usage   rt, the cycle's thread, active bus
+/// @return  ECAN_OK; ECAN_ERR_ORDER before the bus is active; ECAN_ERR_SLAVE.
+#[export(call, layer adapter)]
+pub fn ecan_igh_get_rxpdo_buffer(
+    context: *mut ecan_igh_context_t,
+    slave: usize,
+    rxpdo: *mut *mut u8,
+    rxpdo_size: *mut usize,
+) {
+    pointers!(call, out(rxpdo), out(rxpdo_size));
+    need_slave(call, adapter, slave)?;
+    let image = adapter.rx_pdo_mut(slave);
+    put_image(call, rxpdo, rxpdo_size, (image.as_mut_ptr(), image.len()))
+}
+
+/// Gets the TxPDO of a slave as of the last receive: 128 * N continuous bytes, for
+/// igh_mcan_pdo_parse_frames_ex() for example.
+///
+/// @param txpdo       Gets the address. Valid until the context is reconfigured or ends; the
+///                    content changes with every receive.
+/// @param txpdo_size  Gets the bytes.
+///
+/// @usage   rt, the cycle's thread, active bus
+/// @return  As ecan_igh_get_rxpdo_buffer().
+#[export(call, layer adapter)]
+pub fn ecan_igh_get_txpdo_buffer(
+    context: *mut ecan_igh_context_t,
+    slave: usize,
+    txpdo: *mut *const u8,
+    txpdo_size: *mut usize,
+) {
+    pointers!(call, out(txpdo), out(txpdo_size));
+    need_slave(call, adapter, slave)?;
+    let image = adapter.tx_pdo(slave);
+    put_image(call, txpdo, txpdo_size, (image.as_ptr(), image.len()))
 }

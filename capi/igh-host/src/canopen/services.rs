@@ -1,22 +1,28 @@
-//! TIME, guarding, store and restore
-//!
-//! The calls with a timeout run the cycle, with the axes at their last targets. On a master of another owner
-//! write the objects with igh_canopen_sdo_start_download(): 0x100C and 0x100D for guarding, 0x1010 with "save",
-//! 0x1011 with "load".
+//! Services for nodes: SDO transfers in the cycle, TIME, guarding, store and restore, multiplexed PDOs.
 
+use std::ffi::c_void;
 use std::time::Duration;
 
-use ecan_c_boundary::Call;
 use ecan_c_boundary::result::ecan_result_t;
+use ecan_c_boundary::{Call, mirror, pointers};
 use ecan_c_export::export;
-use ecan_canopen::{GuardingConfig, ParameterGroup, Step, TimeConfig, TimeReference, object};
+use ecan_canopen::{
+    GuardingConfig, Mpdo, MpdoAddress, NodeId, ParameterGroup, Step, TimeConfig, TimeReference,
+    object,
+};
 
-use super::lookup::need_node;
 use crate::bus::Bus;
-use crate::cia402::context::igh_cia402_context_t;
+use crate::callback::duration;
+use crate::cia402::context::{igh_cia402_context_t, need_node};
+use crate::cia402::sdo::{igh_cia402_sdo_state_t, poll, started};
 use crate::errors::OrCode as _;
 use crate::handle::Entered;
-use crate::milliseconds::duration;
+
+// Section: TIME, guarding, store and restore
+//
+// The calls with a timeout run the cycle, with the axes at their last targets. On a master of another owner
+// write the objects with igh_canopen_sdo_start_download(): 0x100C and 0x100D for guarding, 0x1010 with "save",
+// 0x1011 with "load".
 
 /// Group of parameters in igh_canopen_store_parameters() and igh_canopen_restore_parameters(): subindex of
 /// 0x1010 and 0x1011. Subindices from 4 to 127 are the manufacturer's.
@@ -166,4 +172,162 @@ pub fn igh_canopen_restore_parameters(
 ) {
     let steps = self::group(call, group)?.restore_steps();
     execute(call, bus, node, steps, duration(timeout_ms))
+}
+
+// Section: SDO transfers with nodes in the cycle
+//
+// For every node of the network. A node has one SDO server: while it boots, or its axis is configured,
+// changes its mode or is homing, a transfer of the application waits. igh_canopen_sdo_upload() and
+// igh_canopen_sdo_download() also wait for the end.
+
+/// Starts reading an object of a node; igh_canopen_sdo_poll() gets the result in later cycles.
+///
+/// @usage   rt, the cycle's thread, after init
+/// @return  ECAN_OK; ECAN_ERR_AXIS_STATE while another transfer with the node is in progress;
+///          ECAN_ERR_NODE.
+#[must_use]
+#[export(call, layer(cia402, _))]
+pub fn igh_canopen_sdo_start_upload(
+    context: *mut igh_cia402_context_t,
+    node: usize,
+    index: u16,
+    subindex: u8,
+) {
+    let handle = need_node(call, cia402, node)?;
+    started(call, cia402.network_mut().start_upload(handle, index, subindex))
+}
+
+/// Starts writing an object of a node, as igh_canopen_sdo_start_upload().
+///
+/// @param data  The value, little endian, with as many bytes as the object has. Is copied.
+/// @param size  Its bytes.
+///
+/// @usage   rt, the cycle's thread, after init
+/// @return  As igh_canopen_sdo_start_upload(); ECAN_ERR_CANOPEN for a value that is longer than
+///          igh_cia402_settings_t.sdo_buffer_bytes.
+#[must_use]
+#[export(call, layer(cia402, _))]
+pub fn igh_canopen_sdo_start_download(
+    context: *mut igh_cia402_context_t,
+    node: usize,
+    index: u16,
+    subindex: u8,
+    data: *const c_void,
+    size: usize,
+) {
+    pointers!(call, bytes(data, size));
+    let handle = need_node(call, cia402, node)?;
+    started(call, cia402.network_mut().start_download(handle, index, subindex, data))
+}
+
+/// Gets the state of the last transfer with a node, as igh_cia402_sdo_poll().
+///
+/// @param state   Gets an igh_cia402_sdo_state_t.
+/// @param data    Gets the value of a finished upload, little endian; may be NULL with size 0.
+/// @param size    Bytes of the buffer.
+/// @param length  Gets the bytes of the value, even if it does not fit; 0 while there is none.
+///
+/// @usage   rt, the cycle's thread, after init
+/// @return  ECAN_OK, also for a failed transfer, whose reason is in ecan_last_error() and
+///          ecan_last_abort_code(); ECAN_ERR_BUFFER, ECAN_ERR_NODE.
+#[export(call, layer(cia402, _))]
+pub fn igh_canopen_sdo_poll(
+    context: *mut igh_cia402_context_t,
+    node: usize,
+    state: *mut u8,
+    data: *mut c_void,
+    size: usize,
+    length: *mut usize,
+) {
+    pointers!(call, out(state), byte_room(data, size), out(length));
+    length.set(0);
+    state.set(igh_cia402_sdo_state_t::IGH_CIA402_SDO_IDLE as u8);
+    let handle = need_node(call, cia402, node)?;
+    poll(call, cia402.network(), handle, &state, &mut data, &length)
+}
+
+// Section: Multiplexed PDOs (CiA 301, 7.2.2.4)
+//
+// One object per frame, addressed in the frame. Send the bytes by igh_mcan_port_send_can() with the COB-ID
+// of the RPDO, and read those of igh_cia402_process_rx_ex() or igh_mcan_port_receive().
+
+/// Bytes of an MPDO.
+pub const IGH_CANOPEN_MPDO_BYTES: usize = 8;
+
+mirror! {
+    /// A multiplexed PDO.
+    #[derive(PartialEq, Eq)]
+    pub struct igh_canopen_mpdo_t from rust: Mpdo {
+        /// Index of the object.
+        index: u16,
+        /// Subindex of the object.
+        subindex: u8,
+        /// 1: source address mode, an object of the producer `node_id`. 0: destination address mode,
+        /// an object of the consumer.
+        is_source: u8 = matches!(rust.address, MpdoAddress::Source(_)).into(),
+        /// Node-ID, 1 to 127; 0 in destination address mode for all consumers.
+        node_id: u8 = match rust.address {
+            MpdoAddress::Source(node) | MpdoAddress::Destination(Some(node)) => node.get(),
+            MpdoAddress::Destination(None) => 0,
+        },
+        /// Must be 0; for fields of later versions.
+        reserved: [u8; 7] = [0; 7],
+        /// Value, little endian; bytes beyond the length of the object have no meaning.
+        data: [u8; 4],
+    }
+}
+
+impl igh_canopen_mpdo_t {
+    fn to_rust(self, call: Call) -> Result<Mpdo, ecan_result_t> {
+        call.reserved("mpdo", &self.reserved)?;
+        let node = NodeId::new(self.node_id);
+        let address = match (self.is_source, node) {
+            (0, None) if self.node_id == 0 => MpdoAddress::Destination(None),
+            (0, Some(node)) => MpdoAddress::Destination(Some(node)),
+            (1, Some(node)) => MpdoAddress::Source(node),
+            (0 | 1, None) => {
+                let text = format_args!(
+                    "{} is out of range; allowed: 1 to 127, or 0 with is_source 0",
+                    self.node_id
+                );
+                return Err(call.argument("node_id", text));
+            }
+            (value, _) => {
+                let text = format_args!("{value} is out of range; allowed: 0, 1");
+                return Err(call.argument("is_source", text));
+            }
+        };
+        Ok(Mpdo { address, index: self.index, subindex: self.subindex, data: self.data })
+    }
+}
+
+/// Encodes an MPDO.
+///
+/// @param mpdo  The MPDO.
+/// @param data  Gets IGH_CANOPEN_MPDO_BYTES bytes, the data of the CAN frame.
+///
+/// @usage   rt, any thread, any time
+/// @return  ECAN_OK; ECAN_ERR_ARGUMENT for a node-ID out of range.
+#[export(call)]
+pub fn igh_canopen_mpdo_encode(mpdo: *const igh_canopen_mpdo_t, data: *mut u8) {
+    pointers!(call, read(mpdo));
+    let data: *mut [u8; IGH_CANOPEN_MPDO_BYTES] = data.cast();
+    pointers!(call, out(data));
+    data.set(mpdo.to_rust(call)?.to_bytes());
+}
+
+/// Decodes an MPDO.
+///
+/// @param mpdo    Gets the MPDO.
+/// @param data    Data of a CAN frame.
+/// @param length  Its bytes.
+///
+/// @usage   rt, any thread, any time
+/// @return  ECAN_OK; ECAN_ERR_FRAME for data that are not an MPDO.
+#[export(call)]
+pub fn igh_canopen_mpdo_decode(mpdo: *mut igh_canopen_mpdo_t, data: *const u8, length: usize) {
+    pointers!(call, out(mpdo), items(data, length));
+    let found = Mpdo::parse(data)
+        .map_err(|error| call.fail(ecan_result_t::ECAN_ERR_FRAME, format_args!("{error}")))?;
+    mpdo.set(found.into());
 }

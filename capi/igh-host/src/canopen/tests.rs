@@ -7,12 +7,9 @@ use ecan_c_boundary::frames::igh_mcan_rx_frame_t;
 use ecan_c_boundary::result::ecan_result_t::*;
 
 use super::boot::*;
-use super::boot_terms::*;
 use super::node::*;
 use crate::adapter::config::*;
-use crate::adapter::config_master::*;
 use crate::adapter::context::*;
-use crate::adapter::simulation::*;
 use crate::c_caller::{code, error, garbage, ok};
 use crate::cia402::commands::*;
 use crate::cia402::context::*;
@@ -24,8 +21,7 @@ use crate::cia402::state::*;
 use crate::mcan_port::config::*;
 use crate::mcan_port::config_file::*;
 use crate::mcan_port::context::*;
-use crate::mcan_port::cycle::*;
-use crate::mcan_port::send::igh_mcan_port_send_can;
+use crate::mcan_port::cycle::{igh_mcan_port_send_can, *};
 
 const GRIPPER: usize = 2;
 

@@ -20,7 +20,7 @@ use ecan_cia402::{
 use ecan_protocol::can::CanId;
 
 use super::numbers::{igh_cia402_revision_t, igh_cia402_scale_source_t};
-use crate::milliseconds::duration;
+use crate::callback::duration;
 
 /// Keeps an option code of the drive.
 pub const IGH_CIA402_UNCHANGED: i32 = 2_147_483_647;

@@ -18,8 +18,8 @@ use super::axis::{
     igh_cia402_object_t,
 };
 use super::numbers::{igh_cia402_range_t, igh_cia402_reset_t};
+use crate::callback::{duration, milliseconds};
 use crate::errors;
-use crate::milliseconds::{duration, milliseconds};
 
 /// An axis table of C.
 #[derive(Debug)]
@@ -327,7 +327,7 @@ mod tests {
 
     use ecan_c_boundary::call;
     use ecan_canopen::IdentityCheck;
-    use ecan_mcan_host::common::last_error::ecan_last_error;
+    use ecan_mcan_host::common::ecan_last_error;
 
     use super::super::axis::igh_cia402_axis_init;
     use super::*;

@@ -13,8 +13,8 @@ use ecan_cia402::{Cia402, CommandError, HomingConfig};
 
 use super::context::{igh_cia402_context_t, need_axis};
 use super::numbers;
+use crate::callback::{duration, milliseconds};
 use crate::errors::OrCode as _;
-use crate::milliseconds::{duration, milliseconds};
 
 /// In place of the index of an axis in igh_cia402_configure(), _request_actual_position(), _enable(),
 /// _disable(), _quick_stop(), _recover(), _reset_fault(), _halt() and _resume(): all axes.

@@ -8,7 +8,8 @@ use ecan_c_boundary::result::ecan_result_t;
 use ecan_c_boundary::{Call, OutPointer, mirror, pointers};
 use ecan_c_export::export;
 use ecan_canopen::{
-    BlockTransferConfig, HostHeartbeat, NetworkConfig, NodeConfig, NodeId, SdoConfig, SyncConfig,
+    BlockTransferConfig, HostHeartbeat, NetworkConfig, NodeAddress, NodeConfig, NodeDescription,
+    NodeHandle, NodeId, SdoConfig, SyncConfig,
 };
 use ecan_cia402::{Cia402, Cia402Config, Takeover, axis_faults};
 use ecan_mcan_port::Port;
@@ -16,13 +17,11 @@ use ecan_mcan_port::Port;
 use super::axis::igh_cia402_axis_t;
 use super::axis_table::AxisTable;
 use crate::bus::Bus;
-use crate::canopen::lookup;
-use crate::entry::Context;
+use crate::callback::{duration, milliseconds};
 use crate::errors::OrCode as _;
 use crate::handle;
-use crate::handle::{Entered, Kind};
+use crate::handle::{Context, Entered, Kind};
 use crate::mcan_port::context::igh_mcan_port_t;
-use crate::milliseconds::{duration, milliseconds};
 
 // Section: Life of the axes
 //
@@ -153,7 +152,7 @@ pub fn igh_cia402_context_init_file(
         let time = network.time(port.adapter().clock().now_ns());
         cia402.network_mut().set_time(time).or_code(call)?;
         for description in &nodes {
-            lookup::add_described(call, port, &mut cia402, description, node_config)?;
+            add_described_node(call, port, &mut cia402, description, node_config)?;
         }
         Ok(cia402)
     })
@@ -232,6 +231,75 @@ pub fn igh_cia402_set_stop_time_ms(context: *mut igh_cia402_context_t, stop_time
 #[export(_, layer(cia402, _), or 0)]
 pub fn igh_cia402_axis_count(context: *mut igh_cia402_context_t) -> usize {
     Ok(cia402.axis_count())
+}
+
+/// The handle of a node.
+pub(crate) fn need_node(
+    call: Call,
+    cia402: &Cia402,
+    node: usize,
+) -> Result<NodeHandle, ecan_result_t> {
+    let mut handles = cia402.network().handles();
+    let count = handles.len();
+    handles.nth(node).ok_or_else(|| {
+        let text = format_args!("there is no node {node}, the network has {count}");
+        call.fail(ecan_result_t::ECAN_ERR_NODE, text)
+    })
+}
+
+/// A node-ID of C.
+pub(crate) fn parse_node_id(call: Call, id: u8) -> Result<NodeId, ecan_result_t> {
+    NodeId::new(id).ok_or_else(|| {
+        call.argument("node_id", format_args!("{id} is out of range; allowed: 1 to 127"))
+    })
+}
+
+/// Adds a node without a boot-up.
+pub(crate) fn add_node(
+    call: Call,
+    port: &Port,
+    cia402: &mut Cia402,
+    address: NodeAddress,
+    config: NodeConfig,
+) -> Result<NodeHandle, ecan_result_t> {
+    port.channel(address.slave, address.channel).or_code(call)?;
+    let config = NodeConfig { heartbeat_timeout: Duration::ZERO, ..config };
+    cia402.network_mut().add_node(address, config).or_code(call)
+}
+
+/// Adds a node of a file, which boots.
+pub(crate) fn add_described_node(
+    call: Call,
+    port: &Port,
+    cia402: &mut Cia402,
+    node: &NodeDescription,
+    config: NodeConfig,
+) -> Result<(), ecan_result_t> {
+    let boot = node.boot_config().map_err(|error| {
+        call.fail(ecan_result_t::ECAN_ERR_CONFIG, format_args!("{}: {error}", node.title()))
+    })?;
+    let handle = add_node(call, port, cia402, node.address, config)?;
+    cia402.network_mut().boot(handle, boot);
+    Ok(())
+}
+
+/// The index and the handle of the node at an address.
+pub(crate) fn find_node(
+    call: Call,
+    cia402: &Cia402,
+    address: NodeAddress,
+) -> Result<(usize, NodeHandle), ecan_result_t> {
+    let network = cia402.network();
+    let found = network.find(address).and_then(|found| {
+        let index = network.handles().position(|handle| handle == found)?;
+        Some((index, found))
+    });
+    found.ok_or_else(|| {
+        let text = format_args!(
+            "{address} is not in the network of the axes; call igh_canopen_add_node first"
+        );
+        call.fail(ecan_result_t::ECAN_ERR_NODE, text)
+    })
 }
 
 // Section: Settings of all axes together

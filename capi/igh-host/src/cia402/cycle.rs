@@ -362,7 +362,7 @@ mirror! {
     }
 }
 
-fn probe(call: Call, number: u8) -> Result<Probe, ecan_result_t> {
+fn parse_probe(call: Call, number: u8) -> Result<Probe, ecan_result_t> {
     match number {
         1 => Ok(Probe::One),
         2 => Ok(Probe::Two),
@@ -370,7 +370,7 @@ fn probe(call: Call, number: u8) -> Result<Probe, ecan_result_t> {
     }
 }
 
-fn trigger(call: Call, sum: u8) -> Result<ProbeTrigger, ecan_result_t> {
+fn parse_trigger(call: Call, sum: u8) -> Result<ProbeTrigger, ecan_result_t> {
     use igh_cia402_probe_trigger_t::*;
     let has = |part: igh_cia402_probe_trigger_t| sum & part as u8 != 0;
     let trigger = ProbeTrigger {
@@ -408,7 +408,7 @@ pub fn igh_cia402_arm_probe(
     probe: u8,
     trigger: u8,
 ) {
-    let (probe, trigger) = (self::probe(call, probe)?, self::trigger(call, trigger)?);
+    let (probe, trigger) = (parse_probe(call, probe)?, parse_trigger(call, trigger)?);
     cia402.arm_probe(axis, probe, trigger).or_code(call)
 }
 
@@ -420,7 +420,7 @@ pub fn igh_cia402_arm_probe(
 /// @return  As igh_cia402_arm_probe().
 #[export(call, layer(cia402, _))]
 pub fn igh_cia402_disarm_probe(context: *mut igh_cia402_context_t, axis: usize, probe: u8) {
-    cia402.disarm_probe(axis, self::probe(call, probe)?).or_code(call)
+    cia402.disarm_probe(axis, parse_probe(call, probe)?).or_code(call)
 }
 
 /// Gets the state of a touch probe.
@@ -437,7 +437,7 @@ pub fn igh_cia402_get_probe(
     probe: u8,
     probe_state: *mut igh_cia402_probe_t,
 ) {
-    let probe = self::probe(call, probe)?;
+    let probe = parse_probe(call, probe)?;
     need_axis(call, cia402, axis)?;
     cia402.probe(axis, probe).map(Into::into).ok_or(ecan_result_t::ECAN_ERR_INTERNAL)
 }

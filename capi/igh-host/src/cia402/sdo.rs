@@ -12,15 +12,14 @@ use ecan_canopen::{
 use ecan_cia402::Cia402;
 use ecan_mcan_port::Port;
 
-use super::context::{igh_cia402_context_t, need_axis};
+use super::context::{find_node, igh_cia402_context_t, need_axis, parse_node_id};
 use crate::bus::Bus;
-use crate::canopen::lookup;
+use crate::callback::duration;
 use crate::errors;
 use crate::errors::OrCode as _;
 use crate::handle::Entered;
 use crate::mcan_port::context::igh_mcan_port_t;
 use crate::mcan_port::state::find_channel;
-use crate::milliseconds::duration;
 
 // Section: SDO transfers with the drives
 //
@@ -257,10 +256,10 @@ impl<'a> Peer<'a> {
     ) -> Result<Self, ecan_result_t> {
         bus.run_to_end(call)?;
         find_channel(call, bus.need_port(call)?, slave, channel)?;
-        let address = NodeAddress { slave, channel, node: lookup::node_id(call, node_id)? };
+        let address = NodeAddress { slave, channel, node: parse_node_id(call, node_id)? };
         if bus.axes_mut().is_some() {
             let (cia402, port) = bus.need_axes(call)?;
-            let (_, handle) = lookup::find(call, cia402, address)?;
+            let (_, handle) = find_node(call, cia402, address)?;
             return Ok(Self::WithAxes(cia402, port, handle));
         }
         let buffer_bytes = size.clamp(LEAST_BUFFER, MOST_BUFFER);

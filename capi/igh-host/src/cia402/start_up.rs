@@ -10,10 +10,9 @@ use ecan_mcan_port::Port;
 
 use super::context::igh_cia402_context_t;
 use crate::bus::Bus;
-use crate::callback::ProgressCallback;
+use crate::callback::{ProgressCallback, duration};
 use crate::errors::OrCode as _;
 use crate::handle::Entered;
-use crate::milliseconds::duration;
 
 // Section: Startup and shutdown that wait
 //

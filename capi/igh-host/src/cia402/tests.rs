@@ -5,7 +5,7 @@ use std::ptr::{from_mut, null, null_mut};
 
 use ecan_c_boundary::frames::igh_mcan_rx_frame_t;
 use ecan_c_boundary::result::ecan_result_t::*;
-use ecan_mcan_host::common::last_error::ecan_last_abort_code;
+use ecan_mcan_host::common::ecan_last_abort_code;
 
 use super::axis::*;
 use super::commands::*;
@@ -16,12 +16,9 @@ use super::sdo::*;
 use super::start_up::*;
 use super::state::*;
 use crate::adapter::config::*;
-use crate::adapter::config_master::*;
 use crate::adapter::context::*;
-use crate::adapter::simulation::*;
 use crate::c_caller::{code, error, garbage, ok};
 use crate::mcan_port::config::*;
-use crate::mcan_port::config_channel::*;
 use crate::mcan_port::context::*;
 use crate::mcan_port::cycle::*;
 

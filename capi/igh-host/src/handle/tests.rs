@@ -3,9 +3,9 @@ use std::ptr::from_mut;
 use std::sync::atomic::AtomicBool;
 
 use ecan_c_boundary::call;
+use ecan_test_support::OnDrop;
 
 use super::*;
-use ecan_test_support::OnDrop;
 
 struct Object(u32);
 

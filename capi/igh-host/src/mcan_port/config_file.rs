@@ -23,10 +23,9 @@ use ecan_lite::config::{ConfigFileError, FileFault, FileFaults};
 use ecan_mcan_port::Config;
 
 use super::config::igh_mcan_port_config_t;
-use crate::adapter::config::ecan_igh_config_t;
+use crate::adapter::config::{ecan_igh_config_t, extended_port};
 use crate::encoded::{EncodedCall as _, EncodedMut};
 use crate::errors;
-use crate::port_config::extended;
 
 /// Bytes of the text of a fault, NUL included.
 pub const IGH_MCAN_FILE_FAULT_BYTES: usize = 248;
@@ -93,7 +92,7 @@ fn store(
     mut igh_config: EncodedMut<ecan_igh_config_t>,
     config: &OutPointer<igh_mcan_port_config_t>,
 ) -> Result<(), ecan_result_t> {
-    let port = extended(&file.port);
+    let port = extended_port(&file.port);
     *igh_config.value = igh_config.value.with(&file.adapter, port);
     igh_config.store(call)?;
     call.encode(config, &port)
@@ -175,21 +174,20 @@ pub fn igh_mcan_port_parse_config(
 
 #[cfg(test)]
 mod tests {
+    use std::ffi::c_int;
     use std::mem::MaybeUninit;
     use std::ptr::null_mut;
 
+    use ecan_c_boundary::call;
     use ecan_host::AdapterConfig;
     use ecan_lite::config::EXAMPLE;
     use ecan_mcan_port::PortConfig;
 
-    use ecan_c_boundary::call;
-    use std::ffi::c_int;
-
     use super::*;
-    use crate::adapter::config::ecan_igh_default_config;
-    use crate::adapter::config_master::ecan_igh_config_set_ecrt;
-    use crate::adapter::simulation::ecan_igh_config_set_seed;
-    use crate::port_config::configured;
+    use crate::adapter::config::{
+        configured_port, ecan_igh_config_set_ecrt, ecan_igh_default_config,
+    };
+    use crate::adapter::context::ecan_igh_config_set_seed;
 
     /// Values that the example leaves at a default.
     const OTHER_VALUES: &str = r#"
@@ -282,7 +280,7 @@ mod tests {
             let code = call("to_rust", |call| {
                 let (adapter, port) = (self.adapter.as_ptr(), self.port.as_ptr());
                 pointers!(call, encoded(adapter), encoded(port));
-                found = Some((adapter.configured(), configured(&port, adapter.slave_count)));
+                found = Some((adapter.configured(), configured_port(&port, adapter.slave_count)));
                 Ok(())
             });
             assert_eq!(code, 0);

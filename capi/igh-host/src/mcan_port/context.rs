@@ -1,22 +1,26 @@
-//! Life of a Port
+//! Context of a Port: life, service for other programs.
 
-use std::ffi::c_int;
+use std::ffi::{OsStr, c_char, c_int};
+use std::os::unix::ffi::OsStrExt as _;
+use std::path::PathBuf;
 
 use ecan_c_boundary::result::ecan_result_t;
 use ecan_c_boundary::{Call, pointers};
 use ecan_c_export::export;
 use ecan_host::Phase;
 use ecan_mcan_port::Port;
+use ecan_service::server::{Control, ServePort as _, ServiceConfig};
 
 use super::config::igh_mcan_port_config_t;
-use crate::adapter::config::ecan_igh_config_t;
+use crate::adapter::config::{configured_port, ecan_igh_config_t};
 use crate::adapter::context::ecan_igh_context_t;
 use crate::bus::Bus;
 use crate::encoded::EncodedCall as _;
-use crate::entry::Context;
-use crate::errors::{self, OrCode as _};
-use crate::handle::{self, Entered, Kind};
-use crate::port_config::configured;
+use crate::errors::OrCode as _;
+use crate::handle::{Context, Entered, Kind};
+use crate::{errors, handle};
+
+// Section: Life of a Port
 
 /// CAN and CAN FD through the gateways of one master. Belongs to the thread of the cycle; do not
 /// move or copy it. Ends with its ecan_igh_context_t at the latest.
@@ -73,7 +77,7 @@ pub fn igh_mcan_port_init(
     unsafe { handle::clear(port.as_ptr().cast()) };
     let applied = bus.applied;
     let serial = bus.add_port(call, |adapter| {
-        let config = configured(&config, adapter.slave_count());
+        let config = configured_port(&config, adapter.slave_count());
         if applied.is_some_and(|applied| applied != config) {
             let text = format_args!(
                 "the configuration is not the one that igh_mcan_port_apply_config was given"
@@ -105,7 +109,7 @@ pub fn igh_mcan_port_reconfigure(
 ) {
     pointers!(call, encoded(igh_config), encoded(config));
     let (igh_config, config) =
-        (igh_config.configured(), configured(&config, igh_config.slave_count));
+        (igh_config.configured(), configured_port(&config, igh_config.slave_count));
     let reconfigured = bus.need_port(call)?.reconfigure((igh_config, config));
     if reconfigured.as_ref().err().is_none_or(errors::port_has_changed) {
         bus.forget_configuration();
@@ -134,4 +138,60 @@ pub fn igh_mcan_port_deinit(port: *mut igh_mcan_port_t) {
     let stopped = bus.stop_axes();
     bus.remove_port();
     stopped.or_code(call)
+}
+
+// Section: Service for other programs
+//
+// Programs such as `ecan monitor`, `ecan dump` and `ecan diag`, and clients in any language, take part
+// in the bus while the application runs its cycle: they connect to a Unix socket (docs/SERVICE.md). The
+// cycle copies its images to bounded memory and waits for no client.
+
+/// Clients of the same user, and of root, may control the bus: send frames, download SDOs, send NMT
+/// commands. Without a flag every client only reads.
+pub const IGH_MCAN_SERVE_CONTROL: u32 = 1;
+/// Every client that may open the socket may control the bus.
+pub const IGH_MCAN_SERVE_CONTROL_ALL: u32 = 2;
+
+const FLAGS: u32 = IGH_MCAN_SERVE_CONTROL | IGH_MCAN_SERVE_CONTROL_ALL;
+
+/// Starts a service for other programs on threads of its own; it replaces an earlier one. It ends with
+/// igh_mcan_port_end_service() or with the Port, and continues after a reconfiguration.
+///
+/// @param path   Path of the socket, with the permissions 0660. Its directory is created, not those
+///               above. /run/ecan/master0.sock is where `ecan` looks for the service of master 0.
+/// @param flags  0, IGH_MCAN_SERVE_CONTROL or IGH_MCAN_SERVE_CONTROL_ALL.
+///
+/// @usage   not rt, the cycle's thread, after init
+/// @return  ECAN_OK; ECAN_ERR_FILE if another service uses the socket or it cannot be created;
+///          ECAN_ERR_ARGUMENT for an unknown flag. After an error there is no service.
+#[must_use]
+#[export(call, bus bus)]
+pub fn igh_mcan_port_serve(port: *mut igh_mcan_port_t, path: *const c_char, flags: u32) {
+    pointers!(call, c_str(path));
+    if flags & !FLAGS != 0 {
+        let text = format_args!("flags 0x{flags:X} are out of range; allowed: 0 to 0x{FLAGS:X}");
+        return Err(call.fail(ecan_result_t::ECAN_ERR_ARGUMENT, text));
+    }
+    let control = match flags {
+        0 => Control::Nobody,
+        IGH_MCAN_SERVE_CONTROL => Control::Owner,
+        _ => Control::Everyone,
+    };
+    let path = PathBuf::from(OsStr::from_bytes(path.to_bytes()));
+    let config = ServiceConfig::new(path).with_control(control);
+    // Before the new one: it may have the same socket.
+    bus.service = None;
+    let service = bus.need_port(call)?.serve(config).or_code(call)?;
+    bus.service = Some(service);
+    Ok(())
+}
+
+/// Ends the service: closes its connections and removes its socket.
+///
+/// @usage   not rt, the cycle's thread, after init
+/// @return  ECAN_OK, also without a service.
+#[export(_, bus bus)]
+pub fn igh_mcan_port_end_service(port: *mut igh_mcan_port_t) {
+    bus.service = None;
+    Ok(())
 }

@@ -6,8 +6,7 @@
 
 use std::ffi::{c_char, c_int};
 
-use ecan_c_boundary::constants::ECAN_MCAN_CHANNELS;
-use ecan_c_boundary::result::ecan_result_t;
+use ecan_c_boundary::result::{ECAN_MCAN_CHANNELS, ecan_result_t};
 use ecan_c_boundary::{mirror, pointers};
 use ecan_c_export::export;
 use ecan_mcan_port::{
@@ -15,10 +14,9 @@ use ecan_mcan_port::{
     ScheduleMargin,
 };
 
-use super::config::igh_mcan_port_config_t;
+use super::config::{gateway, igh_mcan_port_config_t};
 use super::context::igh_mcan_port_t;
 use super::state::{find_channel, need_slave};
-use crate::port_config::gateway;
 
 mirror! {
     /// Times for the margin of a schedule, and the reaction to a missing margin. The manual gives

@@ -3,20 +3,18 @@
 
 use std::mem::MaybeUninit;
 
-use ecan_c_boundary::profile::IGH_MCAN_OPTION_TX_RESULT;
-use ecan_igh_host::adapter::config::{ecan_igh_config_t, ecan_igh_default_config};
-use ecan_igh_host::adapter::config_master::ecan_igh_config_set_ecrt;
-use ecan_igh_host::adapter::config_slave::ecan_igh_config_set_pdo_multiplier;
-use ecan_igh_host::adapter::context::{
-    ecan_igh_context_t, ecan_igh_deinit, ecan_igh_init, ecan_igh_wait_op_timeout,
+use ecan_c_boundary::image::IGH_MCAN_OPTION_TX_RESULT;
+use ecan_igh_host::adapter::config::{
+    ecan_igh_config_set_ecrt, ecan_igh_config_set_pdo_multiplier, ecan_igh_config_t,
+    ecan_igh_default_config,
 };
-use ecan_igh_host::adapter::simulation::ecan_igh_config_set_stepped_clock;
+use ecan_igh_host::adapter::context::{
+    ecan_igh_config_set_stepped_clock, ecan_igh_context_t, ecan_igh_deinit, ecan_igh_init,
+    ecan_igh_wait_op_timeout,
+};
 use ecan_igh_host::mcan_port::config::{
     igh_mcan_port_apply_config, igh_mcan_port_config_t, igh_mcan_port_default_config,
-};
-use ecan_igh_host::mcan_port::config_channel::igh_mcan_port_set_classic_channel;
-use ecan_igh_host::mcan_port::config_gateway::{
-    igh_mcan_port_set_options, igh_mcan_port_set_paced,
+    igh_mcan_port_set_classic_channel, igh_mcan_port_set_options, igh_mcan_port_set_paced,
 };
 use ecan_igh_host::mcan_port::context::{igh_mcan_port_init, igh_mcan_port_t};
 // Stores the last error.

@@ -10,7 +10,7 @@ pub struct OutPointer<T>(NonNull<T>);
 
 impl<T> OutPointer<T> {
     /// `pointer` must be valid for writing as long as this lives, or NULL.
-    pub(super) fn new(pointer: *mut T) -> Option<Self> {
+    pub(crate) fn new(pointer: *mut T) -> Option<Self> {
         NonNull::new(pointer).map(Self)
     }
 
@@ -31,7 +31,7 @@ impl<T> OutPointer<T> {
     }
 
     /// The same pointer for another type, which must fit.
-    pub(super) fn cast<U>(&self) -> OutPointer<U> {
+    pub(crate) fn cast<U>(&self) -> OutPointer<U> {
         OutPointer(self.0.cast())
     }
 }
@@ -46,7 +46,7 @@ pub struct OutArray<T> {
 
 impl<T> OutArray<T> {
     /// `items` must be valid for writing `capacity` items as long as this lives.
-    pub(super) fn new(items: *mut T, capacity: usize) -> Self {
+    pub(crate) fn new(items: *mut T, capacity: usize) -> Self {
         Self { items, capacity, count: 0 }
     }
 
@@ -69,13 +69,13 @@ impl<T> OutArray<T> {
     }
 
     /// Stores the first item, if there is room, which the next `push` replaces.
-    pub(super) fn start_with(&mut self, item: T) {
+    pub(crate) fn start_with(&mut self, item: T) {
         self.push(item);
         self.count = 0;
     }
 
     /// Number of items that fit.
-    pub(super) fn capacity(&self) -> usize {
+    pub(crate) fn capacity(&self) -> usize {
         self.capacity
     }
 

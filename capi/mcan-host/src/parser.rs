@@ -1,17 +1,23 @@
-//! Reading images
+//! Reading images: frames, faults, channel status, checksum.
 
-use std::ffi::c_int;
+use std::ffi::{c_char, c_int};
 
-use ecan_c_boundary::diagnosis::{igh_mcan_pdo_error_t, igh_mcan_pdo_parse_diag_t};
 use ecan_c_boundary::frames::igh_mcan_rx_frame_t;
-use ecan_c_boundary::profile::igh_mcan_pdo_profile_t;
+use ecan_c_boundary::image::{
+    igh_mcan_channel_status_t, igh_mcan_pdo_error_t, igh_mcan_pdo_parse_diag_t,
+    igh_mcan_pdo_profile_t,
+};
 use ecan_c_boundary::result::ecan_result_t;
 use ecan_c_boundary::{Call, Opaque, OutArray, OutPointer, mirror, pointers};
 use ecan_c_export::export;
+use ecan_protocol::can::Dlc;
 use ecan_protocol::image::{
-    Arrival, Header, ImageReader, Packet, ParseDiagnosis, PdoError, SequenceTracker,
+    Arrival, ChannelStatus, Header, ImageReader, Packet, ParseDiagnosis, PdoError, SequenceTracker,
+    crc16,
 };
 use ecan_protocol::mapping::HEADER_BYTES;
+
+// Section: Reading images
 
 mirror! {
     /// The header of an image, as transmitted (manual 6), without any check.
@@ -254,4 +260,86 @@ pub fn igh_mcan_pdo_sequence_observe(
         out.set(if let Arrival::Gap { lost } = arrival { lost } else { 0 });
     }
     Ok(igh_mcan_pdo_arrival_t::from(arrival) as c_int)
+}
+
+// Section: Faults of an image
+
+/// Gets a diagnosis as text.
+///
+/// @param text  See the rules for texts in igh_ecan_common.h; 256 bytes are enough.
+///
+/// @usage   not rt, any thread, any time
+/// @return  ECAN_OK, ECAN_ERR_BUFFER; ECAN_ERR_ARGUMENT for an unknown error.
+#[export(call)]
+pub fn igh_mcan_pdo_diag_text(
+    diag: *const igh_mcan_pdo_parse_diag_t,
+    text: *mut c_char,
+    size: usize,
+    needed: *mut usize,
+) {
+    pointers!(call, read(diag), out_text(text, size, needed));
+    if diag.error == igh_mcan_pdo_error_t::IGH_MCAN_PDO_LAYOUT as u16 {
+        let layout = diag.layout_id;
+        let found = format!("layout_id 0x{layout:04X} of the image is not that of the profile");
+        return text.put(call, &found);
+    }
+    call.reserved("diag", &diag.reserved)?;
+    let diagnosis = diag.to_diagnosis().ok_or_else(|| {
+        call.argument("diag", format_args!("has the unknown error {}", diag.error))
+    })?;
+    text.put(call, &diagnosis.to_string())
+}
+
+// Section: Channel status
+
+/// Decodes a channel status word.
+///
+/// @param raw     The word of the image header.
+/// @param status  Is overwritten.
+///
+/// @usage   rt, any thread, any time
+#[export(call)]
+pub fn igh_mcan_channel_status_decode(raw: u16, status: *mut igh_mcan_channel_status_t) {
+    pointers!(call, out(status));
+    status.set(ChannelStatus::from_raw(raw).into());
+}
+
+// Section: Checksum and data lengths
+
+/// Computes CRC-16/CCITT-FALSE, the checksum of an image's payload (manual 6).
+///
+/// @usage   rt, any thread, any time
+/// @return  The CRC; 0xFFFF, that of no bytes, for NULL.
+#[export(call, or 0xFFFF)]
+pub fn igh_mcan_pdo_crc16(data: *const u8, len: usize) -> u16 {
+    // SAFETY: the pointer is C's, valid or NULL as the header demands.
+    Ok(crc16(unsafe { call.items("data", data, len)? }))
+}
+
+/// Returns the DLC of a number of data bytes (manual 8.2).
+///
+/// @param is_fd  0 for classic CAN, else CAN FD.
+///
+/// @usage   rt, any thread, any time
+/// @return  0 to 15; ECAN_ERR_FRAME if no DLC stands for this length.
+#[export(call)]
+pub fn igh_mcan_dlc_from_len(len: usize, is_fd: c_int) -> c_int {
+    let fd = is_fd != 0;
+    let dlc = if fd { Dlc::from_fd_len(len) } else { Dlc::from_classic_len(len) };
+    let fault = ecan_protocol::can::FrameError::Length { length: len, fd };
+    dlc.map(|dlc| dlc.value().into()).ok_or_else(|| call.error(&fault))
+}
+
+/// Returns the number of data bytes of a DLC (manual 8.2).
+///
+/// @param is_fd  0 for classic CAN, where 8 to 15 all stand for 8 bytes; else CAN FD.
+///
+/// @usage   rt, any thread, any time
+/// @return  0 to 64; ECAN_ERR_ARGUMENT above 15.
+#[export(call)]
+pub fn igh_mcan_len_from_dlc(dlc: u8, is_fd: c_int) -> c_int {
+    let dlc = Dlc::new(dlc).ok_or_else(|| {
+        call.argument("dlc", format_args!("{dlc} is out of range; allowed: 0 to 15"))
+    })?;
+    Ok(if is_fd != 0 { dlc.fd_len() } else { dlc.classic_len() } as c_int)
 }
