@@ -1,12 +1,10 @@
 //! Runs the seeds on all processors, reports findings and the sums.
 
 use std::fs;
-use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
-use std::sync::Mutex;
-use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
+use ecan_test_support::{Sums, catch_panic, run_seeds};
 use ecan_tool_support::command_line::interrupt::Interrupt;
 use ecan_tool_support::command_line::new_file;
 use ecan_tool_support::command_line::screen::{Stream, print};
@@ -18,29 +16,33 @@ use crate::plan::Plan;
 use crate::shrink::shrink;
 use crate::trial::Trial;
 
-/// Time between two lines of progress.
-const PROGRESS: Duration = Duration::from_secs(20);
-
 /// The outcome of a plan; a panic is a finding.
 pub fn trial(plan: &Plan) -> Outcome {
-    catch_unwind(AssertUnwindSafe(|| Trial::run(plan))).unwrap_or_else(|cause| {
-        let text = cause.downcast_ref::<String>().cloned();
-        let text = text.or_else(|| cause.downcast_ref::<&str>().map(|text| (*text).to_owned()));
-        let finding = Finding { rule: Rule::Panic, cycle: 0, text: text.unwrap_or_default() };
+    catch_panic(|| Trial::run(plan)).unwrap_or_else(|text| {
+        let finding = Finding { rule: Rule::Panic, cycle: 0, text };
         Outcome { finding: Some(finding), ..Outcome::default() }
     })
 }
 
 #[derive(Default)]
-struct Sums {
+struct SoakSums {
     trials: u64,
     findings: u64,
     total: Outcome,
     longest_recovery: (u64, u64),
+    /// The first finding that could not be written.
+    error: Option<String>,
 }
 
-impl Sums {
-    fn add(&mut self, seed: u64, outcome: &Outcome) {
+impl Sums<Result<Outcome, String>> for SoakSums {
+    fn add(&mut self, seed: u64, outcome: Result<Outcome, String>) {
+        let outcome = match outcome {
+            Ok(outcome) => outcome,
+            Err(text) => {
+                self.error.get_or_insert(text);
+                return;
+            }
+        };
         self.trials += 1;
         self.findings += u64::from(outcome.finding.is_some());
         self.total.cycles += outcome.cycles;
@@ -53,7 +55,7 @@ impl Sums {
         self.longest_recovery = self.longest_recovery.max((outcome.recovery_ns, seed));
     }
 
-    fn line(&self, seconds: f64) -> String {
+    fn progress(&self, seconds: f64) -> String {
         let memory =
             resident_mib().map_or_else(String::new, |mib| format!("; {mib} MiB of memory"));
         format!(
@@ -76,49 +78,23 @@ pub fn run(arguments: &Arguments, interrupt: &Interrupt) -> Result<bool, String>
         print(Stream::Output, text(&Plan::draw(arguments.seed, arguments.cycles))?);
         return Ok(true);
     }
-    let processors = std::thread::available_parallelism().map_or(1, usize::from);
-    let threads = arguments.threads.unwrap_or(processors).max(1);
-    let next = AtomicU64::new(0);
-    let sums = Mutex::new(Sums::default());
-    let error = Mutex::new(None);
     let begin = Instant::now();
-    let reported = Mutex::new(begin);
     let is_over = || {
         let limit = arguments.seconds.map(Duration::from_secs);
         interrupt.is_set() || limit.is_some_and(|limit| begin.elapsed() >= limit)
     };
-    std::thread::scope(|scope| {
-        for _ in 0..threads {
-            scope.spawn(|| {
-                while !is_over() {
-                    let nth = next.fetch_add(1, Ordering::Relaxed);
-                    if nth >= arguments.seeds {
-                        return;
-                    }
-                    let seed = arguments.seed + nth;
-                    let plan = Plan::draw(seed, arguments.cycles);
-                    let outcome = trial(&plan);
-                    if outcome.finding.is_some()
-                        && let Err(text) = report(&plan, &outcome, &arguments.output)
-                    {
-                        error.lock().expect("no panic").get_or_insert(text);
-                    }
-                    let mut sums = sums.lock().expect("no panic");
-                    sums.add(seed, &outcome);
-                    let mut reported = reported.lock().expect("no panic");
-                    if reported.elapsed() > PROGRESS {
-                        *reported = Instant::now();
-                        print_line!("{}", sums.line(begin.elapsed().as_secs_f64()));
-                    }
-                }
-            });
-        }
-    });
-    if let Some(text) = error.into_inner().expect("no panic") {
+    let reported = |seed| {
+        let plan = Plan::draw(seed, arguments.cycles);
+        let outcome = trial(&plan);
+        report(&plan, &outcome, &arguments.output).map(|()| outcome)
+    };
+    let seeds = (arguments.seed..).zip(0..arguments.seeds).map(|(seed, _)| seed);
+    let print = |line: &str| print_line!("{line}");
+    let sums = run_seeds(seeds, arguments.threads, is_over, reported, SoakSums::default(), print);
+    if let Some(text) = sums.error {
         return Err(text);
     }
-    let sums = sums.into_inner().expect("no panic");
-    print_line!("{}", sums.line(begin.elapsed().as_secs_f64()));
+    print_line!("{}", sums.progress(begin.elapsed().as_secs_f64()));
     let total = &sums.total;
     print_line!(
         "{} frames accepted, {} on the buses, {} received; {} faults; longest recovery {:.1} s (seed {})",

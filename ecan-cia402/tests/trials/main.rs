@@ -27,11 +27,9 @@ mod run;
 mod sdk;
 mod variants;
 
-use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::sync::Mutex;
-use std::sync::atomic::{AtomicUsize, Ordering};
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
+use ecan_test_support::{catch_panic, run_seeds};
 use log::Level;
 use plan::Plan;
 use report::{Finding, Kind, Outcome, Summary};
@@ -135,18 +133,13 @@ impl Family {
 }
 
 fn trial(seed: u64, family: Family, level: Level) -> (Outcome, String) {
-    let run = AssertUnwindSafe(|| match family.plan(seed) {
+    let run = || match family.plan(seed) {
         Some(plan) => Trial::run(plan, level),
-        None => (Outcome { seed, ..Outcome::default() }, String::new()),
-    });
-    catch_unwind(run).unwrap_or_else(|cause| {
-        let text = cause
-            .downcast_ref::<String>()
-            .cloned()
-            .or_else(|| cause.downcast_ref::<&str>().map(|text| (*text).to_owned()))
-            .unwrap_or_default();
+        None => (Outcome::default(), String::new()),
+    };
+    catch_panic(run).unwrap_or_else(|text| {
         let finding = Finding { kind: Kind::Panic, axis: 0, at_ns: 0, text };
-        (Outcome { seed, findings: vec![finding], ..Outcome::default() }, String::new())
+        (Outcome { findings: vec![finding], ..Outcome::default() }, String::new())
     })
 }
 
@@ -175,54 +168,28 @@ fn run_trials(count: u64, found: &[u64], family: Family) {
         1 => Level::Events,
         _ => Level::Motion,
     };
-    let cores = std::thread::available_parallelism().map_or(1, |cores| cores.get() as u64);
-    let threads = variable("TRIALS_THREADS").unwrap_or(cores).max(1);
+    let threads = variable("TRIALS_THREADS").map(|threads| threads as usize);
     let found = if variable("TRIALS_FIRST").is_none() { found } else { &[] };
-    let next = AtomicUsize::new(0);
-    let total = found.len() + count as usize;
-    let summary = Mutex::new(Summary::default());
-    let begin = Instant::now();
-    let reported = Mutex::new(begin);
-    std::thread::scope(|scope| {
-        for _ in 0..threads {
-            scope.spawn(|| {
-                loop {
-                    let nth = next.fetch_add(1, Ordering::Relaxed);
-                    if nth >= total {
-                        return;
-                    }
-                    let later = nth.checked_sub(found.len()).map(|nth| first + nth as u64);
-                    let seed = later.unwrap_or_else(|| found[nth]);
-                    let (outcome, log) = trial(seed, family, level);
-                    if level > Level::Off {
-                        println!("{log}");
-                    }
-                    for finding in &outcome.findings {
-                        println!(
-                            "TRIALS_FIRST={seed} TRIALS_COUNT=1: {:?}, axis {}, {} ms: {}",
-                            finding.kind,
-                            finding.axis,
-                            finding.at_ns / 1_000_000,
-                            finding.text
-                        );
-                    }
-                    let mut summary = summary.lock().unwrap();
-                    summary.add(outcome);
-                    let mut reported = reported.lock().unwrap();
-                    if reported.elapsed() > Duration::from_secs(20) {
-                        *reported = Instant::now();
-                        println!(
-                            "{} of {count} trials, {} with violations, {:.0} simulated seconds per second",
-                            summary.trials,
-                            summary.failed.len(),
-                            summary.simulated_s() / begin.elapsed().as_secs_f64()
-                        );
-                    }
-                }
-            });
+    let seeds = found.iter().copied().chain(first..first + count);
+    let reported = |seed| {
+        let (outcome, log) = trial(seed, family, level);
+        if level > Level::Off {
+            println!("{log}");
         }
-    });
-    let mut summary = summary.into_inner().unwrap();
+        for finding in &outcome.findings {
+            println!(
+                "TRIALS_FIRST={seed} TRIALS_COUNT=1: {:?}, axis {}, {} ms: {}",
+                finding.kind,
+                finding.axis,
+                finding.at_ns / 1_000_000,
+                finding.text
+            );
+        }
+        outcome
+    };
+    let begin = Instant::now();
+    let print = |line: &str| println!("{line}");
+    let mut summary = run_seeds(seeds, threads, || false, reported, Summary::default(), print);
     let seconds = begin.elapsed().as_secs_f64();
     println!("{}", summary.text());
     println!("{:.0} simulated seconds in {seconds:.0} s", summary.simulated_s());

@@ -3,6 +3,8 @@
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 
+use ecan_test_support::Sums;
+
 use crate::monitor::StopKind;
 use crate::sdk::Class;
 
@@ -90,7 +92,6 @@ pub type Shares = BTreeMap<&'static str, u64>;
 
 #[derive(Debug, Default)]
 pub struct Outcome {
-    pub seed: u64,
     pub findings: Vec<Finding>,
     pub stops: Vec<StopSample>,
     /// Time until all axes ran again after the last event, ns, and its shares.
@@ -114,26 +115,37 @@ pub struct Summary {
     simulated_ns: u64,
 }
 
-impl Summary {
-    pub fn add(&mut self, outcome: Outcome) {
+impl Sums<Outcome> for Summary {
+    fn add(&mut self, seed: u64, outcome: Outcome) {
         self.trials += 1;
         self.simulated_ns += outcome.simulated_ns;
         self.feed_forwards += outcome.feed_forwards;
         if !outcome.findings.is_empty() {
-            self.failed.push(outcome.seed);
+            self.failed.push(seed);
         }
         for finding in outcome.findings {
-            self.findings.entry(finding.kind).or_default().push((outcome.seed, finding));
+            self.findings.entry(finding.kind).or_default().push((seed, finding));
         }
-        self.stops.extend(outcome.stops.into_iter().map(|stop| (outcome.seed, stop)));
+        self.stops.extend(outcome.stops.into_iter().map(|stop| (seed, stop)));
         if let Some(ns) = outcome.recovery_ns {
-            self.recoveries.push((ns, outcome.seed, outcome.shares));
+            self.recoveries.push((ns, seed, outcome.shares));
         }
         if outcome.fastest > self.fastest.0 {
-            self.fastest = (outcome.fastest, outcome.seed);
+            self.fastest = (outcome.fastest, seed);
         }
     }
 
+    fn progress(&self, seconds: f64) -> String {
+        format!(
+            "{} trials, {} with violations, {:.0} simulated seconds per second",
+            self.trials,
+            self.failed.len(),
+            self.simulated_s() / seconds
+        )
+    }
+}
+
+impl Summary {
     pub fn simulated_s(&self) -> f64 {
         self.simulated_ns as f64 / 1e9
     }

@@ -76,17 +76,16 @@ struct Skips {
 
 impl Trial {
     pub fn run(plan: Plan, level: Level) -> (Outcome, String) {
-        let seed = plan.seed;
         let header = plan.to_string();
         let variants = plan.variants.clone();
         let mut trial = match Self::start(plan, level) {
             Ok(trial) => trial,
             Err(text) if variants::explains(&variants, &text) => {
-                return (Outcome { seed, ..Outcome::default() }, header);
+                return (Outcome::default(), header);
             }
             Err(text) => {
                 let finding = Finding { kind: Kind::NoStart, axis: 0, at_ns: 0, text };
-                return (Outcome { seed, findings: vec![finding], ..Outcome::default() }, header);
+                return (Outcome { findings: vec![finding], ..Outcome::default() }, header);
             }
         };
         trial.note(&header);
@@ -141,7 +140,7 @@ impl Trial {
             kernel_lines: 0,
             gateway_texts: vec![String::new(); plan.gateways],
             now: 0,
-            outcome: Outcome { seed: plan.seed, ..Outcome::default() },
+            outcome: Outcome::default(),
             log: Log::new(level),
             plan,
             backend,
