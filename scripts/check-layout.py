@@ -17,11 +17,13 @@ MAX_LINES = 600
 # From the bottom to the top. A crate depends on crates of earlier lines only.
 LAYERS = [
     "ecan-test-support",
-    "ecan-protocol ecrt-sys ecan-c-export",
-    "ecan-can-io ecan-host",
+    "ecan-protocol ecan-c-export",
+    "ecrt-sys",
+    "ecan-host",
     "ecan-mcan-port",
     "ecan-canopen",
     "ecan-cia402",
+    "ecan-can-io",
     "ecan-sim",
     "ecan-service",
     "ecan-service-zenoh",
