@@ -422,7 +422,6 @@ impl Case {
 
 proptest! {
     #![proptest_config(ProptestConfig {
-        cases: 2_000,
         failure_persistence: None,
         ..ProptestConfig::default()
     })]

@@ -164,8 +164,6 @@ fn assert_same(read: &[Packet<'_>], written: &[&Item]) {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(400))]
-
     #[test]
     fn what_is_written_is_read(
         (direction, profile, d64, images) in stream(),

@@ -80,8 +80,6 @@ fn compact_object() -> impl Strategy<Value = Vec<String>> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(3000))]
-
     #[test]
     fn compact_object_is_written_and_read(lines in compact_object()) {
         is_written_and_read(lines.join("\n").as_bytes());
@@ -89,8 +87,6 @@ proptest! {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(1000))]
-
     #[test]
     fn any_file_is_written_and_read(lines in prop::collection::vec(line(), 0..60)) {
         is_written_and_read(lines.join("\n").as_bytes());

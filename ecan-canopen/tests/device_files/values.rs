@@ -62,8 +62,6 @@ fn value_bytes() -> impl Strategy<Value = (DataType, Vec<u8>)> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(1000))]
-
     #[test]
     fn decoded_value_is_encoded_to_the_same_bytes((data_type, bytes) in value_bytes()) {
         let value = data_type.decode(&bytes).unwrap();

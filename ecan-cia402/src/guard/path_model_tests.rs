@@ -385,8 +385,6 @@ impl Model {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 300, ..ProptestConfig::default() })]
-
     #[test]
     fn no_drive_gets_a_stale_or_a_far_target(
         conditions in prop::collection::vec(conditions(), 20..400),

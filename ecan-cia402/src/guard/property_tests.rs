@@ -366,8 +366,6 @@ fn well(position: i32) -> CycleEvents {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 400, ..ProptestConfig::default() })]
-
     #[test]
     fn guard_sends_only_targets_that_the_record_allows(
         limits in limits(),

@@ -154,8 +154,6 @@ fn any_frame() -> impl Strategy<Value = CanFrame> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(4096))]
-
     #[test]
     fn lengths_equal_encoded_bits(frame in any_frame()) {
         let wire = super::naive::encode(&frame);

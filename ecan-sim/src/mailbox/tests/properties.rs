@@ -195,8 +195,6 @@ fn run(steps: Vec<Step>) {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(400))]
-
     #[test]
     fn whatever_is_written(steps in prop::collection::vec(step(), 1..60)) {
         run(steps);
