@@ -2,11 +2,6 @@
 
 use clap::Command;
 
-/// Returns whether the arguments ask for the short help.
-pub fn is_requested() -> bool {
-    std::env::args_os().skip(1).take_while(|it| it != "--").any(|it| it == "-h")
-}
-
 /// Folds the options of every command into one line.
 pub fn fold(command: Command) -> Command {
     let mut folded = Vec::new();

@@ -250,17 +250,20 @@ macro_rules! print_error_line {
 
 /// Parses the arguments of the process. After a wrong argument or a help, prints the message and exits.
 pub fn parse_arguments<T: clap::Parser>() -> T {
-    T::try_parse().unwrap_or_else(|error| exit_after(&with_printable_arguments(error)))
+    T::try_parse().unwrap_or_else(|error| {
+        process::exit(print_message(&with_printable_arguments(error)).into())
+    })
 }
 
-/// Prints the message or the help of clap and exits with its status.
-pub fn exit_after(error: &clap::Error) -> ! {
-    if !error.use_stderr() {
-        // A help has no text from outside.
-        error.exit()
+/// Prints the message or the help of clap; returns its exit status.
+pub fn print_message(error: &clap::Error) -> u8 {
+    if error.use_stderr() {
+        print(Stream::Error, error.render());
+    } else {
+        // A help has no text from outside. A closed stream is not an error.
+        let _ = error.print();
     }
-    print(Stream::Error, error.render());
-    process::exit(error.exit_code());
+    u8::try_from(error.exit_code()).unwrap_or(u8::MAX)
 }
 
 /// Escapes the control characters of the arguments in a message of clap, which would remove escape

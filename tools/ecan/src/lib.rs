@@ -1,0 +1,144 @@
+//! The program `ecan`: bring-up, diagnosis and maintenance of ECAN-Lite gateways.
+//!
+//! ```text
+//! ecan --ecrt sim scan
+//! ecan --slave 0 sdo read 0x8010:3
+//! ```
+#![forbid(unsafe_code)]
+
+mod bus;
+mod commands;
+mod config_changes;
+mod config_file;
+mod configured_node;
+mod confirmation;
+mod context;
+mod ethercat_tool;
+mod failure;
+mod firmware_version;
+mod frames;
+mod global;
+mod input_file;
+mod object_path;
+mod output;
+mod program;
+mod progress;
+mod readings;
+mod reconfiguration;
+mod service_access;
+mod short_help;
+mod slave_choice;
+mod table;
+mod value;
+mod via;
+mod via_option;
+
+use std::ffi::OsString;
+
+use clap::{CommandFactory, FromArgMatches, Parser};
+
+use commands::Command;
+use ecan_tool_support::command_line::screen::{print_message, with_printable_arguments};
+
+use context::{Context, Failure, GlobalOptions, Output, note};
+use global::Color;
+use via_option::GivenOptions;
+
+/// Bring-up, diagnosis and maintenance of ECAN-Lite gateways.
+#[derive(Debug, Parser)]
+#[command(name = "ecan", version, after_help = global::EXIT_STATUS)]
+struct Arguments {
+    #[command(flatten)]
+    global: GlobalOptions,
+    #[command(subcommand)]
+    command: Command,
+}
+
+/// Runs the program with its arguments, of which the first one is its name. Prints on the standard streams
+/// of the process and returns the exit status.
+pub fn run(arguments: impl IntoIterator<Item = OsString>) -> u8 {
+    let arguments: Vec<_> = arguments.into_iter().collect();
+    let Arguments { global, command } = match parse(&arguments) {
+        Ok(parsed) => parsed,
+        Err(error) => return reject(&arguments, &error),
+    };
+    global.log.start();
+    let output = Output::new(global.json, global.color);
+    let context = Context { global: &global, output };
+    let outcome = match &command {
+        Command::Scan => commands::scan::run(&context),
+        Command::Info(arguments) => commands::info::run(arguments, &context),
+        Command::Caps => commands::caps::run(&context),
+        Command::Config(arguments) => commands::config::run(arguments, &context),
+        Command::Sdo(arguments) => commands::sdo::run(arguments, &context),
+        Command::Diag(arguments) => commands::diag::run(arguments, &context),
+        Command::Doctor(arguments) => commands::doctor::run(arguments, &context),
+        Command::Reg(arguments) => commands::reg::run(arguments, &context),
+        Command::Filter(arguments) => commands::filter::run(arguments, &context),
+        Command::Pins(arguments) => commands::pins::run(arguments, &context),
+        Command::Reboot(arguments) => commands::reboot::run(arguments, &context),
+        Command::Plan(arguments) => commands::plan::run(arguments, &context),
+        Command::Firmware(arguments) => commands::firmware::run(arguments, &context),
+        Command::Dump(arguments) => commands::dump::run(arguments, &context),
+        Command::Send(arguments) => commands::send::run(arguments, &context),
+        Command::Gen(arguments) => commands::generate::run(arguments, &context),
+        Command::Replay(arguments) => commands::replay::run(arguments, &context),
+        Command::Monitor(arguments) => commands::monitor::run(arguments, &context),
+        Command::Node(arguments) => commands::node::run(arguments, &context),
+        Command::Axis(arguments) => commands::axis::run(arguments, &context),
+        Command::Bridge(arguments) => commands::bridge::run(arguments, &context),
+        Command::Serve(arguments) => commands::serve::run(arguments, &context),
+        Command::Sim(arguments) => commands::sim::run(arguments, &context),
+        #[cfg(feature = "zenoh")]
+        Command::Zenoh(arguments) => commands::zenoh::run(arguments, &context),
+        Command::Probe(arguments) => commands::probe::run(arguments, &context),
+        Command::Selftest(arguments) => commands::selftest::run(arguments, &context),
+        Command::Completions { shell } => {
+            let mut script = Vec::new();
+            clap_complete::generate(*shell, &mut Arguments::command(), "ecan", &mut script);
+            output.bytes(&script)
+        }
+        Command::Man { directory } => commands::man::run(&Arguments::command(), directory),
+    };
+    match outcome {
+        Ok(()) | Err(Failure::ReaderGone) => 0,
+        Err(failure) => {
+            output.failure(&failure, failure.status());
+            note(format_args!("ecan: {failure}"));
+            failure.status()
+        }
+    }
+}
+
+fn parse(arguments: &[OsString]) -> Result<Arguments, clap::Error> {
+    let mut command = command();
+    if options(arguments).any(|option| option == "-h") {
+        command = short_help::fold(command);
+    }
+    let matches = command.try_get_matches_from_mut(arguments).map_err(with_printable_arguments)?;
+    let mut arguments =
+        Arguments::from_arg_matches(&matches).map_err(|error| error.format(&mut command))?;
+    arguments.global.given = GivenOptions::of(&command, &matches);
+    Ok(arguments)
+}
+
+/// The program with all its commands and options.
+fn command() -> clap::Command {
+    Arguments::command()
+}
+
+/// Arguments that may be options: those before `--`.
+fn options(arguments: &[OsString]) -> impl Iterator<Item = &OsString> {
+    arguments.iter().skip(1).take_while(|argument| *argument != "--")
+}
+
+/// Prints the message for arguments that clap rejects, or a help; returns the exit status.
+fn reject(arguments: &[OsString], error: &clap::Error) -> u8 {
+    let is_json = error.use_stderr() && options(arguments).any(|option| option == "--json");
+    let text = error.render().to_string();
+    // The message without the usage.
+    let message = text.split("\n\n").next().unwrap_or_default().trim_start_matches("error: ");
+    let failure = Failure::Usage(message.to_owned());
+    Output::new(is_json, Color::Never).failure(&failure, failure.status());
+    print_message(error)
+}
