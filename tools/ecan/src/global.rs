@@ -1,9 +1,15 @@
-use clap::{Args, ValueEnum};
+//! Options of every command, and which of them a service permits.
+
+use std::convert::Infallible;
+use std::path::PathBuf;
+use std::str::FromStr;
+
+use clap::parser::ValueSource;
+use clap::{ArgMatches, Args, Command, ValueEnum};
 use ecan_tool_support::command_line::options::LogArguments;
 
 use crate::failure::{Failure, Result};
 use crate::slave_choice::SlaveChoice;
-use crate::via_option::{GivenOptions, Via};
 
 pub const EXIT_STATUS: &str = "\
 Exit status:
@@ -83,5 +89,335 @@ impl GlobalOptions {
     /// The master of a command without a configuration file.
     pub fn master(&self) -> u32 {
         self.master.unwrap_or(0)
+    }
+}
+
+/// Argument of `--via`.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub enum Via {
+    /// A service that responds at a default path, otherwise the library.
+    #[default]
+    Auto,
+    Direct,
+    Service(PathBuf),
+}
+
+impl FromStr for Via {
+    type Err = Infallible;
+
+    fn from_str(text: &str) -> Result<Self, Infallible> {
+        Ok(match text {
+            "auto" => Self::Auto,
+            "direct" => Self::Direct,
+            path => Self::Service(path.into()),
+        })
+    }
+}
+
+/// Options that have no effect with a service, by the reason. The service runs the cycle and has
+/// configured the gateways.
+const UNUSED: [(&str, &[&str]); 3] = [
+    (
+        "the program of the service has its own real-time settings",
+        &["rt-priority", "cpu", "lock-memory", "rt-required", "cpu-latency-us", "spin-us"],
+    ),
+    (
+        "the service has configured the gateways and the cycle",
+        &["sample-point", "data-sample-point", "pdo-n", "large-pdos", "cycle-us"],
+    ),
+    ("a test through a service changes no configuration", &["selftest --restart"]),
+];
+
+/// Options of the command line, in their order of declaration, without those of every command.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct GivenOptions {
+    /// Names of the command and its subcommands, for example "node sdo read".
+    command: String,
+    names: Vec<String>,
+}
+
+impl GivenOptions {
+    /// Reads which options come from the command line and not from a default.
+    pub fn of(command: &Command, matches: &ArgMatches) -> Self {
+        let (mut command, mut matches) = (command, matches);
+        let mut given = Self::default();
+        while let Some((name, inner)) = matches.subcommand() {
+            let Some(found) = command.find_subcommand(name) else { break };
+            let separator = if given.command.is_empty() { "" } else { " " };
+            given.command = format!("{}{separator}{name}", given.command);
+            let is_given = |id: &str| inner.value_source(id) == Some(ValueSource::CommandLine);
+            let arguments = found.get_arguments().filter(|argument| !argument.is_global_set());
+            let arguments = arguments.filter(|argument| is_given(argument.get_id().as_str()));
+            given
+                .names
+                .extend(arguments.filter_map(|argument| argument.get_long().map(str::to_owned)));
+            (command, matches) = (found, inner);
+        }
+        given
+    }
+
+    /// Rejects options that have no effect with a service; `program` is that of the service.
+    pub fn check_with_service(&self, program: &str) -> Result {
+        for (reason, _) in UNUSED {
+            let unused = |name: &&String| unused_reason(&self.command, name) == Some(reason);
+            let names: Vec<_> =
+                self.names.iter().filter(unused).map(|name| format!("--{name}")).collect();
+            if !names.is_empty() {
+                return Err(Failure::Usage(format!(
+                    "{} has no effect with a service, here {program}: {reason}; remove it, or use \
+                     --via direct",
+                    names.join(", ")
+                )));
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Reason why an option of a command has no effect with a service; `None` if it has.
+fn unused_reason(command: &str, name: &str) -> Option<&'static str> {
+    let of_command = format!("{command} --{name}");
+    let is_listed =
+        |names: &[&str]| names.iter().any(|listed| *listed == name || *listed == of_command);
+    UNUSED.iter().find(|(_, names)| is_listed(names)).map(|(reason, _)| *reason)
+}
+
+/// Folds the options of every command into one line.
+pub fn fold(command: Command) -> Command {
+    let mut folded = Vec::new();
+    let command = command.after_help("").mut_args(|arg| {
+        if !arg.is_global_set() {
+            return arg;
+        }
+        folded.extend(arg.get_long().map(|name| format!("--{name}")));
+        arg.hide(true)
+    });
+    let line = format!("Bus, output, exit status: see --help ({})", folded.join(", "));
+    with_line(command, &line)
+}
+
+fn with_line(command: Command, line: &str) -> Command {
+    let text = match command.get_after_help().map(ToString::to_string) {
+        Some(text) if !text.is_empty() => format!("{text}\n\n{line}"),
+        _ => line.to_owned(),
+    };
+    command.after_help(text).mut_subcommands(|command| with_line(command, line))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Options that a command uses with a service, rejects itself, or uses without any bus. A new
+    /// option is listed here or in `UNUSED`.
+    const USED: &[&str] = &[
+        "acceleration",
+        "accept-risk",
+        "activate",
+        "active",
+        "address",
+        "after",
+        "after-op",
+        "after-ready",
+        "all",
+        "amplitude",
+        "application",
+        "ascii",
+        "at",
+        "axis",
+        "beacon",
+        "bitrate",
+        "bitrates",
+        "brief",
+        "brs",
+        "buffer",
+        "bundle",
+        "by",
+        "bytes",
+        "call",
+        "capture",
+        "channel",
+        "channels",
+        "clear",
+        "code",
+        "config",
+        "control-group",
+        "count",
+        "cycle",
+        "cycles",
+        "data",
+        "data-bitrate",
+        "dbc",
+        "device-time",
+        "eds",
+        "errno",
+        "ethercat",
+        "ethtool",
+        "expect-version",
+        "extended",
+        "extra",
+        "fd",
+        "for",
+        "force",
+        "format",
+        "frames",
+        "from",
+        "gap",
+        "gateway",
+        "gateways",
+        "group",
+        "hold-key",
+        "id",
+        "idle",
+        "images",
+        "index",
+        "io",
+        "key-timeout",
+        "length",
+        "listen",
+        "listen-only",
+        "log-format",
+        "loop",
+        "mask",
+        "max-clients",
+        "max-velocity",
+        "method",
+        "metrics",
+        "metrics-objects",
+        "metrics-remote",
+        "mix",
+        "mode",
+        "names",
+        "nanoseconds",
+        "no-apply",
+        "node",
+        "observe",
+        "node-axis",
+        "nodes",
+        "ns",
+        "off",
+        "offset",
+        "once",
+        "only",
+        "plot",
+        "points",
+        "product",
+        "pty",
+        "range",
+        "read-only",
+        "record",
+        "register",
+        "remote",
+        "replay",
+        "report",
+        "reset-fault",
+        "revision",
+        "root",
+        "scan-time",
+        "screen",
+        "seed",
+        "serial",
+        "settle",
+        "slaves",
+        "slcan",
+        "socket",
+        "socketcan",
+        "socketcand",
+        "sort",
+        "speed",
+        "standard",
+        "step",
+        "steps",
+        "steps-per-turn",
+        "store",
+        "subindex",
+        "sweep",
+        "switch-speed",
+        "sync",
+        "time",
+        "time-stamps",
+        "timeout",
+        "times",
+        "to",
+        "tolerance",
+        "type",
+        "unattended",
+        "unit",
+        "unmasked",
+        "value",
+        "velocity",
+        "velocity-units",
+        "vendor",
+        "verbose",
+        "view",
+        "wait",
+        "watch",
+        "way",
+        "wired",
+        "write-profile",
+        "yes",
+        "zero-speed",
+    ];
+
+    /// Calls `visit` with the names of each command and its options.
+    fn walk(command: &Command, path: &str, visit: &mut dyn FnMut(&str, &str)) {
+        for argument in command.get_arguments().filter(|argument| !argument.is_global_set()) {
+            argument.get_long().into_iter().for_each(|name| visit(path, name));
+        }
+        for inner in command.get_subcommands() {
+            let separator = if path.is_empty() { "" } else { " " };
+            walk(inner, &format!("{path}{separator}{}", inner.get_name()), visit);
+        }
+    }
+
+    #[test]
+    fn every_option_is_used_with_a_service_or_rejected() {
+        let (mut seen, mut count) = (std::collections::BTreeSet::new(), 0);
+        walk(&crate::command(), "", &mut |command, name| {
+            if command == "zenoh" {
+                // The command is in some builds only, and needs a service.
+                return;
+            }
+            let is_used = USED.contains(&name);
+            let rejected = unused_reason(command, name);
+            let of_command = format!("{command} --{name}");
+            let is_special = UNUSED.iter().any(|(_, names)| names.contains(&of_command.as_str()));
+            assert!(
+                is_used != rejected.is_some() || is_special,
+                "{of_command}: decide whether it has an effect with a service"
+            );
+            seen.extend([name.to_owned(), of_command]);
+            count += usize::from(rejected.is_some());
+        });
+        assert!(count > 100, "{count}");
+        let listed = UNUSED.iter().flat_map(|(_, names)| names.iter()).chain(USED);
+        for name in listed {
+            assert!(seen.contains(*name), "{name} is no option");
+        }
+    }
+
+    #[test]
+    fn given_options_are_those_of_the_command_line() {
+        let mut command = crate::command();
+        let line = ["ecan", "--slave", "0", "node", "sdo", "read", "--cpu", "1", "0x1000"];
+        let line = line.into_iter().chain(["--node", "1", "--pdo-n", "3", "--rt-required"]);
+        let matches = command.try_get_matches_from_mut(line).unwrap();
+        let given = GivenOptions::of(&command, &matches);
+        assert_eq!(given.command, "node sdo read");
+        assert!(given.names.iter().all(|name| !["cycle-us", "slave"].contains(&name.as_str())));
+        let message = given.check_with_service("cell 1.0 (pid 7)").unwrap_err().to_string();
+        assert!(
+            message.contains("--cpu, --rt-required has no effect with a service, here cell 1.0")
+                && message.contains("--via direct"),
+            "{message}"
+        );
+        assert!(GivenOptions::default().check_with_service("x").is_ok());
+    }
+
+    #[test]
+    fn way_is_parsed_from_text() {
+        let parse = |text: &str| text.parse::<Via>().unwrap();
+        assert_eq!((parse("auto"), parse("direct")), (Via::Auto, Via::Direct));
+        assert_eq!(parse("/run/x.sock"), Via::Service("/run/x.sock".into()));
     }
 }

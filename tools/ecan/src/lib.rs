@@ -26,23 +26,17 @@ mod progress;
 mod readings;
 mod reconfiguration;
 mod service_access;
-mod short_help;
 mod slave_choice;
 mod table;
 mod value;
-mod via;
-mod via_option;
 
 use std::ffi::OsString;
 
 use clap::{CommandFactory, FromArgMatches, Parser};
-
 use commands::Command;
-use ecan_tool_support::command_line::screen::{print_message, with_printable_arguments};
-
 use context::{Context, Failure, GlobalOptions, Output, note};
-use global::Color;
-use via_option::GivenOptions;
+use ecan_tool_support::command_line::screen::{print_message, with_printable_arguments};
+use global::{Color, GivenOptions};
 
 /// Bring-up, diagnosis and maintenance of ECAN-Lite gateways.
 #[derive(Debug, Parser)]
@@ -68,7 +62,7 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> u8 {
     let outcome = match &command {
         Command::Scan => commands::scan::run(&context),
         Command::Info(arguments) => commands::info::run(arguments, &context),
-        Command::Caps => commands::caps::run(&context),
+        Command::Caps => commands::info::run_caps(&context),
         Command::Config(arguments) => commands::config::run(arguments, &context),
         Command::Sdo(arguments) => commands::sdo::run(arguments, &context),
         Command::Diag(arguments) => commands::diag::run(arguments, &context),
@@ -113,7 +107,7 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> u8 {
 fn parse(arguments: &[OsString]) -> Result<Arguments, clap::Error> {
     let mut command = command();
     if options(arguments).any(|option| option == "-h") {
-        command = short_help::fold(command);
+        command = global::fold(command);
     }
     let matches = command.try_get_matches_from_mut(arguments).map_err(with_printable_arguments)?;
     let mut arguments =

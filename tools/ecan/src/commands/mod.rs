@@ -1,6 +1,5 @@
 pub mod axis;
 pub mod bridge;
-pub mod caps;
 pub mod config;
 pub mod diag;
 pub mod doctor;

@@ -10,10 +10,9 @@ use ecan_protocol::text::Printable;
 use ecan_tool_support::command_line::new_file::is_standard_stream;
 
 use crate::context::{Context, Failure, Result, note};
-use crate::frames::recording::{self, Recorded, RecordedLog};
 use crate::frames::{
     Channels, Destination, Due, FrameOptions, GatewayRequirements, Prepared, Printer, Record,
-    Screen, Sender,
+    Recorded, RecordedLog, Screen, Sender, read_recording,
 };
 
 pub const EXAMPLES: &str = "\
@@ -95,7 +94,7 @@ impl Recording {
         let ReplayArguments { file, format, time_stamps, channel, .. } = arguments;
         let options = ReadOptions { format: *format, screen_times: *time_stamps };
         let RecordedLog { frames, error_frames, screen_times } =
-            recording::read(file, &options, *channel, 1)?;
+            read_recording(file, &options, *channel, 1)?;
         let screen_times = screen_times.filter(|_| time_stamps.is_none());
         let name = Printable(arguments.file.display());
         let same = |out: &Path| {

@@ -12,8 +12,8 @@ use ecan_service_zenoh::{
 };
 use ecan_tool_support::command_line::interrupt::Interrupt;
 
+use crate::context;
 use crate::context::{Context, Failure, Result, note};
-use crate::via;
 
 pub const EXAMPLES: &str = "\
 Examples:
@@ -54,9 +54,10 @@ pub struct ZenohArguments {
 pub fn run(arguments: &ZenohArguments, context: &Context) -> Result {
     context.global.without_slave("it publishes the whole service")?;
     let interrupt = Interrupt::install()?;
-    let connection = via::connect(context.global, context.global.master())?.ok_or_else(|| {
-        Failure::Master("no service to publish; start ecan serve, or set --via".to_owned())
-    })?;
+    let connection =
+        context::connect(context.global, context.global.master())?.ok_or_else(|| {
+            Failure::Master("no service to publish; start ecan serve, or set --via".to_owned())
+        })?;
     let (path, hello) = (connection.path().to_owned(), connection.hello().clone());
     drop(connection);
     if arguments.control && hello.access != Access::Control {

@@ -1,12 +1,18 @@
-//! Channels of a command.
+//! Channels of a command, their bit rates, and the frames of a recording for them.
 
 use std::fmt;
+use std::path::Path;
 use std::str::FromStr;
 
 use clap::Args;
-use ecan_mcan_port::PortConfig;
-use ecan_protocol::config::McanChannelConfig;
+use ecan_can_io::recording::{LoggedFrame, ReadOptions, Recording, ScreenTimes};
+use ecan_mcan_port::{ChannelConfig, PortConfig};
+use ecan_protocol::config::{BitTimingMode, ConfigObject, McanChannelConfig};
 use ecan_protocol::mapping::CHANNELS;
+use ecan_protocol::text::Printable;
+use ecan_tool_support::command_line::log_file;
+
+use crate::context::{Bus, Failure, Result};
 
 /// One or several channels of a gateway: `0`, `can0`, `0,2` or `all`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -110,8 +116,101 @@ pub fn names_channel(text: &str) -> bool {
     text.starts_with("can") && parse_channel(text).is_ok()
 }
 
+/// Entries of 0x8001..0x8004 for the bit timing besides the bit rates: timing mode, non-ISO CAN FD,
+/// sample points (manual 13.4).
+const TIMING: [u8; 6] = [7, 9, 21, 22, 23, 24];
+const MANUAL_TIMING: [u8; 11] = [16, 25, 26, 27, 28, 29, 30, 31, 32, 33, 34];
+
+/// Nominal bit rate and, with CAN FD, data bit rate, in bit/s.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct BitRates {
+    nominal: u32,
+    data: Option<u32>,
+}
+
+impl BitRates {
+    pub fn of(can: &McanChannelConfig) -> Self {
+        Self { nominal: can.nominal_bitrate, data: can.fd.then_some(can.data_bitrate) }
+    }
+}
+
+impl fmt::Display for BitRates {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.data {
+            None => write!(f, "{} bit/s", self.nominal),
+            Some(data) => write!(f, "{}/{data} bit/s", self.nominal),
+        }
+    }
+}
+
+/// Reads the bit timing of a channel from the gateway; all else is default.
+pub fn of_gateway(bus: &Bus, slave: usize, channel: u8) -> Result<ChannelConfig> {
+    let index = 0x8001 + u16::from(channel);
+    let read = |subindex| bus.read(slave, index, subindex);
+    let nominal = read(19)?;
+    let mut settings = match read(15)? {
+        0 => ChannelConfig::classic(nominal),
+        _ => ChannelConfig::fd(nominal, read(20)?),
+    };
+    let mut take = |subindex| {
+        let value = read(subindex)?;
+        settings.can.set_value(subindex, value).map_err(|_| {
+            Failure::Rejected(format!(
+                "invalid value {value} in 0x{index:04X}:{subindex:02} of the gateway; \
+                 set the bit rate with --bitrate"
+            ))
+        })
+    };
+    TIMING.into_iter().try_for_each(&mut take)?;
+    if read(7)? == u32::from(BitTimingMode::Manual as u8) {
+        MANUAL_TIMING.into_iter().try_for_each(&mut take)?;
+    }
+    Ok(settings)
+}
+
+#[derive(Clone, Debug)]
+pub struct Recorded {
+    pub gateway: usize,
+    pub channel: u8,
+    pub logged: LoggedFrame,
+}
+
+#[derive(Clone, Debug)]
+pub struct RecordedLog {
+    /// Frames, at least one.
+    pub frames: Vec<Recorded>,
+    pub error_frames: usize,
+    /// As in [`Recording::screen_times`].
+    pub screen_times: Option<ScreenTimes>,
+}
+
+/// Reads the frames for the selected channels of a number of gateways; see [`Channels::destination_of`].
+pub fn read_recording(
+    path: &Path,
+    options: &ReadOptions,
+    channels: Channels,
+    gateways: usize,
+) -> Result<RecordedLog> {
+    let assign = |logged: LoggedFrame| {
+        let (gateway, channel) = channels.destination_of(&logged.interface, gateways)?;
+        Some(Recorded { gateway, channel, logged })
+    };
+    let Recording { frames, error_frames, screen_times, .. } = log_file::read_with(path, options)?;
+    let frames: Vec<_> = frames.into_iter().filter_map(assign).collect();
+    match frames.is_empty() {
+        false => Ok(RecordedLog { frames, error_frames, screen_times }),
+        true => {
+            let message =
+                format!("{} has no frames for the selected channels", Printable(path.display()));
+            Err(Failure::Usage(message))
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
+    use ecan_sim::{ClockKind, SimOptions};
+
     use super::*;
 
     #[test]
@@ -141,5 +240,28 @@ mod tests {
         assert_eq!(Channels::ALL.destination_of("vcan7", 2), Some((1, 3)));
         assert_eq!(two.destination_of("can6", 2), Some((1, 2)));
         assert_eq!(Channels::ALL.destination_of("eth", 1), None);
+    }
+
+    #[test]
+    fn bit_timing_is_read_from_the_gateway() {
+        let options = SimOptions { clock: Some(ClockKind::Stepped), ..SimOptions::default() };
+        let backend = ecan_sim::open_scenario(ecan_sim::echo(1), &options).unwrap();
+        let bus = Bus::over(&backend.ecrt);
+        let channel = |channel| of_gateway(&bus, 0, channel).unwrap().can;
+        assert_eq!(BitRates::of(&channel(2)).to_string(), "500000/5000000 bit/s");
+        let set = |subindex, value| bus.write(0, 0x8003, subindex, value).unwrap();
+        set(19, 250_000);
+        set(15, 0);
+        set(21, 800);
+        set(22, 800);
+        let can = channel(2);
+        assert_eq!(BitRates::of(&can).to_string(), "250000 bit/s");
+        assert_eq!((can.nominal_sample_point.min, can.nominal_sample_point.max), (800, 800));
+        assert_eq!(can.ram, ChannelConfig::classic(250_000).can.ram);
+        set(7, 1);
+        set(25, 4);
+        assert_eq!(channel(2).manual_nominal.brp, 4);
+        // The other channels have their own.
+        assert_eq!(BitRates::of(&channel(1)).to_string(), "500000/5000000 bit/s");
     }
 }

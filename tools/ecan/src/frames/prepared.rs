@@ -1,3 +1,5 @@
+//! Preparation of a frame command: the checked gateways before they are started.
+
 use std::fmt::Display;
 
 use ecan_protocol::config::McanChannelConfig;
@@ -10,8 +12,7 @@ use super::options::FrameOptions;
 use super::port_link::PortLink;
 use super::service::{CACHE_DEPTH, ServedGateway, Service, without_fd};
 use super::service_link::ServiceLink;
-use super::service_setup::{ServiceSetup, of_service};
-use super::settings::{GatewayRequirements, Planned, Settings};
+use super::settings::{GatewayRequirements, Planned, ServiceSetup, Settings, of_service};
 use crate::context::{Bus, Context, Failure, Result, note};
 use crate::frames::channels::{Channels, can_config};
 

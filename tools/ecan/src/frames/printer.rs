@@ -1,18 +1,27 @@
-//! Output on a thread of its own, so that a slow or stalled output does not delay the cycle.
+//! Frames as text, and their output on a thread of its own: a slow or stalled output does not delay the cycle.
 
+use std::fmt::Write as _;
 use std::io::{BufWriter, ErrorKind, Write};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TrySendError, sync_channel};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
+use clap::ValueEnum;
+use ecan_can_io::candump::{FrameText, ScreenFrame};
+use ecan_protocol::can::{CanFrame, FrameKind};
+use ecan_protocol::image::Timestamp;
 use ecan_tool_support::command_line::interrupt::Interrupt;
 use ecan_tool_support::command_line::log_file::{LogFileError, Writer};
 use ecan_tool_support::command_line::new_file::{Existing, is_standard_stream};
 use ecan_tool_support::command_line::screen::{CleanWriter, Content, Stream};
+use serde::Serialize;
 
+use super::link::BusFrame;
+use super::signals;
+use super::signals::{DecodedMessage, Signals};
 use crate::context::{Failure, Result, note};
-use crate::frames::format::{LogLines, Screen, ScreenLines, TimedFrame};
 
 /// Maximum number of queued frames: some seconds of four full channels.
 const QUEUE: usize = 1 << 17;
@@ -160,6 +169,236 @@ fn of_log(error: LogFileError) -> Failure {
     }
 }
 
+#[derive(Clone, Copy, Debug)]
+pub struct TimedFrame {
+    /// Time since 1970, or since the start of a stepped simulation.
+    pub time_ns: u64,
+    pub frame: BusFrame,
+}
+
+#[derive(Clone, Debug, Default)]
+pub struct Screen {
+    pub style: Option<Style>,
+    pub has_nanoseconds: bool,
+    pub has_ascii: bool,
+    pub has_extra: bool,
+    pub is_log: bool,
+    pub is_json: bool,
+    /// Shown below each frame.
+    pub signals: Arc<Signals>,
+}
+
+/// JSON form of a frame, one per line.
+#[derive(Debug, Serialize)]
+struct Line {
+    time_ns: u64,
+    channel: u8,
+    id: u32,
+    is_extended: bool,
+    kind: &'static str,
+    has_bit_rate_switch: bool,
+    has_error_state: bool,
+    length: usize,
+    data: String,
+    device_time: Option<u64>,
+    #[serde(flatten)]
+    decoded: Option<DecodedMessage>,
+}
+
+#[derive(Debug)]
+pub struct ScreenLines {
+    screen: Screen,
+    timestamps: Option<Timestamps>,
+    log: LogLines,
+    /// True if an extended CAN ID was seen.
+    is_indented: bool,
+}
+
+impl ScreenLines {
+    pub fn new(screen: Screen) -> Self {
+        let Screen { style, has_nanoseconds, .. } = screen;
+        Self {
+            timestamps: style.map(|style| Timestamps::new(style, has_nanoseconds)),
+            log: LogLines::new(&screen),
+            screen,
+            is_indented: false,
+        }
+    }
+
+    /// Formats the next frame with its signals, without line break at the end.
+    pub fn lines(&mut self, timed: &TimedFrame) -> String {
+        let decoded = self.screen.signals.decode(timed.frame.channel, &timed.frame.frame);
+        if self.screen.is_json {
+            return json(timed, decoded.map(DecodedMessage::from));
+        }
+        let below = decoded.iter().flat_map(signals::lines).collect::<Vec<_>>();
+        std::iter::once(self.line(timed)).chain(below).collect::<Vec<_>>().join("\n")
+    }
+
+    fn line(&mut self, timed: &TimedFrame) -> String {
+        if self.screen.is_log {
+            return self.log.line(timed);
+        }
+        let BusFrame { frame, channel, timestamp, is_sent, .. } = &timed.frame;
+        self.is_indented |= frame.id().is_extended();
+        let mut line = String::from(" ");
+        // Writing to a String cannot fail.
+        if let Some(timestamps) = &mut self.timestamps {
+            let _ = write!(line, "{} ", timestamps.text(timed.time_ns));
+        }
+        let _ = write!(line, " can{channel}");
+        if self.screen.has_extra {
+            let (brs, esi) = fd_flags(frame);
+            let direction = if *is_sent { "TX" } else { "RX" };
+            let mark = |is_set, letter| if is_set { letter } else { '-' };
+            let _ = write!(line, "  {direction} {} {}", mark(brs, 'B'), mark(esi, 'E'));
+        }
+        let Self { is_indented, screen: Screen { has_ascii, .. }, .. } = *self;
+        let _ = write!(line, "  {}", ScreenFrame { frame, is_indented, has_ascii });
+        if let Some(time) = device_time(*timestamp) {
+            let _ = write!(line, "  +{time}");
+        }
+        line
+    }
+}
+
+#[derive(Debug)]
+pub struct LogLines {
+    timestamps: Timestamps,
+    has_extra: bool,
+}
+
+impl LogLines {
+    pub fn new(screen: &Screen) -> Self {
+        let timestamps = Timestamps::new(Style::Absolute, screen.has_nanoseconds);
+        Self { timestamps, has_extra: screen.has_extra }
+    }
+
+    pub fn line(&mut self, timed: &TimedFrame) -> String {
+        let BusFrame { frame, channel, is_sent, .. } = &timed.frame;
+        let time = self.timestamps.text(timed.time_ns);
+        let mark = match (self.has_extra, is_sent) {
+            (false, _) => "",
+            (true, false) => " R",
+            (true, true) => " T",
+        };
+        format!("{time} can{channel} {}{mark}", FrameText(frame))
+    }
+}
+
+fn fd_flags(frame: &CanFrame) -> (bool, bool) {
+    match frame.kind() {
+        FrameKind::Fd { brs, esi } => (brs, esi),
+        FrameKind::Data | FrameKind::Remote => (false, false),
+    }
+}
+
+fn device_time(timestamp: Timestamp) -> Option<u64> {
+    match timestamp {
+        Timestamp::None => None,
+        Timestamp::Delta16(time) => Some(time.into()),
+        Timestamp::Delta32(time) => Some(time.into()),
+        Timestamp::Full64(time) => Some(time),
+    }
+}
+
+fn json(timed: &TimedFrame, decoded: Option<DecodedMessage>) -> String {
+    let BusFrame { frame, channel, timestamp, .. } = &timed.frame;
+    let (has_bit_rate_switch, has_error_state) = fd_flags(frame);
+    let line = Line {
+        time_ns: timed.time_ns,
+        channel: *channel,
+        id: frame.id().raw(),
+        is_extended: frame.id().is_extended(),
+        kind: match frame.kind() {
+            FrameKind::Data => "data",
+            FrameKind::Remote => "remote",
+            FrameKind::Fd { .. } => "fd",
+        },
+        has_bit_rate_switch,
+        has_error_state,
+        length: match frame.kind() {
+            FrameKind::Remote => frame.dlc().value().into(),
+            _ => frame.data().len(),
+        },
+        data: frame.data().iter().fold(String::new(), |mut text, byte| {
+            let _ = write!(text, "{byte:02X}");
+            text
+        }),
+        device_time: device_time(*timestamp),
+        decoded,
+    };
+    serde_json::to_string(&line).unwrap_or_default()
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Style {
+    /// Seconds since 1970, or since the start of a stepped simulation
+    #[value(name = "a")]
+    Absolute,
+    /// Time since the previous frame
+    #[value(name = "d")]
+    Delta,
+    /// Time since the first frame
+    #[value(name = "z")]
+    Zero,
+    /// Date and time of day
+    #[value(name = "A")]
+    Date,
+}
+
+#[derive(Debug)]
+pub struct Timestamps {
+    style: Style,
+    has_nanoseconds: bool,
+    /// Time of the first or the previous frame.
+    reference_ns: Option<u64>,
+}
+
+impl Timestamps {
+    pub fn new(style: Style, has_nanoseconds: bool) -> Self {
+        Self { style, has_nanoseconds, reference_ns: None }
+    }
+
+    /// Formats the time of the next frame, in parentheses.
+    pub fn text(&mut self, time_ns: u64) -> String {
+        match self.style {
+            Style::Absolute => self.bracket(&format!("{:010}", seconds(time_ns)), time_ns),
+            Style::Date => self.bracket(&date(time_ns), time_ns),
+            Style::Delta | Style::Zero => {
+                let reference_ns = *self.reference_ns.get_or_insert(time_ns);
+                if self.style == Style::Delta {
+                    self.reference_ns = Some(time_ns);
+                }
+                let since_ns = time_ns.saturating_sub(reference_ns);
+                self.bracket(&format!("{:03}", seconds(since_ns)), since_ns)
+            }
+        }
+    }
+
+    fn bracket(&self, whole: &str, time_ns: u64) -> String {
+        let fraction = time_ns % 1_000_000_000;
+        if self.has_nanoseconds {
+            format!("({whole}.{fraction:09})")
+        } else {
+            format!("({whole}.{:06})", fraction / 1000)
+        }
+    }
+}
+
+fn seconds(time_ns: u64) -> u64 {
+    time_ns / 1_000_000_000
+}
+
+fn date(time_ns: u64) -> String {
+    let since_1970 = i64::try_from(seconds(time_ns)).ok();
+    let time = since_1970.and_then(|seconds| jiff::Timestamp::from_second(seconds).ok());
+    time.unwrap_or_default()
+        .to_zoned(jiff::tz::TimeZone::system())
+        .strftime("%Y-%m-%d %H:%M:%S")
+        .to_string()
+}
+
 #[cfg(test)]
 mod tests {
     use ecan_protocol::can::{CanFrame, CanId};
@@ -193,5 +432,25 @@ mod tests {
         let message = "cannot write the output: output is stalled; frames were dropped";
         assert_eq!((failure.to_string().as_str(), failure.status()), (message, 6));
         drop(release);
+    }
+
+    #[test]
+    fn time_stamps_match_candump() {
+        let first = 1_398_128_223_803_317_555;
+        let frames = [first, first + 20_000_500, first + 1_020_000_000];
+        let texts = |style, has_nanoseconds| {
+            let mut timestamps = Timestamps::new(style, has_nanoseconds);
+            frames.map(|time| timestamps.text(time))
+        };
+        assert_eq!(
+            texts(Style::Absolute, false),
+            ["(1398128223.803317)", "(1398128223.823318)", "(1398128224.823317)"]
+        );
+        assert_eq!(texts(Style::Delta, false), ["(000.000000)", "(000.020000)", "(000.999999)"]);
+        assert_eq!(
+            texts(Style::Zero, true),
+            ["(000.000000000)", "(000.020000500)", "(001.020000000)"]
+        );
+        assert_eq!(Timestamps::new(Style::Absolute, false).text(1_500), "(0000000000.000001)");
     }
 }

@@ -8,14 +8,13 @@ use ecan_cia402::{AxisConfig, Scale, ScaleSource};
 use ecan_lite::config::NetworkSettings;
 use ecan_protocol::text::Printable;
 
+use super::envelope::parse_number;
+use super::unit::{AxisUnits, Unit};
 use crate::commands::node::node_target::{NodeIdArgument, NodeTarget};
 use crate::config_file;
 use crate::configured_node::ConfiguredNodes;
 use crate::context::{Context, Failure, GlobalOptions, Result};
 use crate::frames::parse_channel;
-
-use super::limit_arguments::parse_number;
-use super::unit::{AxisUnits, Unit};
 
 /// Options that select one axis: of a file, or a node.
 #[derive(Clone, Debug, Args)]

@@ -7,13 +7,11 @@ use ecan_canopen::OperatingMode;
 use ecan_cia402::{AxisError, AxisPhase, HomingConfig};
 use serde::Serialize;
 
-use crate::context::{Context, Failure, Result};
-
-use super::envelope::Envelope;
-use super::limit_arguments::{parse_number, parse_positive};
+use super::enable;
+use super::envelope::{Envelope, parse_number, parse_positive};
 use super::motion_arguments::MotionArguments;
 use super::session::{AXIS, AxisSession};
-use super::startup;
+use crate::context::{Context, Failure, Result};
 
 pub const NOTES: &str = "\
 The drive generates the motion, by the method 0x6098. Speeds and acceleration are always written, so that
@@ -96,11 +94,11 @@ pub fn run(arguments: &HomeArguments, context: &Context) -> Result {
     let settings = motion.settings(OperatingMode::CyclicPosition, anywhere, false);
     let session = AxisSession::start(&chosen, settings, Some(operator), context)?;
     let homed = session.run(|session| {
-        let start = startup::prepare(session, &motion.permission)?;
+        let start = enable::prepare(session, &motion.permission)?;
         let travel = |value: f64| (start + units.length(value)) as i32;
         let (a, b) = (travel(range.min), travel(range.max));
         session.watch_envelope(Envelope { min: a.min(b), max: a.max(b), ..envelope });
-        startup::await_key(session)?;
+        enable::await_key(session)?;
         session.report(format_args!("homing by method {}", arguments.method));
         let begin_ns = session.now_ns();
         home(session, homing)?;

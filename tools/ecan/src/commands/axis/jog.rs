@@ -5,18 +5,12 @@ use std::time::Duration;
 use clap::Args;
 use ecan_canopen::OperatingMode;
 
-use crate::context::{Context, Failure, Result};
-
-use super::envelope::Envelope;
-use super::key_hold::Hold;
-use super::key_parser::Key;
-use super::limit_arguments::parse_number;
-use super::motion::Motion;
+use super::enable;
+use super::envelope::{Envelope, ProfileLimits, parse_number};
 use super::motion_arguments::MotionArguments;
-use super::operator::{InputKind, Operator};
-use super::position_profile::ProfileLimits;
-use super::session::{AXIS, AxisSession};
-use super::startup;
+use super::operator::{Hold, InputKind, Key, Operator};
+use super::session::{AXIS, AxisSession, Motion};
+use crate::context::{Context, Failure, Result};
 
 pub const NOTES: &str = "\
 Keys: hold Right or Up to move in positive direction, Left or Down in negative direction. The first
@@ -66,11 +60,11 @@ pub fn run(arguments: &JogArguments, context: &Context) -> Result {
     let settings = motion.settings(OperatingMode::CyclicPosition, envelope, is_interactive);
     let session = AxisSession::start(&chosen, settings, Some(operator), context)?;
     let end = session.run_to_end(|session| {
-        let (_, envelope) = startup::prepare_within(session, &motion.permission, &envelope)?;
+        let (_, envelope) = enable::prepare_within(session, &motion.permission, &envelope)?;
         let velocity = velocity.clamp(-envelope.velocity, envelope.velocity);
         match arguments.milliseconds {
             Some(ms) => {
-                startup::enable(session)?;
+                enable::enable(session)?;
                 for_time(session, (velocity, &envelope), Duration::from_millis(ms))
             }
             None => {

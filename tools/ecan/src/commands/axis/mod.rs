@@ -1,32 +1,18 @@
 //! `ecan axis`: commissioning of one CiA 402 axis.
 
 mod axis_choice;
-mod dead_man;
-mod drive_report;
 mod enable;
 mod envelope;
-mod frequency_point;
 mod home;
 mod jog;
-mod key_hold;
-mod key_parser;
-mod limit_arguments;
-mod live_output;
-mod motion;
 mod motion_arguments;
 mod motion_watch;
 mod move_axis;
 mod operator;
-mod position_profile;
 mod session;
-mod startup;
 mod status;
-mod step_response;
-mod stop;
 mod tune;
-mod tune_picture;
-mod tune_run;
-mod tune_test;
+mod tune_analysis;
 mod unit;
 
 use clap::{Args, Subcommand};
@@ -75,8 +61,8 @@ enum Action {
     #[command(after_help = home::NOTES)]
     Home(Box<home::HomeArguments>),
     /// Stop a drive in any state by quick stop, and switch it off
-    #[command(after_help = stop::NOTES)]
-    Stop(Box<stop::StopArguments>),
+    #[command(after_help = enable::STOP_NOTES)]
+    Stop(Box<enable::StopArguments>),
     /// Record the response to a step or a sweep, with a picture
     #[command(after_help = tune::NOTES)]
     Tune(Box<tune::TuneArguments>),
@@ -89,7 +75,7 @@ pub fn run(arguments: &AxisArguments, context: &Context) -> Result {
         Action::Jog(arguments) => jog::run(arguments, context),
         Action::Move(arguments) => move_axis::run(arguments, context),
         Action::Home(arguments) => home::run(arguments, context),
-        Action::Stop(arguments) => stop::run(arguments, context),
+        Action::Stop(arguments) => enable::run_stop(arguments, context),
         Action::Tune(arguments) => tune::run(arguments, context),
     }
 }

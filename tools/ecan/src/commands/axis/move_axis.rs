@@ -6,15 +6,12 @@ use clap::{Args, ValueEnum};
 use ecan_canopen::OperatingMode;
 use serde::Serialize;
 
-use crate::context::{Context, Failure, Result};
-
-use super::envelope::Envelope;
-use super::limit_arguments::{parse_number, parse_positive};
-use super::motion::Motion;
+use super::enable;
+use super::envelope::{Envelope, parse_number, parse_positive};
 use super::motion_arguments::MotionArguments;
-use super::session::{AXIS, AxisSession};
-use super::startup;
+use super::session::{AXIS, AxisSession, Motion};
 use super::unit::AxisUnits;
+use crate::context::{Context, Failure, Result};
 
 pub const NOTES: &str = "\
 The axis moves with a trapezoidal velocity. In CSP the host generates the targets within the limits;
@@ -92,13 +89,13 @@ pub fn run(arguments: &MoveArguments, context: &Context) -> Result {
     let settings = motion.settings(mode, envelope, false);
     let session = AxisSession::start(&chosen, settings, Some(operator), context)?;
     let moved = session.run(|session| {
-        let (start, envelope) = startup::prepare_within(session, &motion.permission, &envelope)?;
+        let (start, envelope) = enable::prepare_within(session, &motion.permission, &envelope)?;
         let goal = match (arguments.to, arguments.by) {
             (Some(to), _) => chosen.units.steps(to),
             (None, by) => start + chosen.units.length(by.unwrap_or(0.0)),
         };
         check_goal(&envelope, goal, &chosen.units)?;
-        startup::enable(session)?;
+        enable::enable(session)?;
         let tolerance = arguments.tolerance.map(|it| chosen.units.length(it).abs());
         let tolerance = tolerance.unwrap_or(envelope.velocity * 0.01).max(1.0);
         session.report(format_args!(

@@ -1,4 +1,4 @@
-//! The operator: keys, and the dead-man function of standard input and signals.
+//! The operator: keys, held keys, and the dead-man function of standard input and signals.
 
 use std::cell::Cell;
 use std::fs::File;
@@ -17,9 +17,6 @@ use rustix::termios::{
 };
 
 use crate::context::{Failure, Result};
-
-use super::key_hold::{Hold, KeyHold};
-use super::key_parser::{Key, KeyParser};
 
 /// Longest time for the rest of an escape sequence.
 const SEQUENCE: Timespec = Timespec { tv_sec: 0, tv_nsec: 50_000_000 };
@@ -272,5 +269,199 @@ fn read_keys(mut input: File, Closing(shared): &Closing) {
             Err(Errno::INTR) => {}
             Err(_) => return,
         }
+    }
+}
+
+/// Key that a command uses.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Key {
+    Left,
+    Right,
+    Up,
+    Down,
+    Enter,
+    Escape,
+    /// Ctrl-C or Ctrl-D as a byte.
+    Control,
+    Character(u8),
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
+enum State {
+    #[default]
+    Ground,
+    /// After ESC.
+    Escape,
+    /// After ESC [ or ESC O, with parameters that are ignored.
+    Sequence,
+}
+
+/// Reads keys from bytes, also if a sequence arrives in parts.
+#[derive(Debug, Default)]
+pub struct KeyParser(State);
+
+impl KeyParser {
+    /// Reads a byte; `None` within a sequence, and for sequences of other keys.
+    pub fn byte(&mut self, byte: u8) -> Option<Key> {
+        match (self.0, byte) {
+            (State::Escape, b'[' | b'O') => {
+                self.0 = State::Sequence;
+                None
+            }
+            (State::Sequence, b'0'..=b'9' | b';' | b':' | b'?') => None,
+            (State::Sequence, byte) => {
+                self.0 = State::Ground;
+                match byte {
+                    b'A' => Some(Key::Up),
+                    b'B' => Some(Key::Down),
+                    b'C' => Some(Key::Right),
+                    b'D' => Some(Key::Left),
+                    _ => None,
+                }
+            }
+            (_, 0x1B) => {
+                self.0 = State::Escape;
+                None
+            }
+            (_, byte) => {
+                self.0 = State::Ground;
+                Some(match byte {
+                    b'\r' | b'\n' => Key::Enter,
+                    0x03 | 0x04 => Key::Control,
+                    byte => Key::Character(byte),
+                })
+            }
+        }
+    }
+
+    /// Returns whether an escape byte waits for the rest of a sequence.
+    pub fn is_pending(&self) -> bool {
+        self.0 != State::Ground
+    }
+
+    /// The rest of a sequence did not come: the key Esc, or nothing.
+    pub fn timed_out(&mut self) -> Option<Key> {
+        let state = std::mem::take(&mut self.0);
+        (state == State::Escape).then_some(Key::Escape)
+    }
+}
+
+/// Longest delay of the first repetition: terminals wait 250 to 700 ms.
+const FIRST: Duration = Duration::from_millis(1_000);
+
+/// State of the keys.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Hold<K> {
+    /// No key, or released.
+    None,
+    /// Pressed; the terminal does not repeat it yet.
+    Pressed(K),
+    /// Held.
+    Held(K),
+}
+
+/// Keys as a terminal reports them: pressed, and repeated while held. Times are those since any start.
+#[derive(Clone, Copy, Debug)]
+pub struct KeyHold<K> {
+    /// Time without a repetition after which a key is released.
+    timeout: Duration,
+    last: Option<(K, Duration)>,
+    is_repeating: bool,
+}
+
+impl<K: Copy + PartialEq> KeyHold<K> {
+    pub fn new(timeout: Duration) -> Self {
+        Self { timeout, last: None, is_repeating: false }
+    }
+
+    /// A key was pressed or repeated. Presses at intervals above the timeout do not count as held.
+    pub fn press(&mut self, key: K, at: Duration) {
+        self.is_repeating = matches!(self.last, Some((last, since))
+            if last == key && at.saturating_sub(since) <= self.timeout);
+        self.last = Some((key, at));
+    }
+
+    /// Another key was pressed.
+    pub fn release(&mut self) {
+        (self.last, self.is_repeating) = (None, false);
+    }
+
+    pub fn state(&self, now: Duration) -> Hold<K> {
+        let Some((key, at)) = self.last else { return Hold::None };
+        let since = now.saturating_sub(at);
+        if self.is_repeating {
+            return if since <= self.timeout { Hold::Held(key) } else { Hold::None };
+        }
+        if since <= FIRST { Hold::Pressed(key) } else { Hold::None }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn keys(bytes: &[u8]) -> Vec<Key> {
+        let mut parser = KeyParser::default();
+        let mut keys: Vec<_> = bytes.iter().filter_map(|byte| parser.byte(*byte)).collect();
+        keys.extend(parser.timed_out());
+        keys
+    }
+
+    #[test]
+    fn arrows_of_both_cursor_modes_are_keys() {
+        let arrows = [Key::Up, Key::Down, Key::Right, Key::Left];
+        assert_eq!(keys(b"\x1b[A\x1b[B\x1b[C\x1b[D"), arrows);
+        assert_eq!(keys(b"\x1bOA\x1bOB\x1bOC\x1bOD"), arrows);
+        assert_eq!(keys(b"\x1b[1;5C"), [Key::Right], "with Ctrl");
+    }
+
+    #[test]
+    fn other_sequences_are_ignored_and_escape_alone_is_a_key() {
+        assert_eq!(keys(b"\x1b[5~q\n\x03"), [Key::Character(b'q'), Key::Enter, Key::Control]);
+        assert_eq!(keys(b"\x1b"), [Key::Escape]);
+        assert_eq!(keys(b"\x1b\x1b[A"), [Key::Up]);
+        assert_eq!(keys(b"\x1b["), []);
+    }
+
+    const TIMEOUT: Duration = Duration::from_millis(200);
+
+    fn ms(ms: u64) -> Duration {
+        Duration::from_millis(ms)
+    }
+
+    #[test]
+    fn repeated_key_is_held_until_the_timeout() {
+        let mut keys = KeyHold::new(TIMEOUT);
+        assert_eq!(keys.state(ms(0)), Hold::None);
+        keys.press('a', ms(100));
+        assert_eq!(keys.state(ms(600)), Hold::Pressed('a'), "before the first repetition");
+        keys.press('a', ms(600));
+        assert_eq!(keys.state(ms(610)), Hold::Pressed('a'), "two presses may be single ones");
+        keys.press('a', ms(640));
+        assert_eq!(keys.state(ms(840)), Hold::Held('a'));
+        assert_eq!(keys.state(ms(841)), Hold::None, "released");
+        keys.press('a', ms(900));
+        assert_eq!(keys.state(ms(901)), Hold::Pressed('a'), "it begins again");
+    }
+
+    #[test]
+    fn other_key_ends_the_hold() {
+        let mut keys = KeyHold::new(TIMEOUT);
+        (0..5).for_each(|nth| keys.press('a', ms(nth * 30)));
+        assert_eq!(keys.state(ms(121)), Hold::Held('a'));
+        keys.press('b', ms(130));
+        assert_eq!(keys.state(ms(131)), Hold::Pressed('b'));
+        keys.release();
+        assert_eq!(keys.state(ms(132)), Hold::None);
+    }
+
+    #[test]
+    fn single_presses_are_no_held_key() {
+        let mut keys = KeyHold::new(TIMEOUT);
+        for nth in 0..10 {
+            keys.press('a', ms(nth * 250));
+            assert_eq!(keys.state(ms(nth * 250 + 1)), Hold::Pressed('a'));
+        }
+        assert_eq!(keys.state(ms(9 * 250 + 1_001)), Hold::None);
     }
 }

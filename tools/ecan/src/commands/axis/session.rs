@@ -1,26 +1,24 @@
-//! One axis under the motion guard, with a cycle of this program.
+//! One axis under the motion guard, with a cycle of this program, and the motion of its target in CSP.
 
 use std::time::Duration;
 
 use ecan_canopen::{DriveState, OperatingMode};
 use ecan_cia402::{
     AxisError, AxisPhase, Cia402, Cia402Config, Cia402Error, Decision, HomingState, InputObject,
-    Takeover, TargetRejection,
+    Takeover, TargetRejection, WaitReason,
 };
 use ecan_mcan_port::{Port, PortError};
 use ecan_protocol::mapping::Direction;
 use ecan_sim::ClockKind;
 use serde::Serialize;
 
-use crate::context::{Context, Failure, Result, note};
-use crate::frames::{Channels, GatewayOptions, GatewayRequirements, Planned, Settings};
-
 use super::axis_choice::ChosenAxis;
-use super::envelope::{Envelope, velocity_factor};
-use super::live_output::{LiveOutput, LivePosition};
+use super::envelope::{Envelope, PositionProfile, ProfileLimits, velocity_factor};
 use super::motion_watch::MotionWatch;
 use super::operator::{Operator, StopRequest};
-use super::unit::AxisUnits;
+use super::unit::{AxisUnits, LiveOutput, LivePosition};
+use crate::context::{Context, Failure, Result, note};
+use crate::frames::{Channels, GatewayOptions, GatewayRequirements, Planned, Settings};
 
 /// The only axis of a session.
 pub const AXIS: usize = 0;
@@ -521,4 +519,59 @@ fn is_position(cia402: &Cia402) -> bool {
 /// End of a motion by the operator.
 pub fn stopped(request: StopRequest) -> Failure {
     Failure::Incomplete(format!("stopped: {}", request.text()))
+}
+
+/// Target periods without a target after which the motion starts again from rest.
+const PAUSE: u32 = 4;
+
+/// A profile whose targets are sent: it advances only with the targets that the guard accepts.
+#[derive(Clone, Copy, Debug)]
+pub struct Motion {
+    profile: PositionProfile,
+    /// Periods without a target in a row.
+    missed: u32,
+}
+
+impl Motion {
+    /// A motion at rest at the target of the axis, which is running.
+    pub fn begin(session: &AxisSession) -> Result<Self> {
+        let target = session.cia402().target(AXIS).map(f64::from);
+        let position = target.map_or_else(|| session.actual(), Ok)?;
+        Ok(Self { profile: PositionProfile::at_rest(position), missed: 0 })
+    }
+
+    pub fn profile(&self) -> &PositionProfile {
+        &self.profile
+    }
+
+    /// Runs a cycle with the next target toward a goal.
+    pub fn toward(
+        &mut self,
+        session: &mut AxisSession,
+        goal: f64,
+        limits: ProfileLimits,
+    ) -> Result<CycleEnd> {
+        let next = self.profile.toward(goal, limits, session.target_period_s());
+        self.cycle(session, next)
+    }
+
+    /// Runs a cycle with a target.
+    pub fn cycle(&mut self, session: &mut AxisSession, next: PositionProfile) -> Result<CycleEnd> {
+        let end = session.cycle(Some(next.position().round() as i32))?;
+        match end.decision {
+            Decision::Target(_) => {
+                self.profile = next;
+                self.missed = 0;
+            }
+            Decision::Wait(WaitReason::NotDue) => {}
+            _ => {
+                self.missed += 1;
+                if self.missed > PAUSE {
+                    // Without targets the drive is at rest.
+                    self.profile = self.profile.interrupted();
+                }
+            }
+        }
+        Ok(end)
+    }
 }

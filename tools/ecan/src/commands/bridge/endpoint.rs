@@ -1,5 +1,6 @@
-//! Addresses and servers for clients.
+//! Addresses and servers for the clients of a channel, and the gate that rejects their frames.
 
+use std::fmt;
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
@@ -9,8 +10,7 @@ use ecan_can_io::bridge::{
 };
 use serde::Serialize;
 
-use crate::commands::bridge::lane_id::LaneId;
-use crate::context::{Failure, Result};
+use crate::context::{Failure, Result, note};
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Listening(pub SocketAddr);
@@ -177,9 +177,126 @@ impl Endpoint {
     }
 }
 
+/// A name with the placeholders `%g` (index of the gateway) and `%c` (channel).
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct NameTemplate(String);
+
+impl NameTemplate {
+    pub fn is_empty(&self) -> bool {
+        self.0.is_empty()
+    }
+
+    pub fn name(&self, LaneId { gateway, channel }: LaneId) -> String {
+        self.0.replace("%g", &gateway.to_string()).replace("%c", &channel.to_string())
+    }
+}
+
+impl FromStr for NameTemplate {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        let is_valid = text.split('%').skip(1).all(|rest| rest.starts_with(['g', 'c']));
+        match is_valid {
+            true => Ok(Self(text.to_owned())),
+            false => Err("expected only %g (gateway) and %c (channel) after %".to_owned()),
+        }
+    }
+}
+
+/// Parses the name of a network interface, with placeholders.
+pub fn parse_interface(text: &str) -> Result<NameTemplate, String> {
+    let template: NameTemplate = text.parse()?;
+    // All numbers have one digit in the usual case.
+    let name = template.name(LaneId { gateway: 0, channel: 0 });
+    let is_possible = (1..=15).contains(&name.len())
+        && name.bytes().all(|byte| byte.is_ascii_graphic() && !matches!(byte, b'/' | b':'));
+    match is_possible {
+        true => Ok(template),
+        false => Err("expected the name of a network interface, for example vcan0".to_owned()),
+    }
+}
+
+/// A channel of a gateway, in the order of the command.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+pub struct LaneId {
+    pub gateway: usize,
+    pub channel: u8,
+}
+
+impl fmt::Display for LaneId {
+    /// For example "can1", or "can1 of gateway 2".
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "can{}", self.channel)?;
+        match self.gateway {
+            0 => Ok(()),
+            gateway => write!(f, " of gateway {gateway}"),
+        }
+    }
+}
+
+/// Rejects frames of clients while the gateway is not ready or the channel is bus-off or stalled.
+/// Frames that are sent later, all at once, would be outdated and could move an axis.
+#[derive(Debug)]
+pub struct TransmitGate {
+    lane: LaneId,
+    is_open: bool,
+    /// Frames rejected before the gate was closed.
+    rejected_before: u64,
+}
+
+impl TransmitGate {
+    pub fn closed(lane: LaneId, endpoints: &[Endpoint]) -> Self {
+        for endpoint in endpoints {
+            endpoint.clients().set_accepting(false, 0);
+        }
+        Self { lane, is_open: false, rejected_before: rejected(endpoints) }
+    }
+
+    /// Opens or closes the gate and reports lost frames, also to their clients. `held` pending frames
+    /// are dropped with those in the queues.
+    pub fn set_open(
+        &mut self,
+        is_open: bool,
+        (held, time_ns): (usize, u64),
+        endpoints: &[Endpoint],
+    ) {
+        if is_open == self.is_open {
+            return;
+        }
+        self.is_open = is_open;
+        let lane = self.lane;
+        // Before the first endpoint is closed: from then on its frames are rejected.
+        let rejected_before = rejected(endpoints);
+        let waiting: usize = endpoints
+            .iter()
+            .map(|endpoint| endpoint.clients().set_accepting(is_open, time_ns))
+            .sum();
+        let dropped = held + waiting;
+        if !is_open {
+            self.rejected_before = rejected_before + waiting as u64;
+            if dropped > 0 {
+                note(format_args!(
+                    "# {lane}: {dropped} client frames dropped: channel not available"
+                ));
+            }
+            return;
+        }
+        let rejected = rejected(endpoints) - self.rejected_before;
+        if rejected > 0 {
+            note(format_args!(
+                "# {lane}: {rejected} client frames rejected: channel not available"
+            ));
+        }
+    }
+}
+
+fn rejected(endpoints: &[Endpoint]) -> u64 {
+    endpoints.iter().map(|endpoint| endpoint.clients().statistics().discarded).sum()
+}
+
 #[cfg(test)]
 mod tests {
-    use super::Listening;
+    use super::{Listening, *};
 
     #[test]
     fn short_addresses_are_completed() {
@@ -191,5 +308,20 @@ mod tests {
         for wrong in ["", "65536", "localhost", "1.2.3", "1.2.3.4:"] {
             assert!(parse(wrong).is_err(), "{wrong}");
         }
+    }
+
+    #[test]
+    fn placeholders_are_replaced() {
+        let name = |text: &str| {
+            text.parse::<NameTemplate>().map(|it| it.name(LaneId { gateway: 1, channel: 3 }))
+        };
+        assert_eq!(name("vcan0"), Ok("vcan0".to_owned()));
+        assert_eq!(name("can%g%c"), Ok("can13".to_owned()));
+        assert_eq!(name("c%c-g%g"), Ok("c3-g1".to_owned()));
+        for wrong in ["can%", "can%d", "can%%c"] {
+            assert!(name(wrong).is_err(), "{wrong}");
+        }
+        assert!(parse_interface("thirteen_and%g%c").is_ok());
+        assert!(parse_interface("fourteen__and_%g%c").is_err());
     }
 }

@@ -1,15 +1,12 @@
-//! One channel of the bridge with its endpoints.
+//! One channel of the bridge with its endpoints, and the order in which it serves them.
 
 use ecan_can_io::bridge::{BusEvent, ClientFrame};
 use ecan_protocol::can::CanFrame;
+use ecan_protocol::image::{ChannelState, ChannelStatus, ResultCode};
 
-use crate::commands::bridge::channel_events::ChannelEvents;
-use crate::commands::bridge::endpoint::{Address, Endpoint};
-use crate::commands::bridge::lane_id::LaneId;
-use crate::commands::bridge::round_robin::RoundRobin;
-use crate::commands::bridge::transmit_gate::TransmitGate;
+use super::endpoint::{Address, Endpoint, LaneId, TransmitGate};
 use crate::context::{Result, note};
-use crate::frames::{Losses, Service};
+use crate::frames::{Losses, Outcome, Service};
 
 /// A bus without progress for this time of reported status, despite pending frames, has no
 /// acknowledging node.
@@ -202,5 +199,113 @@ impl Lane {
                 note(format_args!("# {protocol} bridge at {address}: {loss}"));
             }
         }
+    }
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Level {
+    Active,
+    Warning,
+    BusOff,
+}
+
+/// Detects events of a channel.
+#[derive(Debug, Default)]
+pub struct ChannelEvents {
+    level: Option<Level>,
+}
+
+impl ChannelEvents {
+    /// Returns the next event. A channel that leaves bus-off with a warning has two.
+    pub fn next(&mut self, status: ChannelStatus) -> Option<BusEvent> {
+        let now = match status.state() {
+            _ if status.bus_off() => Level::BusOff,
+            ChannelState::BusOff => Level::BusOff,
+            _ if status.warn() => Level::Warning,
+            ChannelState::Run | ChannelState::Listen => Level::Active,
+            // The channel does not take part in its bus, or there is no status yet.
+            _ => return None,
+        };
+        let before = self.level.replace(now).unwrap_or(Level::Active);
+        match (before, now) {
+            (Level::BusOff, Level::Active | Level::Warning) => {
+                self.level = Some(Level::Active);
+                Some(BusEvent::Restarted)
+            }
+            (Level::Warning, Level::Active) => Some(BusEvent::ErrorActive),
+            (Level::Active, Level::Warning) => Some(BusEvent::ErrorWarning),
+            (Level::Active | Level::Warning, Level::BusOff) => Some(BusEvent::BusOff),
+            _ => None,
+        }
+    }
+}
+
+/// Event of a frame that the gateway did not send.
+pub fn of_failure(outcome: Outcome) -> BusEvent {
+    match outcome {
+        Outcome::Result(ResultCode::BusBusy) => BusEvent::LostArbitration,
+        Outcome::Result(ResultCode::TxFifoFull) => BusEvent::TransmitOverflow,
+        _ => BusEvent::TransmitFailed,
+    }
+}
+
+/// Takes from several sources in turn, so that none is starved.
+#[derive(Debug, Default)]
+pub struct RoundRobin {
+    next: usize,
+}
+
+impl RoundRobin {
+    /// Returns the next item of the first of `count` sources that has one, starting after the last
+    /// source.
+    pub fn next<T>(&mut self, count: usize, mut take: impl FnMut(usize) -> Option<T>) -> Option<T> {
+        let (from, until) = (self.next.min(count), count);
+        (from..until).chain(0..from).find_map(|source| {
+            let taken = take(source)?;
+            self.next = source + 1;
+            Some(taken)
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{RoundRobin, *};
+
+    #[test]
+    fn status_changes_become_events_once() {
+        let run = ChannelStatus::default().with_state(ChannelState::Run);
+        let off = run.with_state(ChannelState::BusOff).with_bus_off(true);
+        let mut events = ChannelEvents::default();
+        let mut all = Vec::new();
+        for status in
+            [ChannelStatus::default(), run, run.with_warn(true), off, off, run.with_warn(true), run]
+        {
+            all.extend(std::iter::from_fn(|| events.next(status)));
+        }
+        let expected = [
+            BusEvent::ErrorWarning,
+            BusEvent::BusOff,
+            BusEvent::Restarted,
+            BusEvent::ErrorWarning,
+            BusEvent::ErrorActive,
+        ];
+        assert_eq!(all, expected);
+    }
+
+    #[test]
+    fn endless_source_starves_no_other() {
+        let mut turns = RoundRobin::default();
+        let mut rest = [usize::MAX, 2, 0, 3];
+        let mut order = Vec::new();
+        for _ in 0..9 {
+            order.extend(turns.next(4, |source| {
+                rest[source] = rest[source].checked_sub(1)?;
+                Some(source)
+            }));
+        }
+        assert_eq!(order, [0, 1, 3, 0, 1, 3, 0, 3, 0]);
+        assert_eq!(turns.next(4, |_| None::<()>), None);
+        assert_eq!(turns.next(0, Some), None);
     }
 }

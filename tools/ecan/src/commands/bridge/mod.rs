@@ -1,31 +1,24 @@
 //! `ecan bridge`: channels for other programs.
 
-mod beacon;
-mod channel_events;
 mod endpoint;
-mod in_flight;
 mod lane;
-mod lane_id;
-mod name_template;
-mod round_robin;
 mod traffic;
-mod transmit_gate;
 
 use std::collections::HashSet;
-use std::net::{IpAddr, SocketAddr};
+use std::net::{IpAddr, Ipv4Addr, SocketAddr, UdpSocket};
 use std::path::Path;
+use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
+use std::time::Duration;
+use std::{io, thread};
 
 use clap::Args;
 use ecan_can_io::bridge::{BridgeProtocol, BusRates};
 use ecan_protocol::config::McanChannelConfig;
 use ecan_protocol::mapping::Direction;
+use endpoint::{Address, Endpoint, LaneId, Listening, NameTemplate, parse_interface};
+use lane::Lane;
+use traffic::Traffic;
 
-use crate::commands::bridge::beacon::Beacon;
-use crate::commands::bridge::endpoint::{Address, Endpoint, Listening};
-use crate::commands::bridge::lane::Lane;
-use crate::commands::bridge::lane_id::LaneId;
-use crate::commands::bridge::name_template::{NameTemplate, parse_interface};
-use crate::commands::bridge::traffic::Traffic;
 use crate::context::{Context, Failure, Output, Result, note};
 use crate::frames::{Channels, FrameOptions, GatewayRequirements, Prepared};
 
@@ -44,7 +37,7 @@ Examples:
 The bit rates come from the options, the file, or the gateway's configuration. A client that requests
 other bit rates cannot send or receive. Frames are exchanged once per EtherCAT cycle.
 
-With several channels, TCP ports count up from PORT, and %c in LINK and INTERFACE is the channel (%g the
+With several channels, TCP ports count up from BEACON_PORT, and %c in LINK and INTERFACE is the channel (%g the
 index of the gateway). A CAN interface that does not exist is created, which requires CAP_NET_ADMIN, and
 removed at the end: modprobe vcan; ip link add dev can0 mtu 72 type vcan; ip link set can0 up";
 
@@ -56,7 +49,7 @@ pub struct BridgeArguments {
     /// Serve every gateway of the file or bus
     #[arg(long, conflicts_with = "slave")]
     all: bool,
-    /// Serve slcan over TCP at PORT, IP or IP:PORT [default: 127.0.0.1, free port]
+    /// Serve slcan over TCP at BEACON_PORT, IP or IP:BEACON_PORT [default: 127.0.0.1, free port]
     #[arg(long, value_name = "ADDRESS", num_args = 0..=1, default_missing_value = "0")]
     slcan: Option<Listening>,
     /// Serve socketcand over TCP, classic CAN frames only
@@ -171,7 +164,7 @@ fn rates(can: &McanChannelConfig) -> BusRates {
 
 fn start_beacons(arguments: &BridgeArguments, lanes: &[Lane]) -> Result<Vec<Beacon>> {
     let Some(ip) = arguments.beacon else { return Ok(Vec::new()) };
-    let to = SocketAddr::new(ip, beacon::PORT);
+    let to = SocketAddr::new(ip, BEACON_PORT);
     let failed = |error| Failure::Bridge(format!("cannot send a beacon to {to}: {error}"));
     let servers = lanes.iter().filter_map(|lane| {
         let server = lane.endpoints().iter().find_map(Endpoint::socketcand_address)?;
@@ -193,4 +186,49 @@ fn announce(lanes: &[Lane], output: &Output) -> Result {
             writeln!(out, "{protocol} bridge at {address} on {lane}")
         })
     })
+}
+
+/// UDP port of the beacon in the protocol.
+const BEACON_PORT: u16 = 42_000;
+/// Period. The protocol allows three seconds; python-can listens for little more.
+const BEACON_INTERVAL: Duration = Duration::from_secs(1);
+
+/// Sends the beacon periodically until dropped.
+#[derive(Debug)]
+struct Beacon {
+    _stop: Sender<()>,
+}
+
+impl Beacon {
+    /// Announces the bridge at `server` to an address, which may be a broadcast address.
+    pub fn start(to: SocketAddr, server: SocketAddr, can: u8) -> io::Result<Self> {
+        let any: IpAddr = match to {
+            SocketAddr::V4(_) => Ipv4Addr::UNSPECIFIED.into(),
+            SocketAddr::V6(_) => std::net::Ipv6Addr::UNSPECIFIED.into(),
+        };
+        let socket = UdpSocket::bind((any, 0))?;
+        socket.set_broadcast(true)?;
+        socket.connect(to)?;
+        // A server on all addresses is announced with the source address of the beacon.
+        let ip = if server.ip().is_unspecified() { socket.local_addr()?.ip() } else { server.ip() };
+        let text = beacon_text(SocketAddr::new(ip, server.port()), can);
+        let (stop, stopped) = channel::<()>();
+        thread::Builder::new().name("bridge beacon".to_owned()).spawn(move || {
+            loop {
+                // Errors are ignored: no receiver, or no network at the moment.
+                let _ = socket.send(text.as_bytes());
+                if stopped.recv_timeout(BEACON_INTERVAL) != Err(RecvTimeoutError::Timeout) {
+                    return;
+                }
+            }
+        })?;
+        Ok(Self { _stop: stop })
+    }
+}
+
+fn beacon_text(server: SocketAddr, channel: u8) -> String {
+    format!(
+        "<CANBeacon name=\"ecan\" type=\"adapter\" description=\"ECAN-Lite\">\n\
+         <URL>can://{server}</URL><Bus name=\"can{channel}\"/></CANBeacon>"
+    )
 }

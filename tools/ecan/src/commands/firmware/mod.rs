@@ -26,8 +26,7 @@ use self::update::{Outcome, Report, Update};
 use crate::confirmation::confirm;
 use crate::context::{Bus, Context, Failure, Output, Result, Tone, note};
 use crate::ethercat_tool::SlaveEntry;
-use crate::table;
-use crate::via;
+use crate::{context, table};
 
 /// Show or update the firmware over FoE (manual 15.3.1)
 ///
@@ -105,7 +104,7 @@ struct UpdateReport<'a> {
 }
 
 pub fn run(arguments: &FirmwareArguments, context: &Context) -> Result {
-    if let Some(connection) = via::connect(context.global, context.global.master())? {
+    if let Some(connection) = context::connect(context.global, context.global.master())? {
         return Err(Failure::Master(format!(
             "a service does not transfer firmware (FoE), and {} holds the master; end that program, or \
              use --via direct if the gateway may restart in parallel with it; `ecan info` shows the version",

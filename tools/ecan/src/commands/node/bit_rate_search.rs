@@ -5,14 +5,13 @@ use std::time::Duration;
 
 use ecan_canopen::{NodeId, object};
 
-use crate::context::{Context, Failure, GlobalOptions, Result, note};
-use crate::frames::{Channels, FrameOptions, GatewayRequirements, Prepared};
-use crate::slave_choice::SlaveChoice;
-use crate::via;
-
 use super::node_client::requirements;
 use super::node_link::{NodeLink, SdoRequest};
 use super::node_target::NodeTarget;
+use crate::context;
+use crate::context::{Context, Failure, GlobalOptions, Result, note};
+use crate::frames::{Channels, FrameOptions, GatewayRequirements, Prepared};
+use crate::slave_choice::SlaveChoice;
 
 /// The bit rates of CiA 301 (5.4) in bit/s, the most usual first.
 const RATES: [u32; 9] =
@@ -38,7 +37,7 @@ pub fn search(
     listen: Duration,
     context: &Context,
 ) -> Result<Searched> {
-    if let Some(connection) = via::connect(context.global, context.global.master())? {
+    if let Some(connection) = context::connect(context.global, context.global.master())? {
         let program = connection.program();
         return Err(Failure::Usage(format!(
             "--bitrates needs the gateways alone, and {program} has configured their bit rates; \

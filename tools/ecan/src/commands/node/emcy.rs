@@ -7,13 +7,11 @@ use clap::Args;
 use ecan_canopen::{Emcy, ErrorRegister, Service as CanopenService, object};
 use serde::Serialize;
 
+use super::node_client::{NodeClient, start_for};
+use super::node_target::{JsonTarget, LiveViewArguments, PositionalTarget};
+use super::object_value::error_text;
 use crate::context::{Context, Failure, Output, Result, Tone};
 use crate::frames::FrameOptions;
-
-use super::live_view::LiveViewArguments;
-use super::node_client::{NodeClient, start_for};
-use super::node_target::{JsonTarget, PositionalTarget};
-use super::object_value::error_text;
 
 #[derive(Debug, Args)]
 pub struct EmcyArguments {

@@ -9,17 +9,16 @@ use ecan_canopen::{
 };
 use serde::Serialize;
 
+use super::node_client::{NodeClient, start_for};
+use super::node_target::{JsonTarget, PositionalTarget};
+use super::object_value::{DeviceType, error_text, modes_text, status_text};
+use super::objects::{DeviceFileArguments, ObjectNames};
+use super::pdo;
+use super::pdo::NodePdo;
+use super::scan::state_name;
 use crate::context::{Context, Failure, Output, Result, Tone};
 use crate::frames::FrameOptions;
 use crate::table;
-
-use super::device_type::DeviceType;
-use super::node_client::{NodeClient, start_for};
-use super::node_target::{JsonTarget, PositionalTarget};
-use super::object_names::{DeviceFileArguments, ObjectNames};
-use super::object_value::{error_text, modes_text, status_text};
-use super::pdo_table::{self, NodePdo};
-use super::scan_report::state_name;
 
 #[derive(Debug, Args)]
 pub struct InfoArguments {
@@ -128,7 +127,7 @@ fn read(client: &mut NodeClient, names: &ObjectNames) -> Result<Info> {
         consumed_heartbeats: consumed,
         guard_time_ms: client.number(GUARD_TIME, 0)?,
         drive: if is_drive { read_drive(client)? } else { None },
-        pdos: pdo_table::read(client, names)?,
+        pdos: pdo::read(client, names)?,
         device_file: compare(names, vendor_id, product_code),
         state: state(client, producer_heartbeat_ms.unwrap_or(0))?.map(state_name),
     })

@@ -1,25 +1,19 @@
 //! `ecan node`: one CANopen node through a gateway (CiA 301).
 
 mod bit_rate_search;
-mod device_type;
 mod emcy;
 mod info;
-mod live_view;
 mod lss;
-mod motion_objects;
 mod nmt;
 pub mod node_client;
 pub mod node_link;
 pub mod node_target;
-mod object_names;
 mod object_value;
+mod objects;
 mod params;
 mod pdo;
-mod pdo_table;
-mod scan;
-pub mod scan_report;
+pub mod scan;
 mod sdo;
-mod standard_objects;
 
 use clap::{Args, Subcommand};
 

@@ -7,14 +7,13 @@ use clap::{Args, ValueEnum};
 use ecan_canopen::{NmtCommand, NmtRequest, NmtState, NodeId, Service as CanopenService, object};
 use serde::Serialize;
 
-use crate::confirmation::confirm;
-use crate::context::{Context, Failure, Result};
-use crate::frames::{FrameOptions, parse_channel};
-
 use super::node_client::{NodeClient, start, start_for};
 use super::node_link::{NodeLink, Observed};
 use super::node_target::NodeArgument;
-use super::scan_report::state_name;
+use super::scan::state_name;
+use crate::confirmation::confirm;
+use crate::context::{Context, Failure, Result};
+use crate::frames::{FrameOptions, parse_channel};
 
 pub const NOTES: &str = "\
 The state is confirmed by a heartbeat, after a reset by the boot-up message. If the producer

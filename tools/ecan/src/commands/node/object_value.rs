@@ -1,4 +1,6 @@
-//! Values of the objects of a node as text, with their meanings.
+//! Values of the objects of a node as text with their meanings, its device type and its motion objects.
+
+use std::fmt;
 
 use ecan_canopen::{
     DataType, DataValue, ErrorRegister, OperatingMode, Statusword, SupportedModes, error_code_text,
@@ -6,9 +8,8 @@ use ecan_canopen::{
 };
 use serde_json::Value;
 
-use super::device_type::DeviceType;
 use super::node_client::unsigned;
-use super::object_names::ObjectKey;
+use super::objects::ObjectKey;
 
 /// Bytes of an object, with its type if it is known.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -97,6 +98,95 @@ pub fn modes_text(modes: SupportedModes) -> String {
     if names.is_empty() { "none".to_owned() } else { names.join(", ") }
 }
 
+/// Value of 0x1000.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct DeviceType(pub u32);
+
+impl DeviceType {
+    /// Number of the device profile, for example 402; 0 without one.
+    pub fn profile(self) -> u16 {
+        self.0 as u16
+    }
+
+    pub fn is_drive(self) -> bool {
+        self.profile() == 402
+    }
+}
+
+/// Names of device profiles.
+const PROFILES: [(u16, &str); 12] = [
+    (401, "I/O module"),
+    (402, "drive"),
+    (404, "measuring device or controller"),
+    (405, "programmable controller"),
+    (406, "encoder"),
+    (408, "proportional valve"),
+    (410, "inclinometer"),
+    (412, "medical device"),
+    (413, "truck gateway"),
+    (417, "lift control"),
+    (418, "battery module"),
+    (419, "battery charger"),
+];
+
+/// Kinds of drives: bits 16 to 23.
+const DRIVES: [(u8, &str); 4] = [
+    (0x01, "frequency converter"),
+    (0x02, "servo drive"),
+    (0x04, "stepper motor drive"),
+    (0x08, "drive with several axes"),
+];
+
+impl fmt::Display for DeviceType {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let profile = self.profile();
+        if profile == 0 {
+            return f.write_str("no device profile");
+        }
+        let name = PROFILES.iter().find(|it| it.0 == profile).map(|it| it.1);
+        match name {
+            Some("drive") => {
+                let kind = (self.0 >> 16) as u8;
+                let kind = DRIVES.iter().find(|it| it.0 == kind).map_or("drive", |it| it.1);
+                write!(f, "{kind} (CiA {profile})")
+            }
+            Some(name) => write!(f, "{name} (CiA {profile})"),
+            None => write!(f, "device profile CiA {profile}"),
+        }
+    }
+}
+
+/// Targets of the modes that have no constant elsewhere: 0x6042 (vl), 0x60C1 (ip).
+const VL_TARGET_VELOCITY: u16 = 0x6042;
+const INTERPOLATION_DATA: u16 = 0x60C1;
+/// Distance of the objects of the axes of a drive (CiA 402-2, 5).
+const AXIS_OFFSET: u16 = 0x800;
+
+/// Returns whether a write can start, stop or change a motion: controlword, mode and targets of any
+/// of the 8 axes, and the outputs.
+pub fn moves_a_motor(index: u16) -> bool {
+    if !(0x6000..0xA000).contains(&index) {
+        return false;
+    }
+    matches!(
+        0x6000 + (index - 0x6000) % AXIS_OFFSET,
+        object::CONTROLWORD
+            | VL_TARGET_VELOCITY
+            | object::MODE_OF_OPERATION
+            | object::TARGET_TORQUE
+            | object::TARGET_POSITION
+            | object::TARGET_VELOCITY
+            | object::POSITION_OFFSET
+            | object::VELOCITY_OFFSET
+            | object::TORQUE_OFFSET
+            | INTERPOLATION_DATA
+            | DIGITAL_OUTPUTS
+    )
+}
+
+/// Digital outputs, among them the brake.
+const DIGITAL_OUTPUTS: u16 = 0x60FE;
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -122,5 +212,25 @@ mod tests {
         assert_eq!(meaning(&[0x77, 0x23], 0x603F).unwrap(), "not named by CiA; class: current");
         assert_eq!(meaning(&[0xA5, 0, 0, 0], 0x6502).unwrap(), "PP, PV, HM, CSP");
         assert_eq!(meaning(&[1], 0x6040), None);
+    }
+
+    #[test]
+    fn profiles_have_names() {
+        assert_eq!(DeviceType(0x0002_0192).to_string(), "servo drive (CiA 402)");
+        assert_eq!(DeviceType(0x0004_0192).to_string(), "stepper motor drive (CiA 402)");
+        assert_eq!(DeviceType(0x000F_0191).to_string(), "I/O module (CiA 401)");
+        assert_eq!(DeviceType(0x0000_01F4).to_string(), "device profile CiA 500");
+        assert_eq!(DeviceType(0).to_string(), "no device profile");
+        assert!(DeviceType(0x0192).is_drive() && !DeviceType(0x0191).is_drive());
+    }
+
+    #[test]
+    fn objects_of_every_axis_are_covered() {
+        for index in [0x6040, 0x6060, 0x607A, 0x60FF, 0x6071, 0x6840, 0x9840, 0x60B1, 0x60FE] {
+            assert!(moves_a_motor(index), "{index:04X}");
+        }
+        for index in [0x1017, 0x6041, 0x6081, 0x2000, 0xA040, 0x5040] {
+            assert!(!moves_a_motor(index), "{index:04X}");
+        }
     }
 }

@@ -8,16 +8,14 @@ use clap::{Args, Subcommand};
 use ecan_canopen::{DataType, ObjectEntry, SdoFault};
 use serde::Serialize;
 
+use super::node_client::{NodeClient, start_for};
+use super::node_target::{JsonTarget, NodeTarget, SelectedNode, TargetArguments};
+use super::object_value::{ObjectValue, moves_a_motor};
+use super::objects::{DeviceFileArguments, ObjectKey, ObjectNames, number};
 use crate::confirmation::confirm;
 use crate::context::{Context, Failure, Output, Result};
 use crate::frames::FrameOptions;
 use crate::table;
-
-use super::motion_objects::moves_a_motor;
-use super::node_client::{NodeClient, start_for};
-use super::node_target::{JsonTarget, NodeTarget, SelectedNode, TargetArguments};
-use super::object_names::{DeviceFileArguments, ObjectKey, ObjectNames, number};
-use super::object_value::ObjectValue;
 
 #[derive(Debug, Args)]
 #[command(after_help = "\

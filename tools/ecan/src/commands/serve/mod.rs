@@ -1,13 +1,9 @@
 //! `ecan serve`: holds the master, keeps the gateways ready and serves the bus to other programs.
 
 mod arguments;
-mod command;
-mod cycle;
 mod daemon;
+mod methods;
 mod notification;
-mod reconfigure;
-mod reload;
-mod simulation;
 
 use std::os::unix::net::UnixListener;
 use std::path::{Path, PathBuf};
@@ -15,6 +11,9 @@ use std::sync::Arc;
 use std::sync::mpsc::channel;
 use std::thread::sleep;
 
+pub use arguments::ServeArguments;
+use arguments::access_text;
+use daemon::{Daemon, POLL};
 use ecan_lite::config::ServiceSettings;
 use ecan_protocol::text::Printable;
 use ecan_service::client::Hello;
@@ -22,19 +21,12 @@ use ecan_service::server::{MetricsAddress, Service, ServiceConfig, ServiceError}
 use ecan_sim::{Backend, ClockKind};
 use ecan_tool_support::command_line::interrupt::Interrupt;
 use listenfd::ListenFd;
+use methods::{ReconfigureMethod, SimulationMethods};
+use notification::{ActiveConfig, Event, Notifier, Reloader};
 
 use crate::config_file;
-use crate::context::{Context, Failure, Result, note};
+use crate::context::{Context, Failure, Result, default_paths, note};
 use crate::frames::Settings;
-use crate::via::default_paths;
-
-pub use arguments::ServeArguments;
-use arguments::access_text;
-use daemon::{Daemon, POLL};
-use notification::{Event, Notifier};
-use reconfigure::ReconfigureMethod;
-use reload::{ActiveConfig, Reloader};
-use simulation::SimulationMethods;
 
 pub const EXAMPLES: &str = "\
 Examples:

@@ -11,17 +11,15 @@ use std::time::{Duration, Instant};
 use clap::{Args, Subcommand, ValueEnum};
 use ecan_service::client::{INVALID_PARAMS, METHOD_NOT_FOUND};
 use ecan_sim::FaultKind;
+pub use fault_report::{FaultList, FaultReport};
+use fault_request::FaultRequest;
 use serde::de::DeserializeOwned;
 use serde_json::Value;
+pub use status::SimulationStatus;
 
+use crate::context;
 use crate::context::{Context, Failure, Result};
 use crate::service_access::ServiceConnection;
-use crate::via;
-
-use fault_request::FaultRequest;
-
-pub use fault_report::{FaultList, FaultReport};
-pub use status::SimulationStatus;
 
 /// Method that injects or schedules a fault. Its parameters are the keys of a `[[fault]]` of a scenario
 /// file.
@@ -176,13 +174,14 @@ fn call<T: DeserializeOwned>(
 }
 
 fn connect(context: &Context) -> Result<ServiceConnection> {
-    let connection = via::connect(context.global, context.global.master())?.ok_or_else(|| {
-        Failure::Master(
+    let connection =
+        context::connect(context.global, context.global.master())?.ok_or_else(|| {
+            Failure::Master(
             "no service with a simulated machine; start `ecan --ecrt sim serve` (a simulation of \
              another command ends with it), or select its socket with --via"
                 .to_owned(),
         )
-    })?;
+        })?;
     match connection.hello().is_simulated {
         true => Ok(connection),
         false => Err(Failure::Master(format!(

@@ -1,20 +1,17 @@
-//! Node-ID and bit rate of an LSS slave.
+//! `ecan node lss configure`, `select` and `release`: node-ID and bit rate of an LSS slave.
 
 use std::str::FromStr;
 use std::time::Duration;
 
 use clap::Args;
-use ecan_canopen::{LssBitRate, LssCommand, NmtState, NodeId, object};
+use ecan_canopen::{LssAddress, LssBitRate, LssCommand, LssResult, NmtState, NodeId, object};
 use ecan_tool_support::command_line::options::parse_bit_rate;
 use serde::Serialize;
 
+use super::lss_client::{JsonAddress, LssClient, LssOptions, SlaveSelection, parse_node};
 use crate::commands::node::node_target::NodeTarget;
 use crate::confirmation::confirm;
 use crate::context::{Context, Failure, Result, note};
-
-use super::lss_client::{JsonAddress, LssClient, LssOptions};
-use super::select::select_one;
-use super::slave_selection::{SlaveSelection, parse_node};
 
 /// A node-ID, or `none`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -190,7 +187,7 @@ pub fn set_bit_rate(arguments: &SetBitRateArguments, context: &Context) -> Resul
     let context = &context.on_stderr(lss.options.capture.is_on_output());
     let rate = arguments.rate;
     if arguments.activate.is_some()
-        && let Some(connection) = crate::via::open(context.global, context.global.master())?
+        && let Some(connection) = crate::context::open(context.global, context.global.master())?
     {
         return Err(Failure::Usage(format!(
             "--activate needs the gateways alone: {} has configured the bit rate of can{}; remove \
@@ -273,5 +270,88 @@ fn print(configured: &Configured, context: &Context) -> Result {
         parts.extend(is_stored.then(|| "stored".to_owned()));
         parts.extend(has_booted.then(|| "booted".to_owned()));
         writeln!(out, "slave {slave} can{channel}: {address}: {}", parts.join(", "))
+    })
+}
+
+#[derive(Debug, Args)]
+pub struct SelectArguments {
+    #[command(flatten)]
+    selection: SlaveSelection,
+    #[command(flatten)]
+    lss: LssOptions,
+}
+
+#[derive(Debug, Args)]
+pub struct ReleaseArguments {
+    #[command(flatten)]
+    lss: LssOptions,
+}
+
+#[derive(Debug, Serialize)]
+struct Selected {
+    slave: usize,
+    channel: u8,
+    #[serde(flatten)]
+    address: JsonAddress,
+    /// `None` for a slave without node-ID.
+    node: Option<u8>,
+}
+
+/// Selects a slave, and reads its address and node-ID.
+///
+/// # Errors
+/// Another slave responds, too, or in its place; then all are in the waiting state again.
+pub fn select_one(
+    selection: SlaveSelection,
+    client: &mut LssClient,
+) -> Result<(LssAddress, Option<NodeId>)> {
+    selection.select(client)?;
+    let before = client.late_strays()?;
+    let (address, node) = inquire(client)?;
+    let reason = match selection.node() {
+        _ if client.late_strays()? > before => {
+            "several slaves respond; select one by --address, or separate slaves with equal addresses"
+        }
+        Some(expected) if node != Some(expected) => {
+            "another slave has the same LSS address; separate the slaves"
+        }
+        _ => return Ok((address, node)),
+    };
+    client.release()?;
+    Err(Failure::Rejected(format!("LSS on can{}: {reason}", client.node.target().channel)))
+}
+
+fn inquire(client: &mut LssClient) -> Result<(LssAddress, Option<NodeId>)> {
+    let address = match client.command(LssCommand::InquireAddress)? {
+        LssResult::Address(address) => address,
+        _ => LssAddress::default(),
+    };
+    let node = match client.command(LssCommand::InquireNodeId)? {
+        LssResult::NodeId(node) => node,
+        _ => None,
+    };
+    Ok((address, node))
+}
+
+pub fn select(arguments: &SelectArguments, context: &Context) -> Result {
+    let context = &context.on_stderr(arguments.lss.options.capture.is_on_output());
+    let client = LssClient::start(&arguments.lss, None, context)?;
+    let (slave, channel) = (client.slave(), arguments.lss.channel);
+    let (address, node) = client.run(|client| select_one(arguments.selection, client))?;
+    let selected =
+        Selected { slave, channel, address: address.into(), node: node.map(NodeId::get) };
+    context.output.data(&selected, |out| {
+        let node = node.map_or_else(|| "no node-ID".to_owned(), |it| format!("node-ID {it}"));
+        writeln!(out, "slave {slave} can{channel}: {address}: {node}, configuration state")
+    })
+}
+
+pub fn release(arguments: &ReleaseArguments, context: &Context) -> Result {
+    let context = &context.on_stderr(arguments.lss.options.capture.is_on_output());
+    let client = LssClient::start(&arguments.lss, None, context)?;
+    let (slave, channel) = (client.slave(), arguments.lss.channel);
+    client.run(LssClient::release)?;
+    context.output.data(&serde_json::json!({ "slave": slave, "channel": channel }), |out| {
+        writeln!(out, "slave {slave} can{channel}: all slaves switched to the waiting state")
     })
 }

@@ -3,8 +3,6 @@
 mod configure;
 mod lss_client;
 mod search;
-mod select;
-mod slave_selection;
 
 use clap::{Args, Subcommand};
 
@@ -41,7 +39,7 @@ enum Action {
     /// Ask whether there are slaves of a product, or slaves without node-ID
     Identify(search::IdentifyArguments),
     /// Select a slave, and show its LSS address and node-ID
-    Select(select::SelectArguments),
+    Select(configure::SelectArguments),
     /// Configure the node-ID of a slave
     SetId(configure::SetIdArguments),
     /// Configure the bit rate of a slave
@@ -49,17 +47,17 @@ enum Action {
     /// Store node-ID and bit rate in a slave
     Store(configure::StoreArguments),
     /// Switch all slaves to the waiting state
-    Release(select::ReleaseArguments),
+    Release(configure::ReleaseArguments),
 }
 
 pub fn run(arguments: &LssArguments, context: &Context) -> Result {
     match &arguments.action {
         Action::Scan(arguments) => search::scan(arguments, context),
         Action::Identify(arguments) => search::identify(arguments, context),
-        Action::Select(arguments) => select::select(arguments, context),
+        Action::Select(arguments) => configure::select(arguments, context),
         Action::SetId(arguments) => configure::set_id(arguments, context),
         Action::SetBitrate(arguments) => configure::set_bit_rate(arguments, context),
         Action::Store(arguments) => configure::store(arguments, context),
-        Action::Release(arguments) => select::release(arguments, context),
+        Action::Release(arguments) => configure::release(arguments, context),
     }
 }

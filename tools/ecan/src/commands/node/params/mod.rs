@@ -1,8 +1,5 @@
 //! `ecan node params`: the configuration of a node as a device configuration file (DCF, CiA 306-1).
 
-mod dcf_file;
-mod diff;
-mod identity;
 mod restore;
 mod save;
 
@@ -38,7 +35,7 @@ enum Action {
     /// Read the values of a node into a new DCF
     Save(save::SaveArguments),
     /// Compare the values of a DCF with those of a node
-    Diff(diff::DiffArguments),
+    Diff(restore::DiffArguments),
     /// Write the values of a DCF to a node, and read them again
     Restore(restore::RestoreArguments),
 }
@@ -46,7 +43,7 @@ enum Action {
 pub fn run(arguments: &ParamsArguments, context: &Context) -> Result {
     match &arguments.action {
         Action::Save(arguments) => save::run(arguments, context),
-        Action::Diff(arguments) => diff::run(arguments, context),
+        Action::Diff(arguments) => restore::run_diff(arguments, context),
         Action::Restore(arguments) => restore::run(arguments, context),
     }
 }

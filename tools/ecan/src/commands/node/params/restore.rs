@@ -1,8 +1,8 @@
-//! `ecan node params restore`.
+//! `ecan node params restore` and `diff`: values of a DCF compared with, and written to, a node.
 
-use std::io::{self, Write};
+use std::io;
+use std::io::Write;
 use std::path::PathBuf;
-use std::time::Duration;
 
 use clap::Args;
 use ecan_canopen::{
@@ -11,17 +11,17 @@ use ecan_canopen::{
 };
 use serde::Serialize;
 
+use super::save;
+use super::save::SDO_TIMEOUT;
 use crate::commands::node::node_client::{NodeClient, start_for};
 use crate::commands::node::node_target::{JsonTarget, NodeTarget, TargetArguments};
-use crate::commands::node::object_names::number;
 use crate::commands::node::object_value::{ObjectValue, status_text};
+use crate::commands::node::objects::number;
 use crate::confirmation::confirm;
 use crate::context::{Context, Failure, Output, Result, Tone};
 use crate::frames::FrameOptions;
 use crate::progress::Progress;
 use crate::table;
-
-use super::{dcf_file, identity};
 
 #[derive(Debug, Args)]
 pub struct RestoreArguments {
@@ -69,7 +69,6 @@ struct Restored {
     not_restored: Vec<NotRestored>,
 }
 
-const SDO_TIMEOUT: Duration = Duration::from_millis(500);
 /// Distance of the objects of the axes of a drive (CiA 402-2, 5), and their number.
 const AXIS_OFFSET: u16 = 0x800;
 const AXES: u16 = 8;
@@ -82,13 +81,13 @@ pub fn run(arguments: &RestoreArguments, context: &Context) -> Result {
     let context = &context.on_stderr(arguments.options.capture.is_on_output());
     let selected = arguments.target.select(&arguments.options, context)?;
     let target = selected.target;
-    let dcf = dcf_file::read(&arguments.file)?;
+    let dcf = save::read(&arguments.file)?;
     let name = arguments.file.display().to_string();
     check_node_id(&dcf, target, &name, arguments.application)?;
     let downloads = dcf.downloads(target.node, DownloadScope::All);
     let mut downloads = downloads.map_err(|error| Failure::file("use", &arguments.file, error))?;
     downloads.retain(|it| {
-        dcf_file::is_parameter(it.index) && (!arguments.application || it.index >= APPLICATION)
+        save::is_parameter(it.index) && (!arguments.application || it.index >= APPLICATION)
     });
     if downloads.is_empty() {
         let message = "the file has no value to restore; see `ecan node params save`";
@@ -103,7 +102,7 @@ pub fn run(arguments: &RestoreArguments, context: &Context) -> Result {
     )?;
     let link = start_for(&selected, true, context)?;
     let restored = NodeClient::new(link, target, SDO_TIMEOUT).run(|client| {
-        identity::check(client, &dcf, &name)?;
+        save::check(client, &dcf, &name)?;
         check_off(client)?;
         let _progress = Progress::show(format!("writing {target}"));
         let mut not_restored = Vec::new();
@@ -208,7 +207,7 @@ fn write_all(
             false => None,
         };
         let is_same = |found: &Vec<u8>| {
-            let value = |bytes: &[u8]| dcf_file::decode(data_type?, bytes);
+            let value = |bytes: &[u8]| save::decode(data_type?, bytes);
             found == data || (value(found).is_some() && value(found) == value(data))
         };
         match (&found, fault) {
@@ -258,6 +257,104 @@ fn print(restored: &Restored, output: &Output, out: &mut dyn Write) -> io::Resul
         "{file} to node {} on can{}: {written} writes, {verified} values verified{stored}",
         node.node, node.channel
     )
+}
+
+#[derive(Debug, Args)]
+pub struct DiffArguments {
+    /// DCF to compare
+    file: PathBuf,
+    #[command(flatten)]
+    target: TargetArguments,
+    #[command(flatten)]
+    options: FrameOptions,
+}
+
+#[derive(Debug, Serialize)]
+struct Difference {
+    index: u16,
+    subindex: u8,
+    name: String,
+    #[serde(rename = "type")]
+    ty: String,
+    file: serde_json::Value,
+    file_text: String,
+    node: Option<serde_json::Value>,
+    node_text: Option<String>,
+    /// Reason why the value of the node is unknown.
+    error: Option<String>,
+}
+
+#[derive(Debug, Serialize)]
+struct Report {
+    #[serde(flatten)]
+    node: JsonTarget,
+    file: String,
+    compared: usize,
+    differences: Vec<Difference>,
+}
+
+pub fn run_diff(arguments: &DiffArguments, context: &Context) -> Result {
+    let context = &context.on_stderr(arguments.options.capture.is_on_output());
+    let selected = arguments.target.select(&arguments.options, context)?;
+    let dcf = save::read(&arguments.file)?;
+    let name = arguments.file.display().to_string();
+    let values = save::values(&dcf, selected.target.node);
+    let link = start_for(&selected, true, context)?;
+    let report = NodeClient::new(link, selected.target, SDO_TIMEOUT).run(|client| {
+        save::check(client, &dcf, &name)?;
+        let _progress = Progress::show(format!("reading {}", selected.target));
+        let mut differences = Vec::new();
+        for stored in &values {
+            let (index, subindex) = stored.key();
+            crate::progress::step();
+            let found = match client.try_upload(index, subindex)? {
+                Ok(data) if stored.is_same(&data) => continue,
+                Ok(data) => Ok(ObjectValue::new(data, Some(stored.entry.data_type))),
+                Err(fault @ SdoFault::Aborted(_)) => Err(fault.to_string()),
+                Err(_) => {
+                    // Returns the failure with its remedy.
+                    client.upload(index, subindex)?;
+                    continue;
+                }
+            };
+            let bytes = stored.entry.data_type.encode(&stored.value).unwrap_or_default();
+            let expected = ObjectValue::new(bytes, Some(stored.entry.data_type));
+            differences.push(Difference {
+                index,
+                subindex,
+                name: dcf.label(stored.entry),
+                ty: stored.entry.data_type.to_string(),
+                file: expected.json(),
+                file_text: expected.text(),
+                node: found.as_ref().ok().map(ObjectValue::json),
+                node_text: found.as_ref().ok().map(ObjectValue::text),
+                error: found.err(),
+            });
+        }
+        Ok(Report { node: client.json(), file: name, compared: values.len(), differences })
+    })?;
+    context.output.data(&report, |out| print_differences(&report, &context.output, out))?;
+    match report.differences.is_empty() {
+        true => Ok(()),
+        false => Err(Failure::ProblemsFound),
+    }
+}
+
+fn print_differences(report: &Report, output: &Output, out: &mut dyn Write) -> io::Result<()> {
+    let Report { node, file, compared, differences } = report;
+    if !differences.is_empty() {
+        table::print_with_titles(out, ["OBJECT", "NAME", "FILE", "NODE"], differences, |it| {
+            let found = match (&it.node_text, &it.error) {
+                (Some(text), _) => text.clone(),
+                (None, error) => output.toned(Tone::Faint, error.as_deref().unwrap_or("unknown")),
+            };
+            [number((it.index, it.subindex)), it.name.clone(), it.file_text.clone(), found]
+        })?;
+        writeln!(out)?;
+    }
+    let count = differences.len();
+    let node = format!("node {} on can{}", node.node, node.channel);
+    writeln!(out, "{file} and {node}: {compared} values compared, {count} different")
 }
 
 #[cfg(test)]

@@ -1,21 +1,22 @@
-//! `ecan node params save`.
+//! `ecan node params save`, and the DCF that all commands of `params` read.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use clap::Args;
-use ecan_canopen::{Commissioning, DataType, DeviceFile, SdoFault, object};
+use ecan_canopen::{
+    Commissioning, DataType, DataValue, DeviceFile, NodeId, ObjectEntry, SdoFault, object,
+};
 use ecan_tool_support::command_line::new_file::WholeFile;
 use serde::Serialize;
 
 use crate::commands::node::node_client::{NodeClient, start_for};
 use crate::commands::node::node_target::{JsonTarget, SelectedNode, TargetArguments};
-use crate::commands::node::object_names::{DeviceFileArguments, number};
+use crate::commands::node::object_value::moves_a_motor;
+use crate::commands::node::objects::{DeviceFileArguments, ObjectKey, number, read_device_file};
 use crate::context::{Context, Failure, Result};
 use crate::frames::FrameOptions;
 use crate::progress::Progress;
-
-use super::{dcf_file, identity};
 
 #[derive(Debug, Args)]
 pub struct SaveArguments {
@@ -47,7 +48,7 @@ struct Saved {
     left_out: Vec<LeftOut>,
 }
 
-const SDO_TIMEOUT: Duration = Duration::from_millis(500);
+pub const SDO_TIMEOUT: Duration = Duration::from_millis(500);
 
 pub fn run(arguments: &SaveArguments, context: &Context) -> Result {
     let context = &context.on_stderr(arguments.options.capture.is_on_output());
@@ -63,7 +64,7 @@ pub fn run(arguments: &SaveArguments, context: &Context) -> Result {
         .map_err(write_failure)?;
     let link = start_for(&selected, true, context)?;
     let read = NodeClient::new(link, selected.target, SDO_TIMEOUT).run(|client| {
-        identity::check(client, &device, &name)?;
+        check(client, &device, &name)?;
         let bit_rate =
             client.link.service.can(0, selected.target.channel).map(|it| it.nominal_bitrate);
         let _progress = Progress::show(format!("reading {}", selected.target));
@@ -110,7 +111,7 @@ fn read_values(
     dcf: &mut DeviceFile,
 ) -> Result<(usize, Vec<LeftOut>)> {
     let (mut values, mut left_out) = (0, Vec::new());
-    for entry in device.parameters().filter(|it| dcf_file::is_parameter(it.index)) {
+    for entry in device.parameters().filter(|it| is_parameter(it.index)) {
         let (index, subindex) = (entry.index, entry.subindex);
         crate::progress::step();
         let reason = match client.try_upload(index, subindex)? {
@@ -138,4 +139,86 @@ fn read_values(
 fn is_empty(data_type: DataType, data: &[u8]) -> bool {
     let is_text = matches!(data_type, DataType::VisibleString | DataType::UnicodeString);
     data.is_empty() || is_text && data.iter().all(|byte| *byte == 0)
+}
+
+/// Program download (CiA 302-3): a write can erase the firmware.
+const PROGRAMS: std::ops::RangeInclusive<u16> = 0x1F50..=0x1F5F;
+
+/// Returns whether an object is a parameter, and no command.
+pub fn is_parameter(index: u16) -> bool {
+    !moves_a_motor(index) && !PROGRAMS.contains(&index)
+}
+
+/// Reads a DCF.
+///
+/// # Errors
+/// The file cannot be read, or it is an EDS, which has no values.
+pub fn read(path: &Path) -> Result<DeviceFile> {
+    let file = read_device_file(path)?;
+    match file.is_dcf() {
+        true => Ok(file),
+        false => Err(Failure::file(
+            "use",
+            path,
+            "an EDS has no values of a node; use a DCF, for example of `ecan node params save`",
+        )),
+    }
+}
+
+/// Value of a parameter in a DCF.
+#[derive(Clone, Debug)]
+pub struct StoredValue<'f> {
+    pub entry: &'f ObjectEntry,
+    pub value: DataValue,
+}
+
+impl StoredValue<'_> {
+    pub fn key(&self) -> ObjectKey {
+        (self.entry.index, self.entry.subindex)
+    }
+
+    /// Returns whether the bytes of the node are this value.
+    pub fn is_same(&self, bytes: &[u8]) -> bool {
+        decode(self.entry.data_type, bytes).as_ref() == Some(&self.value)
+    }
+}
+
+/// The parameters of a DCF that can be read from a node, with their values, in the order of index and
+/// subindex.
+pub fn values(file: &DeviceFile, node: NodeId) -> Vec<StoredValue<'_>> {
+    let entries = file.parameters().filter(|entry| is_parameter(entry.index));
+    let value = |entry| {
+        let value = ObjectEntry::parameter_value(entry, node)?;
+        Some(StoredValue { entry, value })
+    };
+    entries.filter_map(value).collect()
+}
+
+/// The value of these bytes; of a text without the zeros at its end. `None` for another length.
+pub fn decode(data_type: DataType, bytes: &[u8]) -> Option<DataValue> {
+    data_type.decode(bytes).ok().map(|value| match value {
+        DataValue::Text(text) => DataValue::Text(text.trim_end_matches('\0').into()),
+        value => value,
+    })
+}
+
+/// Rejects a node that is another device than the one of the file.
+///
+/// # Errors
+/// Vendor-ID or product code differ; the node does not answer.
+pub fn check(client: &mut NodeClient, file: &DeviceFile, name: &str) -> Result {
+    let info = &file.device_info;
+    let parts = [("vendor-ID", 1, info.vendor_number), ("product code", 2, info.product_number)];
+    for (what, subindex, expected) in parts {
+        let Some(expected) = expected.filter(|it| *it != 0) else { continue };
+        let Some(found) = client.number(object::IDENTITY, subindex)? else { continue };
+        if found != u64::from(expected) {
+            return Err(Failure::Rejected(format!(
+                "{} has {what} 0x{found:08X}, and {name} is for 0x{expected:08X}; use the file of \
+                 this device",
+                client.target()
+            )));
+        }
+    }
+    Ok(())
 }

@@ -1,21 +1,23 @@
-//! Method `reconfigure`: checks a configuration file on a worker of the service and hands it over to
-//! the thread of the cycle.
+//! Methods that `ecan serve` adds to its service: `reconfigure`, which checks a configuration on a worker of
+//! the service and hands it over to the thread of the cycle, and those of a simulated machine.
 
 use std::path::PathBuf;
-use std::sync::mpsc::{Sender, sync_channel};
+use std::sync::mpsc::{Sender, SyncSender, sync_channel};
 use std::sync::{Mutex, TryLockError};
 
-use ecan_mcan_port::Config;
-use ecan_service::client::{Access, BUSY, INVALID_PARAMS, NOT_AVAILABLE, RpcError};
+use ecan_mcan_port::{Config, PortConfig};
+use ecan_protocol::text::Printable;
+use ecan_service::client::{Access, BUS_ERROR, BUSY, INVALID_PARAMS, NOT_AVAILABLE, RpcError};
 use ecan_service::server::{Extension, Permission, parse_params, result_value};
-use ecan_sim::Backend;
+use ecan_sim::{Backend, Simulation};
 use serde_json::{Value, json};
 
+use crate::commands::sim::{
+    FAULT_METHOD, FAULTS_METHOD, FaultList, FaultReport, STATUS_METHOD, SimulationStatus,
+};
 use crate::context::{Bus, Failure, GlobalOptions, Result};
 use crate::frames::{GatewayRequirements, Planned, of_whole_file};
 use crate::reconfiguration::{ConfigText, METHOD, ReadyGateway, Report};
-
-use super::command::{Command, Request};
 
 impl Planned {
     /// Report of gateways that are ready with this configuration.
@@ -116,5 +118,92 @@ impl Extension for ReconfigureMethod {
             let config: ConfigText = parse_params(METHOD, params)?;
             result_value(&self.reconfigure(&config)?)
         })
+    }
+}
+
+/// Command to the thread of the cycle.
+#[derive(Debug)]
+pub enum Command {
+    Reconfigure(Box<Request>),
+    /// Host settings of the same gateways.
+    Limits(Box<PortConfig>),
+}
+
+/// A configuration for the thread of the cycle, checked and with its gateways on the bus.
+#[derive(Debug)]
+pub struct Request {
+    pub path: PathBuf,
+    pub file: Config,
+    pub planned: Planned,
+    pub reply: SyncSender<Result<Report, RpcError>>,
+}
+
+/// Error of a configuration that failed on the gateways.
+#[derive(Debug)]
+pub struct NotConfigured {
+    pub cause: Failure,
+    /// Result of the return to the former configuration.
+    pub restored: Result,
+}
+
+impl Request {
+    /// Ends the call.
+    pub fn reply(self, result: Result<Report, &NotConfigured>) {
+        let result = result.map_err(|NotConfigured { cause, restored }| {
+            let end = match restored {
+                Ok(()) => "the former configuration is active again".to_owned(),
+                Err(error) => format!(
+                    "the former configuration is not active again: {error}; the service tries again"
+                ),
+            };
+            let data = json!({ "kind": "reconfiguration", "is_restored": restored.is_ok() });
+            let message = format!("{}: {cause}; {end}", Printable(self.path.display()));
+            RpcError { data, ..RpcError::new(BUS_ERROR, message) }
+        });
+        // The client may have gone.
+        let _ = self.reply.send(result);
+    }
+}
+
+#[derive(Debug)]
+pub struct SimulationMethods {
+    simulation: Simulation,
+}
+
+impl SimulationMethods {
+    pub fn new(simulation: &Simulation) -> Self {
+        Self { simulation: simulation.clone() }
+    }
+
+    fn inject(&self, params: &Value, access: &Permission) -> Result<Value, RpcError> {
+        access.need_control(FAULT_METHOD)?;
+        let fault = parse_params(FAULT_METHOD, params)?;
+        let effect = self.simulation.execute(&fault);
+        let effect = effect.map_err(|error| RpcError::new(INVALID_PARAMS, error.to_string()))?;
+        result_value(&FaultReport::from(&effect))
+    }
+}
+
+impl Extension for SimulationMethods {
+    fn access(&self, method: &str) -> Option<Access> {
+        match method {
+            FAULT_METHOD => Some(Access::Control),
+            FAULTS_METHOD | STATUS_METHOD => Some(Access::Read),
+            _ => None,
+        }
+    }
+
+    fn call(
+        &self,
+        method: &str,
+        params: &Value,
+        access: &Permission,
+    ) -> Option<Result<Value, RpcError>> {
+        match method {
+            FAULT_METHOD => Some(self.inject(params, access)),
+            FAULTS_METHOD => Some(result_value(&FaultList::of(&self.simulation))),
+            STATUS_METHOD => Some(result_value(&SimulationStatus::of(&self.simulation))),
+            _ => None,
+        }
     }
 }

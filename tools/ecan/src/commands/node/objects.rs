@@ -1,18 +1,21 @@
-//! Names and types of the objects of a node: from its device file, else from the standards.
+//! Names of the objects of a node, of its device file and of the CiA documents.
 
 use std::path::PathBuf;
 use std::sync::Arc;
 
 use clap::Args;
-use ecan_canopen::{AccessType, DeviceFile, DeviceObject, FindError, ObjectEntry, ObjectType};
+use ecan_canopen::DataType::{
+    Integer8, Integer16, Integer32, Unsigned8, Unsigned16, Unsigned32, VisibleString,
+};
+use ecan_canopen::{
+    AccessType, DataType, DeviceFile, DeviceObject, FindError, ObjectEntry, ObjectType,
+};
 use ecan_protocol::text::Printable;
 
+use super::node_target::SelectedNode;
 use crate::context::{Failure, Result, note};
 use crate::input_file;
 use crate::value::{parse_unsigned, reject_without_prefix};
-
-use super::node_target::SelectedNode;
-use super::standard_objects::{PDO_ROWS, PDOS, ROWS, Row};
 
 /// The option for a device file.
 #[derive(Clone, Debug, Args)]
@@ -222,6 +225,161 @@ fn add(device: &mut DeviceFile, row: &'static Row, index: u16, object: &str) {
 fn plain(name: &str) -> String {
     name.chars().filter(|c| c.is_alphanumeric()).flat_map(char::to_lowercase).collect()
 }
+
+/// Index, first and last subindex, type, name of the object, name of the entry (`{}` is the subindex).
+pub type Row = (u16, u8, u8, DataType, &'static str, &'static str);
+
+/// Objects with their entries, in the order of their indices. The PDOs are in [`PDO_ROWS`].
+#[rustfmt::skip]
+pub const ROWS: &[Row] = &[
+    (0x1000, 0, 0, Unsigned32, "device type", ""),
+    (0x1001, 0, 0, Unsigned8, "error register", ""),
+    (0x1002, 0, 0, Unsigned32, "manufacturer status register", ""),
+    (0x1003, 0, 0, Unsigned8, "error history", "number of errors"),
+    (0x1003, 1, 16, Unsigned32, "error history", "error {}"),
+    (0x1005, 0, 0, Unsigned32, "COB-ID SYNC", ""),
+    (0x1006, 0, 0, Unsigned32, "communication cycle period", ""),
+    (0x1007, 0, 0, Unsigned32, "synchronous window length", ""),
+    (0x1008, 0, 0, VisibleString, "device name", ""),
+    (0x1009, 0, 0, VisibleString, "hardware version", ""),
+    (0x100A, 0, 0, VisibleString, "software version", ""),
+    (0x100C, 0, 0, Unsigned16, "guard time", ""),
+    (0x100D, 0, 0, Unsigned8, "life time factor", ""),
+    (0x1010, 0, 0, Unsigned8, "store parameters", "highest subindex"),
+    (0x1010, 1, 1, Unsigned32, "store parameters", "all"),
+    (0x1010, 2, 2, Unsigned32, "store parameters", "communication"),
+    (0x1010, 3, 3, Unsigned32, "store parameters", "application"),
+    (0x1011, 0, 0, Unsigned8, "restore default parameters", "highest subindex"),
+    (0x1011, 1, 1, Unsigned32, "restore default parameters", "all"),
+    (0x1011, 2, 2, Unsigned32, "restore default parameters", "communication"),
+    (0x1011, 3, 3, Unsigned32, "restore default parameters", "application"),
+    (0x1012, 0, 0, Unsigned32, "COB-ID TIME", ""),
+    (0x1014, 0, 0, Unsigned32, "COB-ID EMCY", ""),
+    (0x1015, 0, 0, Unsigned16, "inhibit time EMCY", ""),
+    (0x1016, 0, 0, Unsigned8, "consumer heartbeat time", "number of entries"),
+    (0x1016, 1, 8, Unsigned32, "consumer heartbeat time", "entry {}"),
+    (0x1017, 0, 0, Unsigned16, "producer heartbeat time", ""),
+    (0x1018, 0, 0, Unsigned8, "identity", "highest subindex"),
+    (0x1018, 1, 1, Unsigned32, "identity", "vendor-ID"),
+    (0x1018, 2, 2, Unsigned32, "identity", "product code"),
+    (0x1018, 3, 3, Unsigned32, "identity", "revision number"),
+    (0x1018, 4, 4, Unsigned32, "identity", "serial number"),
+    (0x1019, 0, 0, Unsigned8, "synchronous counter overflow", ""),
+    (0x1020, 0, 0, Unsigned8, "verify configuration", "highest subindex"),
+    (0x1020, 1, 1, Unsigned32, "verify configuration", "configuration date"),
+    (0x1020, 2, 2, Unsigned32, "verify configuration", "configuration time"),
+    (0x1029, 0, 0, Unsigned8, "error behaviour", "highest subindex"),
+    (0x1029, 1, 1, Unsigned8, "error behaviour", "communication error"),
+    (0x1200, 0, 0, Unsigned8, "SDO server parameter", "highest subindex"),
+    (0x1200, 1, 1, Unsigned32, "SDO server parameter", "COB-ID client to server"),
+    (0x1200, 2, 2, Unsigned32, "SDO server parameter", "COB-ID server to client"),
+    (0x1F80, 0, 0, Unsigned32, "NMT startup", ""),
+    (0x6007, 0, 0, Integer16, "abort connection option code", ""),
+    (0x603F, 0, 0, Unsigned16, "error code", ""),
+    (0x6040, 0, 0, Unsigned16, "controlword", ""),
+    (0x6041, 0, 0, Unsigned16, "statusword", ""),
+    (0x6042, 0, 0, Integer16, "vl target velocity", ""),
+    (0x605A, 0, 0, Integer16, "quick stop option code", ""),
+    (0x605B, 0, 0, Integer16, "shutdown option code", ""),
+    (0x605C, 0, 0, Integer16, "disable operation option code", ""),
+    (0x605D, 0, 0, Integer16, "halt option code", ""),
+    (0x605E, 0, 0, Integer16, "fault reaction option code", ""),
+    (0x6060, 0, 0, Integer8, "modes of operation", ""),
+    (0x6061, 0, 0, Integer8, "modes of operation display", ""),
+    (0x6062, 0, 0, Integer32, "position demand value", ""),
+    (0x6063, 0, 0, Integer32, "position actual internal value", ""),
+    (0x6064, 0, 0, Integer32, "position actual value", ""),
+    (0x6065, 0, 0, Unsigned32, "following error window", ""),
+    (0x6066, 0, 0, Unsigned16, "following error time out", ""),
+    (0x6067, 0, 0, Unsigned32, "position window", ""),
+    (0x6068, 0, 0, Unsigned16, "position window time", ""),
+    (0x606B, 0, 0, Integer32, "velocity demand value", ""),
+    (0x606C, 0, 0, Integer32, "velocity actual value", ""),
+    (0x606D, 0, 0, Unsigned16, "velocity window", ""),
+    (0x606E, 0, 0, Unsigned16, "velocity window time", ""),
+    (0x606F, 0, 0, Unsigned16, "velocity threshold", ""),
+    (0x6071, 0, 0, Integer16, "target torque", ""),
+    (0x6072, 0, 0, Unsigned16, "max torque", ""),
+    (0x6074, 0, 0, Integer16, "torque demand", ""),
+    (0x6075, 0, 0, Unsigned32, "motor rated current", ""),
+    (0x6076, 0, 0, Unsigned32, "motor rated torque", ""),
+    (0x6077, 0, 0, Integer16, "torque actual value", ""),
+    (0x6078, 0, 0, Integer16, "current actual value", ""),
+    (0x6079, 0, 0, Unsigned32, "DC link circuit voltage", ""),
+    (0x607A, 0, 0, Integer32, "target position", ""),
+    (0x607C, 0, 0, Integer32, "home offset", ""),
+    (0x607D, 0, 0, Unsigned8, "software position limit", "highest subindex"),
+    (0x607D, 1, 1, Integer32, "software position limit", "minimum"),
+    (0x607D, 2, 2, Integer32, "software position limit", "maximum"),
+    (0x607E, 0, 0, Unsigned8, "polarity", ""),
+    (0x607F, 0, 0, Unsigned32, "max profile velocity", ""),
+    (0x6080, 0, 0, Unsigned32, "max motor speed", ""),
+    (0x6081, 0, 0, Unsigned32, "profile velocity", ""),
+    (0x6083, 0, 0, Unsigned32, "profile acceleration", ""),
+    (0x6084, 0, 0, Unsigned32, "profile deceleration", ""),
+    (0x6085, 0, 0, Unsigned32, "quick stop deceleration", ""),
+    (0x6086, 0, 0, Integer16, "motion profile type", ""),
+    (0x6087, 0, 0, Unsigned32, "torque slope", ""),
+    (0x608F, 0, 0, Unsigned8, "position encoder resolution", "highest subindex"),
+    (0x608F, 1, 1, Unsigned32, "position encoder resolution", "encoder increments"),
+    (0x608F, 2, 2, Unsigned32, "position encoder resolution", "motor revolutions"),
+    (0x6091, 0, 0, Unsigned8, "gear ratio", "highest subindex"),
+    (0x6091, 1, 1, Unsigned32, "gear ratio", "motor revolutions"),
+    (0x6091, 2, 2, Unsigned32, "gear ratio", "shaft revolutions"),
+    (0x6092, 0, 0, Unsigned8, "feed constant", "highest subindex"),
+    (0x6092, 1, 1, Unsigned32, "feed constant", "feed"),
+    (0x6092, 2, 2, Unsigned32, "feed constant", "shaft revolutions"),
+    (0x6098, 0, 0, Integer8, "homing method", ""),
+    (0x6099, 0, 0, Unsigned8, "homing speeds", "highest subindex"),
+    (0x6099, 1, 1, Unsigned32, "homing speeds", "speed to the switch"),
+    (0x6099, 2, 2, Unsigned32, "homing speeds", "speed to the zero"),
+    (0x609A, 0, 0, Unsigned32, "homing acceleration", ""),
+    (0x60B0, 0, 0, Integer32, "position offset", ""),
+    (0x60B1, 0, 0, Integer32, "velocity offset", ""),
+    (0x60B2, 0, 0, Integer16, "torque offset", ""),
+    (0x60B8, 0, 0, Unsigned16, "touch probe function", ""),
+    (0x60B9, 0, 0, Unsigned16, "touch probe status", ""),
+    (0x60C1, 0, 0, Unsigned8, "interpolation data record", "highest subindex"),
+    (0x60C1, 1, 1, Integer32, "interpolation data record", "set-point 1"),
+    (0x60C2, 0, 0, Unsigned8, "interpolation time period", "highest subindex"),
+    (0x60C2, 1, 1, Unsigned8, "interpolation time period", "value"),
+    (0x60C2, 2, 2, Integer8, "interpolation time period", "power of ten"),
+    (0x60C5, 0, 0, Unsigned32, "max acceleration", ""),
+    (0x60C6, 0, 0, Unsigned32, "max deceleration", ""),
+    (0x60F4, 0, 0, Integer32, "following error actual value", ""),
+    (0x60FC, 0, 0, Integer32, "position demand internal value", ""),
+    (0x60FD, 0, 0, Unsigned32, "digital inputs", ""),
+    (0x60FE, 0, 0, Unsigned8, "digital outputs", "highest subindex"),
+    (0x60FE, 1, 1, Unsigned32, "digital outputs", "outputs"),
+    (0x60FE, 2, 2, Unsigned32, "digital outputs", "bit mask"),
+    (0x60FF, 0, 0, Integer32, "target velocity", ""),
+    (0x6402, 0, 0, Unsigned16, "motor type", ""),
+    (0x6502, 0, 0, Unsigned32, "supported drive modes", ""),
+];
+
+/// Entries of the communication and the mapping of a PDO: first index, subindices, type, object, entry.
+#[rustfmt::skip]
+pub const PDO_ROWS: &[Row] = &[
+    (0x1400, 0, 0, Unsigned8, "RPDO communication", "highest subindex"),
+    (0x1400, 1, 1, Unsigned32, "RPDO communication", "COB-ID"),
+    (0x1400, 2, 2, Unsigned8, "RPDO communication", "transmission type"),
+    (0x1400, 3, 3, Unsigned16, "RPDO communication", "inhibit time"),
+    (0x1400, 5, 5, Unsigned16, "RPDO communication", "event timer"),
+    (0x1400, 6, 6, Unsigned8, "RPDO communication", "SYNC start value"),
+    (0x1600, 0, 0, Unsigned8, "RPDO mapping", "number of entries"),
+    (0x1600, 1, 8, Unsigned32, "RPDO mapping", "entry {}"),
+    (0x1800, 0, 0, Unsigned8, "TPDO communication", "highest subindex"),
+    (0x1800, 1, 1, Unsigned32, "TPDO communication", "COB-ID"),
+    (0x1800, 2, 2, Unsigned8, "TPDO communication", "transmission type"),
+    (0x1800, 3, 3, Unsigned16, "TPDO communication", "inhibit time"),
+    (0x1800, 5, 5, Unsigned16, "TPDO communication", "event timer"),
+    (0x1800, 6, 6, Unsigned8, "TPDO communication", "SYNC start value"),
+    (0x1A00, 0, 0, Unsigned8, "TPDO mapping", "number of entries"),
+    (0x1A00, 1, 8, Unsigned32, "TPDO mapping", "entry {}"),
+];
+
+/// PDOs of each direction that the names cover.
+pub const PDOS: u16 = 8;
 
 #[cfg(test)]
 mod tests {
