@@ -235,11 +235,17 @@ fn first_signal_begins_the_stop_and_the_second_exits() {
         // The stop lasts as long as the motor was accelerated: on a slow machine more time is needed.
         std::thread::sleep(std::time::Duration::from_secs(seconds));
         running.terminate();
-        running.wait_for_error("quick stop: stopped: Ctrl-C or SIGTERM");
+        running.wait_for_error("quick stop: ");
+        // Without processor time the motion guard ends the motion first.
+        if running.errors().contains("the motion ended") {
+            return None;
+        }
+        running.wait_for_error("stopped: Ctrl-C or SIGTERM");
         running.terminate_until_ended();
         running.wait().0
     };
-    assert!([4, 8, 16].into_iter().any(|seconds| status_after(seconds) == Some(130)));
+    let mut attempts = [4, 8, 16].into_iter().cycle().take(9);
+    assert!(attempts.any(|seconds| status_after(seconds) == Some(130)));
 }
 
 #[test]

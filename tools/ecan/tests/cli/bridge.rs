@@ -187,14 +187,14 @@ fn pseudo_terminal_acts_as_serial_adapter() {
 /// A motor must not execute outdated commands.
 #[test]
 fn frames_during_outage_are_rejected_and_never_sent() {
-    let fault = "kind = \"power_cycle\"\ngateway = 0\noff_ms = 500";
+    let fault = |length| format!("kind = \"power_cycle\"\ngateway = 0\noff_ms = {}", 500 * length);
     let late = rejects_during("kind = \"silent\"", fault, "gateway: ready");
     assert_eq!(late, [0; 0]);
 }
 
 #[test]
 fn frames_during_bus_off_are_rejected() {
-    let fault = "kind = \"bus_off\"\ngateway = 0\nchannel = 0";
+    let fault = |_| "kind = \"bus_off\"\ngateway = 0\nchannel = 0".to_owned();
     let late = rejects_during("kind = \"silent\"", fault, "can0: run");
     assert_eq!(late, [0; 0]);
 }
@@ -203,7 +203,9 @@ fn frames_during_bus_off_are_rejected() {
 #[test]
 fn frames_without_acknowledgement_are_rejected() {
     let node = "kind = \"drive\"\nname = \"partner\"\nnode_id = 1";
-    let fault = "kind = \"drive_power_cycle\"\nnode = \"partner\"\noff_ms = 3000";
+    let fault = |length| {
+        format!("kind = \"drive_power_cycle\"\nnode = \"partner\"\noff_ms = {}", 3000 * length)
+    };
     let late = rejects_during(node, fault, "can0: run");
     let queue_and_controller = 64 + 32;
     assert!(late.len() <= queue_and_controller, "{} frames came late", late.len());
@@ -211,10 +213,13 @@ fn frames_without_acknowledgement_are_rejected() {
 
 /// A client sends during a fault, whose end is reported in a line that ends with `end`. Returns the
 /// outdated frames received afterwards.
-fn rejects_during(node: &str, fault: &str, end: &str) -> Vec<usize> {
-    let bus = Scenario::new(&format!(
-        "[[node]]\nbus = \"0.0\"\n{node}\n[[fault]]\nat_ms = 9000\n{fault}\n"
-    ));
+///
+/// A client with little processor time sends too few frames for a rejection: then a fault of twice the length
+/// follows.
+fn rejects_during(node: &str, fault: impl Fn(u32) -> String, end: &str) -> Vec<usize> {
+    let faults = [(9, 1), (29, 2), (59, 4), (99, 8), (149, 16)]
+        .map(|(second, length)| format!("[[fault]]\nat_ms = {second}000\n{}\n", fault(length)));
+    let bus = Scenario::new(&format!("[[node]]\nbus = \"0.0\"\n{node}\n{}", faults.concat()));
     let setting = bus.setting();
     let mut bridge = Running::start(&["--ecrt", &setting, "bridge", "--slcan", "--socketcand"]);
     let mut sender = Client::connect(&address(&bridge.line(), "slcan", "can0"));
