@@ -1,15 +1,17 @@
-//! A client: its socket and session.
+//! A client with its socket and session, and the admission of clients.
 
+use std::fmt;
 use std::os::fd::OwnedFd;
 use std::time::{Duration, Instant};
 
+use nix::unistd::Uid;
 use rustix::event::PollFlags;
 use rustix::io::Errno;
 use rustix::net::{RecvFlags, SendFlags, recv, send};
 
-use crate::protocol::ClientStats;
-use crate::server::permission::Peer;
-use crate::server::session::{Host, Session};
+use super::permission::{Peer, user_name};
+use super::session::{Host, Session};
+use crate::protocol::{ClientStats, NOT_AVAILABLE};
 
 /// Reads of one client in a row.
 const MAX_READS: usize = 4;
@@ -133,5 +135,186 @@ impl Client {
             frames_pending: self.session.frames_pending(),
             queued_bytes: output.len() as u64,
         }
+    }
+}
+
+/// Checks of [`SilentClients`] that a client may take for its `hello`: 5 s at 50 ms each.
+const MAX_SILENT_CHECKS: u32 = 100;
+/// User ID of a client whose user the system does not report.
+pub(crate) const UNKNOWN_USER: u32 = u32::MAX;
+
+/// Places of a service. One place is for root and the user of the service, and another user has at most half
+/// of the places: no user locks all others out.
+#[derive(Debug)]
+pub(crate) struct Admission {
+    pub(crate) max_clients: usize,
+    owner: u32,
+    rejected: IncidentLog,
+    silent: IncidentLog,
+    broken: IncidentLog,
+}
+
+impl Admission {
+    pub(crate) fn new(max_clients: usize) -> Self {
+        Self {
+            max_clients,
+            owner: Uid::effective().as_raw(),
+            rejected: IncidentLog::new("rejected clients"),
+            silent: IncidentLog::new("clients without a hello"),
+            broken: IncidentLog::new("clients that broke the protocol"),
+        }
+    }
+
+    /// Checks whether another client has a place; `users` are those of the connected ones.
+    pub(crate) fn check(&self, user: u32, users: impl Iterator<Item = u32>) -> Result<(), String> {
+        let (mut all, mut own) = (0, 0);
+        for other in users {
+            all += 1;
+            own += usize::from(other == user);
+        }
+        let max = self.max_clients;
+        if all >= max {
+            return Err(format!("{all} clients are connected; close one, or raise max_clients"));
+        }
+        if [0, self.owner].contains(&user) || max < 2 {
+            return Ok(());
+        }
+        if own >= max / 2 {
+            return Err(format!(
+                "user {} has {own} connections; allowed: {}, half of max_clients; close one, or raise \
+                 max_clients",
+                user_name(user),
+                max / 2
+            ));
+        }
+        if all + 1 >= max {
+            return Err(format!(
+                "{all} clients are connected, and the last place is for root and user {}; close one, or \
+                 raise max_clients",
+                user_name(self.owner)
+            ));
+        }
+        Ok(())
+    }
+
+    /// Logs a client that has no place.
+    pub(crate) fn log_rejection(&mut self, peer: Option<Peer>, reason: &str) {
+        let process = peer.map_or(0, |peer| peer.pid);
+        self.rejected.report(format_args!("client of process {process} rejected: {reason}"));
+    }
+
+    /// Ends the clients that sent no `hello` in time and returns their number. Called in a fixed interval: a
+    /// service that was stopped counts one check.
+    pub(crate) fn end_silent<'a>(&mut self, clients: impl Iterator<Item = &'a mut Client>) -> u64 {
+        let mut ended = 0;
+        for client in clients.filter(|client| !client.session.has_hello()) {
+            client.silent_checks += 1;
+            if client.silent_checks < MAX_SILENT_CHECKS || client.session.is_ended() {
+                continue;
+            }
+            ended += 1;
+            let process = client.peer.map_or(0, |peer| peer.pid);
+            let text = "no hello within 5 s; send hello first";
+            client.session.end(NOT_AVAILABLE, text.into());
+            client.session.take_end();
+            let number = client.session.id;
+            self.silent.report(format_args!("client {number} (process {process}) ended: {text}"));
+        }
+        ended
+    }
+
+    /// Logs clients that broke the protocol.
+    pub(crate) fn log_ends<'a>(&mut self, clients: impl Iterator<Item = &'a mut Client>) {
+        for session in clients.map(|client| &mut client.session) {
+            let (number, name) = (session.id, session.name.clone());
+            if let Some(text) = session.take_end() {
+                self.broken.report(format_args!("client {number} ({name}) disconnected: {text}"));
+            }
+        }
+    }
+
+    /// Ends the incidents that did not continue. Called once per second.
+    pub(crate) fn end_incidents(&mut self) {
+        for log in [&mut self.rejected, &mut self.silent, &mut self.broken] {
+            log.end_interval();
+        }
+    }
+}
+
+/// Log of an event that another program can repeat at will: its first time, and the number of repetitions
+/// once it pauses.
+#[derive(Debug)]
+struct IncidentLog {
+    subject: &'static str,
+    is_active: bool,
+    is_seen: bool,
+    repetitions: u64,
+}
+
+impl IncidentLog {
+    const fn new(subject: &'static str) -> Self {
+        Self { subject, is_active: false, is_seen: false, repetitions: 0 }
+    }
+
+    fn report(&mut self, text: fmt::Arguments<'_>) {
+        if std::mem::replace(&mut self.is_active, true) {
+            self.repetitions += 1;
+        } else {
+            tracing::warn!("service: {text}");
+        }
+        self.is_seen = true;
+    }
+
+    fn end_interval(&mut self) {
+        if std::mem::take(&mut self.is_seen) || !std::mem::take(&mut self.is_active) {
+            return;
+        }
+        let repetitions = std::mem::take(&mut self.repetitions);
+        if repetitions > 0 {
+            tracing::warn!("service: {}: {repetitions} further ones since the first", self.subject);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn check(admission: &Admission, user: u32, users: &[(u32, usize)]) -> Result<(), String> {
+        let users = users.iter().flat_map(|(user, count)| std::iter::repeat_n(*user, *count));
+        admission.check(user, users)
+    }
+
+    #[test]
+    fn users_leave_places_to_each_other_and_to_the_owner() {
+        let admission = Admission { owner: 900, ..Admission::new(64) };
+        assert_eq!(check(&admission, 1, &[(1, 31), (2, 31)]), Ok(()));
+        let error = check(&admission, 1, &[(1, 32)]).unwrap_err();
+        assert!(error.contains("has 32 connections; allowed: 32"), "{error}");
+        assert_eq!(check(&admission, 3, &[(1, 32)]), Ok(()));
+        let full = [(1, 32), (2, 31)];
+        let error = check(&admission, 3, &full).unwrap_err();
+        assert!(error.contains("the last place is for root and user 900"), "{error}");
+        for user in [0, 900] {
+            assert_eq!(check(&admission, user, &full), Ok(()));
+            let error = check(&admission, user, &[(1, 32), (2, 32)]).unwrap_err();
+            assert!(error.starts_with("64 clients are connected"), "{error}");
+            assert_eq!(
+                check(&admission, user, &[(user, 63)]),
+                Ok(()),
+                "without a limit of its own"
+            );
+        }
+        assert_eq!(check(&Admission { owner: 900, ..Admission::new(1) }, 5, &[]), Ok(()));
+    }
+
+    #[test]
+    fn repeated_incident_is_counted_until_it_pauses() {
+        let mut log = IncidentLog::new("incidents");
+        (0..5).for_each(|_| log.report(format_args!("one")));
+        log.end_interval();
+        assert!(log.is_active && log.repetitions == 4);
+        log.end_interval();
+        assert!(!log.is_active && log.repetitions == 0);
     }
 }

@@ -4,8 +4,6 @@
 //! CAN frames of the bus; clients with [`Control`] also send frames and download SDOs. The module
 //! [`client`](crate::client) is the client.
 
-mod admission;
-mod attachment;
 mod bus;
 mod bus_calls;
 mod bus_view;

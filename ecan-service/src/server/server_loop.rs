@@ -12,13 +12,13 @@ use rustix::io::Errno;
 use rustix::net::{SendFlags, send};
 use serde_json::Value;
 
+use super::bus::Attachment;
+use super::client::{Admission, UNKNOWN_USER};
 use super::listener::enter_background;
 use crate::protocol::{
     BUSY, FrameReport, GatewaysChanged, ImageDirection, ImageMessage, MessageKind, Response,
     RpcError, ServiceStats, header,
 };
-use crate::server::admission::{Admission, UNKNOWN_USER};
-use crate::server::attachment::Attachment;
 use crate::server::bus::Bus;
 use crate::server::client::Client;
 use crate::server::frame_feed::{FeedSink, Owner};

@@ -9,9 +9,9 @@ use ecan_host::Ecrt;
 use ecan_mcan_port::Port;
 use serde_json::Value;
 
+use super::bus::Attachment;
+use super::client::Admission;
 use crate::protocol::{Access, DEFAULT_MAX_AGE_MS, Hello, PROTOCOL_VERSION, ServiceStats};
-use crate::server::admission::Admission;
-use crate::server::attachment::Attachment;
 use crate::server::bus::Bus;
 use crate::server::config::{Control, ServiceConfig, ServiceError};
 use crate::server::listener::Listener;

@@ -7,8 +7,8 @@ use std::time::Duration;
 
 use serde_json::Value;
 
+use super::bus::Attachment;
 use crate::protocol::Response;
-use crate::server::attachment::Attachment;
 use crate::server::metrics::MetricsSample;
 use crate::server::permission::AccessRule;
 use crate::server::workers::Waker;

@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 
 use ecan_host::{Diagnostics, Ecrt, Error};
 
-use super::metrics_sample::ObjectValues;
+use super::sample::ObjectValues;
 use crate::server::listener::enter_background;
 use crate::server::shared::Shared;
 

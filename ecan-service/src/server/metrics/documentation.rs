@@ -5,9 +5,8 @@ use std::fs;
 
 use serde_json::Value;
 
-use super::declared::metrics;
-use super::metric::{Metric, MetricKind, Source};
-use super::time_histogram::BOUNDS_NS;
+use super::declared::{Metric, MetricKind, Source, metrics};
+use super::sample::BOUNDS_NS;
 
 const ROOT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/..");
 

@@ -4,11 +4,8 @@ use ecan_protocol::image::ChannelStatus;
 use prometheus::TextEncoder;
 use prometheus::proto::{Bucket, Counter, Gauge, Histogram, LabelPair, MetricFamily, MetricType};
 
-use super::cycle_sample::{CycleSample, SlaveSample};
-use super::declared::metrics;
-use super::metric::{Metric, MetricKind, Source};
-use super::metrics_sample::MetricsSample;
-use super::time_histogram::TimeHistogram;
+use super::declared::{Metric, MetricKind, Source, metrics};
+use super::sample::{CycleSample, MetricsSample, SlaveSample, TimeHistogram};
 
 const NS_PER_S: f64 = 1e9;
 

@@ -1,4 +1,52 @@
-//! Distribution of a time for Prometheus.
+//! Samples of what metrics show: the cycle, its times, the clients and the objects of the gateways.
+
+use std::collections::BTreeMap;
+
+use ecan_cia402::AxisStatus;
+use ecan_host::{AdapterConfig, DomainReport};
+use ecan_mcan_port::{SessionState, SlaveStatistics};
+use ecan_protocol::image::ChannelStatus;
+use ecan_protocol::mapping::CHANNELS;
+
+use crate::protocol::{BusState, CycleState, Hello, ServiceStats};
+
+#[derive(Debug)]
+pub(crate) struct CycleSample {
+    pub(crate) state: CycleState,
+    pub(crate) run_time: TimeHistogram,
+    pub(crate) late: TimeHistogram,
+    pub(crate) slaves: Vec<SlaveSample>,
+    pub(crate) axes: Vec<AxisStatus>,
+}
+
+#[derive(Debug)]
+pub(crate) struct SlaveSample {
+    pub(crate) session: SessionState,
+    pub(crate) report: DomainReport,
+    pub(crate) statistics: SlaveStatistics,
+    /// Of the enabled channels.
+    pub(crate) channels: [Option<ChannelStatus>; CHANNELS],
+}
+
+/// Values by slave, channel, index of channel 0 and subindex.
+pub(crate) type ObjectValues = BTreeMap<(usize, u8, u16, u8), u32>;
+
+#[derive(Debug)]
+pub(crate) struct MetricsSample {
+    pub(crate) hello: Hello,
+    /// Without the list of clients.
+    pub(crate) stats: ServiceStats,
+    /// Connected clients.
+    pub(crate) clients: usize,
+    /// `None` without a cycle.
+    pub(crate) cycle: Option<CycleSample>,
+    /// `None` if the master did not answer.
+    pub(crate) bus: Option<BusState>,
+    /// Configuration of the slaves of the cycle.
+    pub(crate) adapter: Option<AdapterConfig>,
+    /// Objects of the gateways that were read.
+    pub(crate) objects: ObjectValues,
+}
 
 /// Upper bounds of the buckets, in nanoseconds.
 pub(crate) const BOUNDS_NS: [u64; 14] = [
