@@ -103,7 +103,7 @@ pub fn open(global: &GlobalOptions, master: u32) -> Result<Option<ServiceConnect
 /// Default sockets of a service of this master: of the system, and of the user if it has a directory.
 pub fn default_paths(master: u32) -> Vec<PathBuf> {
     let name = format!("ecan/master{master}.sock");
-    let user = std::env::var_os("XDG_RUNTIME_DIR").filter(|it| !it.is_empty());
+    let user = std::env::var_os("XDG_RUNTIME_DIR").filter(|directory| !directory.is_empty());
     std::iter::once(PathBuf::from("/run"))
         .chain(user.map(PathBuf::from))
         .map(|directory| directory.join(&name))

@@ -183,7 +183,7 @@ fn unused_reason(command: &str, name: &str) -> Option<&'static str> {
 }
 
 /// Folds the options of every command into one line.
-pub fn fold(command: Command) -> Command {
+pub fn fold_global_options(command: Command) -> Command {
     let mut folded = Vec::new();
     let command = command.after_help("").mut_args(|arg| {
         if !arg.is_global_set() {

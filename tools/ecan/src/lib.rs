@@ -92,7 +92,7 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> u8 {
             clap_complete::generate(*shell, &mut Arguments::command(), "ecan", &mut script);
             output.bytes(&script)
         }
-        Command::Man { directory } => commands::man::run(&Arguments::command(), directory),
+        Command::Man { directory } => commands::man::write_manual(&Arguments::command(), directory),
     };
     match outcome {
         Ok(()) | Err(Failure::ReaderGone) => 0,
@@ -107,7 +107,7 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> u8 {
 fn parse(arguments: &[OsString]) -> Result<Arguments, clap::Error> {
     let mut command = command();
     if options(arguments).any(|option| option == "-h") {
-        command = global::fold(command);
+        command = global::fold_global_options(command);
     }
     let matches = command.try_get_matches_from_mut(arguments).map_err(with_printable_arguments)?;
     let mut arguments =

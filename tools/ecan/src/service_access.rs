@@ -164,7 +164,11 @@ impl SlaveAccess for ServiceConnection {
             entries: pdo
                 .entries
                 .into_iter()
-                .map(|it| PdoEntry { index: it.index, subindex: it.subindex, bits: it.bits })
+                .map(|entry| PdoEntry {
+                    index: entry.index,
+                    subindex: entry.subindex,
+                    bits: entry.bits,
+                })
                 .collect(),
         });
         Ok(pdos.collect())

@@ -137,7 +137,11 @@ fn receive(arguments: &DumpArguments, mut service: Service, printer: &mut Printe
     let needs_all = filters.len() != arguments.rules.len();
     let passes = |frame: &CanFrame| {
         let mut passed = filters.iter().map(|filter| filter.passes(frame));
-        if needs_all { passed.all(|it| it) } else { filters.is_empty() || passed.any(|it| it) }
+        if needs_all {
+            passed.all(|passes| passes)
+        } else {
+            filters.is_empty() || passed.any(|passes| passes)
+        }
     };
     let timeout_ns = arguments.timeout.map(|ms| ms.saturating_mul(1_000_000));
     let (mut count, mut last_ns) = (0, service.observed_ns());

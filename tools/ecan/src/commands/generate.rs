@@ -1,15 +1,17 @@
 //! `ecan gen`: cangen through a gateway.
 
+use std::str::FromStr;
+
+use clap::Args;
+use ecan_protocol::can::{CanFrame, CanId, Dlc, FrameError};
+use ecan_protocol::mapping::Direction;
+use fastrand::Rng;
+
 use crate::context::{Context, Failure, Result};
 use crate::frames::{
     Channels, Destination, Due, FrameOptions, GatewayRequirements, Prepared, Printer, Record,
     Screen, Sender, parse_channel,
 };
-use clap::Args;
-use ecan_protocol::can::{CanFrame, CanId, Dlc, FrameError};
-use ecan_protocol::mapping::Direction;
-use fastrand::Rng;
-use std::str::FromStr;
 
 pub const EXAMPLES: &str = "\
 Examples:
@@ -126,7 +128,7 @@ pub fn run(arguments: &GenArguments, context: &Context) -> Result {
         return printer.finish();
     };
     let frames = (0..count.unwrap_or(u64::MAX)).map(|number| {
-        let frame = generator.next_frame().map_err(|it| Failure::Usage(it.to_string()))?;
+        let frame = generator.next_frame().map_err(|error| Failure::Usage(error.to_string()))?;
         Ok(Due { after_ns: gap.saturating_mul(number), channel: *channel, frame })
     });
     let timeout_ns = arguments.timeout.saturating_mul(1_000_000);
@@ -329,8 +331,9 @@ impl Generator {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
     use ecan_can_io::candump::FrameText;
+
+    use super::*;
 
     fn pattern(id: &str, length: &str, data: &str) -> Pattern {
         Pattern {

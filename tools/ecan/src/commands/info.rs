@@ -123,7 +123,7 @@ fn read(bus: &Bus, slave: usize, readings: &mut Readings) -> Result<Info> {
     Ok(Info {
         position: known.position,
         alias: known.alias,
-        state: state.map_or_else(|| format!("{:#04x}", known.al_state), |it| it.to_string()),
+        state: state.map_or_else(|| format!("{:#04x}", known.al_state), |state| state.to_string()),
         name: known.name,
         firmware,
         hardware,
@@ -241,7 +241,7 @@ pub fn run_caps(context: &Context) -> Result {
             meaning: value
                 .as_ref()
                 .ok()
-                .and_then(|it| Value::Unsigned((*it).into()).meaning(entry)),
+                .and_then(|value| Value::Unsigned((*value).into()).meaning(entry)),
             error: value.as_ref().err().cloned(),
             value: value.ok(),
             assumed: assumed_value(Capabilities::INDEX, *subindex).filter(|_| is_missing),
@@ -253,19 +253,19 @@ pub fn run_caps(context: &Context) -> Result {
 }
 
 fn print_capabilities(capabilities: &[Capability], out: &mut dyn Write) -> std::io::Result<()> {
-    table::print(out, capabilities, |it| {
-        let entry = object(Capabilities::INDEX).and_then(|object| object.entry(it.subindex));
-        let value = match it.value {
+    table::print(out, capabilities, |row| {
+        let entry = object(Capabilities::INDEX).and_then(|object| object.entry(row.subindex));
+        let value = match row.value {
             Some(value) => Value::Unsigned(value.into()).text(entry),
-            None => match it.assumed {
+            None => match row.assumed {
                 Some(assumed) => format!(
                     "not reported; assumed: {}",
                     Value::Unsigned(assumed.into()).text(entry)
                 ),
-                None => not_read(it.error.as_deref().unwrap_or_default()),
+                None => not_read(row.error.as_deref().unwrap_or_default()),
             },
         };
-        let meaning = it.meaning.clone().unwrap_or_default();
-        [format!(":{:02}", it.subindex), it.name.to_owned(), value, meaning]
+        let meaning = row.meaning.clone().unwrap_or_default();
+        [format!(":{:02}", row.subindex), row.name.to_owned(), value, meaning]
     })
 }

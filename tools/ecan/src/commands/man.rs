@@ -3,12 +3,12 @@
 use std::path::Path;
 
 use clap_mangen::Man;
+use ecan_protocol::text::Printable;
 use ecan_tool_support::command_line::new_file::{Existing, create};
 
 use crate::context::{Failure, Result, note};
-use ecan_protocol::text::Printable;
 
-pub fn run(command: &clap::Command, directory: &Path) -> Result {
+pub fn write_manual(command: &clap::Command, directory: &Path) -> Result {
     let mut command = command.clone().disable_help_subcommand(true);
     command.build();
     std::fs::create_dir_all(directory)

@@ -75,7 +75,7 @@ fn set(bus: &Bus, slave: usize, rotation: u32) -> Result {
     if pins.apply_status == 0 && pins.active == rotation {
         return Ok(());
     }
-    let is_in_op = bus.diagnostics().al_state(slave).is_ok_and(|it| it == Some(AlState::Op));
+    let is_in_op = bus.diagnostics().al_state(slave).is_ok_and(|state| state == Some(AlState::Op));
     let hint = if is_in_op { "; the gateway is in OP, stop the application first" } else { "" };
     Err(Failure::Rejected(format!(
         "rotation not applied: status {} (0x8000:15), active rotation {}{hint}",

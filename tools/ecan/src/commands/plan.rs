@@ -74,14 +74,14 @@ pub fn run(arguments: &PlanArguments, context: &Context) -> Result {
         }
         None => of_options(arguments),
     };
-    let traffic = of(arguments, &planned)?;
+    let traffic = plan_traffic(arguments, &planned)?;
     let Planned { adapter, port, .. } = planned;
     let plan = PortPlan::of(&adapter, &port, &traffic);
     let faults = plan.faults(&adapter, &port);
     let output = &context.output;
     output.data(&Report::new(&plan, &faults), |out| {
         write!(out, "{}", ecan_lite::plan_table(&plan, &adapter, &traffic))?;
-        advice(&plan).iter().try_for_each(|advice| writeln!(out, "note: {advice}"))?;
+        state_advice(&plan).iter().try_for_each(|advice| writeln!(out, "note: {advice}"))?;
         faults
             .iter()
             .try_for_each(|fault| writeln!(out, "{} {fault}", output.toned(Tone::Bad, "fault:")))
@@ -108,7 +108,7 @@ fn of_options(arguments: &PlanArguments) -> Planned {
 const STOCK_KERNEL_NS: u32 = 2_000_000;
 
 /// Measured with IgH 1.6.2 on Debian kernels 6.1 with and without PREEMPT_RT.
-fn advice(plan: &PortPlan) -> Vec<String> {
+fn state_advice(plan: &PortPlan) -> Vec<String> {
     let mut advice = Vec::new();
     let wire = &plan.ethercat;
     if wire.slaves.iter().any(|slave| !slave.layout.is_single_datagram()) {
@@ -195,15 +195,15 @@ impl Report {
         let wire = &plan.ethercat;
         let (igh_1_6, igh_1_5) =
             (wire.expected_working_counter((1, 6)), wire.expected_working_counter((1, 5)));
-        let channels = plan.channels.iter().map(|it| Channel {
-            slave: it.slave,
-            channel: it.channel,
-            sent_per_cycle: it.load.mean_sent,
-            received_per_cycle: it.load.mean_received,
-            rx_budget: it.drain,
-            tx_budget: it.serve,
-            least_load: it.load.least,
-            most_load: it.load.most,
+        let channels = plan.channels.iter().map(|planned| Channel {
+            slave: planned.slave,
+            channel: planned.channel,
+            sent_per_cycle: planned.load.mean_sent,
+            received_per_cycle: planned.load.mean_received,
+            rx_budget: planned.drain,
+            tx_budget: planned.serve,
+            least_load: planned.load.least,
+            most_load: planned.load.most,
         });
         let gateways = plan.gateways.iter().enumerate();
         let images = gateways.flat_map(|(slave, gateway)| {
@@ -224,7 +224,7 @@ impl Report {
             channels: channels.collect(),
             images: images.collect(),
             warnings: plan.warnings.iter().map(ToString::to_string).collect(),
-            notes: advice(plan),
+            notes: state_advice(plan),
             faults: faults.to_vec(),
         }
     }
@@ -246,37 +246,39 @@ impl Image {
 const FRAME_ID: u16 = 0x123;
 
 /// Traffic sent; the same amount is received. Channels of one direction have traffic in that one.
-fn of(arguments: &PlanArguments, planned: &Planned) -> Result<Vec<FrameStream>> {
+fn plan_traffic(arguments: &PlanArguments, planned: &Planned) -> Result<Vec<FrameStream>> {
     let carries = |it: &FrameStream, direction| {
         let gateway = planned.port.gateways.get(it.slave);
         gateway.is_some_and(|gateway| gateway.carries(direction, it.channel))
     };
     let (all, sent) = match &arguments.replay {
         Some(path) => {
-            let sent = recorded(path, planned)?;
+            let sent = read_traffic(path, planned)?;
             (sent.clone(), sent)
         }
         None => {
-            let all = even(arguments, planned)?;
+            let all = spread_evenly(arguments, planned)?;
             let sends = |it: &&FrameStream| carries(it, Direction::RxPdo);
             let sent = all.iter().filter(sends).copied().collect();
             (all, sent)
         }
     };
-    let back = all.iter().filter(|it| carries(it, Direction::TxPdo));
-    let back = back.map(|it| FrameStream::from_bus(it.slave, it.channel, it.frame, it.rate));
+    let back = all.iter().filter(|stream| carries(stream, Direction::TxPdo));
+    let back = back.map(|stream| {
+        FrameStream::from_bus(stream.slave, stream.channel, stream.frame, stream.rate)
+    });
     let back: Vec<_> = back.collect();
     Ok([sent, back].concat())
 }
 
-fn even(arguments: &PlanArguments, planned: &Planned) -> Result<Vec<FrameStream>> {
+fn spread_evenly(arguments: &PlanArguments, planned: &Planned) -> Result<Vec<FrameStream>> {
     let rate = FrameRate::PerCycle(arguments.frames);
     let mut streams = Vec::new();
     for (slave, gateway) in planned.port.gateways.iter().enumerate() {
         for (channel, settings) in (0..).zip(&gateway.channels) {
             let Some(settings) = settings else { continue };
             if planned.channels.contains(channel) {
-                let frame = frame(settings.can.fd, arguments.bytes)?;
+                let frame = test_frame(settings.can.fd, arguments.bytes)?;
                 streams.push(FrameStream::to_bus(slave, channel, frame, rate));
             }
         }
@@ -287,7 +289,7 @@ fn even(arguments: &PlanArguments, planned: &Planned) -> Result<Vec<FrameStream>
     }
 }
 
-fn frame(is_fd: bool, bytes: Option<u8>) -> Result<CanFrame> {
+fn test_frame(is_fd: bool, bytes: Option<u8>) -> Result<CanFrame> {
     let bytes = bytes.unwrap_or(if is_fd { 64 } else { 8 });
     let wrong = |error: &dyn std::fmt::Display| {
         Failure::Usage(format!("a frame of {bytes} bytes: {error}"))
@@ -307,10 +309,10 @@ struct TrafficGroup {
     count: u32,
 }
 
-fn recorded(path: &Path, planned: &Planned) -> Result<Vec<FrameStream>> {
+fn read_traffic(path: &Path, planned: &Planned) -> Result<Vec<FrameStream>> {
     let gateways = planned.port.gateways.len();
     let frames = read_recording(path, &ReadOptions::default(), planned.channels, gateways)?.frames;
-    let times = || frames.iter().map(|it| it.logged.time_ns);
+    let times = || frames.iter().map(|frame| frame.logged.time_ns);
     let (first_ns, last_ns) = (times().min().unwrap_or(0), times().max().unwrap_or(0));
     let form = |it: &Recorded| {
         let frame = &it.logged.frame;
@@ -318,7 +320,7 @@ fn recorded(path: &Path, planned: &Planned) -> Result<Vec<FrameStream>> {
     };
     let mut groups: Vec<TrafficGroup> = Vec::new();
     for frame in frames {
-        match groups.iter_mut().find(|it| form(&it.first) == form(&frame)) {
+        match groups.iter_mut().find(|group| form(&group.first) == form(&frame)) {
             Some(group) => group.count += 1,
             None => groups.push(TrafficGroup { first: frame, count: 1 }),
         }

@@ -118,18 +118,18 @@ pub fn run(arguments: &RegArguments, context: &Context) -> Result {
 fn list(output: &Output) -> Result {
     let listed: Vec<_> = REGISTERS
         .iter()
-        .map(|it| Listed {
-            offset: it.offset,
-            name: it.name,
-            description: it.description,
-            is_writable: it.is_writable(),
+        .map(|register| Listed {
+            offset: register.offset,
+            name: register.name,
+            description: register.description,
+            is_writable: register.is_writable(),
         })
         .collect();
     output.data(&listed, |out| {
-        table::print(out, &listed, |it| {
-            let access = if it.is_writable { "rw" } else { "ro" };
-            let description = it.description.to_owned();
-            [format!("0x{:04X}", it.offset), it.name.to_owned(), access.to_owned(), description]
+        table::print(out, &listed, |row| {
+            let access = if row.is_writable { "rw" } else { "ro" };
+            let description = row.description.to_owned();
+            [format!("0x{:04X}", row.offset), row.name.to_owned(), access.to_owned(), description]
         })
     })
 }
@@ -137,11 +137,15 @@ fn list(output: &Output) -> Result {
 /// Checked here, although the gateway rejects it too: saves a change to engineering mode.
 fn check_whitelist(offset: u16) -> Result {
     let known = register(offset);
-    if known.is_some_and(|it| it.is_writable()) {
+    if known.is_some_and(|register| register.is_writable()) {
         return Ok(());
     }
-    let name = known.map_or_else(|| format!("0x{offset:04X}"), |it| it.name.to_owned());
-    let names: Vec<_> = REGISTERS.iter().filter(|it| it.is_writable()).map(|it| it.name).collect();
+    let name = known.map_or_else(|| format!("0x{offset:04X}"), |register| register.name.to_owned());
+    let names: Vec<_> = REGISTERS
+        .iter()
+        .filter(|register| register.is_writable())
+        .map(|register| register.name)
+        .collect();
     Err(Failure::Usage(format!(
         "{name} is not writable (manual 13.6); allowed: {}",
         names.join(", ")
@@ -226,7 +230,7 @@ impl Service<'_> {
             position: self.slave,
             channel: self.channel,
             offset,
-            name: register(offset).map(|it| it.name),
+            name: register(offset).map(|register| register.name),
             value,
             words: registers::text(offset, value),
             timestamp,

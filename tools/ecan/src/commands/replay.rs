@@ -127,9 +127,9 @@ impl Recording {
 
     fn check_fd(&self, file: &Path, prepared: &Prepared<'_>) -> Result {
         let is_fd = |it: &&Recorded| it.logged.frame.as_ref().is_fd();
-        self.frames.iter().filter(is_fd).try_for_each(|it| {
-            let (name, line) = (Printable(file.display()), it.logged.line);
-            prepared.needs_fd(format_args!("{name}, line {line} is a CAN FD frame"), it.channel)
+        self.frames.iter().filter(is_fd).try_for_each(|frame| {
+            let (name, line) = (Printable(file.display()), frame.logged.line);
+            prepared.needs_fd(format_args!("{name}, line {line} is a CAN FD frame"), frame.channel)
         })
     }
 }
@@ -145,7 +145,8 @@ impl Iterator for Recording {
         let (round, index) = (self.given / length, self.given % length);
         let Recorded { channel, logged, .. } = self.frames.get(usize::try_from(index).ok()?)?;
         self.given += 1;
-        let time_ns = |it: Option<&Recorded>| it.map_or(0, |it| it.logged.time_ns);
+        let time_ns =
+            |recorded: Option<&Recorded>| recorded.map_or(0, |recorded| recorded.logged.time_ns);
         let (first_ns, last_ns) = (time_ns(self.frames.first()), time_ns(self.frames.last()));
         // A repetition starts at the time of the previous last frame, and never before it.
         let round_ns = last_ns.saturating_sub(first_ns).saturating_mul(round);

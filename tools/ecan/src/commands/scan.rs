@@ -47,7 +47,8 @@ pub fn run(context: &Context) -> Result {
         found.push(Found {
             position: info.position,
             alias: info.alias,
-            state: state.map_or_else(|| format!("{:#04x}", info.al_state), |it| it.to_string()),
+            state: state
+                .map_or_else(|| format!("{:#04x}", info.al_state), |state| state.to_string()),
             has_error_flag: info.error_flag,
             vendor_id: info.vendor_id,
             product_code: info.product_code,

@@ -59,7 +59,7 @@ fn type_parser() -> impl TypedValueParser<Value = ObjectType> {
     use ObjectType::{I32, U8, U16, U32, VisibleString};
     let types = [("u8", U8), ("u16", U16), ("u32", U32), ("i32", I32), ("string", VisibleString)];
     PossibleValuesParser::new(types.map(|(name, _)| name))
-        .map(move |name| types.iter().find(|it| it.0 == name).map_or(U8, |it| it.1))
+        .map(move |name| types.iter().find(|known| known.0 == name).map_or(U8, |known| known.1))
 }
 
 #[derive(Debug, Default, Serialize)]
@@ -210,7 +210,7 @@ impl Read {
             position,
             index: path.index,
             subindex: path.subindex,
-            name: entry.map(|it| it.name),
+            name: entry.map(|entry| entry.name),
             access: entry.map(access),
             error,
             ..Self::default()
@@ -229,10 +229,10 @@ fn list_objects(objects: &[&'static Object], output: &Output) -> Result {
         })
         .collect();
     output.data(&listed, |out| {
-        table::print(out, &listed, |it| {
+        table::print(out, &listed, |row| {
             let family =
-                if it.count > 1 { format!("@0..@{}", it.count - 1) } else { String::new() };
-            [format!("0x{:04X}", it.index), it.name.to_owned(), family, it.chapter.to_owned()]
+                if row.count > 1 { format!("@0..@{}", row.count - 1) } else { String::new() };
+            [format!("0x{:04X}", row.index), row.name.to_owned(), family, row.chapter.to_owned()]
         })
     })
 }
@@ -286,14 +286,14 @@ fn list(name: &str, names: bool, context: &Context) -> Result {
     readings.any()?;
     context.output.data(&values, |out| {
         writeln!(out, "{}", heading(path.index, known))?;
-        table::print(out, &values, |it| {
-            let name = it.name.unwrap_or_default().to_owned();
-            let value = match &it.error {
+        table::print(out, &values, |row| {
+            let name = row.name.unwrap_or_default().to_owned();
+            let value = match &row.error {
                 Some(reason) => not_read(reason),
-                None => it.text.clone().unwrap_or_else(|| WRITE_ONLY.to_owned()),
+                None => row.text.clone().unwrap_or_else(|| WRITE_ONLY.to_owned()),
             };
-            let meaning = it.meaning.clone().unwrap_or_default();
-            [format!(":{:02}", it.subindex), name, value, meaning]
+            let meaning = row.meaning.clone().unwrap_or_default();
+            [format!(":{:02}", row.subindex), name, value, meaning]
         })
     })?;
     readings.end()
@@ -328,13 +328,13 @@ fn list_entries(index: u16, object: &Object, entries: &[&Entry], output: &Output
     let entries: Vec<_> = entries.iter().map(listed).collect();
     output.data(&entries, |out| {
         writeln!(out, "{}", heading(index, object))?;
-        table::print(out, &entries, |it| {
-            let values = it.values.iter().map(|(number, word)| format!("{number} {word}"));
-            let bits = it.bits.iter().map(|(bit, word)| format!("bit {bit} {word}"));
-            let unit = it.unit.map(|unit| format!("in {unit}"));
+        table::print(out, &entries, |row| {
+            let values = row.values.iter().map(|(number, word)| format!("{number} {word}"));
+            let bits = row.bits.iter().map(|(bit, word)| format!("bit {bit} {word}"));
+            let unit = row.unit.map(|unit| format!("in {unit}"));
             let words: Vec<_> = unit.into_iter().chain(values).chain(bits).collect();
-            let (access, subindex) = (it.access.to_owned(), format!(":{:02}", it.subindex));
-            [subindex, it.ty.to_owned(), access, it.name.to_owned(), words.join(", ")]
+            let (access, subindex) = (row.access.to_owned(), format!(":{:02}", row.subindex));
+            [subindex, row.ty.to_owned(), access, row.name.to_owned(), words.join(", ")]
         })
     })
 }

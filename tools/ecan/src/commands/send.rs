@@ -142,7 +142,7 @@ pub fn run(arguments: &SendArguments, context: &Context) -> Result {
     check_sent(arguments, &frames, &tracker, &service)?;
     let texts: Vec<_> = frames.iter().map(|frame| FrameText(frame).to_string()).collect();
     let decoded: Vec<_> = frames.iter().map(|frame| signals.decode(*channel, frame)).collect();
-    let messages = || decoded.iter().map(|it| it.clone().map(Into::into)).collect();
+    let messages = || decoded.iter().map(|message| message.clone().map(Into::into)).collect();
     let messages = (!signals.is_empty()).then(messages);
     let sent = Sent { channel: *channel, frames: texts, messages };
     context.output.data(&sent, |out| {

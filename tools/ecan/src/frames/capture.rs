@@ -100,7 +100,8 @@ impl FrameCapture {
         interrupt: &Interrupt,
     ) -> Result<Option<Self>> {
         let Some(path) = options.capture.clone() else { return Ok(None) };
-        let chunks = adapter.slaves.iter().map(|it| it.rx_multiplier.max(it.tx_multiplier)).max();
+        let chunks =
+            adapter.slaves.iter().map(|slave| slave.rx_multiplier.max(slave.tx_multiplier)).max();
         let image_bytes = match options.images {
             true => usize::from(chunks.unwrap_or(0)) * CHUNK_BYTES,
             false => 0,

@@ -144,7 +144,7 @@ impl fmt::Display for BitRates {
 }
 
 /// Reads the bit timing of a channel from the gateway; all else is default.
-pub fn of_gateway(bus: &Bus, slave: usize, channel: u8) -> Result<ChannelConfig> {
+pub fn bit_rates_of(bus: &Bus, slave: usize, channel: u8) -> Result<ChannelConfig> {
     let index = 0x8001 + u16::from(channel);
     let read = |subindex| bus.read(slave, index, subindex);
     let nominal = read(19)?;
@@ -215,7 +215,9 @@ mod tests {
 
     #[test]
     fn channels_parse_numbers_and_all() {
-        let parse = |text: &str| text.parse::<Channels>().map(|it| it.iter().collect::<Vec<_>>());
+        let parse = |text: &str| {
+            text.parse::<Channels>().map(|channels| channels.iter().collect::<Vec<_>>())
+        };
         assert_eq!(parse("2"), Ok(vec![2]));
         assert_eq!(parse("3,0"), Ok(vec![0, 3]));
         assert_eq!(parse("can1"), Ok(vec![1]));
@@ -247,7 +249,7 @@ mod tests {
         let options = SimOptions { clock: Some(ClockKind::Stepped), ..SimOptions::default() };
         let backend = ecan_sim::open_scenario(ecan_sim::echo(1), &options).unwrap();
         let bus = Bus::over(&backend.ecrt);
-        let channel = |channel| of_gateway(&bus, 0, channel).unwrap().can;
+        let channel = |channel| bit_rates_of(&bus, 0, channel).unwrap().can;
         assert_eq!(BitRates::of(&channel(2)).to_string(), "500000/5000000 bit/s");
         let set = |subindex, value| bus.write(0, 0x8003, subindex, value).unwrap();
         set(19, 250_000);

@@ -3,8 +3,9 @@
 use std::time::SystemTime;
 
 use ecan_host::{AdapterConfig, Clock, Ecrt};
-use ecan_mcan_port::{Port, PortConfig, PortError, Received, SendError};
-use ecan_mcan_port::{ReceivedView, Session, SlaveStatistics};
+use ecan_mcan_port::{
+    Port, PortConfig, PortError, Received, ReceivedView, SendError, Session, SlaveStatistics,
+};
 use ecan_protocol::can::CanFrame;
 use ecan_protocol::image::ChannelStatus;
 use ecan_protocol::mapping::Direction;
@@ -110,17 +111,18 @@ impl FrameLink for PortLink {
 
     fn session(&self, gateway: usize) -> SessionState {
         let gateway = self.port.gateway(gateway);
-        SessionState::Of(gateway.map_or(Session::Waiting, |it| self.port.session(it)))
+        SessionState::Of(gateway.map_or(Session::Waiting, |gateway| self.port.session(gateway)))
     }
 
     fn channel_status(&self, gateway: usize, channel: u8) -> ChannelStatus {
         let channel = self.port.channel(gateway, channel);
-        channel.map_or_else(|_| ChannelStatus::default(), |it| self.port.channel_status(it))
+        channel
+            .map_or_else(|_| ChannelStatus::default(), |channel| self.port.channel_status(channel))
     }
 
     fn statistics(&self, gateway: usize) -> SlaveStatistics {
         let gateway = self.port.gateway(gateway);
-        gateway.map_or_else(|_| SlaveStatistics::default(), |it| self.port.statistics(it))
+        gateway.map_or_else(|_| SlaveStatistics::default(), |gateway| self.port.statistics(gateway))
     }
 
     fn images(&self, direction: Direction, visit: &mut dyn FnMut(usize, u64, &[u8])) {

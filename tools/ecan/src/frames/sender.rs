@@ -210,7 +210,7 @@ impl Summary {
         let counters = service.statistics(0);
         let of = |channel: u8| counters.channels.get(usize::from(channel));
         let channels = tracker.channels().iter().filter_map(of);
-        let received = channels.map(|it| it.frames_received).sum();
+        let received = channels.map(|channel| channel.frames_received).sum();
         let seconds = tracker.elapsed_ns() as f64 / 1e9;
         Self {
             frames: tracker.count(),
@@ -270,23 +270,16 @@ pub struct TransmitTracker {
     /// Frames without result, with their numbers.
     open: HashMap<Ticket, u64>,
     taken: u64,
-    handed_over: u64,
+    departures: Departures,
     failed: u64,
     first_failure: Option<(u64, Outcome)>,
     quiet_cycles: usize,
-    /// Accepted frames after the last cycles, the oldest first.
-    recently_handed_over: [u64; STATUS_CYCLES],
-    /// Number of accepted frames that were sent for sure.
-    departed: u64,
-    /// Maximum number of frames in the channels.
-    capacity: u64,
     /// Frames pending in the channels at the end.
     waiting: u64,
     /// Frames in the transmit FIFOs when they were last read.
     in_controllers: [u8; CHANNELS],
     /// Frames that a lost gateway may have held.
     doubtful: u64,
-    pending: u32,
     is_ready: bool,
     was_lost: bool,
     is_stopped: bool,
@@ -298,6 +291,47 @@ pub struct TransmitTracker {
     last_departure_ns: u64,
 }
 
+/// Frames that the gateway accepted, and how many of them left its channels for sure.
+#[derive(Debug, Default)]
+struct Departures {
+    accepted: u64,
+    /// Accepted frames after the last cycles, the oldest first.
+    recently_accepted: [u64; STATUS_CYCLES],
+    departed: u64,
+    /// Maximum number of frames in the channels.
+    capacity: u64,
+    /// Pending frames of the last status, up to 7 of each channel.
+    pending: u32,
+}
+
+impl Departures {
+    /// Takes the pending frames of a status. Returns whether they are fewer than those of the last status.
+    fn observe(&mut self, pending: u32) -> bool {
+        let is_less = pending < self.pending;
+        self.pending = pending;
+        if pending < SATURATED {
+            // Frames accepted that long ago and not pending were sent.
+            let [oldest, ..] = self.recently_accepted;
+            self.departed = self.departed.max(oldest.saturating_sub(pending.into()));
+        }
+        self.recently_accepted.rotate_left(1);
+        let [.., newest] = &mut self.recently_accepted;
+        *newest = self.accepted;
+        is_less
+    }
+
+    fn possibly_held(&self) -> u64 {
+        (self.accepted - self.departed).min(self.capacity)
+    }
+
+    /// Drops the frames in the channels, as a lost gateway does. Returns how many it may have held.
+    fn drop_held(&mut self) -> u64 {
+        let held = self.possibly_held();
+        self.departed = self.accepted;
+        held
+    }
+}
+
 impl TransmitTracker {
     /// Starts tracking a ready gateway.
     pub fn new(channels: Channels, service: &Service) -> Self {
@@ -305,7 +339,10 @@ impl TransmitTracker {
         Self {
             channels,
             open: HashMap::with_capacity(PENDING_FRAMES),
-            capacity: channels.iter().map(|channel| service.capacity(GATEWAY, channel)).sum(),
+            departures: Departures {
+                capacity: channels.iter().map(|channel| service.capacity(GATEWAY, channel)).sum(),
+                ..Departures::default()
+            },
             is_ready: service.is_ready(GATEWAY),
             last_progress_ns: observed_ns,
             start_ns: now_ns,
@@ -333,7 +370,7 @@ impl TransmitTracker {
             };
             (self.quiet_cycles, self.last_progress_ns) = (0, service.observed_ns());
             if outcome.is_success() {
-                self.handed_over += 1;
+                self.departures.accepted += 1;
                 self.last_departure_ns = cycle.now_ns;
             } else {
                 self.failed += 1;
@@ -343,33 +380,18 @@ impl TransmitTracker {
         if !self.is_ready {
             return;
         }
-        let pending = pending(self.channels, service);
-        if pending < self.pending {
+        if self.departures.observe(pending(self.channels, service)) {
             (self.last_progress_ns, self.last_departure_ns) = (service.observed_ns(), cycle.now_ns);
         }
-        self.pending = pending;
-        if pending < SATURATED {
-            // Frames accepted that long ago and not pending were sent.
-            let [oldest, ..] = self.recently_handed_over;
-            self.departed = self.departed.max(oldest.saturating_sub(pending.into()));
-        }
-        self.recently_handed_over.rotate_left(1);
-        let [.., newest] = &mut self.recently_handed_over;
-        *newest = self.handed_over;
     }
 
     /// A lost gateway drops its frames.
     fn watch_session(&mut self, is_ready: bool) {
         if self.is_ready && !is_ready {
             self.was_lost = true;
-            self.doubtful += self.possibly_held();
-            self.departed = self.handed_over;
+            self.doubtful += self.departures.drop_held();
         }
         self.is_ready = is_ready;
-    }
-
-    fn possibly_held(&self) -> u64 {
-        (self.handed_over - self.departed).min(self.capacity)
     }
 
     pub fn channels(&self) -> Channels {
@@ -426,30 +448,31 @@ impl TransmitTracker {
     pub fn close(&mut self, service: &mut Service, has_answers: bool) {
         self.is_stopped = service.is_interrupted();
         if !has_answers || !self.is_ready {
-            self.doubtful += self.possibly_held();
+            self.doubtful += self.departures.possibly_held();
             return;
         }
-        if self.pending < SATURATED {
+        if self.departures.pending < SATURATED {
             let in_controllers: u64 = self.in_controllers.iter().map(|held| u64::from(*held)).sum();
-            self.waiting = in_controllers.max(self.pending.into());
+            self.waiting = in_controllers.max(self.departures.pending.into());
             return;
         }
         // The status word saturates; read the count (0x9000:11).
         let mut count = |channel: u8| service.upload(GATEWAY, 0x9000 + u16::from(channel), 11);
         match self.channels.iter().map(&mut count).sum::<Result<u32, _>>() {
             Ok(count) => self.waiting = count.into(),
-            Err(_) => self.doubtful += self.possibly_held(),
+            Err(_) => self.doubtful += self.departures.possibly_held(),
         }
     }
 
     /// Final counts, after [`close`](Self::close). Frames pending in a channel are not sent.
     pub fn outcome(&self) -> TransmitCounts {
-        let doubtful = self.doubtful.min(self.handed_over);
-        let waiting = self.waiting.min(self.handed_over - doubtful);
+        let accepted = self.departures.accepted;
+        let doubtful = self.doubtful.min(accepted);
+        let waiting = self.waiting.min(accepted - doubtful);
         let (held, open) = (waiting, self.open.len() as u64);
         let is_under_way = self.is_stopped && !self.was_lost;
         TransmitCounts {
-            sent: self.handed_over - waiting - doubtful,
+            sent: accepted - waiting - doubtful,
             rejected: self.failed,
             waiting: if is_under_way { 0 } else { held },
             unknown: doubtful + if is_under_way { 0 } else { open },
@@ -479,7 +502,7 @@ impl TransmitTracker {
                 "channel {channel} went bus-off; check that the other nodes use {rates}, and the wiring"
             ));
         }
-        if self.handed_over + self.failed == 0 && !self.open.is_empty() {
+        if self.departures.accepted + self.failed == 0 && !self.open.is_empty() {
             let only_sends = |channel: &u8| !service.carries(GATEWAY, Direction::TxPdo, *channel);
             if let Some(channel) = self.channels.iter().find(only_sends) {
                 return Some(format!(
@@ -513,7 +536,10 @@ impl TransmitTracker {
 
 /// Pending frames in the channels, from their status, up to 7 each.
 fn pending(channels: Channels, service: &Service) -> u32 {
-    channels.iter().map(|it| u32::from(service.channel_status(GATEWAY, it).tx_pending())).sum()
+    channels
+        .iter()
+        .map(|channel| u32::from(service.channel_status(GATEWAY, channel).tx_pending()))
+        .sum()
 }
 
 #[derive(Clone, Copy, Debug)]

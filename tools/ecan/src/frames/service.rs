@@ -100,10 +100,11 @@ impl Service {
         capture: Option<FrameCapture>,
         interrupt: Interrupt,
     ) -> Self {
-        let watched: Vec<_> = gateways.iter().map(|it| (it.position, it.channels)).collect();
+        let watched: Vec<_> =
+            gateways.iter().map(|gateway| (gateway.position, gateway.channels)).collect();
         let watch = StatusWatch::new(&watched, link.as_ref());
         let (is_real_time, since_1970_ns) = (link.is_real_time(), link.since_1970_ns());
-        let capture = capture.map(|it| it.with_time(is_real_time, since_1970_ns));
+        let capture = capture.map(|capture| capture.with_time(is_real_time, since_1970_ns));
         let cycle_time = ObservedTime::start(link.now_ns());
         let images = |gateway| link.statistics(gateway).txpdo_received;
         let status_times = (0..gateways.len())
@@ -189,12 +190,12 @@ impl Service {
 
     /// Position of a gateway on the bus.
     pub fn position(&self, gateway: usize) -> usize {
-        self.gateways.get(gateway).map_or(0, |it| it.position)
+        self.gateways.get(gateway).map_or(0, |gateway| gateway.position)
     }
 
     /// Channels of the command on a gateway.
     pub fn channels(&self, gateway: usize) -> Channels {
-        self.gateways.get(gateway).map_or(Channels::NONE, |it| it.channels)
+        self.gateways.get(gateway).map_or(Channels::NONE, |gateway| gateway.channels)
     }
 
     /// Configuration of a channel; `None` if it is disabled.
@@ -211,7 +212,7 @@ impl Service {
     /// Maximum number of frames in a channel: firmware cache and CAN controller.
     pub fn capacity(&self, gateway: usize, channel: u8) -> u64 {
         let controller = self.can(gateway, channel).map_or(0, |can| can.ram.tx_fifo_size);
-        let cache = self.gateways.get(gateway).map_or(0, |it| it.cache_depth);
+        let cache = self.gateways.get(gateway).map_or(0, |gateway| gateway.cache_depth);
         u64::from(cache) + u64::from(controller)
     }
 
@@ -253,7 +254,7 @@ impl Service {
         let (counts, channels) = (self.statistics(0).channels, self.channels(0));
         if channels
             .iter()
-            .any(|at| counts.get(usize::from(at)).is_some_and(|it| it.frames_received > 0))
+            .any(|at| counts.get(usize::from(at)).is_some_and(|count| count.frames_received > 0))
         {
             return "no received frame passes the filters".to_owned();
         }
@@ -537,11 +538,11 @@ impl StatusWatch {
     /// Passes a line for each change to `report`: lost images, and up to one per second and channel in
     /// the long run.
     pub fn look(&mut self, link: &dyn FrameLink, now_ns: u64, mut report: impl FnMut(String)) {
-        self.gateways.iter_mut().for_each(|it| it.look(link, now_ns, &mut report));
+        self.gateways.iter_mut().for_each(|gateway| gateway.look(link, now_ns, &mut report));
     }
 
     pub fn finish(&mut self, link: &dyn FrameLink, mut report: impl FnMut(String)) {
-        self.gateways.iter_mut().for_each(|it| it.finish(link, &mut report));
+        self.gateways.iter_mut().for_each(|gateway| gateway.finish(link, &mut report));
     }
 }
 

@@ -150,7 +150,7 @@ impl ServiceLink {
             failure: None,
         };
         link.read_state().map_err(|error| link.error(&error))?;
-        let indices: Vec<_> = gateways.iter().map(|it| it.0).collect();
+        let indices: Vec<_> = gateways.iter().map(|gateway| gateway.0).collect();
         let subscription = Subscription {
             gateways: indices.clone(),
             channels: channels.iter().collect(),
@@ -205,7 +205,9 @@ impl ServiceLink {
             Err(error) if error.rpc().is_some_and(|rpc| rpc.code == NOT_AVAILABLE) => {
                 let (before_ns, now_ns) = (self.state_at_ns, MonotonicClock.now_ns());
                 self.state_at_ns = now_ns;
-                self.gateways.iter_mut().for_each(|it| it.session = SessionState::default());
+                self.gateways
+                    .iter_mut()
+                    .for_each(|gateway| gateway.session = SessionState::default());
                 self.cycles
                     .pass(now_ns.saturating_sub(before_ns) / u64::from(self.adapter.cycle_ns()));
                 return Ok(());
@@ -252,7 +254,7 @@ impl ServiceLink {
     }
 
     fn arrival(&self, report: &FrameReport) -> Option<Arrival> {
-        let gateway = self.gateways.iter().position(|it| it.index == report.gateway)?;
+        let gateway = self.gateways.iter().position(|gateway| gateway.index == report.gateway)?;
         let event = match report.tag {
             0 => Event::Frame(BusFrame {
                 gateway,
@@ -331,8 +333,9 @@ fn difference(now: &Value, start: &Value) -> Value {
     match (now, start) {
         (Value::Object(now), Value::Object(start)) => {
             let entry = |(name, value): (&String, &Value)| {
-                let since =
-                    start.get(name).map_or_else(|| value.clone(), |it| difference(value, it));
+                let since = start
+                    .get(name)
+                    .map_or_else(|| value.clone(), |before| difference(value, before));
                 (name.clone(), since)
             };
             Value::Object(now.iter().map(entry).collect())
@@ -404,21 +407,26 @@ impl FrameLink for ServiceLink {
     }
 
     fn session(&self, gateway: usize) -> SessionState {
-        self.gateways.get(gateway).map_or_else(SessionState::default, |it| it.session)
+        self.gateways.get(gateway).map_or_else(SessionState::default, |gateway| gateway.session)
     }
 
     fn channel_status(&self, gateway: usize, channel: u8) -> ChannelStatus {
-        let status = self.gateways.get(gateway).and_then(|it| it.status.get(usize::from(channel)));
+        let status =
+            self.gateways.get(gateway).and_then(|gateway| gateway.status.get(usize::from(channel)));
         status.copied().unwrap_or_default()
     }
 
     fn statistics(&self, gateway: usize) -> SlaveStatistics {
-        self.gateways.get(gateway).map_or_else(SlaveStatistics::default, |it| it.statistics)
+        self.gateways
+            .get(gateway)
+            .map_or_else(SlaveStatistics::default, |gateway| gateway.statistics)
     }
 
     fn images(&self, direction: Direction, visit: &mut dyn FnMut(usize, u64, &[u8])) {
-        for image in self.images.iter().filter(|it| it.direction == direction) {
-            if let Some(gateway) = self.gateways.iter().position(|it| it.index == image.gateway) {
+        for image in self.images.iter().filter(|image| image.direction == direction) {
+            if let Some(gateway) =
+                self.gateways.iter().position(|gateway| gateway.index == image.gateway)
+            {
                 let time_ns = image.time_ns.wrapping_sub(self.since_1970_ns);
                 visit(gateway, time_ns, &image.image);
             }
@@ -426,7 +434,7 @@ impl FrameLink for ServiceLink {
     }
 
     fn upload(&mut self, gateway: usize, index: u16, subindex: u8) -> Result<u32> {
-        let position = self.gateways.get(gateway).map_or(0, |it| it.position);
+        let position = self.gateways.get(gateway).map_or(0, |gateway| gateway.position);
         let mut data = [0; 4];
         match self.connection.sdo_upload(position, index, subindex, &mut data)? {
             0 => {

@@ -12,12 +12,10 @@ use ecan_protocol::text::Printable;
 use ecan_service::protocol::Access;
 use ecan_sim::ClockKind;
 
-use super::channels;
-use super::channels::{Channels, can_config};
+use super::channels::{Channels, bit_rates_of, can_config};
 use super::options::{GatewayOptions, SetupOptions};
 use super::service::failure;
-use crate::config_file;
-use crate::config_file::resolve_failure;
+use crate::config_file::{self, resolve_failure};
 use crate::context::{Bus, Context, Failure, GlobalOptions, Result};
 use crate::service_access::ServiceConnection;
 
@@ -89,7 +87,11 @@ impl Planned {
     /// Channels of the command on each gateway.
     pub fn channels(&self) -> Vec<Channels> {
         let enabled = |gateway: &GatewayConfig| Channels::of_mask(gateway.channel_mask());
-        self.config.gateways.iter().map(|it| enabled(it).intersection(self.requested)).collect()
+        self.config
+            .gateways
+            .iter()
+            .map(|gateway| enabled(gateway).intersection(self.requested))
+            .collect()
     }
 
     /// Error of the gateways, with the position of the only one, or of the one that it names.
@@ -160,7 +162,8 @@ impl<'a> Settings<'a> {
             [only] => of_file(path, file, &[only], requirements, global),
             [] => Err(no_gateway(path)),
             [..] => {
-                let slaves: Vec<_> = resolved.iter().map(|it| it.slave.to_string()).collect();
+                let slaves: Vec<_> =
+                    resolved.iter().map(|gateway| gateway.slave.to_string()).collect();
                 Err(Failure::Slave(format!(
                     "{} describes several gateways; select one with --slave: {}",
                     Printable(path.display()),
@@ -203,7 +206,7 @@ impl<'a> Settings<'a> {
             let mut gateway = GatewayConfig::default();
             for (channel, slot) in (0..).zip(&mut gateway.channels) {
                 if requirements.channels.contains(channel) {
-                    let own = || channels::of_gateway(bus, *position, channel);
+                    let own = || bit_rates_of(bus, *position, channel);
                     *slot = Some(setup.channel(own)?);
                 }
             }
@@ -251,7 +254,7 @@ fn of_file(
     adapter.master_index = config_file::master(file, global);
     if let Some(dc) = &mut adapter.dc {
         // If the reference clock is not among these gateways, the master selects one.
-        let index = |gateway| resolved.iter().position(|it| it.gateway == gateway);
+        let index = |gateway| resolved.iter().position(|found| found.gateway == gateway);
         dc.reference = dc.reference.and_then(index);
     }
     let mut config = PortConfig::default();
@@ -260,7 +263,9 @@ fn of_file(
         let gateway = file.port.gateways.get(found.gateway);
         let (Some(slave), Some(gateway)) = (slave, gateway) else { return Err(no_gateway(path)) };
         let enabled = Channels::of_mask(gateway.channel_mask());
-        if let Some(missing) = requirements.required.iter().find(|it| !enabled.contains(*it)) {
+        if let Some(missing) =
+            requirements.required.iter().find(|channel| !enabled.contains(*channel))
+        {
             return Err(Failure::Usage(format!(
                 "channel {missing} is not in {}; gateway {} has {enabled}",
                 Printable(path.display()),
@@ -296,7 +301,7 @@ fn of_file(
     if resolved.is_empty() {
         return Err(no_gateway(path));
     }
-    let positions = resolved.iter().map(|it| it.slave).collect();
+    let positions = resolved.iter().map(|gateway| gateway.slave).collect();
     Ok(Planned { positions, adapter, config, requested: requirements.channels })
 }
 
@@ -356,25 +361,26 @@ pub fn gateways_of_service(
     let mut resolved = resolved.map_err(resolve_failure)?;
     if bus.is_chosen() || (!is_for_all && resolved.len() > 1) {
         let chosen = bus.slave()?;
-        resolved.retain(|it| it.slave == chosen);
+        resolved.retain(|gateway| gateway.slave == chosen);
         if resolved.is_empty() {
             let message = format!("slave {chosen} is not a gateway of {program}");
             return Err(Failure::Slave(message));
         }
     }
     let mut planned = Planned {
-        positions: resolved.iter().map(|it| it.slave).collect(),
+        positions: resolved.iter().map(|gateway| gateway.slave).collect(),
         adapter: AdapterConfig { slaves: List::new(), startup: List::new(), ..adapter },
         config: PortConfig::default(),
         requested: Channels::ALL,
     };
     for ResolvedGateway { gateway, .. } in &resolved {
         let slave = adapter.slaves.get(*gateway).copied();
-        slave.into_iter().try_for_each(|it| planned.adapter.slaves.push(it)).map_err(full)?;
+        slave.into_iter().try_for_each(|slave| planned.adapter.slaves.push(slave)).map_err(full)?;
         planned.config.add_gateway_of(&port, *gateway).map_err(full)?;
     }
     let small = |value: usize| u16::try_from(value).unwrap_or(u16::MAX);
-    let gateways = resolved.iter().map(|it| (small(it.gateway), small(it.slave))).collect();
+    let gateways =
+        resolved.iter().map(|gateway| (small(gateway.gateway), small(gateway.slave))).collect();
     Ok((ServiceSetup { connection: connection.clone(), gateways }, planned))
 }
 
@@ -421,7 +427,10 @@ fn check(
                      {enabled}"
                 )));
             }
-            let missing = requirements.directions.iter().find(|it| !config.carries(**it, channel));
+            let missing = requirements
+                .directions
+                .iter()
+                .find(|direction| !config.carries(**direction, channel));
             if let Some(direction) = missing {
                 return Err(Failure::Usage(format!(
                     "channel {channel} of slave {position} is not among the channels of the \
@@ -432,10 +441,10 @@ fn check(
         for channel in requirements.channels.iter() {
             let Some(can) = can_config(&planned.config, gateway, channel) else { continue };
             let McanChannelConfig { nominal_bitrate, data_bitrate, fd, node_mode, .. } = can;
-            if options.bitrate.is_some_and(|it| it != *nominal_bitrate) {
+            if options.bitrate.is_some_and(|bitrate| bitrate != *nominal_bitrate) {
                 return rejected("--bitrate", format!("{nominal_bitrate} bit/s on can{channel}"));
             }
-            if options.data_bitrate.is_some_and(|it| !fd || it != *data_bitrate) {
+            if options.data_bitrate.is_some_and(|rate| !fd || rate != *data_bitrate) {
                 let active = match fd {
                     true => format!("{data_bitrate} bit/s on can{channel}"),
                     false => format!("classic CAN on can{channel}"),

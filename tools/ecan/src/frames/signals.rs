@@ -68,7 +68,7 @@ impl Signals {
     }
 
     pub fn decode(&self, channel: u8, frame: &CanFrame) -> Option<Decoded<'_>> {
-        self.of_channel(channel).find_map(|it| it.decode(frame))
+        self.of_channel(channel).find_map(|database| database.decode(frame))
     }
 
     /// Message of a channel by its name.
@@ -163,7 +163,7 @@ mod tests {
 
     #[test]
     fn files_have_a_channel_or_none() {
-        let parse = |text| parse_file(text).map(|it| (it.channel, it.path));
+        let parse = |text| parse_file(text).map(|option| (option.channel, option.path));
         assert_eq!(parse("cell.dbc"), Ok((None, "cell.dbc".into())));
         assert_eq!(parse("2=cell.dbc"), Ok((Some(2), "cell.dbc".into())));
         assert_eq!(parse("can1=a=b"), Ok((Some(1), "a=b".into())));

@@ -72,7 +72,7 @@ fn hold(session: &mut AxisSession, arguments: &EnableArguments) -> Result {
         };
         session.check_running()?;
         let operator = session.operator.as_ref();
-        if operator.is_some_and(|it| it.needs_key() && !it.has_held_key()) {
+        if operator.is_some_and(|operator| operator.needs_key() && !operator.has_held_key()) {
             session.report("key released: quick stop");
             return session.stop();
         }
@@ -142,7 +142,7 @@ fn configure(session: &mut AxisSession) -> Result {
     session.wait("configured", CONFIGURE, |cia402| match cia402.phase(AXIS) {
         _ if cia402.is_configured(AXIS) => Some(Ok(())),
         Some(AxisPhase::SetupFailed) => {
-            let error = cia402.error(AXIS).map_or_else(String::new, |it| it.to_string());
+            let error = cia402.error(AXIS).map_or_else(String::new, |error| error.to_string());
             Some(Err(Failure::Rejected(format!("{label}: {error}"))))
         }
         _ => None,
@@ -192,7 +192,7 @@ fn read_position(session: &mut AxisSession) -> Result<f64> {
 /// Enables the drive; the axis stays at its actual position.
 fn begin(session: &mut AxisSession) -> Result {
     session.begin_enable()?;
-    let timeout = session.cia402().config(AXIS).map_or(POSITION, |it| it.enable_timeout);
+    let timeout = session.cia402().config(AXIS).map_or(POSITION, |config| config.enable_timeout);
     let label = session.label().to_owned();
     session.wait("enabled", timeout + ENABLE_RESERVE, |cia402| {
         if cia402.is_running(AXIS) {
@@ -210,7 +210,10 @@ fn rejected(error: CommandError) -> Failure {
 /// Waits for a held key, if a motion needs one.
 pub fn await_key(session: &mut AxisSession) -> Result {
     let is_missing = |session: &AxisSession| {
-        session.operator.as_ref().is_some_and(|it| it.needs_key() && !it.has_held_key())
+        session
+            .operator
+            .as_ref()
+            .is_some_and(|operator| operator.needs_key() && !operator.has_held_key())
     };
     if is_missing(session) {
         session.report("hold a key to enable the drive");

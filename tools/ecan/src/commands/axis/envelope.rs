@@ -175,7 +175,8 @@ impl FromStr for PositionBounds {
     fn from_str(text: &str) -> Result<Self, String> {
         let wrong = || "expected MIN..MAX with MIN below MAX, for example -90..90".to_owned();
         let (min, max) = text.split_once("..").ok_or_else(wrong)?;
-        let number = |text: &str| text.trim().parse::<f64>().ok().filter(|it| it.is_finite());
+        let number =
+            |text: &str| text.trim().parse::<f64>().ok().filter(|number| number.is_finite());
         let (min, max) = number(min).zip(number(max)).ok_or_else(wrong)?;
         if min < max { Ok(Self { min, max }) } else { Err(wrong()) }
     }
@@ -189,7 +190,7 @@ pub fn parse_number(text: &str) -> Result<f64, String> {
 pub fn parse_positive(text: &str) -> Result<f64, String> {
     parse_number(text)
         .ok()
-        .filter(|it| *it > 0.0)
+        .filter(|number| *number > 0.0)
         .ok_or_else(|| "expected a number above 0".to_owned())
 }
 
@@ -211,10 +212,11 @@ impl LimitArguments {
     /// The narrower of these limits and those of the file.
     pub fn envelope(&self, units: &AxisUnits, config: &AxisConfig) -> Result<Envelope, String> {
         let per_radian = config.scale.steps().abs() / TAU;
-        let of_file = |limit: Option<f64>| limit.map(|it| it * per_radian);
+        let of_file = |limit: Option<f64>| limit.map(|limit| limit * per_radian);
         let velocity = units.length(self.max_velocity).abs();
-        let velocity = of_file(config.limits.velocity).map_or(velocity, |it| velocity.min(it));
-        let acceleration = self.acceleration.map(|it| units.length(it).abs());
+        let velocity =
+            of_file(config.limits.velocity).map_or(velocity, |limit| velocity.min(limit));
+        let acceleration = self.acceleration.map(|acceleration| units.length(acceleration).abs());
         let acceleration = match (acceleration, of_file(config.limits.acceleration)) {
             (Some(own), Some(file)) => own.min(file),
             (own, file) => own.or(file).unwrap_or(velocity / RAMP),
@@ -323,7 +325,8 @@ mod tests {
     fn profile_of_an_axis_is_written_to_its_objects() {
         let mut config = config().with_node_axis(2, 1);
         ENVELOPE.apply_pp(&mut config);
-        let steps: Vec<_> = config.drive.further.iter().map(|it| it.action.to_string()).collect();
+        let steps: Vec<_> =
+            config.drive.further.iter().map(|step| step.action.to_string()).collect();
         let has = |nth: usize, part: &str| assert!(steps[nth].contains(part), "{steps:?}");
         has(0, "0x7081:00");
         has(1, "0x7083:00");
@@ -400,7 +403,7 @@ mod tests {
         // 2 s at the limit, and half a second for both ramps.
         let seconds = profiles.len() as f64 * PERIOD;
         assert!((2.49..2.53).contains(&seconds), "{seconds}");
-        let most = profiles.iter().map(|it| it.velocity).fold(0.0, f64::max);
+        let most = profiles.iter().map(|profile| profile.velocity).fold(0.0, f64::max);
         assert_eq!(most, 1_000.0);
     }
 
@@ -422,7 +425,7 @@ mod tests {
             let mut velocities = vec![0.0];
             velocities.extend(positions.windows(2).map(|pair| (pair[1] - pair[0]) / PERIOD));
             velocities.push(0.0);
-            prop_assert!(velocities.iter().all(|it| it.abs() <= velocity * 1.000_001));
+            prop_assert!(velocities.iter().all(|speed| speed.abs() <= velocity * 1.000_001));
             // The last period before rest has an eighth more: it ends at the goal, not near it.
             let most = velocities.windows(2).map(|pair| (pair[1] - pair[0]).abs()).fold(0.0, f64::max);
             prop_assert!(most <= change * 1.126, "{most} {change}");

@@ -60,9 +60,12 @@ pub fn run(arguments: &HomeArguments, context: &Context) -> Result {
     let mut unbounded = chosen.config.clone();
     unbounded.bounds = None;
     let envelope = motion.limits.envelope(&units, &unbounded).map_err(Failure::Usage)?;
-    let switch_speed =
-        arguments.switch_speed.map_or(envelope.velocity, |it| units.length(it).abs());
-    let zero_speed = arguments.zero_speed.map_or(switch_speed / 10.0, |it| units.length(it).abs());
+    let switch_speed = arguments
+        .switch_speed
+        .map_or(envelope.velocity, |switch_speed| units.length(switch_speed).abs());
+    let zero_speed = arguments
+        .zero_speed
+        .map_or(switch_speed / 10.0, |zero_speed| units.length(zero_speed).abs());
     for (option, speed) in [("--switch-speed", switch_speed), ("--zero-speed", zero_speed)] {
         if speed > envelope.velocity * (1.0 + 1e-9) {
             return Err(Failure::Usage(format!(
@@ -84,7 +87,7 @@ pub fn run(arguments: &HomeArguments, context: &Context) -> Result {
         switch_speed: Some(drive(switch_speed)),
         zero_speed: Some(drive(zero_speed)),
         acceleration: Some(drive(envelope.acceleration)),
-        offset: arguments.offset.map(|it| units.steps(it).round() as i32),
+        offset: arguments.offset.map(|offset| units.steps(offset).round() as i32),
         timeout: Duration::from_secs(arguments.timeout),
         ..HomingConfig::new(arguments.method)
     };

@@ -67,7 +67,7 @@ pub fn run(arguments: &MoveArguments, context: &Context) -> Result {
     let motion = &arguments.motion;
     let chosen = motion.choose(context)?;
     let envelope = motion.envelope(&chosen)?;
-    let envelope = match arguments.velocity.map(|it| chosen.units.length(it).abs()) {
+    let envelope = match arguments.velocity.map(|velocity| chosen.units.length(velocity).abs()) {
         Some(velocity) if velocity > envelope.velocity => {
             return Err(Failure::Usage(format!(
                 "--velocity {} is out of range; allowed: up to {}",
@@ -96,7 +96,7 @@ pub fn run(arguments: &MoveArguments, context: &Context) -> Result {
         };
         check_goal(&envelope, goal, &chosen.units)?;
         enable::enable(session)?;
-        let tolerance = arguments.tolerance.map(|it| chosen.units.length(it).abs());
+        let tolerance = arguments.tolerance.map(|tolerance| chosen.units.length(tolerance).abs());
         let tolerance = tolerance.unwrap_or(envelope.velocity * 0.01).max(1.0);
         session.report(format_args!(
             "moving from {} to {}",

@@ -230,7 +230,7 @@ pub fn input_kind() -> InputKind {
     if isatty(stdin()) {
         return InputKind::Terminal;
     }
-    let kind = rustix::fs::fstat(stdin()).map(|it| FileType::from_raw_mode(it.st_mode));
+    let kind = rustix::fs::fstat(stdin()).map(|status| FileType::from_raw_mode(status.st_mode));
     match kind {
         Ok(FileType::Fifo | FileType::Socket) => InputKind::Stream,
         _ => InputKind::None,

@@ -109,7 +109,7 @@ impl AxisSession {
         config.drive.use_limits = true;
         let cycle = Duration::from_nanos(planned.adapter.cycle_ns().into());
         let table = Cia402Config {
-            motion_div: settings.envelope.map_or(1, |it| it.motion_div(cycle)),
+            motion_div: settings.envelope.map_or(1, |envelope| envelope.motion_div(cycle)),
             // An adopted drive would stay enabled without the operator's command.
             takeover: Takeover::Stop,
             ..chosen.network.cia402.clone()
@@ -127,7 +127,8 @@ impl AxisSession {
         }
         let output = LiveOutput::start(chosen.units, !context.output.has_progress())?;
         settings.options.real_time.apply(|line| note(line))?;
-        let is_stopped = || operator.as_ref().is_some_and(|it| it.stop_request().is_some());
+        let is_stopped =
+            || operator.as_ref().is_some_and(|operator| operator.stop_request().is_some());
         let Planned { adapter, config: port_config, .. } = planned.clone();
         let mut port = Port::open(bus.ecrt()?, (adapter, port_config))
             .map_err(|error| planned.failure(error))?;
@@ -310,7 +311,7 @@ impl AxisSession {
         let phase = self.cia402.phase(AXIS);
         if phase != self.shown {
             // Reasons of a delay change in every cycle.
-            let kind = |phase: Option<AxisPhase>| phase.map(|it| std::mem::discriminant(&it));
+            let kind = |phase: Option<AxisPhase>| phase.map(|phase| std::mem::discriminant(&phase));
             let is_news = kind(phase) != kind(self.shown)
                 && !matches!(phase, Some(AxisPhase::Reading(..) | AxisPhase::Inspecting));
             self.shown = phase;
@@ -358,7 +359,7 @@ impl AxisSession {
 
     /// Phase and error of the axis as text.
     pub fn phase_text(&self) -> String {
-        let phase = self.cia402.phase(AXIS).map_or_else(String::new, |it| it.to_string());
+        let phase = self.cia402.phase(AXIS).map_or_else(String::new, |phase| phase.to_string());
         match self.cia402.error(AXIS) {
             Some(error) if !matches!(error, AxisError::Held(_)) => format!("{phase} ({error})"),
             _ => phase,
@@ -444,8 +445,8 @@ impl AxisSession {
 
     fn position_suffix(&self) -> String {
         let actual = self.cia402.actual(AXIS);
-        actual.map_or_else(String::new, |it| {
-            format!(", at {}", self.units.position_text(f64::from(it)))
+        actual.map_or_else(String::new, |actual| {
+            format!(", at {}", self.units.position_text(f64::from(actual)))
         })
     }
 

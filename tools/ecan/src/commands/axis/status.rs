@@ -78,7 +78,7 @@ fn read(client: &mut NodeClient, chosen: &ChosenAxis) -> Result<DriveReport> {
     let period_ms = client.number(object::PRODUCER_HEARTBEAT, 0)?.unwrap_or(0);
     if period_ms > 0 && client.state().is_none() {
         let time = Duration::from_millis((period_ms * 2 + 100).min(MOST_HEARTBEAT_MS));
-        client.run_for(time, |it| it.state().is_some())?;
+        client.run_for(time, |observed| observed.state().is_some())?;
     }
     let state = client.state().map(state_name);
     DriveReport::read(chosen.label.clone(), chosen.units, state, &mut |index, subindex| {
@@ -188,7 +188,7 @@ impl DriveReport {
             axis,
             nmt_state,
             statusword: word.0,
-            state: word.state().map(|it| it.to_string()),
+            state: word.state().map(|state| state.to_string()),
             bits: bits(word, mode.and_then(OperatingMode::from_raw)),
             controlword: read(object::CONTROLWORD, 0)?.map(|raw| raw as u16),
             mode,
@@ -398,8 +398,8 @@ pub fn print(report: &DriveReport, out: &mut dyn Write) -> io::Result<()> {
         let has_meaning = |it: &StatusBit| {
             is_set || !(it.name.starts_with("manufacturer") || it.name.starts_with("mode bit"))
         };
-        let bits = report.bits.iter().filter(|it| it.is_set == is_set && has_meaning(it));
-        let names: Vec<_> = bits.map(|it| format!("{} ({})", it.name, it.bit)).collect();
+        let bits = report.bits.iter().filter(|bit| bit.is_set == is_set && has_meaning(bit));
+        let names: Vec<_> = bits.map(|bit| format!("{} ({})", bit.name, bit.bit)).collect();
         if names.is_empty() { "none".to_owned() } else { names.join(", ") }
     };
     let none = || "not reported".to_owned();
@@ -481,7 +481,7 @@ mod tests {
     }
 
     fn reasons(objects: &[(u16, u64)]) -> Vec<String> {
-        report(objects).obstacles.into_iter().map(|it| it.reason).collect()
+        report(objects).obstacles.into_iter().map(|obstacle| obstacle.reason).collect()
     }
 
     #[test]

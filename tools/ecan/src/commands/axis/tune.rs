@@ -55,7 +55,7 @@ impl FromStr for Frequencies {
 
     fn from_str(text: &str) -> Result<Self, String> {
         let bounds: Option<PositionBounds> = text.parse().ok();
-        let bounds = bounds.filter(|it| it.min >= 0.01 && it.max <= 1_000.0);
+        let bounds = bounds.filter(|bounds| bounds.min >= 0.01 && bounds.max <= 1_000.0);
         bounds
             .map(Self)
             .ok_or_else(|| "expected FROM..TO in Hz, 0.01 to 1000, for example 0.5..20".to_owned())
@@ -116,7 +116,7 @@ pub fn run(arguments: &TuneArguments, context: &Context) -> Result {
     let test = TuneTest::of(
         arguments.mode == TuneMode::Csv,
         arguments.step.or(arguments.amplitude).unwrap_or(0.0),
-        arguments.sweep.map(|it| (it.0, arguments.points)),
+        arguments.sweep.map(|sweep| (sweep.0, arguments.points)),
         Duration::from_millis(arguments.settle),
         (&chosen, &envelope),
     )?;
@@ -169,20 +169,20 @@ pub fn run(arguments: &TuneArguments, context: &Context) -> Result {
         TuneMode::Csp => chosen.units.unit.to_string(),
         TuneMode::Csv => format!("{}/s", chosen.units.unit),
     };
-    let tolerance = arguments.tolerance.map(|it| chosen.units.length(it).abs());
+    let tolerance = arguments.tolerance.map(|tolerance| chosen.units.length(tolerance).abs());
     let tolerance = tolerance.unwrap_or(test.size.abs() * 0.02).max(1.0);
     // With CSV the part until the velocity returns to 0.
     let part = recording.get(..test.end_of_step(&recording)).unwrap_or_default();
     let in_units = |steps: f64| chosen.units.value(steps).abs();
     let step = test.sweep.is_none().then(|| StepResponse::of(part, tolerance)).flatten();
-    let step = step.map(|it| StepResponse {
-        overshoot: in_units(it.overshoot),
-        max_error: in_units(it.max_error),
-        rms_error: in_units(it.rms_error),
-        steady_error: chosen.units.value(it.steady_error),
-        ..it
+    let step = step.map(|step| StepResponse {
+        overshoot: in_units(step.overshoot),
+        max_error: in_units(step.max_error),
+        rms_error: in_units(step.rms_error),
+        steady_error: chosen.units.value(step.steady_error),
+        ..step
     });
-    let largest = recording.iter().map(|it| it.error.abs()).fold(0.0, f64::max);
+    let largest = recording.iter().map(|sample| sample.error.abs()).fold(0.0, f64::max);
     let report = TuneReport {
         axis: chosen.label.clone(),
         mode: arguments.mode.name(),
@@ -192,7 +192,7 @@ pub fn run(arguments: &TuneArguments, context: &Context) -> Result {
         max_error: in_units(largest),
         step,
         sweep: points,
-        picture: arguments.plot.as_ref().map(|it| it.display().to_string()),
+        picture: arguments.plot.as_ref().map(|plot| plot.display().to_string()),
     };
     context.output.data(&report, |out| print(&report, &chosen, out))
 }
@@ -331,12 +331,12 @@ impl TuneRun {
         let (actual, error) = match self.test.is_velocity {
             false => (
                 cia402.actual(AXIS).map(f64::from),
-                cia402.following_error(AXIS).map(|it| it as f64),
+                cia402.following_error(AXIS).map(|following_error| following_error as f64),
             ),
             true => {
-                let velocity = cia402.inputs(AXIS).and_then(|it| it.velocity());
-                let velocity = velocity.map(|it| f64::from(it) / self.factor);
-                (velocity, velocity.map(|it| target - it))
+                let velocity = cia402.inputs(AXIS).and_then(|inputs| inputs.velocity());
+                let velocity = velocity.map(|velocity| f64::from(velocity) / self.factor);
+                (velocity, velocity.map(|velocity| target - velocity))
             }
         };
         if let (Some(actual), true) = (actual, self.samples.len() < self.samples.capacity()) {
@@ -401,8 +401,10 @@ impl TuneRun {
         let samples = self.samples.get(begin..).unwrap_or_default();
         let size = chosen.units.value(amplitude).abs();
         let point = FrequencyPoint::of(samples, hertz, size);
-        Ok(point
-            .map(|it| FrequencyPoint { max_error: chosen.units.value(it.max_error).abs(), ..it }))
+        Ok(point.map(|point| FrequencyPoint {
+            max_error: chosen.units.value(point.max_error).abs(),
+            ..point
+        }))
     }
 }
 
@@ -486,6 +488,9 @@ impl TuneTest {
         if !self.is_velocity || self.sweep.is_some() {
             return samples.len();
         }
-        samples.iter().rposition(|it| it.target == self.size).map_or(samples.len(), |at| at + 1)
+        samples
+            .iter()
+            .rposition(|sample| sample.target == self.size)
+            .map_or(samples.len(), |at| at + 1)
     }
 }

@@ -47,7 +47,7 @@ impl StepResponse {
         if size == 0.0 {
             return None;
         }
-        let moved = samples.iter().rposition(|it| it.target != goal).map_or(0, |at| at + 1);
+        let moved = samples.iter().rposition(|sample| sample.target != goal).map_or(0, |at| at + 1);
         let resting = samples.get(moved..)?;
         let end = resting.first()?.seconds;
         let beyond = |it: &Sample| (it.actual - goal) * size.signum();
@@ -55,17 +55,17 @@ impl StepResponse {
         let is_off = |it: &Sample| (it.actual - goal).abs() > tolerance;
         let settling_s = match samples.iter().rposition(is_off) {
             None => Some(0.0),
-            Some(at) => samples.get(at + 1).map(|it| (it.seconds - end).max(0.0)),
+            Some(at) => samples.get(at + 1).map(|sample| (sample.seconds - end).max(0.0)),
         };
         let tail = resting.get(resting.len() - resting.len().div_ceil(10)..)?;
-        let squares: f64 = samples.iter().map(|it| it.error * it.error).sum();
+        let squares: f64 = samples.iter().map(|sample| sample.error * sample.error).sum();
         Some(Self {
             overshoot,
             overshoot_percent: overshoot / size.abs() * 100.0,
             settling_s,
-            max_error: samples.iter().map(|it| it.error.abs()).fold(0.0, f64::max),
+            max_error: samples.iter().map(|sample| sample.error.abs()).fold(0.0, f64::max),
             rms_error: (squares / samples.len() as f64).sqrt(),
-            steady_error: tail.iter().map(|it| it.error).sum::<f64>() / tail.len() as f64,
+            steady_error: tail.iter().map(|sample| sample.error).sum::<f64>() / tail.len() as f64,
         })
     }
 }
@@ -94,14 +94,15 @@ impl FrequencyPoint {
                 (real + value(sample) * angle.cos(), imaginary - value(sample) * angle.sin())
             })
         };
-        let (target, actual) = (component(|it| it.target), component(|it| it.actual));
+        let (target, actual) =
+            (component(|sample| sample.target), component(|sample| sample.actual));
         let size = |(real, imaginary): (f64, f64)| real.hypot(imaginary);
         if size(target) == 0.0 {
             return None;
         }
         let angle = |(real, imaginary): (f64, f64)| imaginary.atan2(real).to_degrees();
         let phase = (angle(actual) - angle(target) + 180.0).rem_euclid(360.0) - 180.0;
-        let max_error = samples.iter().map(|it| it.error.abs()).fold(0.0, f64::max);
+        let max_error = samples.iter().map(|sample| sample.error.abs()).fold(0.0, f64::max);
         let gain = size(actual) / size(target);
         Some(Self { hertz, amplitude, gain, phase_deg: phase, max_error })
     }
@@ -147,22 +148,22 @@ impl TunePicture {
         let series = |name: &str, tone, of: &dyn Fn(&Sample) -> f64| Series {
             name: name.to_owned(),
             tone,
-            points: kept.iter().map(|it| (it.seconds, Some(of(it)))).collect(),
+            points: kept.iter().map(|sample| (sample.seconds, Some(of(sample)))).collect(),
         };
-        let largest = samples.iter().map(|it| it.error.abs()).fold(0.0, f64::max);
+        let largest = samples.iter().map(|sample| sample.error.abs()).fold(0.0, f64::max);
         let (quantity, unit, error_name) = match self.is_velocity {
             true => ("velocity", format!("{}/s", units.unit), "velocity error"),
             false => ("position", units.unit.to_string(), "following error"),
         };
-        let end = samples.last().map_or(0.0, |it| it.seconds);
+        let end = samples.last().map_or(0.0, |sample| sample.seconds);
         let marks = self.end.iter().map(|text| Mark { seconds: end, text: text.clone() });
         let marks: Vec<_> = marks.collect();
         let values = TimePanel {
             title: quantity.to_owned(),
             y_label: format!("{quantity} [{unit}]"),
             series: vec![
-                series("target", Tone::Target, &|it| value(it.target)),
-                series("actual", Tone::Actual, &|it| value(it.actual)),
+                series("target", Tone::Target, &|sample| value(sample.target)),
+                series("actual", Tone::Actual, &|sample| value(sample.actual)),
             ],
             marks: marks.clone(),
             has_texts: true,
@@ -174,7 +175,9 @@ impl TunePicture {
                 units.number(units.value(largest).abs())
             ),
             y_label: format!("error [{unit}]"),
-            series: vec![series("target - actual", Tone::Difference, &|it| units.value(it.error))],
+            series: vec![series("target - actual", Tone::Difference, &|sample| {
+                units.value(sample.error)
+            })],
             marks,
             ..TimePanel::default()
         };

@@ -221,11 +221,13 @@ fn print_all(receiver: &Receiver<Message>, units: AxisUnits) {
 
 fn line(position: &LivePosition, units: &AxisUnits) -> String {
     let text = |steps: Option<i32>| {
-        steps.map_or_else(|| "-".to_owned(), |it| units.position_text(it.into()))
+        steps.map_or_else(|| "-".to_owned(), |steps| units.position_text(steps.into()))
     };
     let LivePosition { actual, target, following_error } = position;
-    let following =
-        following_error.map_or_else(|| "-".to_owned(), |it| units.length_text(it as f64));
+    let following = following_error.map_or_else(
+        || "-".to_owned(),
+        |following_error| units.length_text(following_error as f64),
+    );
     format!("position {}, target {}, following error {following}", text(*actual), text(*target))
 }
 

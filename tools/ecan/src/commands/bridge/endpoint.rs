@@ -300,7 +300,7 @@ mod tests {
 
     #[test]
     fn short_addresses_are_completed() {
-        let parse = |text: &str| text.parse::<Listening>().map(|it| it.0.to_string());
+        let parse = |text: &str| text.parse::<Listening>().map(|listening| listening.0.to_string());
         assert_eq!(parse("0"), Ok("127.0.0.1:0".to_owned()));
         assert_eq!(parse("29536"), Ok("127.0.0.1:29536".to_owned()));
         assert_eq!(parse("0.0.0.0:1"), Ok("0.0.0.0:1".to_owned()));
@@ -313,7 +313,8 @@ mod tests {
     #[test]
     fn placeholders_are_replaced() {
         let name = |text: &str| {
-            text.parse::<NameTemplate>().map(|it| it.name(LaneId { gateway: 1, channel: 3 }))
+            text.parse::<NameTemplate>()
+                .map(|template| template.name(LaneId { gateway: 1, channel: 3 }))
         };
         assert_eq!(name("vcan0"), Ok("vcan0".to_owned()));
         assert_eq!(name("can%g%c"), Ok("can13".to_owned()));

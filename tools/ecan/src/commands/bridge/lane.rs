@@ -62,7 +62,7 @@ impl Lane {
     }
 
     pub fn addresses(&self) -> impl Iterator<Item = Address> {
-        self.endpoints.iter().map(|it| it.address(self.id))
+        self.endpoints.iter().map(|endpoint| endpoint.address(self.id))
     }
 
     /// Accepts frames of clients from now on.
@@ -160,7 +160,7 @@ impl Lane {
 
     /// Passes a frame from the bus to all clients.
     pub fn deliver(&self, frame: &CanFrame, time_ns: u64) {
-        self.endpoints.iter().for_each(|it| it.clients().deliver(frame, time_ns, None));
+        self.endpoints.iter().for_each(|endpoint| endpoint.clients().deliver(frame, time_ns, None));
     }
 
     /// The gateway has reported a frame as sent: its sender receives the result, the others the
@@ -184,7 +184,7 @@ impl Lane {
 
     /// Reports an event to the CAN interfaces.
     pub fn report(&self, event: BusEvent, time_ns: u64) {
-        self.endpoints.iter().for_each(|it| it.clients().report(event, None, time_ns));
+        self.endpoints.iter().for_each(|endpoint| endpoint.clients().report(event, None, time_ns));
     }
 
     /// Fails if an interface was removed.
@@ -241,7 +241,7 @@ impl ChannelEvents {
 }
 
 /// Event of a frame that the gateway did not send.
-pub fn of_failure(outcome: Outcome) -> BusEvent {
+pub fn failure_event(outcome: Outcome) -> BusEvent {
     match outcome {
         Outcome::Result(ResultCode::BusBusy) => BusEvent::LostArbitration,
         Outcome::Result(ResultCode::TxFifoFull) => BusEvent::TransmitOverflow,

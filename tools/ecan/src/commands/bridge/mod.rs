@@ -112,17 +112,17 @@ fn listen(arguments: &BridgeArguments, prepared: &Prepared<'_>) -> Result<Vec<La
     let protocols =
         [(BridgeProtocol::Slcan, slcan), (BridgeProtocol::Socketcand, arguments.socketcand)];
     let gateways = 0..prepared.gateways();
-    let channels =
-        gateways.flat_map(|gateway| arguments.channel.iter().map(move |it| (gateway, it)));
+    let channels = gateways
+        .flat_map(|gateway| arguments.channel.iter().map(move |channel| (gateway, channel)));
     let channels: Vec<_> = channels
         .filter_map(|(gateway, channel)| {
             Some((LaneId { gateway, channel }, prepared.can(gateway, channel)?))
         })
         .collect();
     let names = |template: &Option<NameTemplate>, option| {
-        let names = template.iter().filter(|it| !it.is_empty());
+        let names = template.iter().filter(|template| !template.is_empty());
         let names: Vec<_> =
-            names.flat_map(|it| channels.iter().map(|(id, _)| it.name(*id))).collect();
+            names.flat_map(|name| channels.iter().map(|(id, _)| name.name(*id))).collect();
         let distinct: HashSet<_> = names.iter().collect();
         match distinct.len() == names.len() {
             true => Ok(()),
@@ -149,7 +149,7 @@ fn listen(arguments: &BridgeArguments, prepared: &Prepared<'_>) -> Result<Vec<La
         if let Some(interface) = &arguments.socketcan {
             endpoints.push(Endpoint::interface(&interface.name(*id))?);
         }
-        endpoints.iter().for_each(|it| it.clients().set_bus(rates(can)));
+        endpoints.iter().for_each(|endpoint| endpoint.clients().set_bus(rates(can)));
         lanes.push(Lane::new(*id, endpoints, arguments.listen_only));
     }
     Ok(lanes)

@@ -5,7 +5,7 @@ use std::collections::HashMap;
 use ecan_can_io::bridge::BusEvent;
 
 use super::endpoint::LaneId;
-use super::lane::{Lane, PendingFrame, of_failure};
+use super::lane::{Lane, PendingFrame, failure_event};
 use crate::context::{Result, note};
 use crate::frames::{Event, Service, Ticket};
 
@@ -58,7 +58,7 @@ impl Traffic {
                         lane.confirm(&held, time_ns);
                     } else {
                         note(format_args!("# {}: client frame lost: {outcome}", lane.id));
-                        lane.report(of_failure(*outcome), time_ns);
+                        lane.report(failure_event(*outcome), time_ns);
                         lane.fail(&held, time_ns);
                     }
                 }

@@ -113,8 +113,8 @@ impl Search<'_> {
         let end_ns = link.service.response_ns() + time.as_nanos() as u64;
         let mut active = BTreeSet::new();
         let listened = loop {
-            let cycle = link.cycle(&mut [], |it| {
-                active.insert((it.frame.gateway, it.frame.channel));
+            let cycle = link.cycle(&mut [], |observed| {
+                active.insert((observed.frame.gateway, observed.frame.channel));
             });
             match cycle {
                 Ok(now_ns) if now_ns < end_ns => {}
@@ -132,9 +132,9 @@ impl Search<'_> {
     /// are enabled: one with the wrong bit rate would disturb its bus.
     fn ask(&mut self, rate: u32) -> Result {
         let open = self.open.clone().unwrap_or_default();
-        let positions: BTreeSet<_> = open.iter().map(|it| it.0).collect();
+        let positions: BTreeSet<_> = open.iter().map(|open_channel| open_channel.0).collect();
         for position in positions {
-            let here = open.iter().filter(|it| it.0 == position);
+            let here = open.iter().filter(|open_channel| open_channel.0 == position);
             let mask = here.fold(0, |mask, (_, channel)| mask | 1 << channel);
             for channel in self.ask_gateway(rate, position, Channels::of_mask(mask))? {
                 self.take((position, channel), rate);

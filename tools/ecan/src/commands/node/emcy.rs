@@ -74,15 +74,15 @@ pub fn run(arguments: &EmcyArguments, context: &Context) -> Result {
 }
 
 fn read(client: &mut NodeClient, is_clearing: bool) -> Result<History> {
-    let register = client.number(object::ERROR_REGISTER, 0)?.map(|it| it as u8);
+    let register = client.number(object::ERROR_REGISTER, 0)?.map(|value| value as u8);
     let count = client.number(object::ERROR_HISTORY, 0)?;
     let mut history = count.map(|_| Vec::new());
     for number in 1..=count.unwrap_or(0).min(254) as u8 {
         let Some(raw) = client.number(object::ERROR_HISTORY, number)? else { break };
         let (code, additional) = (raw as u16, (raw >> 16) as u16);
         let text = error_text(code);
-        history.iter_mut().for_each(|it| {
-            it.push(HistoryEntry { number, code, text: text.clone(), additional });
+        history.iter_mut().for_each(|entry| {
+            entry.push(HistoryEntry { number, code, text: text.clone(), additional });
         });
     }
     if is_clearing {
@@ -95,7 +95,7 @@ fn read(client: &mut NodeClient, is_clearing: bool) -> Result<History> {
     Ok(History {
         node: client.json(),
         error_register: register,
-        error_register_text: register.map(|it| ErrorRegister(it).to_string()),
+        error_register_text: register.map(|register| ErrorRegister(register).to_string()),
         history,
         is_cleared: is_clearing,
     })
@@ -131,9 +131,11 @@ fn watch(arguments: LiveViewArguments, client: &mut NodeClient, context: &Contex
     let node = client.target().node;
     loop {
         let mut messages = Vec::new();
-        let cycle = client.cycle(|it| {
-            if it.service() == Some(CanopenService::Emcy(node)) {
-                messages.extend(Emcy::parse(it.frame.frame.data()).map(|emcy| (it.time_ns, emcy)));
+        let cycle = client.cycle(|observed| {
+            if observed.service() == Some(CanopenService::Emcy(node)) {
+                messages.extend(
+                    Emcy::parse(observed.frame.frame.data()).map(|emcy| (observed.time_ns, emcy)),
+                );
             }
         });
         let Some(now_ns) = view.after_cycle(cycle)? else { return Ok(()) };

@@ -89,7 +89,7 @@ pub fn run(arguments: &InfoArguments, context: &Context) -> Result {
     let client = NodeClient::new(link, selected.target, SDO_TIMEOUT);
     let info = client.run(|client| read(client, &names))?;
     context.output.data(&info, |out| print(&info, &context.output, out))?;
-    match info.device_file.as_ref().is_some_and(|it| !it.differences.is_empty()) {
+    match info.device_file.as_ref().is_some_and(|device_file| !device_file.differences.is_empty()) {
         true => Err(Failure::ProblemsFound),
         false => Ok(()),
     }
@@ -105,9 +105,10 @@ fn read(client: &mut NodeClient, names: &ObjectNames) -> Result<Info> {
     for subindex in 1..=consumers.min(127) as u8 {
         let raw = client.number(object::CONSUMER_HEARTBEAT, subindex)?.unwrap_or(0);
         let consumer = HeartbeatConsumer::from_raw(raw as u32);
-        consumed.extend(
-            consumer.map(|it| Consumer { producer: it.producer.get(), time_ms: it.time_ms }),
-        );
+        consumed.extend(consumer.map(|consumer| Consumer {
+            producer: consumer.producer.get(),
+            time_ms: consumer.time_ms,
+        }));
     }
     let is_drive = DeviceType(device_type as u32).is_drive();
     let producer_heartbeat_ms = client.number(object::PRODUCER_HEARTBEAT, 0)?;
@@ -135,7 +136,7 @@ fn read(client: &mut NodeClient, names: &ObjectNames) -> Result<Info> {
 
 fn text(client: &mut NodeClient, index: u16) -> Result<Option<String>> {
     let data = client.upload_optional(index, 0)?;
-    Ok(data.map(|it| String::from_utf8_lossy(&it).trim_end_matches('\0').trim().to_owned()))
+    Ok(data.map(|data| String::from_utf8_lossy(&data).trim_end_matches('\0').trim().to_owned()))
 }
 
 fn read_drive(client: &mut NodeClient) -> Result<Option<Drive>> {
@@ -152,7 +153,7 @@ fn read_drive(client: &mut NodeClient) -> Result<Option<Drive>> {
         statusword,
         state: status_text(Statusword(statusword as u16)),
         mode,
-        supported_modes: supported.map(|it| modes_text(SupportedModes(it as u32))),
+        supported_modes: supported.map(|supported| modes_text(SupportedModes(supported as u32))),
         error_code: client.number(object::ERROR_CODE, 0)?,
     }))
 }
@@ -161,7 +162,7 @@ fn read_drive(client: &mut NodeClient) -> Result<Option<Drive>> {
 fn state(client: &mut NodeClient, period_ms: u64) -> Result<Option<NmtState>> {
     if period_ms > 0 {
         let time = Duration::from_millis((period_ms * 2 + 100).min(MOST_HEARTBEAT_MS));
-        client.run_for(time, |it| it.state().is_some())?;
+        client.run_for(time, |observed| observed.state().is_some())?;
     }
     Ok(client.state())
 }
@@ -185,7 +186,8 @@ fn compare(names: &ObjectNames, vendor: Option<u64>, product: Option<u64>) -> Op
 fn print(info: &Info, output: &Output, out: &mut dyn Write) -> io::Result<()> {
     let JsonTarget { slave, channel, node } = info.node;
     let missing = || "-".to_owned();
-    let hexadecimal = |value: Option<u64>| value.map_or_else(missing, |it| format!("0x{it:08X}"));
+    let hexadecimal =
+        |value: Option<u64>| value.map_or_else(missing, |value| format!("0x{value:08X}"));
     let string = |value: &Option<String>| value.clone().unwrap_or_else(missing);
     let state = info.state.unwrap_or("not reported (no heartbeat)");
     let versions = (string(&info.hardware_version), string(&info.software_version));
@@ -194,7 +196,7 @@ fn print(info: &Info, output: &Output, out: &mut dyn Write) -> io::Result<()> {
         hexadecimal(info.vendor_id),
         hexadecimal(info.product_code),
         hexadecimal(info.revision),
-        info.serial.map_or_else(missing, |it| it.to_string())
+        info.serial.map_or_else(missing, |serial| serial.to_string())
     );
     let mut rows = vec![
         ["node".to_owned(), format!("{node} on can{channel} of slave {slave}")],
@@ -259,7 +261,7 @@ fn heartbeat_text(info: &Info) -> String {
     let consumers: Vec<_> = info
         .consumed_heartbeats
         .iter()
-        .map(|it| format!("node {} within {} ms", it.producer, it.time_ms))
+        .map(|consumer| format!("node {} within {} ms", consumer.producer, consumer.time_ms))
         .collect();
     let consumers = if consumers.is_empty() { "none".to_owned() } else { consumers.join(", ") };
     let guarding = match info.guard_time_ms {

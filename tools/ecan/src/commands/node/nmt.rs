@@ -140,8 +140,8 @@ pub fn run(arguments: &NmtArguments, context: &Context) -> Result {
     let context = &context.on_stderr(arguments.options.capture.is_on_output());
     let select = |it: &NodeArgument| it.select(arguments.channel, &arguments.options, context);
     let selected = arguments.node.as_ref().map(select).transpose()?;
-    let target = selected.as_ref().map(|it| it.target);
-    let channel = target.map_or(arguments.channel.unwrap_or(0), |it| it.channel);
+    let target = selected.as_ref().map(|selected| selected.target);
+    let channel = target.map_or(arguments.channel.unwrap_or(0), |target| target.channel);
     let what = match target {
         Some(target) => target.to_string(),
         None => format!("all nodes on can{channel}"),
@@ -178,7 +178,7 @@ pub fn run(arguments: &NmtArguments, context: &Context) -> Result {
 
 fn print(outcome: &Outcome, out: &mut dyn std::io::Write) -> std::io::Result<()> {
     for Confirmed { node, state, proof } in &outcome.nodes {
-        let proof = proof.map_or_else(String::new, |it| format!(", {}", it.text()));
+        let proof = proof.map_or_else(String::new, |proof| format!(", {}", proof.text()));
         let state = state.unwrap_or("state not reported");
         writeln!(out, "node {node} on can{}: {state}{proof}", outcome.channel)?;
     }
@@ -195,7 +195,7 @@ fn check(outcome: &Outcome, command: Command, what: &str) -> Result {
         );
         return Err(Failure::Incomplete(message));
     }
-    match outcome.nodes.iter().find(|it| it.proof.is_none() || it.state != Some(goal)) {
+    match outcome.nodes.iter().find(|node| node.proof.is_none() || node.state != Some(goal)) {
         None => Ok(()),
         Some(Confirmed { state: Some(state), proof: Some(_), node }) => Err(Failure::Incomplete(
             format!("node {node} is {state} instead of {goal}; see `ecan node emcy`"),
@@ -223,14 +223,16 @@ fn command_one(command: Command, client: &mut NodeClient, timeout: Duration) -> 
     client.forget_state();
     let request = NmtRequest { command: command.command(), node: Some(target.node) };
     let mut watch = StateWatch { node: target.node, ..StateWatch::default() };
-    client.link.send_nmt(target.channel, request, |it| watch.observe(it, target.channel))?;
+    client
+        .link
+        .send_nmt(target.channel, request, |observed| watch.observe(observed, target.channel))?;
     // What was received until here may be older than the command.
     watch.begin();
     let mut confirmed = None;
     let start_ns = client.link.service.response_ns();
     let (mut asked_ns, timeout_ns) = (start_ns, timeout.as_nanos() as u64);
     loop {
-        let now_ns = client.cycle(|it| watch.observe(it, target.channel))?;
+        let now_ns = client.cycle(|observed| watch.observe(observed, target.channel))?;
         if let Some(proof) = watch.proof(command) {
             confirmed = Some(proof);
             break;
@@ -242,7 +244,9 @@ fn command_one(command: Command, client: &mut NodeClient, timeout: Duration) -> 
         if may_guard && !command.is_reset() && is_due {
             asked_ns = now_ns;
             watch.is_guarded = true;
-            client.link.send_guarding(target, |it| watch.observe(it, target.channel))?;
+            client
+                .link
+                .send_guarding(target, |observed| watch.observe(observed, target.channel))?;
         }
     }
     if confirmed.is_none()
@@ -338,8 +342,8 @@ fn command_all(
     link.send_nmt(channel, NmtRequest { command: command.command(), node: None }, |_| ())?;
     let end_ns = link.service.response_ns().saturating_add(timeout.as_nanos() as u64);
     loop {
-        let now_ns = link.cycle(&mut [], |it| {
-            if let (Some((node, state)), true) = (it.state(), it.is_from(0, channel)) {
+        let now_ns = link.cycle(&mut [], |observed| {
+            if let (Some((node, state)), true) = (observed.state(), observed.is_from(0, channel)) {
                 let new = match state {
                     NmtState::Initialising => (NmtState::PreOperational, Proof::BootUp),
                     state => (state, Proof::Heartbeat),

@@ -11,10 +11,9 @@ use ecan_protocol::can::{CanFrame, CanId, Dlc};
 use ecan_protocol::mapping::CHANNELS;
 use ecan_tool_support::diagnosis::registers::TransmitQueueStatus;
 
+use super::node_target::{JsonTarget, NodeTarget};
 use crate::context::{Failure, Result};
 use crate::frames::{BusFrame, Event, Service, Ticket};
-
-use super::node_target::{JsonTarget, NodeTarget};
 
 /// Most SDO frames per cycle and channel, as much as a gateway sends per cycle in its default policy.
 const FRAMES_PER_CYCLE: usize = 2;
@@ -104,7 +103,7 @@ impl NodeLink {
         if status.warn() || status.bus_off() || status.tx_pending() > 0 {
             return false;
         }
-        let size = self.service.can(gateway, channel).map_or(0, |it| it.ram.tx_fifo_size);
+        let size = self.service.can(gateway, channel).map_or(0, |can| can.ram.tx_fifo_size);
         // What cannot be read counts as empty.
         let queue = self.service.upload(gateway, 0x9000 + u16::from(channel), 6);
         let free = queue.map_or(size, |raw| TransmitQueueStatus::from_raw(raw).free);
@@ -131,7 +130,7 @@ impl NodeLink {
         requests: &mut [SdoRequest],
         observe: impl FnMut(&Observed),
     ) -> Result<u64> {
-        self.cycle_with(requests, None, observe).map(|it| it.0)
+        self.cycle_with(requests, None, observe).map(|cycle| cycle.0)
     }
 
     /// As [`cycle`](Self::cycle), with a further frame for a channel of the only gateway. Returns the
@@ -190,7 +189,7 @@ impl NodeLink {
         if self.service.is_interrupted() {
             return Err(Failure::Incomplete("stopped by the user".to_owned()));
         }
-        let lost = (0..self.service.gateways()).find(|it| !self.service.is_ready(*it));
+        let lost = (0..self.service.gateways()).find(|gateway| !self.service.is_ready(*gateway));
         let since_ns = match lost {
             None => return self.lost_since_ns.take().map_or(Ok(()), |_| Ok(())),
             Some(_) => *self.lost_since_ns.get_or_insert(now_ns),
@@ -222,7 +221,7 @@ impl NodeLink {
     pub fn cycle_lss(&mut self, channel: u8, master: &mut LssMaster) -> Result<u64> {
         let frame = master.frame().map(|data| classic(CobId::LSS_REQUEST.can_id(), &data));
         let mut responses = Vec::new();
-        let now_ns = self.cycle_with(&mut [], frame.map(|it| (channel, it)), |observed| {
+        let now_ns = self.cycle_with(&mut [], frame.map(|frame| (channel, frame)), |observed| {
             if observed.is_from(0, channel)
                 && observed.service() == Some(CanopenService::LssResponse)
             {

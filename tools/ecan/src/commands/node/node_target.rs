@@ -30,7 +30,7 @@ impl FromStr for NodeIdArgument {
             Some((channel, node)) => (Some(parse_channel(channel)?), node),
             None => (None, text),
         };
-        let node = crate::value::parse_unsigned(node).and_then(|it| u8::try_from(it).ok());
+        let node = crate::value::parse_unsigned(node).and_then(|number| u8::try_from(number).ok());
         let wrong = || "expected a node-ID, 1 to 127, or CHANNEL.ID, for example 0.5".to_owned();
         Ok(Self { channel, node: node.and_then(NodeId::new).ok_or_else(wrong)? })
     }
@@ -130,7 +130,7 @@ impl NodeArgument {
                 let target = node.on(channel)?;
                 let NodeTarget { channel, node } = target;
                 let description =
-                    file.as_ref().and_then(|it| it.of_only_gateway(channel, node)).cloned();
+                    file.as_ref().and_then(|file| file.of_only_gateway(channel, node)).cloned();
                 SelectedNode::new(target, description, None, file, options, context)
             }
             (Self::Name(name), None) => Err(Failure::Usage(format!(
@@ -141,7 +141,7 @@ impl NodeArgument {
                 context.global.without_slave("the configuration file states the gateway")?;
                 let found = file.named(name)?.clone();
                 let address = found.address;
-                if let Some(other) = channel.filter(|it| *it != address.channel) {
+                if let Some(other) = channel.filter(|channel| *channel != address.channel) {
                     return Err(Failure::Usage(format!(
                         "node \"{name}\" and --channel {other} name different channels"
                     )));
@@ -184,7 +184,7 @@ impl SelectedNode {
                 options.gateway.setup.config = None;
             }
         }
-        let config = file.map(|it| it.path().to_owned());
+        let config = file.map(|file| file.path().to_owned());
         Ok(Self { target, description, config, slave, options })
     }
 

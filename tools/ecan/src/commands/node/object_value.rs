@@ -22,7 +22,7 @@ impl ObjectValue {
     /// Decodes the bytes by a type; without one, or of another length, as an unsigned number or as
     /// bytes.
     pub fn new(bytes: Vec<u8>, data_type: Option<DataType>) -> Self {
-        let typed = data_type.and_then(|it| it.decode(&bytes).ok());
+        let typed = data_type.and_then(|data_type| data_type.decode(&bytes).ok());
         let value = typed.unwrap_or_else(|| match bytes.len() {
             1..=8 => DataValue::Unsigned(unsigned(&bytes)),
             _ => DataValue::Bytes(bytes.clone()),
@@ -143,11 +143,12 @@ impl fmt::Display for DeviceType {
         if profile == 0 {
             return f.write_str("no device profile");
         }
-        let name = PROFILES.iter().find(|it| it.0 == profile).map(|it| it.1);
+        let name = PROFILES.iter().find(|known| known.0 == profile).map(|known| known.1);
         match name {
             Some("drive") => {
                 let kind = (self.0 >> 16) as u8;
-                let kind = DRIVES.iter().find(|it| it.0 == kind).map_or("drive", |it| it.1);
+                let kind =
+                    DRIVES.iter().find(|known| known.0 == kind).map_or("drive", |known| known.1);
                 write!(f, "{kind} (CiA {profile})")
             }
             Some(name) => write!(f, "{name} (CiA {profile})"),

@@ -36,7 +36,7 @@ impl DeviceFileArguments {
             return Ok(Some((path.display().to_string(), Arc::new(read_device_file(path)?))));
         }
         let Some(device) = selected.device() else { return Ok(None) };
-        let config = selected.config.as_ref().map(|it| it.display().to_string());
+        let config = selected.config.as_ref().map(|config| config.display().to_string());
         let name = match device.file_info.file_name.as_str() {
             "" => config.unwrap_or_default(),
             name => name.to_owned(),
@@ -51,7 +51,7 @@ impl DeviceFileArguments {
 /// The file cannot be read or used.
 pub fn read_device_file(path: &std::path::Path) -> Result<DeviceFile> {
     let bytes = input_file::read(path)?;
-    let file = DeviceFile::parse(&bytes).map_err(|it| Failure::file("use", path, it))?;
+    let file = DeviceFile::parse(&bytes).map_err(|error| Failure::file("use", path, error))?;
     if let Some(first) = file.warnings().first() {
         let (count, path) = (file.warnings().len(), Printable(path.display()));
         note(format_args!("# {path}: {count} deviations from CiA 306; the first: {first}"));
@@ -138,7 +138,7 @@ impl ObjectNames {
             let entry = entry.unwrap_or("0");
             if let Some(subindex) = parse_unsigned(entry) {
                 let wrong = |_| format!("invalid subindex {entry}; allowed: 0 to 255");
-                return u8::try_from(subindex).map(|it| (index, it)).map_err(wrong);
+                return u8::try_from(subindex).map(|subindex| (index, subindex)).map_err(wrong);
             }
         }
         match self.device.find(text) {
@@ -162,7 +162,7 @@ impl ObjectNames {
         };
         let objects: Vec<_> = self.device.objects().filter(of_object).collect();
         let exact: Vec<_> =
-            objects.iter().copied().filter(|it| plain(&it.name) == plain(object)).collect();
+            objects.iter().copied().filter(|known| plain(&known.name) == plain(object)).collect();
         let objects = if exact.is_empty() { objects } else { exact };
         let subindex = entry.and_then(parse_unsigned);
         let is_it = |it: &&ObjectEntry| match (entry, subindex) {
@@ -179,7 +179,7 @@ impl ObjectNames {
             ([], _) => Err(format!("{error}; see `ecan node sdo list`")),
             (several, _) => {
                 let labels: Vec<_> =
-                    several.iter().take(SHOWN).map(|it| self.device.label(it)).collect();
+                    several.iter().take(SHOWN).map(|object| self.device.label(object)).collect();
                 let more = if several.len() > SHOWN { ", ..." } else { "" };
                 Err(format!("ambiguous object; candidates: {}{more}", labels.join(", ")))
             }
@@ -189,10 +189,12 @@ impl ObjectNames {
     /// Indices of the object of this name, or of those whose names contain it.
     pub fn objects_of(&self, name: &str) -> Vec<u16> {
         let name = plain(name);
-        let names = || self.device.objects().map(|it| (it.index, plain(&it.name)));
-        match names().find(|it| it.1 == name) {
+        let names = || self.device.objects().map(|object| (object.index, plain(&object.name)));
+        match names().find(|object| object.1 == name) {
             Some((index, _)) => vec![index],
-            None => names().filter(|it| it.1.contains(&name)).map(|it| it.0).collect(),
+            None => {
+                names().filter(|object| object.1.contains(&name)).map(|object| object.0).collect()
+            }
         }
     }
 }

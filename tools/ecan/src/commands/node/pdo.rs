@@ -86,10 +86,10 @@ fn watch(
     loop {
         let mut received: Vec<Observed> = Vec::new();
         let channel = client.target().channel;
-        let cycle = client.link.cycle(&mut [], |it| {
+        let cycle = client.link.cycle(&mut [], |observed| {
             // Also the RPDOs that another program sends.
-            if (it.frame.gateway, it.frame.channel) == (0, channel) {
-                received.push(*it);
+            if (observed.frame.gateway, observed.frame.channel) == (0, channel) {
+                received.push(*observed);
             }
         });
         let Some(now_ns) = view.after_cycle(cycle)? else { return Ok(()) };
@@ -140,7 +140,8 @@ fn print_live(
                 true => number((it.index, it.subindex)),
                 false => it.name.clone(),
             };
-            let meaning = it.meaning.as_ref().map_or_else(String::new, |it| format!(": {it}"));
+            let meaning =
+                it.meaning.as_ref().map_or_else(String::new, |meaning| format!(": {meaning}"));
             format!("{name} = {}{meaning}", it.text)
         };
         let values: Vec<_> = live.values.iter().map(value).collect();
@@ -233,7 +234,7 @@ impl NodePdo {
     }
 
     pub fn bits(&self) -> u32 {
-        self.mapping.iter().map(|it| u32::from(it.bits)).sum()
+        self.mapping.iter().map(|entry| u32::from(entry.bits)).sum()
     }
 
     fn transmission_text(&self) -> String {
@@ -290,8 +291,8 @@ fn read_one(
     let Some(raw) = client.number(communication, 1)? else { return Ok(None) };
     // An 11-bit COB-ID with further bits is shown as it is.
     let cob_id = PdoCobId::from_raw(raw as u32);
-    let transmission = client.number(communication, 2)?.map(|it| it as u8);
-    let inhibit_us = client.number(communication, 3)?.map(|it| it * 100);
+    let transmission = client.number(communication, 2)?.map(|value| value as u8);
+    let inhibit_us = client.number(communication, 3)?.map(|value| value * 100);
     let event_timer_ms = client.number(communication, 5)?;
     let count = client.number(mapping, 0)?.unwrap_or(0);
     let mut objects = Vec::new();
@@ -305,9 +306,9 @@ fn read_one(
     Ok(Some(NodePdo {
         kind,
         number: offset + 1,
-        can_id: cob_id.map_or(raw as u32 & 0x1FFF_FFFF, |it| it.id.raw()),
-        is_extended: cob_id.is_some_and(|it| it.id.is_extended()),
-        is_valid: cob_id.is_some_and(|it| it.is_valid),
+        can_id: cob_id.map_or(raw as u32 & 0x1FFF_FFFF, |cob_id| cob_id.id.raw()),
+        is_extended: cob_id.is_some_and(|cob_id| cob_id.id.is_extended()),
+        is_valid: cob_id.is_some_and(|cob_id| cob_id.is_valid),
         transmission,
         inhibit_us,
         event_timer_ms,
@@ -348,7 +349,7 @@ mod tests {
         let data = [0x37, 0x06, 0xEE, 0x9C, 0xFF, 0xFF, 0xFF];
         let values = values(&mapping, &data, &names);
         let texts: Vec<_> =
-            values.iter().map(|it| (it.text.as_str(), it.meaning.as_deref())).collect();
+            values.iter().map(|value| (value.text.as_str(), value.meaning.as_deref())).collect();
         assert_eq!(texts, [("1591 (0x637)", Some("operation enabled")), ("-100", None)]);
         let short = super::values(&mapping, &data[..4], &names);
         assert_eq!(short.len(), 1, "the position is not complete");

@@ -133,7 +133,7 @@ fn scan(
     context: &Context,
 ) -> Result<ScanReport> {
     let prepared = Prepared::for_all(options, requirements(channels, true), context)?;
-    let bit_rate = |gateway, channel| prepared.can(gateway, channel).map(|it| it.nominal_bitrate);
+    let bit_rate = |gateway, channel| prepared.can(gateway, channel).map(|can| can.nominal_bitrate);
     let rates: BTreeMap<_, _> = (0..prepared.gateways())
         .flat_map(|gateway| channels.iter().map(move |channel| (gateway, channel)))
         .filter_map(|(gateway, channel)| Some(((gateway, channel), bit_rate(gateway, channel)?)))
@@ -209,9 +209,11 @@ impl Scan {
         loop {
             self.ask();
             let (found, link) = (&mut self.found, &mut self.link);
-            let positions: Vec<_> =
-                (0..link.service.gateways()).map(|it| link.service.position(it)).collect();
-            let scanned: Vec<_> = self.channels.iter().map(|it| (it.gateway, it.channel)).collect();
+            let positions: Vec<_> = (0..link.service.gateways())
+                .map(|gateway| link.service.position(gateway))
+                .collect();
+            let scanned: Vec<_> =
+                self.channels.iter().map(|channel| (channel.gateway, channel.channel)).collect();
             let now_ns = link.cycle(&mut self.requests, |observed| {
                 let (gateway, channel) = (observed.frame.gateway, observed.frame.channel);
                 let is_scanned = scanned.contains(&(gateway, channel)) && !observed.frame.is_sent;
@@ -230,7 +232,10 @@ impl Scan {
             })?;
             self.take_answers();
             self.give_up_silent(now_ns);
-            let is_asking = self.channels.iter().any(|it| !it.is_silent && !it.waiting.is_empty());
+            let is_asking = self
+                .channels
+                .iter()
+                .any(|channel| !channel.is_silent && !channel.waiting.is_empty());
             if !is_asking && self.requests.is_empty() && now_ns >= end_ns {
                 return Ok(());
             }
@@ -335,11 +340,11 @@ impl Scan {
     }
 
     fn report(self) -> ScanReport {
-        let channels = self.channels.iter().map(|it| ScannedChannel {
-            slave: self.link.service.position(it.gateway),
-            channel: it.channel,
-            bitrate: Some(it.bitrate),
-            result: match it.is_silent {
+        let channels = self.channels.iter().map(|found| ScannedChannel {
+            slave: self.link.service.position(found.gateway),
+            channel: found.channel,
+            bitrate: Some(found.bitrate),
+            result: match found.is_silent {
                 true => ChannelResult::NotAcknowledged,
                 false => ChannelResult::Scanned,
             },
@@ -445,8 +450,8 @@ impl ScanReport {
     }
 
     pub fn sort(&mut self) {
-        self.channels.sort_by_key(|it| (it.slave, it.channel));
-        self.nodes.sort_by_key(|it| (it.slave, it.channel, it.node));
+        self.channels.sort_by_key(|channel| (channel.slave, channel.channel));
+        self.nodes.sort_by_key(|node| (node.slave, node.channel, node.node));
     }
 
     pub fn print(&self, output: &Output, out: &mut dyn Write) -> io::Result<()> {
@@ -486,7 +491,8 @@ fn kbit(rate: u32) -> f64 {
 }
 
 fn row(it: &FoundNode) -> [String; 9] {
-    let hexadecimal = |value: Option<u32>| value.map_or("-".to_owned(), |it| format!("0x{it:08X}"));
+    let hexadecimal =
+        |value: Option<u32>| value.map_or("-".to_owned(), |value| format!("0x{value:08X}"));
     let device = match (&it.name, it.device_type) {
         (_, _) if !it.has_sdo => "no answer to SDO requests".to_owned(),
         (Some(name), Some(ty)) => format!("{name}, {}", DeviceType(ty)),
@@ -502,7 +508,7 @@ fn row(it: &FoundNode) -> [String; 9] {
         hexadecimal(it.vendor_id),
         hexadecimal(it.product_code),
         hexadecimal(it.revision),
-        it.serial.map_or("-".to_owned(), |it| it.to_string()),
+        it.serial.map_or("-".to_owned(), |serial| serial.to_string()),
         device,
     ]
 }
@@ -514,10 +520,11 @@ mod tests {
     #[test]
     fn node_ranges_are_sorted_and_checked() {
         let parse = |text: &str| {
-            text.parse::<NodeRange>().map(|it| it.0.iter().map(|id| id.get()).collect::<Vec<_>>())
+            text.parse::<NodeRange>()
+                .map(|range| range.0.iter().map(|id| id.get()).collect::<Vec<_>>())
         };
         assert_eq!(parse("32,1-3,2"), Ok(vec![1, 2, 3, 32]));
-        assert_eq!(parse("1-127").map(|it| it.len()), Ok(127));
+        assert_eq!(parse("1-127").map(|nodes| nodes.len()), Ok(127));
         for wrong in ["", "0", "128", "5-4", "1-", "1;2", "a"] {
             assert!(parse(wrong).is_err(), "{wrong}");
         }

@@ -100,14 +100,15 @@ const TYPES: [(&str, DataType); 14] = [
 ];
 
 fn type_parser() -> impl TypedValueParser<Value = DataType> {
-    PossibleValuesParser::new(TYPES.map(|(name, _)| name))
-        .map(|name| TYPES.iter().find(|it| it.0 == name).map_or(DataType::Domain, |it| it.1))
+    PossibleValuesParser::new(TYPES.map(|(name, _)| name)).map(|name| {
+        TYPES.iter().find(|known| known.0 == name).map_or(DataType::Domain, |known| known.1)
+    })
 }
 
 /// Name of a type as in `--type`, else that of CiA 301.
 fn type_name(data_type: DataType) -> String {
-    let named = TYPES.iter().find(|it| it.1 == data_type);
-    named.map_or_else(|| data_type.to_string(), |it| it.0.to_owned())
+    let named = TYPES.iter().find(|known| known.1 == data_type);
+    named.map_or_else(|| data_type.to_string(), |known| known.0.to_owned())
 }
 
 #[derive(Debug, Serialize)]
@@ -160,23 +161,24 @@ impl Sdo<'_> {
 
     /// Type of an object: by `--type`, else by its name.
     fn type_of(&self, key: ObjectKey) -> Option<DataType> {
-        self.common.ty.or_else(|| self.names.entry(key).map(|it| it.data_type))
+        self.common.ty.or_else(|| self.names.entry(key).map(|entry| entry.data_type))
     }
 
     fn data(&self, node: JsonTarget, key: ObjectKey, answer: Result<Vec<u8>, String>) -> Read {
         let entry = self.names.entry(key);
-        let value = answer.as_ref().ok().map(|it| ObjectValue::new(it.clone(), self.type_of(key)));
+        let value =
+            answer.as_ref().ok().map(|answer| ObjectValue::new(answer.clone(), self.type_of(key)));
         Read {
             node,
             index: key.0,
             subindex: key.1,
             name: entry.map(|_| self.names.name(key)),
             ty: self.type_of(key).map(type_name),
-            access: entry.and_then(|it| self.names.access(it)).map(|it| it.word()),
+            access: entry.and_then(|entry| self.names.access(entry)).map(|entry| entry.word()),
             text: value.as_ref().map(ObjectValue::text),
-            meaning: value.as_ref().and_then(|it| it.meaning(key)),
+            meaning: value.as_ref().and_then(|value| value.meaning(key)),
             value: value.as_ref().map(ObjectValue::json),
-            bytes: value.map(|it| it.bytes),
+            bytes: value.map(|value| value.bytes),
             error: answer.err(),
         }
     }
@@ -201,8 +203,8 @@ impl Sdo<'_> {
             )));
         };
         let entry = self.names.entry(key);
-        let access = entry.and_then(|it| self.names.access(it));
-        if let Some(access) = access.filter(|it| !it.is_writable()) {
+        let access = entry.and_then(|entry| self.names.access(entry));
+        if let Some(access) = access.filter(|access| !access.is_writable()) {
             let object = number(key);
             return Err(Failure::Usage(format!(
                 "{object} {name} cannot be written: its access is {access} by the device file"
@@ -221,7 +223,7 @@ impl Sdo<'_> {
             client.download(index, subindex, &data)?;
             Ok((client.json(), client.try_upload(index, subindex)?))
         })?;
-        let is_other = answer.as_ref().is_ok_and(|it| *it != data);
+        let is_other = answer.as_ref().is_ok_and(|answer| *answer != data);
         // An object that can only be written is not an error.
         let read = self.data(node, key, Ok(answer.unwrap_or(data)));
         self.context.output.data(&read, |out| print_value(&read, out))?;
@@ -237,7 +239,7 @@ impl Sdo<'_> {
     fn list(&self, object: Option<&str>, is_names_only: bool) -> Result {
         let is_selected = self.selection(object)?;
         let entries: Vec<_> =
-            self.names.entries().filter(|it| is_selected.contains(&it.index)).collect();
+            self.names.entries().filter(|entry| is_selected.contains(&entry.index)).collect();
         let rows: Vec<_> = if is_names_only {
             let (channel, node) = (self.target.channel, self.target.node.get());
             let address = JsonTarget { slave: 0, channel, node };
@@ -281,10 +283,10 @@ impl Sdo<'_> {
     /// Indices of the object, or of those whose names contain the text.
     fn selection(&self, object: Option<&str>) -> Result<Vec<u16>> {
         let Some(text) = object else {
-            return Ok(self.names.entries().map(|it| it.index).collect());
+            return Ok(self.names.entries().map(|entry| entry.index).collect());
         };
         if let Some(index) =
-            crate::value::parse_unsigned(text).and_then(|it| u16::try_from(it).ok())
+            crate::value::parse_unsigned(text).and_then(|number| u16::try_from(number).ok())
         {
             return Ok(vec![index]);
         }
@@ -306,26 +308,29 @@ fn is_command((index, _): ObjectKey) -> bool {
 
 fn print_value(read: &Read, out: &mut dyn Write) -> io::Result<()> {
     let name = read.name.as_ref().map_or_else(String::new, |name| format!(" {name}"));
-    let meaning = read.meaning.as_ref().map_or_else(String::new, |it| format!(": {it}"));
+    let meaning = read.meaning.as_ref().map_or_else(String::new, |meaning| format!(": {meaning}"));
     let text = read.text.as_deref().unwrap_or_default();
     writeln!(out, "{}{name} = {text}{meaning}", number((read.index, read.subindex)))
 }
 
 fn print_list(rows: &[Read], output: &Output, out: &mut dyn Write) -> io::Result<()> {
-    table::print_with_titles(out, ["OBJECT", "TYPE", "ACCESS", "NAME", "VALUE"], rows, |it| {
-        let value = match (&it.text, &it.error) {
+    table::print_with_titles(out, ["OBJECT", "TYPE", "ACCESS", "NAME", "VALUE"], rows, |read| {
+        let value = match (&read.text, &read.error) {
             (Some(text), _) => {
-                let meaning = it.meaning.as_ref().map_or_else(String::new, |it| format!(": {it}"));
+                let meaning = read
+                    .meaning
+                    .as_ref()
+                    .map_or_else(String::new, |meaning| format!(": {meaning}"));
                 format!("{text}{meaning}")
             }
             (None, Some(error)) => output.toned(crate::context::Tone::Faint, error),
             (None, None) => String::new(),
         };
         [
-            number((it.index, it.subindex)),
-            it.ty.clone().unwrap_or_default(),
-            it.access.unwrap_or("-").to_owned(),
-            it.name.clone().unwrap_or_default(),
+            number((read.index, read.subindex)),
+            read.ty.clone().unwrap_or_default(),
+            read.access.unwrap_or("-").to_owned(),
+            read.name.clone().unwrap_or_default(),
             value,
         ]
     })

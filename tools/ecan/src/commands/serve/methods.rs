@@ -66,7 +66,7 @@ impl ReconfigureMethod {
         let file = config.parse().map_err(|faults| {
             let listed = faults.0.iter();
             let listed = listed
-                .map(|it| json!({ "line": it.line, "column": it.column, "reason": it.reason }));
+                .map(|fault| json!({ "line": fault.line, "column": fault.column, "reason": fault.reason }));
             let data = json!({ "kind": "faults", "faults": listed.collect::<Vec<_>>() });
             let message = format!("{}: {faults}; nothing was changed", config.name);
             RpcError { data, ..RpcError::new(INVALID_PARAMS, message) }

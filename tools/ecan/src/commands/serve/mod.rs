@@ -156,7 +156,7 @@ fn passed_socket() -> Result<Option<UnixListener>> {
 
 fn path_of(socket: &UnixListener) -> PathBuf {
     let address = socket.local_addr().ok();
-    let path = address.as_ref().and_then(|it| it.as_pathname()).map(PathBuf::from);
+    let path = address.as_ref().and_then(|address| address.as_pathname()).map(PathBuf::from);
     path.unwrap_or_else(|| "the socket of the service manager".into())
 }
 

@@ -152,7 +152,8 @@ struct Reporter {
 impl Reporter {
     fn run(mut self) {
         let watchdog = self.watchdog.as_ref();
-        let interval = watchdog.map_or(MAX_INTERVAL, |it| (it.interval / 4).min(MAX_INTERVAL));
+        let interval =
+            watchdog.map_or(MAX_INTERVAL, |watchdog| (watchdog.interval / 4).min(MAX_INTERVAL));
         loop {
             match self.events.recv_timeout(interval) {
                 Ok(Event::End) | Err(RecvTimeoutError::Disconnected) => break,
@@ -236,7 +237,8 @@ impl Reporter {
 
     fn report_start(&mut self) {
         let Some(ready_at) = self.ready_at else { return };
-        let are_ready = !self.are_ready.is_empty() && self.are_ready.iter().all(|it| *it);
+        let are_ready =
+            !self.are_ready.is_empty() && self.are_ready.iter().all(|is_ready| *is_ready);
         if are_ready || Instant::now() >= ready_at {
             notify(&[NotifyState::Ready, NotifyState::Status(&self.status)]);
             self.ready_at = None;
@@ -317,8 +319,9 @@ impl Reloader {
         // Gateways are compared by their index.
         let is_same_bus = active.adapter.slaves.len() == new.adapter.slaves.len();
         let is_limit = |setting: &str| LIMITS.iter().any(|end| setting.ends_with(end));
-        let (limits, others): (Vec<_>, Vec<_>) =
-            changes(active, new).into_iter().partition(|it| is_same_bus && is_limit(&it.setting));
+        let (limits, others): (Vec<_>, Vec<_>) = changes(active, new)
+            .into_iter()
+            .partition(|change| is_same_bus && is_limit(&change.setting));
         if !limits.is_empty() {
             let gateways = active.port.gateways.iter_mut().zip(&new.port.gateways);
             gateways.for_each(|(active, new)| active.set_limits(new));

@@ -23,9 +23,9 @@ impl FromStr for NewId {
     fn from_str(text: &str) -> Result<Self, Self::Err> {
         match text {
             "none" => Ok(Self(None)),
-            text => {
-                parse_node(text).map(|it| Self(Some(it))).map_err(|it| format!("{it}, or none"))
-            }
+            text => parse_node(text)
+                .map(|node| Self(Some(node)))
+                .map_err(|error| format!("{error}, or none")),
         }
     }
 }
@@ -75,8 +75,8 @@ struct Common {
 fn bit_rate(text: &str) -> Result<LssBitRate, String> {
     let rate = parse_bit_rate(text).ok().and_then(LssBitRate::from_bit_per_s);
     rate.ok_or_else(|| {
-        let rates = LssBitRate::ALL.iter().filter_map(|it| it.bit_per_s());
-        let rates: Vec<_> = rates.map(|it| it.to_string()).collect();
+        let rates = LssBitRate::ALL.iter().filter_map(|rate| rate.bit_per_s());
+        let rates: Vec<_> = rates.map(|rate| rate.to_string()).collect();
         format!("allowed: {}", rates.join(", "))
     })
 }
@@ -103,7 +103,7 @@ pub fn set_id(arguments: &SetIdArguments, context: &Context) -> Result {
     let Common { selection, store, yes, lss } = &arguments.common;
     let context = &context.on_stderr(lss.options.capture.is_on_output());
     let NewId(new) = arguments.id;
-    let name = new.map_or_else(|| "no node-ID".to_owned(), |it| format!("node-ID {it}"));
+    let name = new.map_or_else(|| "no node-ID".to_owned(), |node| format!("node-ID {node}"));
     confirm(
         *yes,
         &format!("configuring {name}"),
@@ -113,7 +113,7 @@ pub fn set_id(arguments: &SetIdArguments, context: &Context) -> Result {
     let client = LssClient::start(lss, None, context)?;
     let slave = client.slave();
     let configured = client.run(|client| {
-        if let Some(new) = new.filter(|it| Some(*it) != selection.node()) {
+        if let Some(new) = new.filter(|node| Some(*node) != selection.node()) {
             check_free(client, new)?;
         }
         let (address, before) = select_one(*selection, client)?;
@@ -177,8 +177,8 @@ fn release_and_await(client: &mut LssClient, node: NodeId) -> Result<bool> {
     client.node.set_target(NodeTarget { channel, node });
     client.node.forget_state();
     client.release()?;
-    client.node.run_for(BOOT_UP, |it| {
-        matches!(it.state(), Some(NmtState::Initialising | NmtState::PreOperational))
+    client.node.run_for(BOOT_UP, |observed| {
+        matches!(observed.state(), Some(NmtState::Initialising | NmtState::PreOperational))
     })
 }
 
@@ -266,7 +266,7 @@ fn print(configured: &Configured, context: &Context) -> Result {
             Some(node) => format!("node-ID {node}"),
             None => "no node-ID".to_owned(),
         }];
-        parts.extend(bitrate.map(|it| format!("{it} bit/s")));
+        parts.extend(bitrate.map(|bitrate| format!("{bitrate} bit/s")));
         parts.extend(is_stored.then(|| "stored".to_owned()));
         parts.extend(has_booted.then(|| "booted".to_owned()));
         writeln!(out, "slave {slave} can{channel}: {address}: {}", parts.join(", "))
@@ -341,7 +341,7 @@ pub fn select(arguments: &SelectArguments, context: &Context) -> Result {
     let selected =
         Selected { slave, channel, address: address.into(), node: node.map(NodeId::get) };
     context.output.data(&selected, |out| {
-        let node = node.map_or_else(|| "no node-ID".to_owned(), |it| format!("node-ID {it}"));
+        let node = node.map_or_else(|| "no node-ID".to_owned(), |node| format!("node-ID {node}"));
         writeln!(out, "slave {slave} can{channel}: {address}: {node}, configuration state")
     })
 }

@@ -193,7 +193,8 @@ impl FromStr for AddressArgument {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, Self::Err> {
-        let number = |text: &str| parse_unsigned(text).and_then(|it| u32::try_from(it).ok());
+        let number =
+            |text: &str| parse_unsigned(text).and_then(|number| u32::try_from(number).ok());
         let parts: Option<Vec<u32>> = text.split(':').map(number).collect();
         match parts.as_deref() {
             Some(&[vendor, product, revision, serial]) => {
@@ -222,7 +223,8 @@ pub struct SlaveSelection {
 }
 
 pub fn parse_node(text: &str) -> Result<NodeId, String> {
-    let node = parse_unsigned(text).and_then(|it| u8::try_from(it).ok()).and_then(NodeId::new);
+    let node =
+        parse_unsigned(text).and_then(|number| u8::try_from(number).ok()).and_then(NodeId::new);
     node.ok_or_else(|| "expected a node-ID, 1 to 127".to_owned())
 }
 

@@ -7,12 +7,11 @@ use clap::Args;
 use ecan_canopen::{FastscanFilter, LssAddress, LssAddressRange, LssCommand, LssFault, LssResult};
 use serde::Serialize;
 
+use super::lss_client::{JsonAddress, LssClient, LssOptions};
 use crate::context::{Context, Failure, Result};
 use crate::progress::Progress;
 use crate::table;
 use crate::value::parse_unsigned;
-
-use super::lss_client::{JsonAddress, LssClient, LssOptions};
 
 #[derive(Debug, Args)]
 pub struct ScanArguments {
@@ -60,7 +59,7 @@ pub fn scan(arguments: &ScanArguments, context: &Context) -> Result {
         let scanned = scan_all(client, filter, context);
         // A slave that was found is in the configuration state.
         let released = client.release();
-        if scanned.as_ref().is_ok_and(|it| it.0.is_empty()) {
+        if scanned.as_ref().is_ok_and(|found| found.0.is_empty()) {
             client.check_alive()?;
         }
         scanned.and_then(|found| released.map(|()| found))
@@ -136,7 +135,7 @@ fn print_scan(found: &[LssAddress], scanned: &Scanned, out: &mut dyn Write) -> i
 }
 
 fn number(text: &str) -> Result<u32, String> {
-    let number = parse_unsigned(text).and_then(|it| u32::try_from(it).ok());
+    let number = parse_unsigned(text).and_then(|number| u32::try_from(number).ok());
     number.ok_or_else(|| "expected a number of 32 bits, decimal or hexadecimal with 0x".to_owned())
 }
 

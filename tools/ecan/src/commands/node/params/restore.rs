@@ -86,8 +86,9 @@ pub fn run(arguments: &RestoreArguments, context: &Context) -> Result {
     check_node_id(&dcf, target, &name, arguments.application)?;
     let downloads = dcf.downloads(target.node, DownloadScope::All);
     let mut downloads = downloads.map_err(|error| Failure::file("use", &arguments.file, error))?;
-    downloads.retain(|it| {
-        save::is_parameter(it.index) && (!arguments.application || it.index >= APPLICATION)
+    downloads.retain(|download| {
+        save::is_parameter(download.index)
+            && (!arguments.application || download.index >= APPLICATION)
     });
     if downloads.is_empty() {
         let message = "the file has no value to restore; see `ecan node params save`";
@@ -111,7 +112,7 @@ pub fn run(arguments: &RestoreArguments, context: &Context) -> Result {
         let mut store_error = None;
         if is_stored {
             let stored = client.download(object::STORE_PARAMETERS, 1, &SAVE);
-            store_error = stored.err().map(|it| it.to_string());
+            store_error = stored.err().map(|error| error.to_string());
             is_stored = store_error.is_none();
         }
         let (node, written) = (client.json(), downloads.len());
@@ -141,7 +142,7 @@ fn check_node_id(
     is_application_only: bool,
 ) -> Result {
     let of_file = dcf.commissioning.as_ref().and_then(|it: &Commissioning| it.node_id);
-    match of_file.filter(|it| *it != target.node && !is_application_only) {
+    match of_file.filter(|node| *node != target.node && !is_application_only) {
         None => Ok(()),
         Some(other) => Err(Failure::Usage(format!(
             "{name} is of node {other}, with its COB-IDs; for {target} use --application, which \
@@ -199,10 +200,10 @@ fn write_all(
         let Download { index, subindex, data } = stored;
         let key = (*index, *subindex);
         let entry = dcf.entry(*index, *subindex);
-        let data_type = entry.map(|it| it.data_type);
-        let fault = rejected.iter().find(|it| it.0 == key).map(|it| it.1);
+        let data_type = entry.map(|entry| entry.data_type);
+        let fault = rejected.iter().find(|rejected| rejected.0 == key).map(|found| found.1);
         crate::progress::step();
-        let found = match entry.is_some_and(|it| it.access.is_readable()) {
+        let found = match entry.is_some_and(|entry| entry.access.is_readable()) {
             true => client.upload_optional(*index, *subindex)?,
             false => None,
         };
@@ -217,10 +218,10 @@ fn write_all(
             _ => not_restored.push(NotRestored {
                 index: *index,
                 subindex: *subindex,
-                name: entry.map(|it| dcf.label(it)).unwrap_or_default(),
+                name: entry.map(|entry| dcf.label(entry)).unwrap_or_default(),
                 file_text: ObjectValue::new(data.clone(), data_type).text(),
-                node_text: found.map(|it| ObjectValue::new(it, data_type).text()),
-                error: fault.map(|it| it.to_string()),
+                node_text: found.map(|found| ObjectValue::new(found, data_type).text()),
+                error: fault.map(|fault| fault.to_string()),
             }),
         }
     }
@@ -242,12 +243,12 @@ fn last_values(downloads: &[Download]) -> impl Iterator<Item = &Download> {
 fn print(restored: &Restored, output: &Output, out: &mut dyn Write) -> io::Result<()> {
     let Restored { node, file, written, verified, is_stored, not_restored, .. } = restored;
     if !not_restored.is_empty() {
-        table::print_with_titles(out, ["OBJECT", "NAME", "FILE", "NODE"], not_restored, |it| {
-            let found = match (&it.error, &it.node_text) {
+        table::print_with_titles(out, ["OBJECT", "NAME", "FILE", "NODE"], not_restored, |row| {
+            let found = match (&row.error, &row.node_text) {
                 (Some(error), _) => output.toned(Tone::Bad, error),
                 (None, text) => text.clone().unwrap_or_default(),
             };
-            [number((it.index, it.subindex)), it.name.clone(), it.file_text.clone(), found]
+            [number((row.index, row.subindex)), row.name.clone(), row.file_text.clone(), found]
         })?;
         writeln!(out)?;
     }
@@ -343,12 +344,12 @@ pub fn run_diff(arguments: &DiffArguments, context: &Context) -> Result {
 fn print_differences(report: &Report, output: &Output, out: &mut dyn Write) -> io::Result<()> {
     let Report { node, file, compared, differences } = report;
     if !differences.is_empty() {
-        table::print_with_titles(out, ["OBJECT", "NAME", "FILE", "NODE"], differences, |it| {
-            let found = match (&it.node_text, &it.error) {
+        table::print_with_titles(out, ["OBJECT", "NAME", "FILE", "NODE"], differences, |row| {
+            let found = match (&row.node_text, &row.error) {
                 (Some(text), _) => text.clone(),
                 (None, error) => output.toned(Tone::Faint, error.as_deref().unwrap_or("unknown")),
             };
-            [number((it.index, it.subindex)), it.name.clone(), it.file_text.clone(), found]
+            [number((row.index, row.subindex)), row.name.clone(), row.file_text.clone(), found]
         })?;
         writeln!(out)?;
     }

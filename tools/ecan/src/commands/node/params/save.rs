@@ -66,7 +66,7 @@ pub fn run(arguments: &SaveArguments, context: &Context) -> Result {
     let read = NodeClient::new(link, selected.target, SDO_TIMEOUT).run(|client| {
         check(client, &device, &name)?;
         let bit_rate =
-            client.link.service.can(0, selected.target.channel).map(|it| it.nominal_bitrate);
+            client.link.service.can(0, selected.target.channel).map(|can| can.nominal_bitrate);
         let _progress = Progress::show(format!("reading {}", selected.target));
         let commissioning = commissioning(client, &selected, bit_rate)?;
         let mut dcf = device.to_dcf(commissioning);
@@ -94,12 +94,16 @@ fn commissioning(
     bit_rate: Option<u32>,
 ) -> Result<Commissioning> {
     let serial = client.number(object::IDENTITY, 4)?;
-    let name = selected.description.as_ref().map(|it| it.name.clone()).unwrap_or_default();
+    let name = selected
+        .description
+        .as_ref()
+        .map(|description| description.name.clone())
+        .unwrap_or_default();
     Ok(Commissioning {
         node_id: Some(selected.target.node),
         node_name: name,
-        bit_rate_kbit: bit_rate.and_then(|it| u16::try_from(it / 1_000).ok()),
-        lss_serial_number: serial.and_then(|it| u32::try_from(it).ok()),
+        bit_rate_kbit: bit_rate.and_then(|bit_rate| u16::try_from(bit_rate / 1_000).ok()),
+        lss_serial_number: serial.and_then(|serial| u32::try_from(serial).ok()),
         ..Commissioning::default()
     })
 }
@@ -111,7 +115,7 @@ fn read_values(
     dcf: &mut DeviceFile,
 ) -> Result<(usize, Vec<LeftOut>)> {
     let (mut values, mut left_out) = (0, Vec::new());
-    for entry in device.parameters().filter(|it| is_parameter(it.index)) {
+    for entry in device.parameters().filter(|entry| is_parameter(entry.index)) {
         let (index, subindex) = (entry.index, entry.subindex);
         crate::progress::step();
         let reason = match client.try_upload(index, subindex)? {
@@ -210,7 +214,7 @@ pub fn check(client: &mut NodeClient, file: &DeviceFile, name: &str) -> Result {
     let info = &file.device_info;
     let parts = [("vendor-ID", 1, info.vendor_number), ("product code", 2, info.product_number)];
     for (what, subindex, expected) in parts {
-        let Some(expected) = expected.filter(|it| *it != 0) else { continue };
+        let Some(expected) = expected.filter(|expected| *expected != 0) else { continue };
         let Some(found) = client.number(object::IDENTITY, subindex)? else { continue };
         if found != u64::from(expected) {
             return Err(Failure::Rejected(format!(
