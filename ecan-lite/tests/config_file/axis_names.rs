@@ -7,7 +7,8 @@ fn axes_have_the_names_of_their_nodes() {
     let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../examples/network/machine.toml");
     let names = load_axis_names(path).unwrap();
     assert_eq!(names, [Some("shoulder".to_owned()), Some("elbow".to_owned())]);
-    let nodes: Vec<_> = load_axes(path).unwrap().iter().map(|it| it.address.node.get()).collect();
+    let nodes: Vec<_> =
+        load_axes(path).unwrap().iter().map(|axis| axis.address.node.get()).collect();
     assert_eq!(nodes, [1, 2], "in the same order; the gripper is no axis");
 }
 

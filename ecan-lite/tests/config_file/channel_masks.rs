@@ -14,7 +14,7 @@ fn three(tx_pdo: &str, rx_pdo: &str) -> String {
 
 fn faults(text: &str) -> Vec<(usize, usize, String)> {
     let faults = parse_axes(text.as_bytes()).unwrap_err().0;
-    faults.into_iter().map(|it| (it.line, it.column, it.reason)).collect()
+    faults.into_iter().map(|fault| (fault.line, fault.column, fault.reason)).collect()
 }
 
 #[test]

@@ -13,7 +13,10 @@ use ecan_protocol::device::{AlState, MaintenanceStatus};
 use ecan_sim::{Fault, GatewayFault};
 
 fn entries(differences: &[Difference]) -> Vec<(u16, u8, Option<u8>)> {
-    differences.iter().map(|it| (it.index, it.subindex, it.filter)).collect()
+    differences
+        .iter()
+        .map(|difference| (difference.index, difference.subindex, difference.filter))
+        .collect()
 }
 
 #[test]
@@ -38,7 +41,7 @@ fn saved_configuration_survives_power_cycle() {
         fixture.simulation.pass_ns(3_000 * MS);
         let left = differences(bus, slave, &steps).unwrap();
         assert!(!left.is_empty(), "the assignment is not set yet");
-        let kept: Vec<_> = left.iter().filter(|it| !it.is_set_at_start).collect();
+        let kept: Vec<_> = left.iter().filter(|difference| !difference.is_set_at_start).collect();
         assert!(kept.is_empty(), "{kept:?}");
     }
     // The entries that the master writes at each start differ too.
@@ -64,15 +67,16 @@ fn entries_that_the_device_lacks_are_differences() {
     lacking(0x8001, 19);
     lacking(0x8021, 4);
     let found = differences(&fixture.bus, 0, &steps).unwrap();
-    let missing: Vec<_> = found.iter().filter(|it| it.found.is_none()).collect();
-    let entries: Vec<_> = missing.iter().map(|it| (it.index, it.subindex)).collect();
+    let missing: Vec<_> = found.iter().filter(|difference| difference.found.is_none()).collect();
+    let entries: Vec<_> =
+        missing.iter().map(|difference| (difference.index, difference.subindex)).collect();
     assert_eq!(entries, [(0x8001, 19), (0x8021, 4)]);
     assert!(
         missing[0].to_string().ends_with("the device lacks it (assumption H42: older firmware)")
     );
     let others = |all: &[Difference]| {
         all.iter()
-            .filter(|it| !entries.contains(&(it.index, it.subindex)))
+            .filter(|entry| !entries.contains(&(entry.index, entry.subindex)))
             .cloned()
             .collect::<Vec<_>>()
     };
@@ -172,7 +176,7 @@ fn gateways_are_found_by_alias_and_position() {
     (first.alias, first.position) = (7, 1);
     (second.alias, second.position) = (7, 0);
     let slaves: Vec<_> =
-        find(&fixture.bus, &file.adapter.slaves).unwrap().iter().map(|it| it.slave).collect();
+        find(&fixture.bus, &file.adapter.slaves).unwrap().iter().map(|place| place.slave).collect();
     assert_eq!(slaves, [2, 1]);
     file.adapter.slaves[0].position = 2;
     let error = find(&fixture.bus, &file.adapter.slaves).unwrap_err().to_string();

@@ -45,7 +45,7 @@ fn cell(directory: &tempfile::TempDir) -> std::path::PathBuf {
 fn faults(directory: &tempfile::TempDir) -> Vec<(usize, usize, String)> {
     match load(cell(directory)) {
         Err(ConfigFileError::Faults { faults, .. }) => {
-            faults.0.into_iter().map(|it| (it.line, it.column, it.reason)).collect()
+            faults.0.into_iter().map(|fault| (fault.line, fault.column, fault.reason)).collect()
         }
         other => panic!("{other:?}"),
     }
@@ -143,9 +143,9 @@ fn faults_of_the_profile_have_file_key_and_allowed_values() {
          quotation marks",
         "line 4, column 1: unknown key `servce_us`; did you mean `service_us`?",
     ];
-    let expected = expected.map(|it| format!("`device_profile` {}: {it}", path.display()));
+    let expected = expected.map(|reason| format!("`device_profile` {}: {reason}", path.display()));
     assert!(found.iter().all(|(line, column, _)| (*line, *column) == (5, 18)), "{found:?}");
-    assert_eq!(found.into_iter().map(|it| it.2).collect::<Vec<_>>(), expected);
+    assert_eq!(found.into_iter().map(|fault| fault.2).collect::<Vec<_>>(), expected);
 
     std::fs::remove_file(&path).unwrap();
     let [(5, 18, reason)] = &faults(&directory)[..] else { panic!() };

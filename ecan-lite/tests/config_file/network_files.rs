@@ -38,7 +38,11 @@ pub(crate) fn faults_with(text: &str, files: &[(&str, &str)]) -> Vec<(usize, Str
     match load(&path) {
         Err(ConfigFileError::Faults { faults, .. }) => {
             let lines = GATEWAY.lines().count();
-            faults.0.into_iter().map(|it| (it.line.saturating_sub(lines), it.reason)).collect()
+            faults
+                .0
+                .into_iter()
+                .map(|fault| (fault.line.saturating_sub(lines), fault.reason))
+                .collect()
         }
         other => panic!("{other:?}"),
     }

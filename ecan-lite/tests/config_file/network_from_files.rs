@@ -166,11 +166,12 @@ fn forty_drives_start_from_files_in_parallel() {
     let mut machine = Machine::new(drives_from_file(3, |_, _| {}), &forty_drives());
     assert_eq!(machine.cia402.axis_count(), 40);
     let configured = machine.configure();
-    let errors: Vec<_> = machine.cia402.progress_all().filter(|it| it.error.is_some()).collect();
+    let errors: Vec<_> =
+        machine.cia402.progress_all().filter(|axis| axis.error.is_some()).collect();
     assert!(errors.is_empty(), "{errors:?}");
     machine.cia402.read_position_all().unwrap();
     machine.run_until("positions", |cia402| {
-        cia402.progress_all().all(|it| it.phase == AxisPhase::Ready)
+        cia402.progress_all().all(|axis| axis.phase == AxisPhase::Ready)
     });
     machine.cia402.enable_all().unwrap();
     let enabled = machine.run_until("enabling", |cia402| cia402.all_running());
@@ -215,8 +216,8 @@ fn wrong_and_restarting_drives_are_named_and_the_others_run() {
     let texts: Vec<String> = machine
         .cia402
         .progress_all()
-        .filter(|it| it.error.is_some())
-        .map(|it| it.to_string())
+        .filter(|axis| axis.error.is_some())
+        .map(|axis| axis.to_string())
         .collect();
     let expected = [
         ("node 2 (slave 0, channel 1)", "serial number"),
@@ -279,7 +280,7 @@ fn nodes_boot_in_parallel_with_axes() {
             && (0..4).all(|axis| cia402.is_configured(axis))
     });
     let progress: Vec<_> = machine.cia402.network().boot_progress(machine.now_ns).collect();
-    assert!(progress.iter().all(|it| it.phase == BootPhase::Booted), "{progress:?}");
+    assert!(progress.iter().all(|node| node.phase == BootPhase::Booted), "{progress:?}");
     assert_eq!(machine.nodes.len(), 4);
     for channel in 0..4 {
         let gripper = NodeAddress { slave: 0, channel, node: NodeId::new(4).unwrap() };
@@ -308,7 +309,7 @@ fn axes_of_a_node_start_from_a_file() {
     machine.configure();
     machine.cia402.read_position_all().unwrap();
     machine.run_until("positions", |cia402| {
-        cia402.progress_all().all(|it| it.phase == AxisPhase::Ready)
+        cia402.progress_all().all(|axis| axis.phase == AxisPhase::Ready)
     });
     machine.cia402.enable_all().unwrap();
     machine.run_until("enabling", |cia402| cia402.all_running());
@@ -326,7 +327,7 @@ fn axes_of_a_node_start_from_a_file() {
         for axis in (0..4).filter(|axis| moved[*axis]) {
             let target = start[axis] + 300;
             cia402.set_target(axis, target).unwrap();
-            is_there &= cia402.actual(axis).is_some_and(|it| it.abs_diff(target) <= 5);
+            is_there &= cia402.actual(axis).is_some_and(|actual| actual.abs_diff(target) <= 5);
         }
         is_there
     });
@@ -357,7 +358,7 @@ fn drives_without_heartbeat_are_guarded() {
     machine.configure();
     machine.cia402.read_position_all().unwrap();
     machine.run_until("positions", |cia402| {
-        cia402.progress_all().all(|it| it.phase == AxisPhase::Ready)
+        cia402.progress_all().all(|axis| axis.phase == AxisPhase::Ready)
     });
     machine.cia402.enable_all().unwrap();
     machine.run_until("enabling", |cia402| cia402.all_running());
@@ -375,7 +376,7 @@ fn drives_without_heartbeat_are_guarded() {
     assert_eq!(times, [(Some(20), Some(4)), (Some(30), Some(3))]);
     let life = |machine: &Machine| {
         let network = machine.cia402.network();
-        drives.map(|it| network.status(network.find(it).unwrap()).unwrap().heartbeat)
+        drives.map(|node| network.status(network.find(node).unwrap()).unwrap().heartbeat)
     };
     assert_eq!(life(&machine), [Heartbeat::Active; 2]);
     let fault = DriveFault::PowerCycle { off_ms: 60_000 };

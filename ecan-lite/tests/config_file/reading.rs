@@ -251,7 +251,8 @@ position = 0
 can2 = { bitrate = 500_000, data_bitrate = 2_000_000, ram = { rx_fifo0_size = 64 } }
 "#;
     let faults = read(text).unwrap_err().0;
-    let found: Vec<_> = faults.iter().map(|it| (it.line, it.column, it.reason.as_str())).collect();
+    let found: Vec<_> =
+        faults.iter().map(|fault| (fault.line, fault.column, fault.reason.as_str())).collect();
     let expected = [
         (1, 12, "`cycle_us` must be a number, not a string"),
         (2, 38, "Sync0 shift of 20000 us is not below its period of 10000 us"),
@@ -349,7 +350,8 @@ fn receive_buffer_filter_matches_one_can_id() {
         );
         let both = format!("{filter}match = \"{matching}\"\nid2 = 0x90\n");
         let faults = read(&both).unwrap_err().0;
-        let found: Vec<_> = faults.iter().map(|it| (it.line, it.reason.as_str())).collect();
+        let found: Vec<_> =
+            faults.iter().map(|fault| (fault.line, fault.reason.as_str())).collect();
         let why = "has no effect: a filter into a receive buffer matches the one CAN ID `id1`";
         assert_eq!(found, [(9, &*format!("`match` {why}")), (10, &*format!("`id2` {why}"))]);
 
@@ -357,8 +359,10 @@ fn receive_buffer_filter_matches_one_can_id() {
         let steps = ecan_lite::config::startup(&file, 0);
         let values = |subindex| {
             let written = steps.iter().filter_map(|step| match step {
-                StartupStep::Download(it) if (it.index, it.subindex) == (0x8001, subindex) => {
-                    Some(it.value)
+                StartupStep::Download(step)
+                    if (step.index, step.subindex) == (0x8001, subindex) =>
+                {
+                    Some(step.value)
                 }
                 _ => None,
             });
@@ -391,7 +395,7 @@ fn checks_that_every_value_passes_are_omitted() {
 #[test]
 fn syntax_faults_do_not_hide_others() {
     let faults = read("cycle_us = \nmaster = \"x\"\n[[gateway]\nn = 3\n").unwrap_err().0;
-    let lines: Vec<_> = faults.iter().map(|it| it.line).collect();
+    let lines: Vec<_> = faults.iter().map(|fault| fault.line).collect();
     assert_eq!(lines[..2], [1, 2], "{faults:?}");
     assert!(lines.contains(&3), "{faults:?}");
     assert!(read("").unwrap_err().to_string().contains("no slave is configured"));
@@ -402,7 +406,8 @@ fn invalid_utf8_has_a_location_and_hides_nothing() {
     // A comment in Latin-1, and a fault after it.
     let text = b"cycle_us = 1000 # \xB5s\n[[gateway]]\nn = 25\ncan0 = { bitrate = 500_000 }\n";
     let faults = parse(text).unwrap_err().0;
-    let found: Vec<_> = faults.iter().map(|it| (it.line, it.column, it.reason.as_str())).collect();
+    let found: Vec<_> =
+        faults.iter().map(|fault| (fault.line, fault.column, fault.reason.as_str())).collect();
     assert_eq!(
         found,
         [(1, 19, "byte 0xB5 is not UTF-8"), (3, 5, "`n` = 25 is out of range; allowed: 1 to 24")],
@@ -472,7 +477,8 @@ fn wrong_numbers_and_words_are_reported() {
     }
     let text = "[[gateway]]\nn = 3\ntx_pdo = { options = [\"fast\", \"align4\", 7] }\n";
     let faults = read(text).unwrap_err().0;
-    let columns: Vec<_> = faults.iter().filter(|it| it.line == 3).map(|it| it.column).collect();
+    let columns: Vec<_> =
+        faults.iter().filter(|fault| fault.line == 3).map(|fault| fault.column).collect();
     assert_eq!(columns, [23, 41], "{faults:?}");
     assert_eq!(
         read("cycle_us = 0x3E8\n[[gateway]]\nn = 3\ncan0 = { bitrate = 500_000 }")

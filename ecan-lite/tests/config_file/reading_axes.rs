@@ -142,7 +142,8 @@ channel = 0
 "
     );
     let faults = parse_axes(text.as_bytes()).unwrap_err().0;
-    let found: Vec<_> = faults.iter().map(|it| (it.line, it.column, it.reason.as_str())).collect();
+    let found: Vec<_> =
+        faults.iter().map(|fault| (fault.line, fault.column, fault.reason.as_str())).collect();
     let expected = [
         (8, 8, "`node` = 128 is out of range; allowed: 1 to 127"),
         (10, 11, "axis 1: gateway 1 is not in the file"),
@@ -311,7 +312,7 @@ heartbeat_ms = 10
 "
     );
     let faults = parse_axes(text.as_bytes()).unwrap_err().0;
-    let found: Vec<_> = faults.iter().map(|it| (it.line, it.reason.as_str())).collect();
+    let found: Vec<_> = faults.iter().map(|fault| (fault.line, fault.reason.as_str())).collect();
     let has = |line: usize, part: &str| {
         assert!(
             found.iter().any(|(at, reason)| *at == line && reason.contains(part)),

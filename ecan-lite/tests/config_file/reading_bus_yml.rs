@@ -70,7 +70,7 @@ fn bus_of_ros2_canopen_is_read_as_it_is() {
     assert_eq!(first.boot.identity.revision, RevisionCheck::Any);
     assert_eq!(second.boot.identity.serial_number, Some(5));
     let values = |node: &NodeDescription| {
-        node.overrides.iter().map(|it| (it.index, it.data.clone())).collect::<Vec<_>>()
+        node.overrides.iter().map(|entry| (entry.index, entry.data.clone())).collect::<Vec<_>>()
     };
     assert_eq!((values(first), values(second)), (vec![(0x2000, vec![60, 0])], vec![]));
     for node in &nodes {
@@ -101,8 +101,14 @@ fn faults_of_a_bus_have_its_lines() {
     let bus = bus.replace("maybe", "true").replace("serial_numbr", "serial_number");
     let found = faults_with(text, &[("bus.yml", &bus)]);
     let texts: Vec<_> = found.iter().map(|(_, reason)| reason.as_str()).collect();
-    assert!(texts.iter().any(|it| it.contains("line 26") && it.contains("0x2009")), "{texts:#?}");
-    assert!(texts.iter().any(|it| it.contains("(Grip force) = 500 is out of range")), "{texts:#?}");
+    assert!(
+        texts.iter().any(|text| text.contains("line 26") && text.contains("0x2009")),
+        "{texts:#?}"
+    );
+    assert!(
+        texts.iter().any(|text| text.contains("(Grip force) = 500 is out of range")),
+        "{texts:#?}"
+    );
     let broken = faults_with(text, &[("bus.yml", "a: [1\nb: 2")]);
     assert!(broken[0].1.starts_with("`file` bus.yml: line "), "{broken:#?}");
 }
@@ -212,11 +218,14 @@ fn drives_of_ros2_canopen_are_axes() {
 
     let nodes = load_nodes(&path).unwrap();
     let [gripper] = &nodes[..] else { panic!("{nodes:?}") };
-    let values: Vec<_> =
-        gripper.overrides.iter().map(|it| (it.index, it.subindex, it.data.clone())).collect();
+    let values: Vec<_> = gripper
+        .overrides
+        .iter()
+        .map(|entry| (entry.index, entry.subindex, entry.data.clone()))
+        .collect();
     let watch = (100_u32 | 1 << 16).to_le_bytes().to_vec();
     assert_eq!(values, [(0x1029, 1, vec![2]), (0x1016, 1, watch)]);
-    let steps: Vec<_> = gripper.boot.steps.iter().map(|it| it.action.to_string()).collect();
+    let steps: Vec<_> = gripper.boot.steps.iter().map(|step| step.action.to_string()).collect();
     assert!(steps[1].contains("write 0x1019:00 = 0x14"), "the SYNC counter: {steps:?}");
     let all = load_network(&path).unwrap();
     let titles: Vec<_> = all.nodes.iter().map(NodeDescription::title).collect();
@@ -241,13 +250,15 @@ fn unsuitable_drives_of_ros2_canopen_are_reported() {
         .replace("{index: 0x606C, sub_index: 0}", "{index: 0x6081, sub_index: 0}")
         .replace("heartbeat_consumer: true", "num_channels: 2");
     let found = faults_with(text, &[("bus.yml", &bus), ("servo_drive.eds", SERVO)]);
-    let has =
-        |part: &str| assert!(found.iter().any(|it| it.1.contains(part)), "{part}: {found:#?}");
+    let has = |part: &str| {
+        assert!(found.iter().any(|fault| fault.1.contains(part)), "{part}: {found:#?}")
+    };
     has("`num_channels` is not supported");
     let bus = bus.replace("num_channels: 2", "num_channels: 1");
     let found = faults_with(text, &[("bus.yml", &bus), ("servo_drive.eds", SERVO)]);
-    let has =
-        |part: &str| assert!(found.iter().any(|it| it.1.contains(part)), "{part}: {found:#?}");
+    let has = |part: &str| {
+        assert!(found.iter().any(|fault| fault.1.contains(part)), "{part}: {found:#?}")
+    };
     has("line 6, column 16: `sync_period` = 3000 must be a multiple of the cycle, 2000 us");
     has("mode 6 is invalid for an axis");
     has("0x6081:00: the TPDOs of an axis cannot contain it; allowed: 0x6041");

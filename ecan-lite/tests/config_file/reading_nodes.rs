@@ -88,7 +88,7 @@ fn node_has_every_value_of_its_table() {
         .parameters()
         .unwrap()
         .into_iter()
-        .map(|it| (it.index, it.data, it.name.to_string()))
+        .map(|parameter| (parameter.index, parameter.data, parameter.name.to_string()))
         .collect();
     let expected = [
         (0x1014, vec![0x90, 0, 0, 0], "COB-ID EMCY"),
@@ -99,7 +99,7 @@ fn node_has_every_value_of_its_table() {
     sorted.sort();
     assert_eq!(sorted, expected.map(|(index, data, name)| (index, data, name.to_owned())));
     let [rpdo, tpdo] = &node.pdos[..] else { panic!("{:?}", node.pdos) };
-    let bits = |pdo: &PdoMapping| pdo.entries.iter().map(|it| it.raw()).collect::<Vec<_>>();
+    let bits = |pdo: &PdoMapping| pdo.entries.iter().map(|entry| entry.raw()).collect::<Vec<_>>();
     assert_eq!((rpdo.cob_id, rpdo.transmission), (id(0x209), TransmissionType::Synchronous(1)));
     assert_eq!(bits(rpdo), [0x2000_0010]);
     assert_eq!((tpdo.cob_id, tpdo.transmission), (id(0x3A9), TransmissionType::EventManufacturer));
@@ -134,8 +134,12 @@ fn values_of_a_dcf_are_written_and_overridden() {
     let directory = directory(&files);
     let nodes = load_nodes(directory.path().join("cell.toml")).unwrap_or_else(|e| panic!("{e}"));
     assert_eq!(nodes[0].address, address(0, 21), "the node-ID of the DCF");
-    let values: Vec<_> =
-        nodes[0].parameters().unwrap().into_iter().map(|it| (it.index, it.data)).collect();
+    let values: Vec<_> = nodes[0]
+        .parameters()
+        .unwrap()
+        .into_iter()
+        .map(|parameter| (parameter.index, parameter.data))
+        .collect();
     assert_eq!(values, [(0x2000, vec![200, 0]), (0x2002, b"here".to_vec())]);
     assert_eq!(nodes[0].pdos[0].cob_id, id(0x301), "the COB-ID of the DCF");
 }
@@ -174,8 +178,8 @@ step_limit = 88
 fn two_axes() -> String {
     let first = SERVO.find("[6007]").unwrap();
     let shifted = SERVO[first..].lines().map(|line| {
-        let index = line.strip_prefix("[6").and_then(|it| it.get(..3));
-        match index.and_then(|it| u16::from_str_radix(it, 16).ok()) {
+        let index = line.strip_prefix("[6").and_then(|rest| rest.get(..3));
+        match index.and_then(|digits| u16::from_str_radix(digits, 16).ok()) {
             Some(index) => format!("[{:X}{}\n", 0x6800 + index, &line[5..]),
             None => format!("{line}\n"),
         }
@@ -202,7 +206,7 @@ fn axes_of_a_node_share_its_settings() {
 
     let network = load_network(&path).unwrap();
     let [gantry] = &network.nodes[..] else { panic!("{network:?}") };
-    let pdos: Vec<_> = gantry.pdos.iter().map(|it| (it.number, it.entries[0].index)).collect();
+    let pdos: Vec<_> = gantry.pdos.iter().map(|pdo| (pdo.number, pdo.entries[0].index)).collect();
     assert_eq!(pdos, [(4, 0x603F), (1, 0x6040), (1, 0x6041), (2, 0x6840), (2, 0x6841)]);
     assert!(load_nodes(&path).unwrap().is_empty(), "the axis table configures it");
 }
@@ -232,10 +236,10 @@ fn faults_of_axes_of_a_node_are_reported_at_their_keys() {
     one("pdo_number = 2\nramp = -1", 16, "`ramp` = -1 is out of range");
     // The node's own PDO, and objects that the device does not have.
     let own = shared.replace("number = 4", "number = 2").replace("enabled = false", "");
-    assert!(found(&own).iter().any(|it| it.1.contains("TPDO 2 is described twice")), "{own}");
+    assert!(found(&own).iter().any(|fault| fault.1.contains("TPDO 2 is described twice")), "{own}");
     let text = shared.replace("heartbeat_ms = 70", "device_file = \"servo.eds\"");
     let single = faults_with(&text, &[("servo.eds", SERVO)]);
-    assert!(single.iter().all(|it| it.0 == 4), "{single:#?}");
+    assert!(single.iter().all(|fault| fault.0 == 4), "{single:#?}");
     assert!(single[0].1.contains("the device file has no object 0x6840:00"), "{single:#?}");
 }
 
@@ -297,10 +301,10 @@ fn collisions_over_the_bus_are_found() {
     let texts: Vec<_> = found.iter().map(|(_, reason)| reason.as_str()).collect();
     assert!(texts.contains(&"COB-ID 0x183 is sent by TPDO 1 of node 3 and by TPDO 2 of node 4; each may have one sender"), "{texts:#?}");
     assert!(
-        texts.iter().any(|it| it.contains("node 3 (slave 0, channel 0) is described twice")),
+        texts.iter().any(|text| text.contains("node 3 (slave 0, channel 0) is described twice")),
         "{texts:#?}"
     );
-    assert!(!texts.iter().any(|it| it.contains("node 5")), "{texts:#?}");
+    assert!(!texts.iter().any(|text| text.contains("node 5")), "{texts:#?}");
     let emcy = node(0, 3, "parameters = { \"0x1014\" = 0x84 }\n") + &node(0, 4, "");
     let text = &faults(&emcy)[0].1;
     assert_eq!(

@@ -51,7 +51,7 @@ fn status_names_bits_and_obstacles() {
         "position         1007 step",
         "  1. the drive reports no obstacle; no program has enabled it",
     ] {
-        assert!(text.lines().any(|it| it == line), "{line}: {text}");
+        assert!(text.lines().any(|shown| shown == line), "{line}: {text}");
     }
     let faulty = one_drive("", &fault_after(1, 0x2310));
     let status = ["--ecrt", &faulty.setting(), "axis", "status", "--node", "1"];

@@ -143,7 +143,7 @@ fn lost_terminal_stops_a_jog() {
         let (status, errors) = running.wait();
         assert_eq!(status, Some(1), "{errors}");
         let reasons = ["the terminal was closed", "SIGHUP"];
-        let stopped = |it: &&str| errors.contains(&format!("quick stop: stopped: {it}"));
+        let stopped = |axis: &&str| errors.contains(&format!("quick stop: stopped: {axis}"));
         assert!(reasons.iter().any(stopped), "{errors}");
         assert!(errors.contains("node 1 on can0: stopped, switch on disabled"), "{errors}");
     }
@@ -221,7 +221,7 @@ pub const OBSERVED: &str = "clock = \"real\"\n[[gateway]]\n[[node]]\nkind = \"dr
 
 /// Controlwords of the drive, little-endian.
 fn controlwords(bus: &ObservedBus) -> Vec<String> {
-    bus.frames("201").iter().filter_map(|it| it.get(..4).map(str::to_owned)).collect()
+    bus.frames("201").iter().filter_map(|frame| frame.get(..4).map(str::to_owned)).collect()
 }
 
 /// Last target of the drive, in degrees.
@@ -263,15 +263,15 @@ fn lost_terminal_puts_a_quick_stop_on_the_bus() {
     // Quick stop, and nothing enables again.
     let after = after_enabling(&bus);
     assert_eq!(after.first().map(String::as_str), Some("0200"), "{:?}", controlwords(&bus));
-    assert!(after.iter().all(|it| it == "0200" || it == "0000"), "{after:?}");
+    assert!(after.iter().all(|word| word == "0200" || word == "0000"), "{after:?}");
     // Statuswords: operation enabled, at last switch on disabled. The stop itself is shorter than a period.
     let states: Vec<_> = bus
         .frames("181")
         .iter()
-        .map(|it| u8::from_str_radix(&it[..2], 16).unwrap() & 0x6F)
+        .map(|word| u8::from_str_radix(&word[..2], 16).unwrap() & 0x6F)
         .collect();
     assert!(states.contains(&0x27), "{states:?}");
-    assert_eq!(states.last().map(|it| it & 0x4F), Some(0x40), "{states:?}");
+    assert_eq!(states.last().map(|controlword| controlword & 0x4F), Some(0x40), "{states:?}");
 }
 
 /// A terminal that stops its output, as after Ctrl-S, blocks only the thread that prints.

@@ -111,7 +111,11 @@ fn all_channels_have_separate_endpoints() {
         let text = String::from_utf8(bytes).unwrap();
         let received: Vec<_> = text.split_inclusive('\r').collect();
         for number in 0..20 {
-            assert_eq!(received.iter().filter(|it| **it == frame(number)).count(), 2, "{text}");
+            assert_eq!(
+                received.iter().filter(|other| **other == frame(number)).count(),
+                2,
+                "{text}"
+            );
         }
     }
     bridge.terminate();

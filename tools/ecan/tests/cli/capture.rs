@@ -37,7 +37,7 @@ fn blocks(mut file: &[u8]) -> Vec<(u32, Vec<u8>)> {
 
 /// The CAN frames of a capture in their order: whether they were sent, identifier, data.
 fn frames(path: &str) -> Vec<(bool, u32, Vec<u8>)> {
-    let packets = blocks(&std::fs::read(path).unwrap()).into_iter().filter(|(it, _)| *it == 6);
+    let packets = blocks(&std::fs::read(path).unwrap()).into_iter().filter(|(kind, _)| *kind == 6);
     let frame = |(_, block): (u32, Vec<u8>)| {
         let number = |at: usize| u32::from_le_bytes(block[at..at + 4].try_into().unwrap());
         let length = number(12) as usize;
@@ -112,8 +112,11 @@ fn capture_has_images_of_both_directions() {
         .map(|(_, block)| block[20..][..272].to_vec())
         .collect();
     for direction in [0, 1] {
-        let headers: Vec<_> =
-            images.iter().filter(|it| it[6] == direction).map(|it| it[16..40].to_vec()).collect();
+        let headers: Vec<_> = images
+            .iter()
+            .filter(|image| image[6] == direction)
+            .map(|image| image[16..40].to_vec())
+            .collect();
         assert!(headers.len() > 1000, "{}", headers.len());
         assert!(headers.windows(2).all(|pair| pair[0] != pair[1]));
         assert!(headers.iter().all(|header| header[0] == 0x16));
@@ -173,7 +176,8 @@ fn capture_has_sent_and_received_frames() {
         &path,
         "--force",
     ]);
-    let (sent, came): (Vec<_>, Vec<_>) = frames(&path).into_iter().partition(|(it, ..)| *it);
+    let (sent, came): (Vec<_>, Vec<_>) =
+        frames(&path).into_iter().partition(|(is_sent, ..)| *is_sent);
     let expected: Vec<_> =
         (0..50_u64).map(|number| (true, number as u32, number.to_le_bytes().to_vec())).collect();
     assert_eq!(sent, expected);
@@ -198,7 +202,7 @@ fn capture_has_replayed_frames_and_echo() {
     assert!(expected.concat().starts_with(&frames) && frames.len() >= 5, "{frames:?}");
     // An interface is described with its first packet: there is only the one of the channel.
     let interfaces = blocks(&std::fs::read(&path).unwrap());
-    let interfaces: Vec<_> = interfaces.into_iter().filter(|(it, _)| *it == 1).collect();
+    let interfaces: Vec<_> = interfaces.into_iter().filter(|(kind, _)| *kind == 1).collect();
     assert_eq!((interfaces.len(), &interfaces[0].1[12..16]), (1, &b"can2"[..]));
 }
 

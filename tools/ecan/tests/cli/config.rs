@@ -432,7 +432,10 @@ fn flash_commands_select_file_or_all() {
     );
     let path = text(&path);
     let places = |told: &str| -> Vec<_> {
-        told.lines().filter_map(|line| line.split_once(':')).map(|it| it.0.to_owned()).collect()
+        told.lines()
+            .filter_map(|line| line.split_once(':'))
+            .map(|parts| parts.0.to_owned())
+            .collect()
     };
     let run = |arguments: &[&str]| good(&[&["--ecrt", &bus, "config"][..], arguments].concat());
     assert_eq!(places(&run(&["save", path])), ["slave 0", "slave 1"]);

@@ -32,11 +32,11 @@ fn python_validates_files_with_the_schema() {
     let example = good(&["config", "example"]);
     // Every key, also those that the example has as comments only.
     let commented = example.lines().map(|line| {
-        let is_table = |it: &str| it.starts_with('[') && it.ends_with(']');
-        let is_key = |it: &str| {
-            it.starts_with(|c: char| c.is_ascii_lowercase() || c == '"') && it.contains(" = ")
+        let is_table = |line: &str| line.starts_with('[') && line.ends_with(']');
+        let is_key = |line: &str| {
+            line.starts_with(|c: char| c.is_ascii_lowercase() || c == '"') && line.contains(" = ")
         };
-        line.strip_prefix("# ").filter(|it| is_table(it) || is_key(it)).unwrap_or(line)
+        line.strip_prefix("# ").filter(|line| is_table(line) || is_key(line)).unwrap_or(line)
     });
     let commented: String = commented.map(|line| format!("{line}\n")).collect();
     let valid = [

@@ -228,7 +228,8 @@ fn gateways_are_read_in_parallel() {
     let bus = scenario("clock = \"real\"\n[[gateway]]\n[[gateway]]\n[[gateway]]\n");
     let json = good(&["--ecrt", &setting(&bus), "diag", "--all", "--json"]);
     let json: serde_json::Value = serde_json::from_str(&json).unwrap();
-    let serials = json.as_array().unwrap().iter().map(|it| &it["bundle"]["gateway"]["serial"]);
+    let serials =
+        json.as_array().unwrap().iter().map(|report| &report["bundle"]["gateway"]["serial"]);
     let serials: Vec<_> = serials.map(|serial| serial.as_u64().unwrap()).collect();
     assert_eq!(serials, [4_294_967_297, 4_294_967_298, 4_294_967_299]);
 }
@@ -310,7 +311,7 @@ fn report_is_printed_if_record_or_clear_fails() {
 fn all_gateways_are_diagnosed() {
     let two = crate::support::two_gateways();
     let report = good(&["--ecrt", &setting(&two), "diag", "--all", "--brief"]);
-    let heads: Vec<_> = report.split("\n\n").map(|it| it.split_once(',').unwrap().0).collect();
+    let heads: Vec<_> = report.split("\n\n").map(|head| head.split_once(',').unwrap().0).collect();
     assert_eq!(heads, ["slave 0", "slave 1"]);
     let json = good(&["--ecrt", &setting(&two), "diag", "--all", "--json"]);
     let json: serde_json::Value = serde_json::from_str(&json).unwrap();

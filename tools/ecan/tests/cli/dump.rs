@@ -215,7 +215,8 @@ fn lost_gateway_recovers() {
     let words: Vec<_> = comments.into_iter().map(|(_, words)| words).collect();
     let is_unknown =
         |words: &str| words.starts_with("gateway: up to ") && words.contains("unknown");
-    let (unknown, words): (Vec<&str>, Vec<&str>) = words.into_iter().partition(|it| is_unknown(it));
+    let (unknown, words): (Vec<&str>, Vec<&str>) =
+        words.into_iter().partition(|word| is_unknown(word));
     assert_eq!(unknown.len(), 1, "its images before the power cycle: {errors}");
     let course = ["waiting for OP", "being verified", "ready"];
     assert_eq!(words, course.map(|words| format!("gateway: {words}")));

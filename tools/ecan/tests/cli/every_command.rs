@@ -250,9 +250,11 @@ fn numbers_in_json_are_numbers() {
                     found.push(format!("{key}: {text}"));
                 }
             }
-            serde_json::Value::Array(items) => items.iter().for_each(|it| numbers(key, it, found)),
+            serde_json::Value::Array(items) => {
+                items.iter().for_each(|item| numbers(key, item, found))
+            }
             serde_json::Value::Object(map) => {
-                map.iter().for_each(|(key, it)| numbers(key, it, found));
+                map.iter().for_each(|(key, value)| numbers(key, value, found));
             }
             _ => {}
         }
@@ -320,7 +322,7 @@ fn denied_signal_handlers_return_status_7() {
             .env_remove("ECAN_ECRT")
             .output()
     };
-    if !traced(&["true"]).is_ok_and(|it| it.status.success()) {
+    if !traced(&["true"]).is_ok_and(|output| output.status.success()) {
         return println!("skipped: there is no strace that may trace");
     }
     let files = Scenario::new("");

@@ -286,7 +286,7 @@ fn several_gateways_are_updated_in_turn() {
         errors.contains("slave 0: 2.2.1 -> 3.0.7, updated\nslave 1: 2.2.1, the flash"),
         "{errors}"
     );
-    assert_eq!([0, 1, 2].map(|it| running(&tool, it)), [NEW, 0x0202_0001, NEW]);
+    assert_eq!([0, 1, 2].map(|slave| running(&tool, slave)), [NEW, 0x0202_0001, NEW]);
     let (status, out, _) = update(&tool, package.path(), &["--slave", "1"]);
     assert_eq!((status, tool.writes().len()), (0, 4), "{out}");
     assert_eq!(running(&tool, 1), NEW);
@@ -380,7 +380,7 @@ POS  BEFORE  AFTER  RESULT
 ";
     assert_eq!(out, expected, "{errors}");
     assert_eq!(tool.writes().len(), 1);
-    assert_eq!([0, 1, 2].map(|it| running(&tool, it)), [NEW, 0x0202_0001, 0x0202_0001]);
+    assert_eq!([0, 1, 2].map(|slave| running(&tool, slave)), [NEW, 0x0202_0001, 0x0202_0001]);
     let said = "interrupted: stopping after the current gateway\n\
                 slave 0: 2.2.1 -> 3.0.7, updated\n\
                 slave 1: nothing written: interrupted before the update\n";

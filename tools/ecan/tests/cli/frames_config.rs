@@ -141,12 +141,12 @@ fn slave_must_be_in_the_file() {
     let (two, one) = (bus.write("two.toml", TWO), bus.path("one.toml"));
     let send = |file, channel, rest: &[&str]| -> Vec<String> {
         let arguments = ["send", "123#", "--config", file, "--channel", channel];
-        arguments.iter().chain(rest).map(|it| (*it).to_owned()).collect()
+        arguments.iter().chain(rest).map(|arguments| (*arguments).to_owned()).collect()
     };
     let run = |arguments: &[String]| {
         let arguments: Vec<_> = arguments.iter().map(String::as_str).collect();
         let output = bus.run(&arguments);
-        let texts = [output.stdout, output.stderr].map(|it| String::from_utf8(it).unwrap());
+        let texts = [output.stdout, output.stderr].map(|bytes| String::from_utf8(bytes).unwrap());
         (output.status.code().unwrap(), texts.concat().replace("SIMULATED", "\nSIMULATED"))
     };
     let check = |arguments: Vec<String>, status: i32, words: &str| {

@@ -35,7 +35,7 @@ fn stalled_output_does_not_block_stopping() {
     let mut unread = Running::start(&dump);
     assert_eq!(unread.line(), "  can0  123   [1]  11");
     // With all frames in the capture, more wait for the screen than a pipe takes.
-    let written = || std::fs::metadata(&capture).map_or(0, |it| it.len());
+    let written = || std::fs::metadata(&capture).map_or(0, |file| file.len());
     wait_for("all frames in the capture", || written() > 6000 * 48);
     unread.terminate();
     let (status, errors) = unread.wait();

@@ -28,7 +28,8 @@ fn existing_file_survives_failures() {
         bus.fails(2, &[command, &["--bitrate", "333"]].concat());
         assert_eq!(bus.read("kept"), "precious", "{command:?}");
         // Without --force not even a run that could succeed touches it.
-        let without: Vec<_> = command.iter().copied().filter(|it| *it != "--force").collect();
+        let without: Vec<_> =
+            command.iter().copied().filter(|argument| *argument != "--force").collect();
         let message = bus.fails(6, &without);
         let words = format!("ecan: cannot write {kept}: file exists; use --force to overwrite it");
         assert_eq!(message, words, "{command:?}");

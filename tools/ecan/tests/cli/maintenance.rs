@@ -173,7 +173,7 @@ fn plan_uses_options_of_frame_commands() {
     assert_eq!(plan(&[&fd[..], &["--fd", "5000000"]].concat()), by_one_name);
     let channels = plan(&["--channel", "0,can2"])["channels"].clone();
     let channels: Vec<_> =
-        channels.as_array().unwrap().iter().map(|it| &it["channel"]).cloned().collect();
+        channels.as_array().unwrap().iter().map(|entry| &entry["channel"]).cloned().collect();
     assert_eq!(channels, [0, 2]);
 
     let file = scenario(
@@ -185,7 +185,8 @@ fn plan_uses_options_of_frame_commands() {
     let cell = plan(&["--config", path, "--bytes", "1"]);
     assert_eq!(cell["cycle_ns"], 2_000_000);
     let places = cell["channels"].as_array().unwrap().iter();
-    let places: Vec<_> = places.map(|it| (it["slave"].clone(), it["channel"].clone())).collect();
+    let places: Vec<_> =
+        places.map(|place| (place["slave"].clone(), place["channel"].clone())).collect();
     assert_eq!(places, [(0, 1), (1, 0), (1, 3)].map(|(s, c)| (s.into(), c.into())));
     assert!(
         fails(2, &["plan", "--config", path, "--channel", "2"])
@@ -223,8 +224,9 @@ fn plan_of_recording_uses_mean_rate() {
     let json: serde_json::Value = serde_json::from_str(&json).unwrap();
     let load = |slave: u64, channel: u64| {
         let channels = json["channels"].as_array().unwrap();
-        let is_it = |it: &&serde_json::Value| it["slave"] == slave && it["channel"] == channel;
-        channels.iter().find(is_it).unwrap()["least_load"].as_f64().unwrap()
+        let is_place =
+            |entry: &&serde_json::Value| entry["slave"] == slave && entry["channel"] == channel;
+        channels.iter().find(is_place).unwrap()["least_load"].as_f64().unwrap()
     };
     // 1002 frames a second each way, of 111 bits with the space between, at 1 Mbit/s.
     assert!((load(1, 1) - 2.0 * 1002.0 * 111e-6).abs() < 1e-3, "{json}");

@@ -65,12 +65,13 @@ fn losing(kind: &str) -> tempfile::NamedTempFile {
 fn power_cycled_gateway_is_lost_and_ready_again() {
     let file = losing("kind = \"power_cycle\"\noff_ms = 300");
     let shown = good(&["--ecrt", &setting(&file), "monitor", "--once", "--for", "9"]);
-    let rows: Vec<Vec<&str>> = shown.lines().map(|it| it.split_whitespace().collect()).collect();
+    let rows: Vec<Vec<&str>> =
+        shown.lines().map(|line| line.split_whitespace().collect()).collect();
     assert_eq!(rows[1], ["0", "ready", "3/3", "0", "0", "0", "0", "0"]);
     assert_eq!((&rows[2][..3], rows[2][7]), (&["1", "ready", "3/3"][..], "1"), "{shown}");
     assert_ne!(rows[2][5], "0", "the images before the power cycle are unknown");
     assert_ne!(rows[2][3], "0", "cycles without the gateway are incomplete");
-    let events: Vec<_> = shown.lines().filter_map(|it| it.split_once(" s  ")).collect();
+    let events: Vec<_> = shown.lines().filter_map(|line| line.split_once(" s  ")).collect();
     let words: Vec<_> = events.iter().map(|(_, words)| *words).collect();
     assert_eq!(words[..3], ["gateway 0: ready", "gateway 1: ready", "gateway 1: lost"]);
     assert!(words[3].starts_with("gateway 1: ready again after "), "{shown}");
@@ -86,7 +87,7 @@ fn lost_gateway_sets_exit_status() {
     assert!(rows[2].starts_with("1        LOST   0/3"), "{shown}");
     assert!(rows[2].contains("  waiting for "), "{shown}");
     assert!(shown.ends_with(" s  gateway 1: lost\n"), "{shown}");
-    let is_silent = |line: &&str| line.split_whitespace().filter(|it| *it == "-").count() == 8;
+    let is_silent = |line: &&str| line.split_whitespace().filter(|word| *word == "-").count() == 8;
     let silent = shown.lines().filter(is_silent);
     assert_eq!(silent.count(), 4, "{shown}");
 }

@@ -91,7 +91,7 @@ fn ids_have_directions_periods_and_changed_bytes() {
     let text = good(&arguments);
     let mut lines = text.lines();
     assert_eq!(lines.next(), Some("CAN IDs, all channels: 2 rows by CAN ID"));
-    let rows: Vec<Vec<_>> = lines.skip(1).map(|it| it.split_whitespace().collect()).collect();
+    let rows: Vec<Vec<_>> = lines.skip(1).map(|line| line.split_whitespace().collect()).collect();
     assert_eq!((rows.len(), &rows[1][..3]), (2, &["0.1", "tx", "123"][..]), "{text}");
     assert_eq!((rows[1][6], rows[1][8], rows[1][9]), ("2", "1", "A0"), "{text}");
     let text = good(&[&arguments[..], &["--channel", "0", "--sort", "count"]].concat());
@@ -160,7 +160,7 @@ fn ended_service_restores_terminal_and_is_reported() {
     let mut monitor = monitor(&daemon);
     assert!(monitor.is_raw() && monitor.screen().contains("via ecan serve"));
     daemon.program.terminate();
-    monitor.wait_until("shell", |it| !it.has_own_screen());
+    monitor.wait_until("shell", |terminal| !terminal.has_own_screen());
     let (status, errors) = monitor.end();
     assert_eq!(status.code(), Some(3), "{errors}");
     assert!(errors.contains("bus.sock: the service closed the connection"), "{errors}");
@@ -174,7 +174,7 @@ fn stopped_service_is_shown_until_it_continues() {
     daemon.program.signal(Signal::STOP);
     monitor.wait_for("NO RESPONSE");
     daemon.program.signal(Signal::CONT);
-    monitor.wait_until("answers", |it| !it.screen().contains("NO RESPONSE"));
+    monitor.wait_until("answers", |terminal| !terminal.screen().contains("NO RESPONSE"));
     daemon.program.signal(Signal::STOP);
     monitor.wait_for("NO RESPONSE");
     monitor.press(b"q");
@@ -207,7 +207,7 @@ fn service_configured_again_is_followed() {
     application.execute(|_, service| service.detach());
     monitor.wait_for("NO CYCLE");
     application.execute(|port, service| service.attach(port));
-    monitor.wait_until("cycle", |it| !it.screen().contains("NO CYCLE"));
+    monitor.wait_until("cycle", |terminal| !terminal.screen().contains("NO CYCLE"));
     monitor.wait_for("configured the bus again");
     monitor.press(b"2");
     monitor.wait_for("0.1  tx  123");
@@ -222,7 +222,7 @@ fn accounted(screen: &str) -> u64 {
     let listed: u64 = screen.lines().filter(is_row).filter_map(count).sum();
     let title = screen.lines().next().unwrap_or_default();
     let words = title.split(" frames lost here").next().unwrap_or_default();
-    let lost = words.split_whitespace().last().and_then(|it| it.parse::<u64>().ok());
+    let lost = words.split_whitespace().last().and_then(|word| word.parse::<u64>().ok());
     listed + lost.unwrap_or(0)
 }
 
@@ -247,7 +247,7 @@ fn slow_terminal_loses_counted_frames() {
     let client = Client::connect(Path::new(&path), "test").unwrap();
     let selected = || {
         let stats = client.service_stats().unwrap();
-        let monitor = stats.clients.iter().find(|it| it.name == "ecan monitor").unwrap();
+        let monitor = stats.clients.iter().find(|client| client.name == "ecan monitor").unwrap();
         monitor.frames_delivered + monitor.frames_lost
     };
     // More than its memory holds.
@@ -279,10 +279,10 @@ fn ids_beyond_the_screen_are_reached_by_keys() {
     // On a busy computer some have a row for a late transmit result, too.
     let has_all = |screen: &str| {
         let title = screen.split_once("all channels: ").map_or("", |(_, title)| title);
-        let rows = title.split(' ').next().and_then(|it| it.parse::<u32>().ok());
+        let rows = title.split(' ').next().and_then(|word| word.parse::<u32>().ok());
         rows.is_some_and(|rows| rows >= 120) && title.contains("rows by CAN ID")
     };
-    monitor.wait_until("all CAN IDs", |it| has_all(&it.screen()));
+    monitor.wait_until("all CAN IDs", |terminal| has_all(&terminal.screen()));
     assert!(!monitor.screen().contains("tx  13B"));
     monitor.press(b"\x1b[F");
     monitor.wait_for("0.2  tx  13B");

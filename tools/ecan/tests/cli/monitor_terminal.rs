@@ -40,11 +40,11 @@ fn every_terminal_size_is_drawn() {
         let states: Vec<_> = screen.lines().take(2).map(str::trim_end).collect();
         states == ["0 ready", "1 ready"] && screen.ends_with("\nSIMULATED  q end  ?")
     };
-    monitor.wait_until("tiny screen", |it| tiny(it.screen()));
+    monitor.wait_until("tiny screen", |terminal| tiny(terminal.screen()));
     for (columns, rows) in [(80, 24), (120, 40), (54, 14), (200, 60)] {
         monitor.resize((columns, rows));
-        monitor.wait_until("screen of its size", |it| {
-            let screen = it.screen();
+        monitor.wait_until("screen of its size", |terminal| {
+            let screen = terminal.screen();
             let lines: Vec<_> = screen.lines().collect();
             lines.len() == usize::from(rows)
                 && lines[1].chars().count() == usize::from(columns)
@@ -53,9 +53,9 @@ fn every_terminal_size_is_drawn() {
         });
     }
     monitor.resize((20, 12));
-    monitor.wait_until("tiny screen", |it| tiny(it.screen()));
+    monitor.wait_until("tiny screen", |terminal| tiny(terminal.screen()));
     monitor.press(b"q");
-    monitor.wait_until("shell", |it| !it.has_own_screen());
+    monitor.wait_until("shell", |terminal| !terminal.has_own_screen());
     let (status, errors) = monitor.end();
     assert_eq!(status.code(), Some(0), "{errors}");
 }
@@ -69,11 +69,12 @@ fn key_help_opens_and_closes() {
         monitor.press(b"?");
         monitor.wait_for("close this help");
         monitor.press(close);
-        monitor.wait_until("screen without help", |it| !it.screen().contains("this help"));
+        monitor
+            .wait_until("screen without help", |terminal| !terminal.screen().contains("this help"));
         assert!(monitor.screen().contains("Channels of gateway 0"));
     }
     monitor.press(b"q");
-    monitor.wait_until("shell", |it| !it.has_own_screen());
+    monitor.wait_until("shell", |terminal| !terminal.has_own_screen());
     let (status, errors) = monitor.end();
     assert_eq!(status.code(), Some(0), "{errors}");
     assert!(!monitor.is_raw());
@@ -107,7 +108,7 @@ fn key_during_a_change_of_size_is_not_lost() {
         monitor.press(b"p");
         monitor.wait_for("PAUSED");
         monitor.press(b"p");
-        monitor.wait_until("continued view", |it| !it.screen().contains("PAUSED"));
+        monitor.wait_until("continued view", |terminal| !terminal.screen().contains("PAUSED"));
     }
     monitor.press(b"q");
     assert_eq!(monitor.end().0.code(), Some(0));

@@ -30,7 +30,7 @@ fn scan_finds_the_nodes_of_all_channels() {
     let report = json(&["node", "scan"]);
     let nodes: Vec<_> = report["nodes"].as_array().unwrap().iter().collect();
     let addresses: Vec<_> =
-        nodes.iter().map(|it| (it["channel"].as_u64(), it["node"].as_u64())).collect();
+        nodes.iter().map(|found| (found["channel"].as_u64(), found["node"].as_u64())).collect();
     let expected: Vec<_> =
         (0..4).flat_map(|channel| (1..=4).map(move |node| (Some(channel), Some(node)))).collect();
     assert_eq!(addresses, expected);
@@ -76,10 +76,11 @@ fn bit_rates_are_found_by_listening_and_by_a_request() {
     assert!(output.status.success(), "{errors}");
     let report: Value = serde_json::from_slice(&output.stdout).unwrap();
     let rates: Vec<_> =
-        report["channels"].as_array().unwrap().iter().map(|it| &it["bitrate"]).collect();
+        report["channels"].as_array().unwrap().iter().map(|channel| &channel["bitrate"]).collect();
     assert_eq!(rates, [&Value::Null, &125_000.into(), &250_000.into()]);
     let nodes = report["nodes"].as_array().unwrap();
-    let found = |it: &Value| (it["node"].as_u64(), it["has_sdo"].as_bool(), it["state"].clone());
+    let found =
+        |node: &Value| (node["node"].as_u64(), node["has_sdo"].as_bool(), node["state"].clone());
     assert_eq!(found(&nodes[0]), (Some(7), Some(true), Value::Null));
     assert_eq!(found(&nodes[1]), (Some(9), Some(false), "operational".into()), "by its heartbeat");
     let found = errors.find("slave 0 can2: 250000 bit/s").unwrap();
@@ -100,7 +101,7 @@ fn info_describes_a_drive() {
         "mode            none; supported: PP, VL, PV, PT, HM, IP, CSP, CSV, CST",
         "RPDOs           1 of 4 valid: 1 (0x203, 16 bits)",
     ] {
-        assert!(text.lines().any(|it| it == line), "{line}: {text}");
+        assert!(text.lines().any(|shown| shown == line), "{line}: {text}");
     }
     let info = json(&["node", "info", "--node", "3", "--channel", "2"]);
     assert_eq!((&info["channel"], &info["serial"]), (&2.into(), &23_008.into()));
@@ -134,9 +135,13 @@ fn reset_is_confirmed_by_the_boot_up_message() {
         assert_eq!(drives(&["node", "nmt", command, "--node", "1", "--yes"]), expected);
     }
     let all = json(&["node", "nmt", "reset", "--all", "--channel", "3", "--yes"]);
-    let nodes: Vec<_> = all["nodes"].as_array().unwrap().iter().map(|it| &it["node"]).collect();
+    let nodes: Vec<_> =
+        all["nodes"].as_array().unwrap().iter().map(|found| &found["node"]).collect();
     assert_eq!(nodes, [&Value::from(1), &2.into(), &3.into(), &4.into()]);
-    assert!(all["nodes"].as_array().unwrap().iter().all(|it| it["proof"] == "boot_up"), "{all}");
+    assert!(
+        all["nodes"].as_array().unwrap().iter().all(|node| node["proof"] == "boot_up"),
+        "{all}"
+    );
 }
 
 #[test]

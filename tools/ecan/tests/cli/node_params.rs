@@ -26,7 +26,7 @@ fn gripper<'a>(action: &'a str, file: &'a str, rest: &[&'a str]) -> Vec<&'a str>
 
 fn values(path: &str) -> Vec<String> {
     let text = std::fs::read_to_string(path).unwrap();
-    text.lines().filter(|it| it.starts_with("ParameterValue=")).map(str::to_owned).collect()
+    text.lines().filter(|line| line.starts_with("ParameterValue=")).map(str::to_owned).collect()
 }
 
 #[test]
@@ -45,7 +45,7 @@ fn saved_values_are_compared_and_restored() {
     assert_eq!(saved, format!("{file}: {count} values of node 4 on can1\n"));
     let text = std::fs::read_to_string(&file).unwrap();
     for line in ["NodeID=4", "NodeName=gripper", "Baudrate=500", "LastEDS=gripper.eds"] {
-        assert!(text.lines().any(|it| it == line), "{line}: {text}");
+        assert!(text.lines().any(|shown| shown == line), "{line}: {text}");
     }
     let same = served.node(&gripper("diff", &file, &[]));
     assert_eq!(same, format!("{file} and node 4 on can1: {count} values compared, 0 different\n"));

@@ -126,7 +126,7 @@ fn lines_of(bus: &mut Bus, dcf: &str) -> Vec<String> {
 fn values_of(lines: &[String]) -> Vec<(&str, &str, &str)> {
     let values = lines.iter().filter_map(|line| line.strip_prefix("value "));
     let parts = values.map(|line| line.split(' ').collect::<Vec<_>>());
-    parts.map(|it| (it[0], it[1], it[2])).collect()
+    parts.map(|words| (words[0], words[1], words[2])).collect()
 }
 
 #[test]
@@ -154,9 +154,10 @@ fn parameters_of_a_canopen_node_are_restored_as_its_tools_read_them() {
     write(&bus, "grip force", "33");
     write(&bus, "label", "right");
     let changed = lines_of(&mut bus, &dcf);
-    let differs = |it: &&(&str, &str, &str)| it.1 != it.2;
-    let differences: Vec<_> = values_of(&changed).into_iter().filter(|it| differs(&it)).collect();
-    assert_eq!(differences.iter().map(|it| it.0).collect::<Vec<_>>(), ["2000:00", "2002:00"]);
+    let differs = |entry: &&(&str, &str, &str)| entry.1 != entry.2;
+    let differences: Vec<_> =
+        values_of(&changed).into_iter().filter(|entry| differs(&entry)).collect();
+    assert_eq!(differences.iter().map(|entry| entry.0).collect::<Vec<_>>(), ["2000:00", "2002:00"]);
     let capture = bus.served.path_of("restore.pcapng");
     let restore = ["params", "restore", &dcf, "--node", "5", "--yes", "--capture", &capture];
     let restored = bus.node(&restore);

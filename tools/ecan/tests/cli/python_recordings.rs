@@ -26,10 +26,11 @@ fn python_can_recordings_are_read() {
         let recording = Recording::parse(&text, &ReadOptions::default()).unwrap();
         assert_eq!((recording.format, recording.error_frames), (format, error_frames), "{file}");
         let first_ns = recording.frames.first().unwrap().time_ns;
-        let rows = recording.frames.iter().map(|it| {
-            let channel = it.interface.trim_start_matches(|it: char| !it.is_ascii_digit());
-            let time_us = (it.time_ns - first_ns + 500) / 1000;
-            format!("{file} {channel} {time_us} {}", FrameText(&it.frame))
+        let rows = recording.frames.iter().map(|frame| {
+            let channel =
+                frame.interface.trim_start_matches(|letter: char| !letter.is_ascii_digit());
+            let time_us = (frame.time_ns - first_ns + 500) / 1000;
+            format!("{file} {channel} {time_us} {}", FrameText(&frame.frame))
         });
         let expected = written.lines().filter(|line| line.starts_with(file));
         let (rows, expected): (Vec<_>, Vec<_>) = (rows.collect(), expected.collect());

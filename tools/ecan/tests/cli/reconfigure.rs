@@ -109,7 +109,8 @@ fn apply_changes_n_and_bit_rate_for_all_clients() {
     assert_eq!(printed, expected);
     for client in &clients {
         let changed = next_gateways(client);
-        let rates: Vec<_> = changed.gateways[0].channels.iter().map(|it| it.bitrate).collect();
+        let rates: Vec<_> =
+            changed.gateways[0].channels.iter().map(|channel| channel.bitrate).collect();
         assert_eq!(rates, [250_000, 125_000]);
         assert_eq!(active_n(client), 5);
         exchange(client, 1);
@@ -174,7 +175,7 @@ fn faulty_file_returns_every_fault_and_changes_nothing() {
     assert_eq!(error.code, INVALID_PARAMS);
     assert!(error.message.ends_with("nothing was changed"), "{error}");
     let lines: Vec<_> =
-        error.data["faults"].as_array().unwrap().iter().map(|it| &it["line"]).collect();
+        error.data["faults"].as_array().unwrap().iter().map(|fault| &fault["line"]).collect();
     assert!(lines.contains(&&json!(1)) && lines.contains(&&json!(3)), "{error:?}");
     for (text, reason) in [
         ("[[gateway]]\nposition = 7\nn = 3\ncan0 = { bitrate = 500_000 }\n", "no slave at alias 0"),
@@ -238,7 +239,7 @@ fn concurrent_requests_are_rejected_or_executed() {
         threads.map(|thread| thread.join().unwrap())
     });
     assert!(results.iter().any(Result::is_ok), "{results:?}");
-    for error in results.iter().filter_map(|it| it.as_ref().err()) {
+    for error in results.iter().filter_map(|result| result.as_ref().err()) {
         assert_eq!(error.code, BUSY, "{error}");
     }
     request(&served.client(), OTHER).unwrap();
@@ -269,9 +270,12 @@ fn dump_continues_unless_its_channels_change() {
     let has_subscribed = |_: &_| {
         exchange(&client, 0);
         let stats = client.service_stats().unwrap();
-        stats.clients.iter().any(|it| it.pid != std::process::id() && it.frames_delivered > 0)
+        stats
+            .clients
+            .iter()
+            .any(|client| client.pid != std::process::id() && client.frames_delivered > 0)
     };
-    assert!((0..1000).any(|it| has_subscribed(&it)), "no frame for the dump");
+    assert!((0..1000).any(|answer| has_subscribed(&answer)), "no frame for the dump");
     served.good(&["config", "apply", &file]);
     exchange(&client, 0);
     dump.wait_for_error("has configured the bus again, with the same channels");

@@ -25,7 +25,7 @@ fn screens(document: &str) -> Vec<Screen<'_>> {
     let mut screens: Vec<Screen<'_>> = Vec::new();
     let mut is_inside = false;
     for (index, line) in document.lines().enumerate() {
-        let prepares = line.strip_prefix("<!-- $ ").and_then(|it| it.strip_suffix(" -->"));
+        let prepares = line.strip_prefix("<!-- $ ").and_then(|rest| rest.strip_suffix(" -->"));
         if line.starts_with("```") {
             is_inside = line == "```console";
         } else if let Some(command) = prepares {
@@ -93,7 +93,8 @@ impl Shell {
 /// The line as the document has it, with a line break.
 fn shown_line(line: &str) -> Option<String> {
     // Also commands of builds with further features.
-    let is_left_out = ["SIMULATED", "via ", "  zenoh  "].iter().any(|it| line.starts_with(it));
+    let is_left_out =
+        ["SIMULATED", "via ", "  zenoh  "].iter().any(|prefix| line.starts_with(prefix));
     (!is_left_out).then(|| line.trim_end().to_owned() + "\n")
 }
 

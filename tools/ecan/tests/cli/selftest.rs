@@ -318,7 +318,7 @@ fn duplicate_serial_number_fails() {
 
 #[test]
 fn every_report_has_its_own_file() {
-    let serials = [5, 5, 0, 0, u64::MAX].map(|it| format!("[[gateway]]\nserial = {it}\n"));
+    let serials = [5, 5, 0, 0, u64::MAX].map(|serial| format!("[[gateway]]\nserial = {serial}\n"));
     let bus = Scenario::new("");
     bus.write("bus.toml", &serials.concat());
     let setting = bus.setting();

@@ -148,7 +148,7 @@ fn replay_keeps_times_and_records_echo() {
     let records = |text: &str| {
         let records =
             text.lines().filter_map(|line| ecan_can_io::candump::parse_line(line).unwrap());
-        records.map(|it| (it.time_ns, it.frame)).collect::<Vec<_>>()
+        records.map(|record| (record.time_ns, record.frame)).collect::<Vec<_>>()
     };
     let (sent, echoed) = (records(LOG), records(&bus.read("back.log")));
     assert_eq!(echoed.len(), 4);

@@ -70,17 +70,18 @@ fn killed_daemon_ends_every_client_with_a_message_and_complete_files() {
     wait_for("the subscriptions", || {
         exchange(&client, first);
         first += 1;
-        stats().iter().filter(|it| it.frames_delivered > 0).count() == 4
+        stats().iter().filter(|client| client.frames_delivered > 0).count() == 4
     });
     (first..first + FRAMES).for_each(|number| exchange(&client, number));
-    wait_for("the output", || stats().iter().all(|it| it.queued_bytes == 0));
+    wait_for("the output", || stats().iter().all(|client| client.queued_bytes == 0));
     silence_mailbox(&client);
     let mut reader = daemon.run(&["sdo", "read", "0x8010:3"]);
     reader.wait_for_error("via ");
     let pending = daemon.client();
     std::thread::scope(|threads| {
         let pending = threads.spawn(|| pending.sdo_upload(&upload()));
-        let requests = |count| stats().iter().filter(|it| it.requests >= 2).count() == count;
+        let requests =
+            |count| stats().iter().filter(|client| client.requests >= 2).count() == count;
         wait_for("the requests", || requests(6));
         daemon.program.signal(Signal::KILL);
         assert!(matches!(pending.join().unwrap(), Err(ClientError::Closed)));
@@ -99,7 +100,7 @@ fn killed_daemon_ends_every_client_with_a_message_and_complete_files() {
     let bytes = std::fs::read(&capture).unwrap();
     for number in first..first + FRAMES {
         let packet = packet(number);
-        let count = bytes.windows(packet.len()).filter(|it| *it == packet).count();
+        let count = bytes.windows(packet.len()).filter(|bytes| *bytes == packet).count();
         assert_eq!(count, 2, "frame {number}");
     }
 
@@ -131,7 +132,9 @@ fn killed_clients_disturb_nobody() {
     silence_mailbox(&client);
     let reader = daemon.run(&["sdo", "read", "0x8010:3"]);
     let stats = || client.service_stats().unwrap().clients;
-    wait_for("the request", || stats().iter().any(|it| it.name == "ecan" && it.requests >= 2));
+    wait_for("the request", || {
+        stats().iter().any(|client| client.name == "ecan" && client.requests >= 2)
+    });
     reader.signal(Signal::KILL);
     wait_for("the end of both", || stats().len() == 1);
     // The frames of gen and their echoes precede this one and its echo.
@@ -179,7 +182,7 @@ fn full_disk_ends_the_record_and_the_capture_only() {
     wait_for("the subscriptions", || {
         exchange(&client, number);
         number += 1;
-        stats().iter().filter(|it| it.frames_delivered > 0).count() == 4
+        stats().iter().filter(|client| client.frames_delivered > 0).count() == 4
     });
     // Until both have ended; the other dump and this client go on.
     wait_for("the full disks", || {

@@ -53,7 +53,7 @@ fn dump_shows_signals_below_frames() {
     let other = bus.good(&["dump", "-n", "1", "--dbc", &format!("1={dbc}")]);
     assert_eq!(other, "  can0  123   [4]  E8 03 01 00\n");
     let shown = bus.good(&["dump", "-n", "2", "--json", "--dbc", &format!("can0={dbc}")]);
-    let lines: Vec<Value> = shown.lines().map(|it| serde_json::from_str(it).unwrap()).collect();
+    let lines: Vec<Value> = shown.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
     assert_eq!(lines[0]["message"], "Engine");
     let signals = json!([
         { "name": "Speed", "value": 100.0, "unit": "km/h", "text": null },
@@ -128,11 +128,11 @@ bus  dir  CAN ID    message                               signal   value
 0.0  rx   18FECA15  Status                                Current  -0.5 A
 ";
     let words = |text: &str| {
-        let lines = text.lines().map(|it| it.split_whitespace().collect::<Vec<_>>().join(" "));
+        let lines = text.lines().map(|line| line.split_whitespace().collect::<Vec<_>>().join(" "));
         lines.collect::<Vec<_>>().join("\n")
     };
     assert!(words(&shown).ends_with(&words(signals)), "{shown}");
     let shown: Value = serde_json::from_str(&bus.good(&[&view[..], &["--json"]].concat())).unwrap();
-    let status = shown["ids"].as_array().unwrap().iter().find(|it| it["is_extended"] == true);
+    let status = shown["ids"].as_array().unwrap().iter().find(|id| id["is_extended"] == true);
     assert_eq!(status.unwrap()["signals"][1]["value"], -0.5);
 }

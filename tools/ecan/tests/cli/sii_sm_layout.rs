@@ -206,7 +206,7 @@ fn damaged_words_need_force() {
     let (status, said) = bench.run(&["fix", "--yes"]);
     assert_eq!(status, 1, "{said}");
     let words: Vec<_> =
-        image[..14].chunks(2).map(|it| format!(" 0x{:02X}{:02X}", it[1], it[0])).collect();
+        image[..14].chunks(2).map(|pair| format!(" 0x{:02X}{:02X}", pair[1], pair[0])).collect();
     assert!(said.contains(&format!("words 0-6:{}\n", words.concat())), "{said}");
     assert!(said.contains("restore a backup"), "{said}");
     assert!(!bench.has_written());
@@ -377,7 +377,7 @@ fn writing_needs_confirmation_and_right_slave() {
     let (status, said) = bench.run(&["fix", "--yes", "--force"]);
     assert_eq!((status, bench.get("eeprom")), (0, good_image()), "{said}");
     // The default name of the backup.
-    let names = std::fs::read_dir(bench.0.path()).unwrap().map(|it| it.unwrap().file_name());
+    let names = std::fs::read_dir(bench.0.path()).unwrap().map(|entry| entry.unwrap().file_name());
     let backups = names.filter(|name| name.to_str().unwrap().starts_with("ecan_sii_0_2"));
     assert_eq!(backups.count(), 1);
 }

@@ -75,7 +75,7 @@ fn supply_is_switched_while_the_machine_lives() {
     let text = served.sim(&["power", "0", "on"]);
     assert!(text.ends_with(" s: fault: gateway 0 supplied again\n"), "{text}");
     served.program.wait_for_error("slave 0: ready");
-    served.wait_for(0, |it| it["al_state"] == "OP" && it["is_powered"] == true);
+    served.wait_for(0, |gateway| gateway["al_state"] == "OP" && gateway["is_powered"] == true);
     let text = served.sim(&["power", "0", "cycle", "--off", "200ms", "--wait"]);
     assert!(text.ends_with("gateway 0 without supply for 200 ms\n"), "{text}");
     assert_eq!(served.sim_json(&["status"])["gateways"][0]["is_running"], true);

@@ -69,7 +69,8 @@ fn interface_and_channel_exchange_frames() {
         .env(NAMESPACE, "")
         .output()
         .unwrap();
-    let texts = [output.stdout, output.stderr].map(|it| String::from_utf8_lossy(&it).into_owned());
+    let texts =
+        [output.stdout, output.stderr].map(|bytes| String::from_utf8_lossy(&bytes).into_owned());
     assert!(output.status.success() && texts[0].contains("1 passed"), "{}", texts.concat());
 }
 

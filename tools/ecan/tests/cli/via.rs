@@ -177,7 +177,7 @@ fn commands_work_in_parallel_through_one_service() {
     ];
     std::thread::scope(|scope| {
         let dump = scope.spawn(|| application.good(&["dump", "-n", "100", "-T", "60000"]));
-        let threads = commands.map(|it| scope.spawn(|| application.good(it)));
+        let threads = commands.map(|command| scope.spawn(|| application.good(command)));
         for (command, thread) in commands.iter().zip(threads) {
             assert!(!thread.join().unwrap().is_empty(), "{command:?}");
         }

@@ -146,7 +146,7 @@ impl Application {
 
     fn report(&self) -> Value {
         let each = |count: fn(&Traffic) -> u64| self.traffic.iter().map(count).collect::<Vec<_>>();
-        let times = |it: Distribution| json!({ "p50_ns": it.p50_ns, "p99_ns": it.p99_ns });
+        let times = |times: Distribution| json!({ "p50_ns": times.p50_ns, "p99_ns": times.p99_ns });
         let statistics = self.port.statistics(self.port.gateway(0).unwrap());
         let simulated = self.simulation.with_world(|world| {
             let counters = world.counters(0).unwrap();
@@ -162,11 +162,11 @@ impl Application {
             })
         });
         json!({
-            "sent": each(|it| it.sent),
-            "echoed": each(|it| it.echoed),
-            "of_client": each(|it| it.of_client),
-            "others": each(|it| it.others),
-            "faults": each(|it| it.faults),
+            "sent": each(|side| side.sent),
+            "echoed": each(|side| side.echoed),
+            "of_client": each(|side| side.of_client),
+            "others": each(|side| side.others),
+            "faults": each(|side| side.faults),
             "sessions_lost": statistics.sessions_lost,
             "simulated": simulated,
             "cycles": self.statistics.cycles(),

@@ -199,7 +199,7 @@ struct Totals {
 
 #[test]
 fn crowd_of_clients_loses_and_doubles_no_frame() {
-    let seconds: u64 = std::env::var("CROWD_SECONDS").map_or(2, |it| it.parse().unwrap());
+    let seconds: u64 = std::env::var("CROWD_SECONDS").map_or(2, |text| text.parse().unwrap());
     let mut application = Application::start();
     let before = 1000 * seconds;
     let alone = without_clients(&mut application, before);
@@ -242,9 +242,9 @@ fn crowd_of_clients_loses_and_doubles_no_frame() {
         let end = Instant::now() + Duration::from_secs(seconds) + 2 * LIMIT;
         let mut next_look = Instant::now();
         // An observer that has failed is joined below.
-        while !observers.iter().any(|it| it.is_finished()) {
+        while !observers.iter().any(|observer| observer.is_finished()) {
             let printed = dumped.twice(0);
-            let seen = progress.each_ref().map(|it| it.application.load(Ordering::Acquire));
+            let seen = progress.each_ref().map(|seen| seen.application.load(Ordering::Acquire));
             let credit = |at: usize| printed[at].min(seen[at]).max(before) + AHEAD;
             application.set_credit(std::array::from_fn(credit));
             if Instant::now() >= next_look {
@@ -261,14 +261,14 @@ fn crowd_of_clients_loses_and_doubles_no_frame() {
         is_over.store(true, Ordering::Release);
         progress.iter().for_each(|client| client.is_stopped.store(true, Ordering::Release));
         wait_for("the echoes of the clients", || {
-            progress.iter().all(|it| it.is_quiet.load(Ordering::Acquire))
+            progress.iter().all(|seen| seen.is_quiet.load(Ordering::Acquire))
         });
         application.set_credit([0; 4]);
-        let of_clients = progress.each_ref().map(|it| it.sent.load(Ordering::Acquire));
+        let of_clients = progress.each_ref().map(|seen| seen.sent.load(Ordering::Acquire));
         let report = final_report(&mut application, of_clients);
         let totals = Totals { of_application: numbers(&report, "sent"), of_clients, markers };
         wait_for("the frames of all observers", || {
-            let seen = progress.each_ref().map(|it| it.application.load(Ordering::Acquire));
+            let seen = progress.each_ref().map(|seen| seen.application.load(Ordering::Acquire));
             let (of_application, of_clients) = (dumped.twice(0), dumped.twice(1));
             seen == totals.of_application
                 && (of_application, of_clients) == (totals.of_application, totals.of_clients)
@@ -371,8 +371,8 @@ fn check_simulator(report: &Value, totals: Totals) {
 fn check_losses(observer: &Client, silent: &Client, frames: u64) {
     let stats = observer.service_stats().unwrap();
     assert_eq!(stats.frames_lost_in_ring, 0);
-    let others = stats.clients.iter().filter(|it| it.name != "never reads");
-    assert_eq!(others.map(|it| it.frames_lost).sum::<u64>(), 0, "{stats:?}");
+    let others = stats.clients.iter().filter(|client| client.name != "never reads");
+    assert_eq!(others.map(|client| client.frames_lost).sum::<u64>(), 0, "{stats:?}");
     let ClientStats { frames_delivered, frames_lost, .. } = stats_of(&stats, "never reads");
     assert_eq!(frames_delivered + frames_lost, frames);
     println!("the client that never reads lost {frames_lost} of {frames} frames");

@@ -151,7 +151,7 @@ impl FakeEthercat {
     /// Number of `foe_write` calls with a file.
     pub fn writes(&self) -> Vec<Vec<String>> {
         let is_write = |call: &&Vec<String>| {
-            call.iter().any(|it| it == "foe_write") && !call.iter().any(|it| it == "--help")
+            call.iter().any(|word| word == "foe_write") && !call.iter().any(|word| word == "--help")
         };
         self.master().calls.iter().filter(is_write).cloned().collect()
     }
@@ -177,7 +177,7 @@ fn serve(stream: TcpStream, master: &mut Master) {
 
 /// Value of an option.
 fn option<'a>(arguments: &'a [String], name: &str) -> Option<&'a str> {
-    let at = arguments.iter().position(|it| it == name)?;
+    let at = arguments.iter().position(|argument| argument == name)?;
     arguments.get(at + 1).map(String::as_str)
 }
 
@@ -196,7 +196,7 @@ impl Master {
             }
             Some("slaves") => Ok(self.slaves()),
             Some("upload") => self.upload(arguments),
-            Some("foe_write") if arguments.iter().any(|it| it == "--help") => {
+            Some("foe_write") if arguments.iter().any(|argument| argument == "--help") => {
                 Ok(match self.behaviour {
                     Behaviour::TakesPositionForPassword => HELP_WITH_PASSWORD,
                     Behaviour::Of15 => HELP_OF_1_5,
@@ -238,8 +238,8 @@ impl Master {
     }
 
     fn slaves(&mut self) -> String {
-        let there: Vec<_> = (0..self.gateways).filter(|it| self.is_there(*it)).collect();
-        there.iter().map(|it| format!("{it}  0:{it}  PREOP  +  ECAN-Lite\n")).collect()
+        let there: Vec<_> = (0..self.gateways).filter(|slave| self.is_there(*slave)).collect();
+        there.iter().map(|slave| format!("{slave}  0:{slave}  PREOP  +  ECAN-Lite\n")).collect()
     }
 
     /// Output of --verbose.

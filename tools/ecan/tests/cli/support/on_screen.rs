@@ -118,7 +118,7 @@ impl OnScreen {
 
     /// Reads until the screen contains a text.
     pub fn wait_for(&mut self, words: &str) {
-        self.wait_until(words, |it| it.screen().contains(words));
+        self.wait_until(words, |terminal| terminal.screen().contains(words));
     }
 
     /// Types keys.

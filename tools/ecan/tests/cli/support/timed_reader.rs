@@ -53,7 +53,7 @@ impl TimedReader {
 
     /// Waits until the received text contains `words`.
     pub fn wait_for(&mut self, words: &str) {
-        let has = |text: &[u8]| text.windows(words.len()).any(|it| it == words.as_bytes());
+        let has = |text: &[u8]| text.windows(words.len()).any(|bytes| bytes == words.as_bytes());
         self.wait_until(&format!("{words:?}"), |text, _| has(text).then_some(()));
     }
 
