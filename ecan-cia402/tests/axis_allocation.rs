@@ -9,8 +9,8 @@ mod axes;
 use axes::{Fixture, axes};
 use ecan_canopen::{Probe, ProbeSource, ProbeTrigger};
 use ecan_cia402::{
-    AxesSnapshot, AxisConfig, FeedForward, FeedForwardLimits, HomingConfig, InputObject,
-    OutputObject, PathStop,
+    AxesSnapshot, AxisCommand, AxisConfig, FeedForward, FeedForwardLimits, HomingConfig,
+    InputObject, Output, OutputObject, PathStop, StopKind, Target,
 };
 use ecan_host::AdapterConfig;
 use ecan_sim::{Fault, LossDirection};
@@ -45,10 +45,18 @@ fn fed_forward_cycles(fixture: &mut Fixture, count: usize) -> u64 {
             let mut cycle = fixture.port.begin_cycle();
             let cia402 = &mut fixture.cia402;
             cia402.process_rx(&mut cycle);
-            let target = cia402.target(0).unwrap() + 10;
-            cia402.set_target_with(0, target, FORWARD).unwrap();
+            let target = cia402.axis(0).unwrap().target().unwrap() + 10;
+            cia402
+                .axis_mut(0)
+                .unwrap()
+                .set_target(Target::from(target).with_feed_forward(FORWARD))
+                .unwrap();
             let trigger = ProbeTrigger::first_positive(ProbeSource::IndexPulse);
-            cia402.arm_probe(0, Probe::One, trigger).unwrap();
+            cia402
+                .axis_mut(0)
+                .unwrap()
+                .set_output(Output::Probe(Probe::One, Some(trigger)))
+                .unwrap();
             cia402.send_targets_all(&mut cycle);
             drop(cycle);
             allocations() - before
@@ -80,23 +88,23 @@ fn forty_axes_allocate_nothing() {
     cycles(&mut fixture, 500);
     assert_eq!(cycles(&mut fixture, 500), 0, "in motion");
     assert_eq!(fed_forward_cycles(&mut fixture, 500), 0, "with feed-forward");
-    assert_eq!(fixture.cia402.feed_forward(0), FORWARD);
+    assert_eq!(fixture.axis(0).status().feed_forward, FORWARD);
     fixture.inject(Fault::LostFrame { direction: LossDirection::Outward, cycles: 6 });
     fixture.inject(Fault::NodeSilent { node: "drive 1.2/3".to_owned(), for_ms: 500 });
     assert_eq!(cycles(&mut fixture, 500), 0, "with faults");
-    assert!(!fixture.cia402.is_running(0));
-    fixture.cia402.enable_all().unwrap();
+    assert!(!fixture.axis(0).is_running());
+    fixture.cia402.command_all(AxisCommand::Enable).unwrap();
     assert_eq!(cycles(&mut fixture, 500), 0, "during activation");
     assert!(fixture.cia402.all_running());
     let before = allocations();
-    fixture.cia402.home(7, HomingConfig::new(37)).unwrap();
-    fixture.cia402.quick_stop(8).unwrap();
-    fixture.cia402.halt(9).unwrap();
+    fixture.axis_mut(7).home(HomingConfig::new(37)).unwrap();
+    fixture.axis_mut(8).stop(StopKind::QuickStop);
+    fixture.axis_mut(9).halt();
     assert_eq!(allocations() - before, 0, "commands");
     assert_eq!(cycles(&mut fixture, 2_000), 0, "while one is homed");
-    assert!(fixture.cia402.is_running(7) && !fixture.cia402.is_running(8));
-    fixture.cia402.enable(8).unwrap();
-    fixture.cia402.resume(9).unwrap();
+    assert!(fixture.axis(7).is_running() && !fixture.axis(8).is_running());
+    fixture.axis_mut(8).enable().unwrap();
+    fixture.axis_mut(9).resume();
     cycles(&mut fixture, 500);
     let before = allocations();
     fixture.cia402.stop_together();

@@ -7,8 +7,8 @@ use std::time::Duration;
 use crate::axes::{Fixture, START, axes, axis, with_quirk};
 use ecan_canopen::{CobId, DriveState, NmtCommand, NmtState, StepFault};
 use ecan_cia402::{
-    AxisConfig, AxisError, AxisPhase, AxisTimeout, Cia402, Cia402Config, Cia402Error, Decision,
-    HoldReason,
+    AxisCommand, AxisConfig, AxisError, AxisPhase, AxisTimeout, Cia402, Cia402Config, Cia402Error,
+    Decision, HoldReason, StopKind,
 };
 use ecan_mcan_port::Session;
 use ecan_protocol::can::FrameRef;
@@ -29,24 +29,24 @@ fn in_motion(count: usize) -> Fixture {
 }
 
 fn held_for(cia402: &Cia402, axis: usize) -> Option<HoldReason> {
-    cia402.statistics(axis).last_hold
+    cia402.axis(axis).unwrap().statistics().last_hold
 }
 
 /// Takes every axis up again and moves on.
 fn recover(fixture: &mut Fixture) {
-    fixture.cia402.enable_all().unwrap();
+    fixture.cia402.command_all(AxisCommand::Enable).unwrap();
     fixture.until(5_000, Cia402::all_running);
     let before: Vec<_> =
-        (0..fixture.cia402.axis_count()).map(|n| fixture.cia402.target(n)).collect();
+        (0..fixture.cia402.axis_count()).map(|n| fixture.axis(n).target()).collect();
     fixture.steps(100);
     for (n, before) in before.into_iter().enumerate() {
-        assert!(fixture.cia402.target(n) > before, "axis {n} moves on");
+        assert!(fixture.axis(n).target() > before, "axis {n} moves on");
     }
     fixture.check();
 }
 
 fn start_fails(fixture: &mut Fixture) -> AxisTimeout {
-    match fixture.cia402.start_up_timeout(&mut fixture.port, START, |_| {}) {
+    match fixture.cia402.blocking(&mut fixture.port, START).start_up() {
         Err(Cia402Error::AxisTimeout(axes)) => axes,
         other => panic!("{other:?}"),
     }
@@ -57,22 +57,24 @@ fn start_fails(fixture: &mut Fixture) -> AxisTimeout {
 fn fault_holds_its_axis_until_a_reset_edge() {
     let mut fixture = in_motion(2);
     fixture.strike(0, DriveFault::Error { code: 0x2310 });
-    fixture.until(50, |cia402| !cia402.is_running(0));
+    fixture.until(50, |cia402| !cia402.axis(0).unwrap().is_running());
     assert!(matches!(held_for(&fixture.cia402, 0), Some(HoldReason::LeftOperationEnabled(_))));
-    fixture.until(500, |cia402| cia402.drive_state(0) == Some(DriveState::Fault));
-    let error = fixture.cia402.error(0);
+    fixture.until(500, |cia402| cia402.axis(0).unwrap().drive_state() == Some(DriveState::Fault));
+    let error = fixture.axis(0).error();
     assert_eq!(error, Some(AxisError::Fault { error_code: 0x2310 }));
-    assert!(fixture.cia402.is_running(1), "the other axis continues");
+    assert!(fixture.axis(1).is_running(), "the other axis continues");
     // Enabling does not reset.
-    fixture.cia402.enable(0).unwrap();
+    fixture.axis_mut(0).enable().unwrap();
     fixture.steps(50);
-    assert_eq!(fixture.cia402.drive_state(0), Some(DriveState::Fault));
-    fixture.cia402.reset_fault(0).unwrap();
-    fixture.until(200, |cia402| cia402.drive_state(0) == Some(DriveState::SwitchOnDisabled));
+    assert_eq!(fixture.axis(0).drive_state(), Some(DriveState::Fault));
+    fixture.axis_mut(0).reset_fault().unwrap();
+    fixture.until(200, |cia402| {
+        cia402.axis(0).unwrap().drive_state() == Some(DriveState::SwitchOnDisabled)
+    });
     fixture.steps(50);
-    assert_eq!(fixture.cia402.drive_state(0), Some(DriveState::SwitchOnDisabled), "by itself");
+    assert_eq!(fixture.axis(0).drive_state(), Some(DriveState::SwitchOnDisabled), "by itself");
     recover(&mut fixture);
-    assert_eq!(fixture.cia402.statistics(0).faults, 1);
+    assert_eq!(fixture.axis(0).statistics().faults, 1);
     logs_assert(|lines: &[&str]| {
         let texts = ["axis 0: active", "axis 1: active", "axis 0: fault (0x2310)"];
         let has = |text: &&&str| lines.iter().any(|line| line.contains(**text));
@@ -86,10 +88,10 @@ fn persistent_fault_is_reported_after_a_reset() {
     let scenario = with_quirk(1, 1, |quirks| quirks.stuck_in_fault = true);
     let mut fixture = Fixture::with(scenario, moving(1)).started();
     fixture.strike(0, DriveFault::Error { code: 0x7305 });
-    fixture.until(500, |cia402| cia402.phase(0) == Some(AxisPhase::Fault));
-    fixture.cia402.reset_fault(0).unwrap();
+    fixture.until(500, |cia402| cia402.axis(0).unwrap().phase() == AxisPhase::Fault);
+    fixture.axis_mut(0).reset_fault().unwrap();
     fixture.until(2_000, |cia402| {
-        cia402.error(0) == Some(AxisError::ResetFailed { error_code: 0x7305 })
+        cia402.axis(0).unwrap().error() == Some(AxisError::ResetFailed { error_code: 0x7305 })
     });
     fixture.check();
 }
@@ -97,11 +99,13 @@ fn persistent_fault_is_reported_after_a_reset() {
 #[test]
 fn quick_stop_stops_and_can_be_left() {
     let mut fixture = in_motion(1);
-    fixture.cia402.quick_stop(0).unwrap();
-    fixture.until(500, |cia402| cia402.drive_state(0) != Some(DriveState::OperationEnabled));
+    fixture.axis_mut(0).stop(StopKind::QuickStop);
+    fixture.until(500, |cia402| {
+        cia402.axis(0).unwrap().drive_state() != Some(DriveState::OperationEnabled)
+    });
     fixture.steps(300);
     assert!(fixture.drive(0, |drive| drive.velocity()).abs() < 10.0);
-    assert_eq!(fixture.cia402.decision(0), Decision::Closed);
+    assert_eq!(fixture.axis(0).decision(), Decision::Closed);
     recover(&mut fixture);
 }
 
@@ -112,15 +116,15 @@ fn silent_drive_holds_by_tpdo_then_by_heartbeat() {
     let known = fixture.simulation.with_world(|world| world.drive(&name).is_some());
     assert!(known, "the scenario's name of the first drive");
     fixture.inject(Fault::NodeSilent { node: name, for_ms: 600 });
-    let cycles = fixture.until(50, |cia402| !cia402.is_running(0));
+    let cycles = fixture.until(50, |cia402| !cia402.axis(0).unwrap().is_running());
     assert!(cycles <= 10, "{cycles}");
     assert!(matches!(held_for(&fixture.cia402, 0), Some(HoldReason::TpdoLost(_))));
-    fixture.cia402.enable(0).unwrap();
+    fixture.axis_mut(0).enable().unwrap();
     fixture.steps(200);
-    let text = fixture.cia402.progress(0).unwrap().to_string();
+    let text = fixture.axis(0).progress().to_string();
     assert!(text.contains("heartbeat"), "{text}");
-    assert!(fixture.cia402.is_running(1));
-    fixture.until(1_000, |cia402| cia402.is_running(0));
+    assert!(fixture.axis(1).is_running());
+    fixture.until(1_000, |cia402| cia402.axis(0).unwrap().is_running());
     recover(&mut fixture);
 }
 
@@ -129,8 +133,8 @@ fn emergency_message_alone_stops_nothing() {
     let mut fixture = in_motion(1);
     fixture.strike(0, DriveFault::Emcy { code: 0x4210, register: 8 });
     fixture.steps(50);
-    assert_eq!(fixture.cia402.statistics(0).emergencies, 1);
-    assert!(fixture.cia402.is_running(0));
+    assert_eq!(fixture.axis(0).statistics().emergencies, 1);
+    assert!(fixture.axis(0).is_running());
     fixture.check();
 }
 
@@ -138,13 +142,13 @@ fn emergency_message_alone_stops_nothing() {
 fn drive_power_loss_in_motion_needs_a_new_configuration() {
     let mut fixture = in_motion(2);
     fixture.strike(0, DriveFault::PowerCycle { off_ms: 300 });
-    fixture.until(50, |cia402| !cia402.is_running(0));
-    fixture.until(1_000, |cia402| cia402.phase(0) == Some(AxisPhase::NotConfigured));
-    assert_eq!(fixture.cia402.error(0), Some(AxisError::Restarted));
-    assert!(fixture.cia402.enable(0).is_err(), "not configured");
-    assert!(fixture.cia402.is_running(1));
-    fixture.cia402.configure_all().unwrap();
-    fixture.until(1_000, |cia402| cia402.phase(0) == Some(AxisPhase::Standby));
+    fixture.until(50, |cia402| !cia402.axis(0).unwrap().is_running());
+    fixture.until(1_000, |cia402| cia402.axis(0).unwrap().phase() == AxisPhase::NotConfigured);
+    assert_eq!(fixture.axis(0).error(), Some(AxisError::Restarted));
+    assert!(fixture.axis_mut(0).enable().is_err(), "not configured");
+    assert!(fixture.axis(1).is_running());
+    fixture.cia402.command_all(AxisCommand::Configure).unwrap();
+    fixture.until(1_000, |cia402| cia402.axis(0).unwrap().phase() == AxisPhase::Standby);
     recover(&mut fixture);
 }
 
@@ -167,7 +171,7 @@ fn rejected_object_is_reported_with_its_abort_code() {
     for part in ["1 axis not configured", "axis 1", "node 2", "0x6065", "0x06090030"] {
         assert!(text.contains(part), "{text}");
     }
-    assert!(fixture.cia402.phase(0) == Some(AxisPhase::Standby), "the other one is configured");
+    assert!(fixture.axis(0).phase() == AxisPhase::Standby, "the other one is configured");
 }
 
 #[test]
@@ -241,7 +245,7 @@ fn lost_frame_only_repeats_the_last_image() {
         fixture.inject(Fault::LostFrame { direction: way, cycles: 1 });
         fixture.steps(50);
         for n in 0..4 {
-            let statistics = fixture.cia402.statistics(n);
+            let statistics = fixture.axis(n).statistics();
             assert_eq!((statistics.holds, statistics.waits), (0, 1), "axis {n}, {way:?}");
         }
         fixture.check();
@@ -267,7 +271,7 @@ fn hold_after_bus_off_behind_damaged_images(images: u32) -> HoldReason {
     fixture.inject(Fault::Gateway { gateway: 0, fault });
     for _ in 0..100 {
         fixture.cycle_with(|cia402, cycle| {
-            let _ = cia402.set_target(0, 1_000_000);
+            let _ = cia402.axis_mut(0).unwrap().set_target(1_000_000);
             cia402.send_targets_all(cycle)
         });
     }
@@ -282,12 +286,12 @@ fn hold_after_bus_off_behind_damaged_images(images: u32) -> HoldReason {
 fn lost_working_counter_holds_until_activation() {
     let mut fixture = in_motion(4);
     fixture.inject(Fault::LostFrame { direction: LossDirection::Outward, cycles: 6 });
-    fixture.until(20, |cia402| !cia402.is_running(0));
+    fixture.until(20, |cia402| !cia402.axis(0).unwrap().is_running());
     fixture.steps(50);
     for n in 0..4 {
         let reason = held_for(&fixture.cia402, n);
         assert_eq!(reason, Some(HoldReason::WorkingCounter), "axis {n}");
-        assert!(!fixture.cia402.is_running(n));
+        assert!(!fixture.axis(n).is_running());
     }
     assert_eq!(fixture.session(), Session::Ready);
     assert!(fixture.statistics().rxpdo_discarded > 0);
@@ -302,12 +306,12 @@ fn axis_resumes_by_itself_after_a_path_error() {
     fixture.steps(100);
     fixture.inject(Fault::LostFrame { direction: LossDirection::Outward, cycles: 6 });
     fixture.steps(100);
-    assert!(fixture.cia402.is_running(0) && !fixture.cia402.is_running(1));
-    assert_eq!(fixture.cia402.statistics(0).activations, 2);
+    assert!(fixture.axis(0).is_running() && !fixture.axis(1).is_running());
+    assert_eq!(fixture.axis(0).statistics().activations, 2);
     // What lies in the drive is not for it to decide.
     fixture.strike(0, DriveFault::Error { code: 0x2310 });
     fixture.steps(500);
-    assert_eq!(fixture.cia402.drive_state(0), Some(DriveState::Fault));
+    assert_eq!(fixture.axis(0).drive_state(), Some(DriveState::Fault));
     fixture.check();
 }
 
@@ -315,12 +319,12 @@ fn axis_resumes_by_itself_after_a_path_error() {
 fn after_bus_off_stale_targets_are_waited_out() {
     let mut fixture = in_motion(4);
     fixture.inject(Fault::BusOff { gateway: 0, channel: 0 });
-    fixture.until(20, |cia402| !cia402.is_running(0));
+    fixture.until(20, |cia402| !cia402.axis(0).unwrap().is_running());
     for n in 0..4 {
         assert_eq!(held_for(&fixture.cia402, n), Some(HoldReason::BusOff), "axis {n}");
     }
     fixture.steps(500);
-    assert!((0..4).all(|n| !fixture.cia402.is_running(n)));
+    assert!((0..4).all(|n| !fixture.axis(n).is_running()));
     recover(&mut fixture);
 }
 
@@ -328,7 +332,7 @@ fn after_bus_off_stale_targets_are_waited_out() {
 fn gateway_power_loss_in_motion_recovers() {
     let mut fixture = in_motion(4);
     fixture.inject(Fault::PowerCycle { gateway: 0, off_ms: 500 });
-    fixture.until(50, |cia402| !cia402.is_running(0));
+    fixture.until(50, |cia402| !cia402.axis(0).unwrap().is_running());
     let mut cycles = 0;
     while fixture.session() != Session::Ready || cycles < 500 {
         fixture.step();
@@ -340,7 +344,7 @@ fn gateway_power_loss_in_motion_recovers() {
             fixture.drive(n, |drive| (drive.state(), drive.nmt_state() == NmtState::Operational));
         // It noticed that the host was gone, and stopped by itself.
         assert_eq!((state, operational), (DriveState::SwitchOnDisabled, false), "axis {n}");
-        assert!(!fixture.cia402.is_running(n));
+        assert!(!fixture.axis(n).is_running());
     }
     recover(&mut fixture);
 }
@@ -358,11 +362,11 @@ fn unnoticed_drive_restart_is_detected() {
         assert!(cycles < 30_000, "{}", fixture.session());
     }
     // Its boot-up message came while nobody listened: only its mapping tells.
-    fixture.until(500, |cia402| cia402.phase(0) == Some(AxisPhase::NotConfigured));
-    assert_eq!(fixture.cia402.error(0), Some(AxisError::Restarted));
-    assert_ne!(fixture.cia402.phase(1), Some(AxisPhase::NotConfigured), "the other kept it");
-    fixture.cia402.configure_all().unwrap();
-    fixture.until(1_000, |cia402| cia402.phase(0) == Some(AxisPhase::Standby));
+    fixture.until(500, |cia402| cia402.axis(0).unwrap().phase() == AxisPhase::NotConfigured);
+    assert_eq!(fixture.axis(0).error(), Some(AxisError::Restarted));
+    assert_ne!(fixture.axis(1).phase(), AxisPhase::NotConfigured, "the other kept it");
+    fixture.cia402.command_all(AxisCommand::Configure).unwrap();
+    fixture.until(1_000, |cia402| cia402.axis(0).unwrap().phase() == AxisPhase::Standby);
     recover(&mut fixture);
 }
 
@@ -370,19 +374,19 @@ fn unnoticed_drive_restart_is_detected() {
 fn unnoticed_restart_during_configuration_is_detected() {
     for steps in [8, 15, 20, 30, 38] {
         let mut fixture = Fixture::single(moving(1));
-        fixture.cia402.configure_all().unwrap();
+        fixture.cia402.command_all(AxisCommand::Configure).unwrap();
         fixture.until(500, |cia402| {
-            let setup = cia402.progress(0).and_then(|progress| progress.setup);
+            let setup = cia402.axis(0).unwrap().progress().setup;
             setup.is_some_and(|setup| setup.done >= steps)
         });
         // Its boot-up message is lost; the request under way is repeated and answered.
         fixture.strike(0, DriveFault::PowerCycle { off_ms: 50 });
         fixture.inject(Fault::NodeSilent { node: "drive 0.0/1".into(), for_ms: 300 });
         // Or the configuration itself reads back what is missing.
-        let is_found = [Some(AxisPhase::NotConfigured), Some(AxisPhase::SetupFailed)];
-        fixture.until(1_000, |cia402| is_found.contains(&cia402.phase(0)));
-        fixture.cia402.configure_all().unwrap();
-        fixture.until(1_000, |cia402| cia402.phase(0) == Some(AxisPhase::Standby));
+        let is_found = [AxisPhase::NotConfigured, AxisPhase::SetupFailed];
+        fixture.until(1_000, |cia402| is_found.contains(&cia402.axis(0).unwrap().phase()));
+        fixture.cia402.command_all(AxisCommand::Configure).unwrap();
+        fixture.until(1_000, |cia402| cia402.axis(0).unwrap().phase() == AxisPhase::Standby);
         recover(&mut fixture);
     }
 }
@@ -412,19 +416,19 @@ type Return = fn(&mut Fixture);
 #[test]
 fn stopped_node_without_heartbeat_returns() {
     let returns: [(&str, Return); 4] = [
-        ("recover", |fixture| fixture.cia402.recover(0).unwrap()),
+        ("recover", |fixture| fixture.axis_mut(0).recover().unwrap()),
         ("stop, then recover", |fixture| {
-            fixture.cia402.stop_all();
+            fixture.cia402.command_all(AxisCommand::Stop(StopKind::QuickStopThenDisable)).unwrap();
             fixture.until(2_000, Cia402::all_stopped);
-            fixture.cia402.recover(0).unwrap();
+            fixture.axis_mut(0).recover().unwrap();
         }),
         ("configure", |fixture| {
-            fixture.cia402.configure(0).unwrap();
-            fixture.until(2_000, |cia402| cia402.phase(0) == Some(AxisPhase::Standby));
-            fixture.cia402.enable(0).unwrap();
+            fixture.axis_mut(0).configure().unwrap();
+            fixture.until(2_000, |cia402| cia402.axis(0).unwrap().phase() == AxisPhase::Standby);
+            fixture.axis_mut(0).enable().unwrap();
         }),
         ("new owner", |fixture| {
-            let table = vec![fixture.cia402.config(0).unwrap().clone()];
+            let table = vec![fixture.axis(0).config().clone()];
             let owner = Cia402::new(&fixture.port, table, Cia402Config::default());
             fixture.cia402 = owner.unwrap_or_else(|error| panic!("{error}"));
             fixture.start();
@@ -447,13 +451,13 @@ fn node_that_was_just_stopped_is_configured() {
     let mut table = moving(1);
     table[0].drive.heartbeat_ms = 0;
     let mut fixture = Fixture::single(table).started();
-    fixture.cia402.stop_all();
+    fixture.cia402.command_all(AxisCommand::Stop(StopKind::QuickStopThenDisable)).unwrap();
     fixture.until(500, Cia402::all_stopped);
     fixture.cia402.send_nmt_all(NmtCommand::Stop).unwrap();
     fixture.steps(2);
-    fixture.cia402.configure(0).unwrap();
-    fixture.until(1_000, |cia402| cia402.phase(0) == Some(AxisPhase::Standby));
-    assert_eq!(fixture.cia402.error(0), None);
+    fixture.axis_mut(0).configure().unwrap();
+    fixture.until(1_000, |cia402| cia402.axis(0).unwrap().phase() == AxisPhase::Standby);
+    assert_eq!(fixture.axis(0).error(), None);
 }
 
 #[test]
@@ -461,21 +465,21 @@ fn blocked_motor_stops_targets_at_the_window() {
     let mut fixture = in_motion(1);
     fixture.strike(0, DriveFault::Blocked { for_ms: 2_000 });
     fixture.steps(400);
-    assert!(fixture.cia402.statistics(0).rejected_window > 0 || !fixture.cia402.is_running(0));
+    assert!(fixture.axis(0).statistics().rejected_window > 0 || !fixture.axis(0).is_running());
     fixture.check();
 }
 
 #[test]
 fn target_beyond_the_limits_is_rejected_with_its_reason() {
     let mut fixture = Fixture::single(vec![axis(0, 0, 1)]).started();
-    let at = fixture.cia402.target(0).unwrap();
-    fixture.cia402.set_target(0, at + 1_001).unwrap();
+    let at = fixture.axis(0).target().unwrap();
+    fixture.axis_mut(0).set_target(at + 1_001).unwrap();
     fixture.idle(5);
-    assert!(matches!(fixture.cia402.decision(0), Decision::Reject(_)));
-    assert_eq!(fixture.cia402.target(0), Some(at));
-    fixture.cia402.set_target(0, at + 1_000).unwrap();
+    assert!(matches!(fixture.axis(0).decision(), Decision::Reject(_)));
+    assert_eq!(fixture.axis(0).target(), Some(at));
+    fixture.axis_mut(0).set_target(at + 1_000).unwrap();
     fixture.idle(1);
-    assert_eq!(fixture.cia402.decision(0), Decision::Target(at + 1_000));
-    assert_eq!(fixture.cia402.statistics(0).rejected_step, 5);
+    assert_eq!(fixture.axis(0).decision(), Decision::Target(at + 1_000));
+    assert_eq!(fixture.axis(0).statistics().rejected_step, 5);
     fixture.check();
 }

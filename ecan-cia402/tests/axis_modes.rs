@@ -7,7 +7,7 @@ use crate::axes::{Fixture, axes, axis, with_quirk};
 use ecan_canopen::{DriveState, OperatingMode, SyncConfig, object};
 use ecan_cia402::{
     AxisConfig, AxisError, AxisPhase, Cia402, Cia402Config, CommandError, Decision, HomingConfig,
-    HomingState, LoadWarning, ScheduleError,
+    HomingState, LoadWarning, ScheduleError, StopKind,
 };
 use ecan_host::{AdapterConfig, DcSync};
 use ecan_mcan_port::NotSchedulable;
@@ -18,94 +18,94 @@ fn in_mode(mode: OperatingMode) -> Fixture {
 }
 
 fn finish(fixture: &mut Fixture) -> Result<(), ecan_cia402::Cia402Error> {
-    fixture.cia402.finish_all_timeout(&mut fixture.port, Duration::from_secs(60), |_| {})
+    fixture.cia402.blocking(&mut fixture.port, Duration::from_secs(60)).finish()
 }
 
 #[test]
 fn velocity_starts_and_ends_at_zero() {
     let mut fixture = in_mode(OperatingMode::CyclicVelocity);
-    assert_eq!(fixture.cia402.target(0), Some(0));
-    fixture.cia402.set_target(0, 2_000).unwrap();
+    assert_eq!(fixture.axis(0).target(), Some(0));
+    fixture.axis_mut(0).set_target(2_000).unwrap();
     fixture.idle(1);
-    assert!(matches!(fixture.cia402.decision(0), Decision::Reject(_)), "beyond the step limit");
-    let before = fixture.cia402.actual(0).unwrap();
+    assert!(matches!(fixture.axis(0).decision(), Decision::Reject(_)), "beyond the step limit");
+    let before = fixture.axis(0).actual().unwrap();
     for n in 1..=20 {
-        fixture.cia402.set_target(0, n * 1_000).unwrap();
+        fixture.axis_mut(0).set_target(n * 1_000).unwrap();
         fixture.idle(1);
-        assert_eq!(fixture.cia402.decision(0), Decision::Target(n * 1_000));
+        assert_eq!(fixture.axis(0).decision(), Decision::Target(n * 1_000));
     }
     fixture.idle(200);
-    assert!(fixture.cia402.actual(0).unwrap() > before + 5_000, "{:?}", fixture.cia402.actual(0));
-    fixture.cia402.halt(0).unwrap();
+    assert!(fixture.axis(0).actual().unwrap() > before + 5_000, "{:?}", fixture.axis(0).actual());
+    fixture.axis_mut(0).halt();
     fixture.idle(30);
-    assert_eq!(fixture.cia402.target(0), Some(0));
-    assert!(fixture.cia402.is_at_rest(0));
+    assert_eq!(fixture.axis(0).target(), Some(0));
+    assert!(fixture.axis(0).is_at_rest());
     fixture.idle(100);
     assert!(fixture.drive(0, |drive| drive.velocity()).abs() < 10.0);
-    assert_eq!(fixture.cia402.drive_state(0), Some(DriveState::OperationEnabled));
+    assert_eq!(fixture.axis(0).drive_state(), Some(DriveState::OperationEnabled));
 }
 
 #[test]
 fn holding_velocity_axis_is_stopped() {
     let mut fixture = in_mode(OperatingMode::CyclicVelocity);
     for n in 1..=20 {
-        fixture.cia402.set_target(0, n * 1_000).unwrap();
+        fixture.axis_mut(0).set_target(n * 1_000).unwrap();
         fixture.idle(1);
     }
     fixture.idle(100);
     fixture.inject(Fault::LostFrame { direction: ecan_sim::LossDirection::Outward, cycles: 6 });
     fixture.idle(300);
-    assert!(!fixture.cia402.is_running(0));
+    assert!(!fixture.axis(0).is_running());
     let (state, velocity) = fixture.drive(0, |drive| (drive.state(), drive.velocity()));
     assert_ne!(state, DriveState::OperationEnabled);
     assert!(velocity.abs() < 10.0, "{velocity}");
-    fixture.cia402.enable(0).unwrap();
+    fixture.axis_mut(0).enable().unwrap();
     fixture.until(2_000, Cia402::all_running);
-    assert_eq!(fixture.cia402.target(0), Some(0));
+    assert_eq!(fixture.axis(0).target(), Some(0));
 }
 
 #[test]
 fn torque_starts_at_zero() {
     let mut fixture = in_mode(OperatingMode::CyclicTorque);
-    assert_eq!(fixture.cia402.target(0), Some(0));
-    let before = fixture.cia402.actual(0).unwrap();
-    fixture.cia402.set_target(0, 300).unwrap();
+    assert_eq!(fixture.axis(0).target(), Some(0));
+    let before = fixture.axis(0).actual().unwrap();
+    fixture.axis_mut(0).set_target(300).unwrap();
     fixture.idle(200);
-    assert!(fixture.cia402.actual(0).unwrap() > before);
-    fixture.cia402.halt(0).unwrap();
+    assert!(fixture.axis(0).actual().unwrap() > before);
+    fixture.axis_mut(0).halt();
     fixture.idle(10);
-    assert_eq!(fixture.cia402.target(0), Some(0));
+    assert_eq!(fixture.axis(0).target(), Some(0));
 }
 
 #[test]
 fn profile_position_is_accepted_and_reached() {
     let mut fixture = in_mode(OperatingMode::ProfilePosition);
-    let from = fixture.cia402.actual(0).unwrap();
+    let from = fixture.axis(0).actual().unwrap();
     fixture.idle(100);
-    assert_eq!(fixture.cia402.actual(0), Some(from), "enabling moves nothing");
+    assert_eq!(fixture.axis(0).actual(), Some(from), "enabling moves nothing");
     for to in [from + 30_000, from - 10_000] {
-        fixture.cia402.set_target(0, to).unwrap();
+        fixture.axis_mut(0).set_target(to).unwrap();
         let mut cycles = 0;
-        while !fixture.cia402.is_target_reached(0) || fixture.cia402.target(0) != Some(to) {
+        while !fixture.axis(0).is_target_reached() || fixture.axis(0).target() != Some(to) {
             fixture.idle(1);
             cycles += 1;
-            assert!(cycles < 10_000, "{:?}", fixture.cia402.actual(0));
+            assert!(cycles < 10_000, "{:?}", fixture.axis(0).actual());
         }
-        assert!((fixture.cia402.actual(0).unwrap() - to).abs() < 50);
+        assert!((fixture.axis(0).actual().unwrap() - to).abs() < 50);
     }
 }
 
 #[test]
 fn profile_velocity_turns_and_halts() {
     let mut fixture = in_mode(OperatingMode::ProfileVelocity);
-    fixture.cia402.set_target(0, 50_000).unwrap();
+    fixture.axis_mut(0).set_target(50_000).unwrap();
     fixture.idle(1_000);
     let velocity = fixture.drive(0, |drive| drive.velocity());
     assert!((velocity - 50_000.0).abs() < 2_000.0, "{velocity}");
-    fixture.cia402.halt(0).unwrap();
+    fixture.axis_mut(0).halt();
     fixture.idle(1_000);
     assert!(fixture.drive(0, |drive| drive.velocity()).abs() < 10.0);
-    assert_eq!(fixture.cia402.drive_state(0), Some(DriveState::OperationEnabled));
+    assert_eq!(fixture.axis(0).drive_state(), Some(DriveState::OperationEnabled));
 }
 
 #[test]
@@ -113,21 +113,21 @@ fn halt_comes_to_rest_by_the_ramp_and_resume_goes_on() {
     let table = vec![axis(0, 0, 1).with_target_step(400)];
     let mut fixture = Fixture::single(table).started();
     fixture.steps(100);
-    fixture.cia402.halt(0).unwrap();
-    let mut last = fixture.cia402.target(0).unwrap();
+    fixture.axis_mut(0).halt();
+    let mut last = fixture.axis(0).target().unwrap();
     let mut step = i64::MAX;
-    while !fixture.cia402.is_at_rest(0) {
+    while !fixture.axis(0).is_at_rest() {
         fixture.step();
-        let target = fixture.cia402.target(0).unwrap();
+        let target = fixture.axis(0).target().unwrap();
         let made = i64::from(target - last);
         assert!(made < step && made >= 0, "{made} after {step}");
         (last, step) = (target, made);
     }
     fixture.steps(50);
-    assert_eq!(fixture.cia402.target(0), Some(last));
-    fixture.cia402.resume(0).unwrap();
+    assert_eq!(fixture.axis(0).target(), Some(last));
+    fixture.axis_mut(0).resume();
     fixture.steps(50);
-    assert!(fixture.cia402.target(0).unwrap() > last);
+    assert!(fixture.axis(0).target().unwrap() > last);
     fixture.check();
 }
 
@@ -136,20 +136,20 @@ fn mode_changes_at_rest_and_the_axis_continues() {
     let table = vec![axis(0, 0, 1).with_target_step(200)];
     let mut fixture = Fixture::single(table).started();
     fixture.steps(100);
-    fixture.cia402.change_mode(0, OperatingMode::ProfilePosition).unwrap();
-    assert_eq!(fixture.cia402.enable(0), Err(CommandError::Busy { axis: 0 }));
+    fixture.axis_mut(0).change_mode(OperatingMode::ProfilePosition).unwrap();
+    assert_eq!(fixture.axis_mut(0).enable(), Err(CommandError::Busy { axis: 0 }));
     finish(&mut fixture).unwrap();
-    assert_eq!(fixture.cia402.mode(0), Some(OperatingMode::ProfilePosition));
-    assert!(fixture.cia402.is_running(0));
-    let at = fixture.cia402.actual(0).unwrap();
-    fixture.cia402.set_target(0, at + 20_000).unwrap();
+    assert_eq!(fixture.axis(0).mode(), OperatingMode::ProfilePosition);
+    assert!(fixture.axis(0).is_running());
+    let at = fixture.axis(0).actual().unwrap();
+    fixture.axis_mut(0).set_target(at + 20_000).unwrap();
     fixture.idle(3_000);
-    assert!(fixture.cia402.is_target_reached(0));
-    fixture.cia402.change_mode(0, OperatingMode::CyclicPosition).unwrap();
+    assert!(fixture.axis(0).is_target_reached());
+    fixture.axis_mut(0).change_mode(OperatingMode::CyclicPosition).unwrap();
     finish(&mut fixture).unwrap();
     fixture.steps(50);
-    assert!(fixture.cia402.is_running(0));
-    let rejected = fixture.cia402.change_mode(0, OperatingMode::CyclicVelocity);
+    assert!(fixture.axis(0).is_running());
+    let rejected = fixture.axis_mut(0).change_mode(OperatingMode::CyclicVelocity);
     assert!(matches!(rejected, Err(CommandError::ModeNotMapped { axis: 0, .. })), "{rejected:?}");
     // A set-point of PP is far by its nature; those of CSP before and behind it are not.
     let firsts: Vec<_> =
@@ -162,12 +162,12 @@ fn mode_changes_at_rest_and_the_axis_continues() {
 fn rejected_mode_keeps_the_old_one_and_disables() {
     let scenario = with_quirk(1, 1, |quirks| quirks.ignored_modes = vec![1]);
     let mut fixture = Fixture::with(scenario, vec![axis(0, 0, 1)]).started();
-    fixture.cia402.change_mode(0, OperatingMode::ProfilePosition).unwrap();
+    fixture.axis_mut(0).change_mode(OperatingMode::ProfilePosition).unwrap();
     let text = finish(&mut fixture).unwrap_err().to_string();
     assert!(text.contains("mode PP"), "{text}");
-    assert_eq!(fixture.cia402.mode(0), Some(OperatingMode::CyclicPosition));
-    assert_eq!(fixture.cia402.drive_state(0), Some(DriveState::SwitchOnDisabled));
-    fixture.cia402.enable(0).unwrap();
+    assert_eq!(fixture.axis(0).mode(), OperatingMode::CyclicPosition);
+    assert_eq!(fixture.axis(0).drive_state(), Some(DriveState::SwitchOnDisabled));
+    fixture.axis_mut(0).enable().unwrap();
     fixture.until(1_000, Cia402::all_running);
     fixture.check();
 }
@@ -176,12 +176,12 @@ fn rejected_mode_keeps_the_old_one_and_disables() {
 fn homing_finds_its_place_and_the_axis_is_taken_up_there() {
     for method in [35, 37, 19, 33] {
         let mut fixture = Fixture::single(vec![axis(0, 0, 1)]).started();
-        fixture.cia402.home(0, HomingConfig::new(method)).unwrap();
+        fixture.axis_mut(0).home(HomingConfig::new(method)).unwrap();
         finish(&mut fixture).unwrap_or_else(|error| panic!("method {method}: {error}"));
-        assert!(fixture.cia402.is_running(0), "as before");
-        assert_eq!(fixture.cia402.mode(0), Some(OperatingMode::CyclicPosition));
+        assert!(fixture.axis(0).is_running(), "as before");
+        assert_eq!(fixture.axis(0).mode(), OperatingMode::CyclicPosition);
         let (target, actual) =
-            (fixture.cia402.target(0).unwrap(), fixture.cia402.actual(0).unwrap());
+            (fixture.axis(0).target().unwrap(), fixture.axis(0).actual().unwrap());
         assert!((target - actual).abs() < 50, "method {method}: {target} {actual}");
         let before = fixture.drive(0, |drive| drive.mechanical_position());
         fixture.idle(100);
@@ -197,9 +197,9 @@ fn homing_timeout_disables_the_drive() {
     let switch_speed = Some(100);
     const LIMIT: Duration = Duration::from_millis(300);
     let settings = HomingConfig { timeout: LIMIT, switch_speed, ..HomingConfig::new(19) };
-    fixture.cia402.home(0, settings).unwrap();
+    fixture.axis_mut(0).home(settings).unwrap();
     assert!(finish(&mut fixture).is_err());
-    let error = fixture.cia402.error(0);
+    let error = fixture.axis(0).error();
     assert!(
         matches!(
             error,
@@ -208,20 +208,20 @@ fn homing_timeout_disables_the_drive() {
         ),
         "{error:?}"
     );
-    assert_eq!(fixture.cia402.drive_state(0), Some(DriveState::SwitchOnDisabled));
-    assert_eq!(fixture.cia402.mode(0), Some(OperatingMode::CyclicPosition));
+    assert_eq!(fixture.axis(0).drive_state(), Some(DriveState::SwitchOnDisabled));
+    assert_eq!(fixture.axis(0).mode(), OperatingMode::CyclicPosition);
     fixture.check();
 }
 
 #[test]
 fn fault_during_homing_is_reported() {
     let mut fixture = Fixture::single(vec![axis(0, 0, 1)]).started();
-    fixture.cia402.home(0, HomingConfig::new(19)).unwrap();
-    fixture.until(2_000, |cia402| matches!(cia402.phase(0), Some(AxisPhase::Homing(_))));
+    fixture.axis_mut(0).home(HomingConfig::new(19)).unwrap();
+    fixture.until(2_000, |cia402| matches!(cia402.axis(0).unwrap().phase(), AxisPhase::Homing(_)));
     fixture.strike(0, DriveFault::Error { code: 0x7320 });
     assert!(finish(&mut fixture).is_err());
-    assert_eq!(fixture.cia402.error(0), Some(AxisError::Fault { error_code: 0x7320 }));
-    assert_eq!(fixture.cia402.mode(0), Some(OperatingMode::CyclicPosition));
+    assert_eq!(fixture.axis(0).error(), Some(AxisError::Fault { error_code: 0x7320 }));
+    assert_eq!(fixture.axis(0).mode(), OperatingMode::CyclicPosition);
     fixture.check();
 }
 
@@ -231,10 +231,18 @@ fn hold_ends_a_mode_change_and_homing() {
     use OperatingMode::{CyclicPosition, ProfilePosition};
     type Command = fn(&mut Cia402) -> Result<(), CommandError>;
     let commands: [(&str, OperatingMode, Command); 4] = [
-        ("PP to CSP", ProfilePosition, |axes| axes.change_mode(0, CyclicPosition)),
-        ("CSP to PP", CyclicPosition, |axes| axes.change_mode(0, ProfilePosition)),
-        ("homing in PP", ProfilePosition, |axes| axes.home(0, HomingConfig::new(35))),
-        ("homing in CSP", CyclicPosition, |axes| axes.home(0, HomingConfig::new(35))),
+        ("PP to CSP", ProfilePosition, |axes| {
+            axes.axis_mut(0).unwrap().change_mode(CyclicPosition)
+        }),
+        ("CSP to PP", CyclicPosition, |axes| {
+            axes.axis_mut(0).unwrap().change_mode(ProfilePosition)
+        }),
+        ("homing in PP", ProfilePosition, |axes| {
+            axes.axis_mut(0).unwrap().home(HomingConfig::new(35))
+        }),
+        ("homing in CSP", CyclicPosition, |axes| {
+            axes.axis_mut(0).unwrap().home(HomingConfig::new(35))
+        }),
     ];
     for (name, mode, command) in commands {
         for (cycles, auto_resume) in [(0, false), (1, false), (1, true), (2, false), (3, false)] {
@@ -243,8 +251,8 @@ fn hold_ends_a_mode_change_and_homing() {
             config.auto_resume = auto_resume;
             let mut fixture = Fixture::single(vec![config]).started();
             if mode == ProfilePosition {
-                let at = fixture.cia402.actual(0).unwrap();
-                fixture.cia402.set_target(0, at + 500_000).unwrap();
+                let at = fixture.axis(0).actual().unwrap();
+                fixture.axis_mut(0).set_target(at + 500_000).unwrap();
             }
             fixture.steps(100);
             command(&mut fixture.cia402).unwrap();
@@ -258,12 +266,12 @@ fn hold_ends_a_mode_change_and_homing() {
                 assert_ne!(state, DriveState::OperationEnabled, "{name}");
             }
             assert!(fixture.port.is_ready(), "{name}");
-            assert_eq!(fixture.cia402.mode(0), Some(mode), "{name}");
-            let error = fixture.cia402.error(0);
+            assert_eq!(fixture.axis(0).mode(), mode, "{name}");
+            let error = fixture.axis(0).error();
             let is_named =
                 matches!(error, Some(AxisError::Held(_) | AxisError::NotDisabled { .. }));
             assert!(is_named, "{name}: {error:?}");
-            fixture.cia402.enable(0).unwrap();
+            fixture.axis_mut(0).enable().unwrap();
             fixture.until(1_000, Cia402::all_running);
         }
     }
@@ -274,8 +282,9 @@ fn hold_ends_a_mode_change_and_homing() {
 fn mode_before_is_restored_after_a_stop() {
     const MODE: OperatingMode = OperatingMode::CyclicPosition;
     type Command = fn(&mut Cia402) -> Result<(), CommandError>;
-    let home: Command = |cia402| cia402.home(0, HomingConfig::new(35));
-    let change: Command = |cia402| cia402.change_mode(0, OperatingMode::ProfilePosition);
+    let home: Command = |cia402| cia402.axis_mut(0).unwrap().home(HomingConfig::new(35));
+    let change: Command =
+        |cia402| cia402.axis_mut(0).unwrap().change_mode(OperatingMode::ProfilePosition);
     for (name, command) in [("homing", home), ("mode change", change)] {
         let mut modes = Vec::new();
         for cycles in 0.. {
@@ -283,10 +292,8 @@ fn mode_before_is_restored_after_a_stop() {
             command(&mut fixture.cia402).unwrap();
             fixture.idle(cycles);
             if !matches!(
-                fixture.cia402.phase(0),
-                Some(
-                    AxisPhase::ChangingMode(_) | AxisPhase::PreparingHoming | AxisPhase::Homing(_)
-                )
+                fixture.axis(0).phase(),
+                AxisPhase::ChangingMode(_) | AxisPhase::PreparingHoming | AxisPhase::Homing(_)
             ) && cycles > 0
             {
                 break;
@@ -295,16 +302,16 @@ fn mode_before_is_restored_after_a_stop() {
             let displayed =
                 |fixture: &Fixture| fixture.drive(0, |drive| drive.object(object::MODE_DISPLAY, 0));
             modes.push(displayed(&fixture));
-            fixture.cia402.quick_stop(0).unwrap();
+            fixture.axis_mut(0).stop(StopKind::QuickStop);
             fixture.until(200, Cia402::all_stopped);
-            fixture.cia402.enable(0).unwrap();
+            fixture.axis_mut(0).enable().unwrap();
             fixture.until(500, Cia402::all_running);
-            assert_eq!(fixture.cia402.mode(0), Some(MODE), "{name}");
+            assert_eq!(fixture.axis(0).mode(), MODE, "{name}");
             assert_eq!(displayed(&fixture), Some(MODE.raw().into()), "{name}");
-            let at = fixture.cia402.target(0).unwrap();
-            fixture.cia402.set_target(0, at + 50).unwrap();
+            let at = fixture.axis(0).target().unwrap();
+            fixture.axis_mut(0).set_target(at + 50).unwrap();
             fixture.idle(5);
-            assert_eq!(fixture.cia402.target(0), Some(at + 50), "{name}");
+            assert_eq!(fixture.axis(0).target(), Some(at + 50), "{name}");
             fixture.check();
         }
         modes.dedup();
@@ -325,11 +332,13 @@ fn drive_with_an_old_target_does_not_jump() {
     let mut fixture = Fixture::with(scenario, table).started();
     fixture.steps(200);
     for _ in 0..3 {
-        fixture.cia402.halt(0).unwrap();
-        fixture.until(100, |cia402| cia402.is_at_rest(0));
-        fixture.cia402.disable(0).unwrap();
-        fixture.until(500, |cia402| cia402.drive_state(0) == Some(DriveState::SwitchOnDisabled));
-        fixture.cia402.enable(0).unwrap();
+        fixture.axis_mut(0).halt();
+        fixture.until(100, |cia402| cia402.axis(0).unwrap().is_at_rest());
+        fixture.axis_mut(0).stop(StopKind::Disable);
+        fixture.until(500, |cia402| {
+            cia402.axis(0).unwrap().drive_state() == Some(DriveState::SwitchOnDisabled)
+        });
+        fixture.axis_mut(0).enable().unwrap();
         fixture.until(500, Cia402::all_running);
         let before = fixture.drive(0, |drive| drive.mechanical_position());
         fixture.idle(50);
@@ -363,7 +372,7 @@ fn targets_and_sync_go_out_at_their_phases() {
         fixture.start();
         fixture.steps(500);
         assert!(fixture.cia402.all_running(), "{target:?} {sync:?}");
-        let statistics = fixture.cia402.statistics(0);
+        let statistics = fixture.axis(0).statistics();
         assert_eq!((statistics.holds, statistics.lost_tpdos), (0, 0), "{target:?} {sync:?}");
         fixture.check();
         let while_running = fixture.cia402.set_scheduled_tx(&fixture.port, None, None);
@@ -392,9 +401,9 @@ fn fewer_targets_than_cycles_are_a_matter_of_division() {
     fixture.start();
     // The first target may be less than a period before the next target cycle, which then is left out.
     fixture.steps(8);
-    let before = fixture.cia402.statistics(0).targets_sent;
+    let before = fixture.axis(0).statistics().targets_sent;
     fixture.steps(400);
-    let sent = fixture.cia402.statistics(0).targets_sent - before;
+    let sent = fixture.axis(0).statistics().targets_sent - before;
     assert_eq!(sent, 100);
     fixture.check();
 }
@@ -408,7 +417,7 @@ fn sync_may_come_in_every_other_cycle() {
     fixture.start();
     fixture.steps(1_000);
     assert!(fixture.cia402.all_running());
-    assert_eq!(fixture.cia402.statistics(3).lost_tpdos, 0);
+    assert_eq!(fixture.axis(3).statistics().lost_tpdos, 0);
     fixture.check();
 }
 
@@ -425,7 +434,7 @@ fn four_axes_fit_2_ms_and_not_1_ms() {
         fixture.start();
         fixture.steps(3_000);
         for n in 0..4 {
-            let statistics = fixture.cia402.statistics(n);
+            let statistics = fixture.axis(n).statistics();
             assert_eq!((statistics.holds, statistics.lost_tpdos), (0, 0), "axis {n} at {cycle_us}");
         }
         fixture.check();
@@ -439,7 +448,7 @@ fn sixteen_axes_on_four_channels_run_at_one_kilohertz() {
     fixture.steps(1_000);
     assert!(fixture.cia402.all_running());
     for n in 0..16 {
-        let statistics = fixture.cia402.statistics(n);
+        let statistics = fixture.axis(n).statistics();
         assert_eq!((statistics.holds, statistics.lost_tpdos), (0, 0), "axis {n}");
     }
     fixture.check();

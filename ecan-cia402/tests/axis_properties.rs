@@ -5,7 +5,8 @@
 use crate::axes::{Fixture, axes, scenario};
 use ecan_canopen::{DriveState, OperatingMode};
 use ecan_cia402::{
-    AxisConfig, AxisPhase, FeedForward, FeedForwardLimits, InputObject, OutputObject,
+    AxisCommand, AxisConfig, AxisPhase, AxisRef, FeedForward, FeedForwardLimits, InputObject,
+    OutputObject, StopKind, Target,
 };
 use ecan_sim::{DriveFault, Fault, GatewayFault, LossDirection};
 use proptest::prelude::*;
@@ -79,11 +80,11 @@ fn strike(fixture: &mut Fixture, event: &Event) {
             fixture.inject(Fault::ErrorFrames { gateway: 0, channel: 0, frames });
         }
         Event::Silent(n, for_ms) => {
-            let node = fixture.cia402.config(n).unwrap().address.node;
+            let node = fixture.axis(n).config().address.node;
             fixture.inject(Fault::NodeSilent { node: format!("drive 0.0/{node}"), for_ms });
         }
         Event::DriveError(n) => {
-            let axis = fixture.cia402.config(n).unwrap().node_axis;
+            let axis = fixture.axis(n).config().node_axis;
             fixture.strike(n, DriveFault::AxisError { axis, code: 0x2310 });
         }
         Event::DrivePower(n, off_ms) => fixture.strike(n, DriveFault::PowerCycle { off_ms }),
@@ -96,17 +97,16 @@ fn strike(fixture: &mut Fixture, event: &Event) {
         Event::Skip(cycles, sends) => fixture.skip(cycles, sends),
         _ => {}
     }
-    let cia402 = &mut fixture.cia402;
     // A command that is rejected is one more thing that can happen.
     let _ = match *event {
-        Event::Enable(n) => cia402.enable(n),
-        Event::Disable(n) => cia402.disable(n),
-        Event::QuickStop(n) => cia402.quick_stop(n),
-        Event::Halt(n) => cia402.halt(n),
-        Event::Resume(n) => cia402.resume(n),
-        Event::Reset(n) => cia402.reset_fault(n),
-        Event::Turn(n) => cia402.set_target_step(n, -STEP),
-        Event::FarTarget(n, to) => cia402.set_target(n, to),
+        Event::Enable(n) => fixture.axis_mut(n).enable(),
+        Event::Disable(n) => fixture.axis_mut(n).command(AxisCommand::Stop(StopKind::Disable)),
+        Event::QuickStop(n) => fixture.axis_mut(n).command(AxisCommand::Stop(StopKind::QuickStop)),
+        Event::Halt(n) => fixture.axis_mut(n).command(AxisCommand::Halt),
+        Event::Resume(n) => fixture.axis_mut(n).command(AxisCommand::Resume),
+        Event::Reset(n) => fixture.axis_mut(n).reset_fault(),
+        Event::Turn(n) => fixture.axis_mut(n).command(AxisCommand::TargetStep(-STEP)),
+        Event::FarTarget(n, to) => fixture.axis_mut(n).set_target(to),
         _ => Ok(()),
     };
 }
@@ -115,12 +115,12 @@ fn strike(fixture: &mut Fixture, event: &Event) {
 /// is given again later.
 fn operate(fixture: &mut Fixture) {
     for n in 0..AXES {
-        let _ = match fixture.cia402.phase(n) {
-            Some(AxisPhase::NotConfigured | AxisPhase::SetupFailed) => fixture.cia402.configure(n),
-            Some(AxisPhase::Halted) => fixture.cia402.resume(n),
-            Some(AxisPhase::Fault) => fixture.cia402.reset_fault(n),
-            Some(AxisPhase::Standby | AxisPhase::Holding(_) | AxisPhase::Stopped(_)) => {
-                fixture.cia402.enable(n)
+        let _ = match fixture.axis(n).phase() {
+            AxisPhase::NotConfigured | AxisPhase::SetupFailed => fixture.axis_mut(n).configure(),
+            AxisPhase::Halted => fixture.axis_mut(n).command(AxisCommand::Resume),
+            AxisPhase::Fault => fixture.axis_mut(n).reset_fault(),
+            AxisPhase::Standby | AxisPhase::Holding(_) | AxisPhase::Stopped(_) => {
+                fixture.axis_mut(n).enable()
             }
             _ => Ok(()),
         };
@@ -167,9 +167,11 @@ fn travel(fixture: &mut Fixture, forwards: &[FeedForward], nth: usize) {
     fixture.cycle_with(|cia402, cycle| {
         for n in 0..AXES {
             let forward = forwards[(nth + n) % forwards.len()];
-            let step = cia402.config(n).map_or(0, |axis| axis.target_step);
-            if let Some(target) = cia402.target(n) {
-                let _ = cia402.set_target_with(n, target.saturating_add(step), forward);
+            let step = cia402.axis(n).unwrap().config().target_step;
+            if let Some(target) = cia402.axis(n).unwrap().target() {
+                let _ = cia402.axis_mut(n).unwrap().set_target(
+                    Target::from(target.saturating_add(step)).with_feed_forward(forward),
+                );
             }
         }
         cia402.send_targets_all(cycle);
@@ -212,7 +214,12 @@ fn run(
         sound > 400,
         "gateway {}, {:#?}",
         fixture.session(),
-        fixture.cia402.progress_all().map(|axis| axis.to_string()).collect::<Vec<_>>()
+        fixture
+            .cia402
+            .axes()
+            .map(AxisRef::progress)
+            .map(|axis| axis.to_string())
+            .collect::<Vec<_>>()
     );
     for n in 0..AXES {
         let state = fixture.drive_axis(n, |drive| drive.state());
@@ -254,7 +261,7 @@ proptest! {
             let sums = fixture.drive(n, |drive| *drive.targets().sums());
             let (velocity, torque) = sums.largest_offsets;
             let (velocity_change, torque_change) = sums.largest_offset_changes;
-            let limits = fixture.cia402.config(n).map(|axis| axis.feed_forward).unwrap();
+            let limits = fixture.axis(n).config().feed_forward;
             prop_assert!(velocity <= limits.velocity && torque <= limits.torque.into(), "{:?}", sums);
             // A frame that is lost on the path makes two changes one.
             prop_assert!(velocity_change <= 2 * limits.velocity_change, "{:?}", sums);

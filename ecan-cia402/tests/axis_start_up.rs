@@ -19,12 +19,12 @@ fn enabling_does_not_move_the_axis() {
     let mut fixture = Fixture::single(vec![axis(0, 0, 1)]).started();
     let before = fixture.drive(0, |drive| drive.mechanical_position());
     fixture.idle(500);
-    assert_eq!(fixture.cia402.drive_state(0), Some(DriveState::OperationEnabled));
-    assert_eq!(fixture.cia402.phase(0), Some(AxisPhase::Running));
+    assert_eq!(fixture.axis(0).drive_state(), Some(DriveState::OperationEnabled));
+    assert_eq!(fixture.axis(0).phase(), AxisPhase::Running);
     let after = fixture.drive(0, |drive| drive.mechanical_position());
     assert!((after - before).abs() < 0.5, "from {before} to {after}");
     fixture.check();
-    let statistics = fixture.cia402.statistics(0);
+    let statistics = fixture.axis(0).statistics();
     assert_eq!((statistics.activations, statistics.lost_tpdos, statistics.holds), (1, 0, 0));
 }
 
@@ -32,14 +32,14 @@ fn enabling_does_not_move_the_axis() {
 fn four_axes_follow_their_steps() {
     let table = axes(4).into_iter().map(|axis| axis.with_target_step(100)).collect();
     let mut fixture = Fixture::single(table).started();
-    let before: Vec<_> = (0..4).map(|n| fixture.cia402.actual(n).unwrap()).collect();
+    let before: Vec<_> = (0..4).map(|n| fixture.axis(n).actual().unwrap()).collect();
     fixture.steps(500);
     for (n, before) in before.into_iter().enumerate() {
         let (target, actual) =
-            (fixture.cia402.target(n).unwrap(), fixture.cia402.actual(n).unwrap());
+            (fixture.axis(n).target().unwrap(), fixture.axis(n).actual().unwrap());
         assert!(target - before > 48_000, "axis {n} from {before} to {target}");
         assert!((target - actual).abs() < 1_000, "axis {n} at {actual} for {target}");
-        let statistics = fixture.cia402.statistics(n);
+        let statistics = fixture.axis(n).statistics();
         assert_eq!((statistics.lost_tpdos, statistics.holds, statistics.waits), (0, 0, 0));
     }
     fixture.check();
@@ -58,7 +58,7 @@ fn axes_follow_their_steps_when_images_are_published_after_a_read() {
     let mut fixture = Fixture::open(scenario, adapter, table).started();
     fixture.steps(500);
     for n in 0..10 {
-        let statistics = fixture.cia402.statistics(n);
+        let statistics = fixture.axis(n).statistics();
         assert_eq!((statistics.lost_tpdos, statistics.holds), (0, 0), "axis {n}");
     }
     fixture.check();
@@ -69,7 +69,7 @@ fn shutdown_leaves_drives_at_rest_without_fault() {
     let table = axes(4).into_iter().map(|axis| axis.with_target_step(200)).collect();
     let mut fixture = Fixture::single(table).started();
     fixture.steps(200);
-    let ended = fixture.cia402.shutdown_timeout(&mut fixture.port, Duration::from_secs(10), |_| {});
+    let ended = fixture.cia402.blocking(&mut fixture.port, Duration::from_secs(10)).shut_down();
     ended.unwrap_or_else(|error| panic!("{error}"));
     assert_eq!(fixture.cia402.shutdown_state(), Shutdown::Done);
     fixture.check();

@@ -23,16 +23,16 @@ fn limits_are_written_read_back_and_in_force() {
     assert_eq!(value(object::MAX_TORQUE, 0), Some(1_500));
     assert_eq!(value(object::MAX_MOTOR_SPEED, 0), Some(120));
     assert_eq!(value(object::SOFTWARE_POSITION_LIMIT, 1), Some(-30_000));
-    let limits = fixture.cia402.drive_limits(0).unwrap();
+    let limits = fixture.axis(0).drive().limits.unwrap();
     assert_eq!((limits.max_torque, limits.max_motor_speed), (Some(1_500), Some(120)));
     assert_eq!(limits.position, Some((-30_000, 40_000)));
     // Two revolutions per second in 2 ms.
-    assert_eq!(fixture.cia402.guard(0).unwrap().limits().step, 262);
-    let target = fixture.cia402.target(0).unwrap();
+    assert_eq!(fixture.axis(0).guard().limits().step, 262);
+    let target = fixture.axis(0).target().unwrap();
     for (step, is_allowed) in [(263, false), (262, true)] {
-        fixture.cia402.set_target(0, target + step).unwrap();
+        fixture.axis_mut(0).set_target(target + step).unwrap();
         fixture.idle(1);
-        let decision = fixture.cia402.decision(0);
+        let decision = fixture.axis(0).decision();
         assert_eq!(matches!(decision, Decision::Target(_)), is_allowed, "{decision:?}");
     }
     fixture.check();
@@ -45,8 +45,8 @@ fn limits_of_the_drive_narrow_those_of_the_axis() {
     config.bounds = Some((-5_000, 200));
     let fixture = fixture(config);
     // 0x6072 of the simulated drive is 3000.
-    assert_eq!(fixture.cia402.guard(0).unwrap().limits().bounds, Some((-3_000, 200)));
-    assert_eq!(fixture.cia402.config(0).unwrap().bounds, Some((-5_000, 200)));
+    assert_eq!(fixture.axis(0).guard().limits().bounds, Some((-3_000, 200)));
+    assert_eq!(fixture.axis(0).config().bounds, Some((-5_000, 200)));
 }
 
 #[test]
@@ -55,9 +55,9 @@ fn limit_that_the_drive_does_not_have_fails_the_configuration() {
     config.drive.max_motor_speed = Some(100);
     let scenario = scenario(1, |drive| drive.quirks.missing.push(object::MAX_MOTOR_SPEED));
     let mut fixture = Fixture::with(scenario, vec![config]);
-    fixture.cia402.configure(0).unwrap();
+    fixture.axis_mut(0).configure().unwrap();
     fixture.idle(500);
-    let error = fixture.cia402.error(0).unwrap();
+    let error = fixture.axis(0).error().unwrap();
     assert!(matches!(error, AxisError::Setup(_)), "{error}");
     assert!(error.to_string().contains("0x6080"), "{error}");
 }
@@ -68,16 +68,29 @@ fn different_scale_is_reported() {
     config.scale_source = ScaleSource::Checked;
     config.scale = ecan_cia402::Scale::steps_per_turn(-65_536.0).with_velocity_units(65_536.0);
     let same = fixture(config.clone());
-    assert_eq!(same.cia402.scale_finding(0), None);
-    assert_eq!(same.cia402.drive_units(0).unwrap().steps_per_turn(), Some(65_536.0));
+    assert_eq!(same.cia402.axis(0).unwrap().drive().scale_finding, None);
+    assert_eq!(
+        same.cia402.axis(0).unwrap().drive().units.unwrap().steps_per_turn(),
+        Some(65_536.0)
+    );
     config.scale = ecan_cia402::Scale::steps_per_turn(360.0);
     let other = fixture(config);
     let expected = ScaleFinding::StepsPerTurn { configured: 360.0, drive: 65_536.0 };
-    assert_eq!(other.cia402.scale_finding(0), Some(expected));
-    assert_eq!(other.cia402.config(0).unwrap().scale.steps(), 360.0, "the configuration counts");
+    assert_eq!(other.cia402.axis(0).unwrap().drive().scale_finding, Some(expected));
+    assert_eq!(
+        other.cia402.axis(0).unwrap().config().scale.steps(),
+        360.0,
+        "the configuration counts"
+    );
     // A table without the choice reads nothing.
     let plain = fixture(axis(0, 0, 1));
-    assert_eq!((plain.cia402.drive_units(0), plain.cia402.scale_finding(0)), (None, None));
+    assert_eq!(
+        (
+            plain.cia402.axis(0).unwrap().drive().units,
+            plain.cia402.axis(0).unwrap().drive().scale_finding
+        ),
+        (None, None)
+    );
 }
 
 #[test]
@@ -89,20 +102,20 @@ fn scale_of_the_drive_is_used_where_chosen() {
     let observer = fixture.port.adapter().observer();
     let mut snapshot = observer.snapshot();
     fixture.idle(2);
-    let scale = fixture.cia402.config(0).unwrap().scale;
+    let scale = fixture.axis(0).config().scale;
     assert_eq!((scale.steps(), scale.velocity_units()), (65_536.0, Some(65_536.0)));
-    let actual = fixture.cia402.actual(0).unwrap();
+    let actual = fixture.axis(0).actual().unwrap();
     let degrees = f64::from(actual - 1_000) / 65_536.0 * 360.0;
-    assert_eq!(fixture.cia402.actual_degrees(0), Some(degrees));
+    assert_eq!(fixture.axis(0).status().actual_degrees(), Some(degrees));
     snapshot.update().unwrap();
     let status = AxesSnapshot::of(&snapshot).unwrap().axis(0).unwrap();
     assert_eq!(status.actual_degrees(), Some(degrees));
     // A drive without encoder resolution.
     let scenario = scenario(1, |drive| drive.quirks.missing.push(object::ENCODER_RESOLUTION));
     let mut without = Fixture::with(scenario, vec![config.clone()]);
-    without.cia402.configure(0).unwrap();
+    without.cia402.axis_mut(0).unwrap().configure().unwrap();
     without.idle(500);
-    let error = without.cia402.error(0).unwrap();
+    let error = without.cia402.axis(0).unwrap().error().unwrap();
     assert!(error.to_string().contains("0x608F"), "{error}");
     config.limits.velocity = Some(1.0);
     let mut faults = Vec::new();

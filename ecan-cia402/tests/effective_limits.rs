@@ -9,7 +9,7 @@ use crate::support::limits::{
     MS, MotorWatch, Random, STEP, adapter, at_limit, config, fixture, largest_step,
 };
 use ecan_canopen::{DriveState, OperatingMode, object};
-use ecan_cia402::{AxisPhase, Cia402, Cia402Config, Decision, WaitReason};
+use ecan_cia402::{AxisCommand, AxisPhase, Cia402, Cia402Config, Decision, StopKind, WaitReason};
 use ecan_host::DcSync;
 use ecan_mcan_port::{Cycle, SendOptions};
 use ecan_protocol::can::{CanFrame, CanId};
@@ -22,14 +22,17 @@ fn cycle_without_process_rx_sends_no_target() {
     let mut fixture = fixture(2_000, at_limit(1), config(1, 1));
     fixture.start();
     fixture.steps(100);
-    let sent = fixture.cia402.statistics(0).targets_sent;
+    let sent = fixture.axis(0).statistics().targets_sent;
     for _ in 0..5 {
         let mut cycle = fixture.port.next_cycle();
         let summary = fixture.cia402.send_target_step(&mut cycle);
         assert_eq!((summary.targets, summary.waiting), (0, 1));
-        assert_eq!(fixture.cia402.decision(0), Decision::Wait(WaitReason::NotReceived));
+        assert_eq!(
+            fixture.cia402.axis(0).unwrap().decision(),
+            Decision::Wait(WaitReason::NotReceived)
+        );
     }
-    assert_eq!(fixture.cia402.statistics(0).targets_sent, sent);
+    assert_eq!(fixture.axis(0).statistics().targets_sent, sent);
 }
 
 /// A frame of the application is repeated, so that the SYNC of a target waits. The next target must
@@ -88,7 +91,7 @@ fn skipped_calls_keep_the_step_limit() {
             }
             drop(cycle);
             if !fixture.cia402.all_running() && draw(50) == 0 {
-                let _ = fixture.cia402.enable_all();
+                let _ = fixture.cia402.command_all(AxisCommand::Enable);
             }
         }
         for axis in 0..2 {
@@ -262,9 +265,9 @@ fn combined_faults_release_few_targets_together() {
 fn restart(fixture: &mut Fixture) {
     for _ in 0..2_000 {
         for axis in 0..fixture.cia402.axis_count() {
-            let _ = match fixture.cia402.phase(axis) {
-                Some(AxisPhase::Fault) => fixture.cia402.reset_fault(axis),
-                Some(AxisPhase::Standby | AxisPhase::Holding(_)) => fixture.cia402.enable(axis),
+            let _ = match fixture.axis(axis).phase() {
+                AxisPhase::Fault => fixture.axis_mut(axis).reset_fault(),
+                AxisPhase::Standby | AxisPhase::Holding(_) => fixture.axis_mut(axis).enable(),
                 _ => Ok(()),
             };
         }
@@ -310,7 +313,7 @@ fn stop_on_an_occupied_bus_follows_the_waiting_targets() {
         let free_ns = fixture.now_ns() + ms * MS;
         let node = occupy_bus(&fixture, ms);
         fixture.steps(4);
-        fixture.cia402.quick_stop_all();
+        fixture.cia402.command_all(AxisCommand::Stop(StopKind::QuickStop)).unwrap();
         fixture.idle(60);
         drop(node);
         let stopped = |drive: &ecan_sim::Drive| {
@@ -329,8 +332,8 @@ fn stop_on_an_occupied_bus_follows_the_waiting_targets() {
 /// Each target is a step limit above the last one sent.
 fn accelerate(fixture: &mut Fixture, cycles: usize) {
     for _ in 0..cycles {
-        if let Some(target) = fixture.cia402.target(0) {
-            fixture.cia402.set_target(0, target + STEP as i32).unwrap();
+        if let Some(target) = fixture.axis(0).target() {
+            fixture.axis_mut(0).set_target(target + STEP as i32).unwrap();
         }
         fixture.cycle_with(|cia402, cycle| cia402.send_targets_all(cycle));
     }
@@ -387,7 +390,7 @@ fn time_lost_inside_a_cycle_adds_no_scheduled_target() {
                     simulation.pass_ns(lost_us * 1_000);
                 });
                 fixture.steps(20);
-                let _ = fixture.cia402.recover_all();
+                let _ = fixture.cia402.command_all(AxisCommand::Recover);
                 fixture.steps(400);
             }
             let case = format!("{phases:?} {lost_us} us");
@@ -428,16 +431,18 @@ fn first_target_after_a_hold_is_the_position_when_it_takes_effect() {
         for phase in 0..12 {
             let mut fixture = scheduled(1_000, phases, config(1, every_cycles));
             fixture.inject(Fault::LostFrame { direction: LossDirection::Return, cycles: 5 });
-            fixture.until(40, |cia402| matches!(cia402.phase(0), Some(AxisPhase::Holding(_))));
+            fixture.until(40, |cia402| {
+                matches!(cia402.axis(0).unwrap().phase(), AxisPhase::Holding(_))
+            });
             fixture.steps(phase);
-            fixture.cia402.enable(0).unwrap();
-            fixture.until(500, |cia402| cia402.is_running(0));
+            fixture.axis_mut(0).enable().unwrap();
+            fixture.until(500, |cia402| cia402.axis(0).unwrap().is_running());
             // The first target was sent in the last cycle; those before the hold have left the gateway.
             let from_ns = fixture.now_ns();
             fixture.steps(20);
             let history = fixture.history(0);
             let first = history.iter().find(|record| record.time_ns > from_ns).unwrap();
-            let most = 2 * fixture.cia402.config(0).unwrap().standstill;
+            let most = 2 * fixture.axis(0).config().standstill;
             let case = format!("SYNC every {every_cycles} cycles, {phases:?}, cycle {phase}");
             assert!(first.offset() <= most, "{case}: {}", first.offset());
         }
@@ -459,7 +464,7 @@ fn full_bus_delays_no_target() {
             fixture.step();
         }
         for axis in 0..4 {
-            assert_eq!(fixture.cia402.statistics(axis).waits, 0, "axis {axis}, SDO {with_sdo}");
+            assert_eq!(fixture.axis(axis).statistics().waits, 0, "axis {axis}, SDO {with_sdo}");
         }
     }
 }
@@ -473,7 +478,7 @@ fn following_error_window_stops_released_targets() {
         let mut fixture = fixture(4_000, table, config(1, 1));
         fixture.start();
         let disturbed = Disturbed::run(&mut fixture, |fixture| Some(occupy_bus(fixture, 40)));
-        (disturbed.fastest, fixture.cia402.drive_state(0))
+        (disturbed.fastest, fixture.axis(0).drive_state())
     };
     let (without, state) = fastest(None);
     assert_eq!(state, Some(DriveState::OperationEnabled));
@@ -506,10 +511,10 @@ fn axis_at_rest_after_a_pause_is_not_moved_by_halt() {
     fixture.steps(200);
     fixture.simulation.pass_ns(50 * MS);
     let before = fixture.drive(0, ecan_sim::Drive::mechanical_position);
-    fixture.cia402.halt(0).unwrap();
+    fixture.axis_mut(0).halt();
     fixture.idle(50);
     let after = fixture.drive(0, ecan_sim::Drive::mechanical_position);
-    assert!(fixture.cia402.is_running(0) || fixture.cia402.is_at_rest(0));
+    assert!(fixture.axis(0).is_running() || fixture.axis(0).is_at_rest());
     let limit = f64::from(STEP) / 5.0;
     assert!((after - before).abs() < limit, "moved by {}", after - before);
 }

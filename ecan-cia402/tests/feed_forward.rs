@@ -6,8 +6,8 @@ use std::time::Duration;
 use crate::axes::{Fixture, axis, scenario};
 use ecan_canopen::{DriveState, OperatingMode, QuickStopOption, SyncConfig, object};
 use ecan_cia402::{
-    AxisConfig, AxisPhase, Cia402, Cia402Config, FeedForward, FeedForwardLimits, OutputObject,
-    Scale,
+    AxisCommand, AxisConfig, AxisPhase, Cia402, Cia402Config, FeedForward, FeedForwardLimits,
+    OutputObject, Scale, StopKind, Target,
 };
 use ecan_host::AdapterConfig;
 use ecan_sim::{Fault, LossDirection};
@@ -42,11 +42,15 @@ fn fixture(config: AxisConfig) -> Fixture {
 fn travel(fixture: &mut Fixture, cycles: usize, step: i32, forward: Option<FeedForward>) {
     for _ in 0..cycles {
         fixture.cycle_with(|cia402, cycle| {
-            if let Some(target) = cia402.target(0) {
+            if let Some(target) = cia402.axis(0).unwrap().target() {
                 let target = target + step;
                 match forward {
-                    Some(forward) => cia402.set_target_with(0, target, forward).unwrap(),
-                    None => cia402.set_target(0, target).unwrap(),
+                    Some(forward) => cia402
+                        .axis_mut(0)
+                        .unwrap()
+                        .set_target(Target::from(target).with_feed_forward(forward))
+                        .unwrap(),
+                    None => cia402.axis_mut(0).unwrap().set_target(target).unwrap(),
                 }
             }
             cia402.send_targets_all(cycle);
@@ -79,9 +83,9 @@ fn velocity_feed_forward_removes_the_following_error() {
     let with = following_error(&mut fixture, true);
     assert!(with.abs() < 20, "{with}");
     assert_eq!(offsets(&fixture), (VELOCITY.into(), 0));
-    assert_eq!(fixture.cia402.feed_forward(0), forward(VELOCITY, 0));
-    assert_eq!(fixture.cia402.axis_status(0).unwrap().feed_forward, forward(VELOCITY, 0));
-    assert_eq!(fixture.cia402.statistics(0).feed_forwards_limited, 0);
+    assert_eq!(fixture.axis(0).status().feed_forward, forward(VELOCITY, 0));
+    assert_eq!(fixture.axis(0).status().feed_forward, forward(VELOCITY, 0));
+    assert_eq!(fixture.axis(0).statistics().feed_forwards_limited, 0);
     fixture.check();
 }
 
@@ -90,10 +94,10 @@ fn feed_forward_is_limited_and_ramped() {
     let mut fixture = fixture(config());
     travel(&mut fixture, 100, 0, Some(forward(i32::MAX, i16::MIN)));
     assert_eq!(offsets(&fixture), (VELOCITY.into(), -100));
-    assert!(fixture.cia402.statistics(0).feed_forwards_limited > 90);
+    assert!(fixture.axis(0).statistics().feed_forwards_limited > 90);
     // Targets without a feed-forward.
     travel(&mut fixture, 1, 0, None);
-    assert_eq!(fixture.cia402.feed_forward(0), forward(VELOCITY - 5_000, -90));
+    assert_eq!(fixture.axis(0).status().feed_forward, forward(VELOCITY - 5_000, -90));
     travel(&mut fixture, 40, 0, None);
     assert_eq!(offsets(&fixture), (0, 0));
     fixture.check();
@@ -107,7 +111,7 @@ fn repeated_target_has_no_feed_forward() {
     // The application stalls.
     fixture.idle(40);
     assert_eq!(offsets(&fixture), (0, 0));
-    assert!(fixture.cia402.is_running(0));
+    assert!(fixture.axis(0).is_running());
 }
 
 #[test]
@@ -118,10 +122,10 @@ fn rejected_target_and_halt_end_the_feed_forward() {
     assert_eq!(offsets(&fixture), (0, 0), "the targets are rejected");
     travel(&mut fixture, 50, 10, Some(forward(5_000, 50)));
     assert_eq!(offsets(&fixture), (5_000, 50));
-    fixture.cia402.halt(0).unwrap();
+    fixture.axis_mut(0).halt();
     travel(&mut fixture, 40, 10, Some(forward(5_000, 50)));
     assert_eq!(offsets(&fixture), (0, 0), "the host moves the axis");
-    assert!(fixture.cia402.is_at_rest(0));
+    assert!(fixture.axis(0).is_at_rest());
     fixture.check();
 }
 
@@ -132,13 +136,13 @@ fn hold_ends_the_feed_forward_when_the_path_returns() {
     assert_eq!(offsets(&fixture), (50_000, 50));
     fixture.inject(Fault::LostFrame { direction: LossDirection::Outward, cycles: 6 });
     travel(&mut fixture, 30, 10, Some(forward(50_000, 50)));
-    assert!(matches!(fixture.cia402.phase(0), Some(AxisPhase::Holding(_))));
+    assert!(matches!(fixture.axis(0).phase(), AxisPhase::Holding(_)));
     assert_eq!(fixture.drive(0, |drive| drive.state()), DriveState::OperationEnabled);
     assert_eq!(offsets(&fixture), (0, 0), "without a command, while the drive is enabled");
     let resting = fixture.drive(0, |drive| drive.targets().sums().followed);
     travel(&mut fixture, 30, 10, Some(forward(50_000, 50)));
     assert_eq!(fixture.drive(0, |drive| drive.targets().sums().followed), resting, "no target");
-    fixture.cia402.enable(0).unwrap();
+    fixture.axis_mut(0).enable().unwrap();
     fixture.until(2_000, Cia402::all_running);
     fixture.check();
 }
@@ -147,15 +151,15 @@ fn hold_ends_the_feed_forward_when_the_path_returns() {
 fn first_target_waits_for_the_end_of_the_feed_forward() {
     let mut fixture = fixture(config());
     travel(&mut fixture, 100, 0, Some(forward(VELOCITY, 0)));
-    let target = fixture.cia402.target(0).unwrap();
+    let target = fixture.axis(0).target().unwrap();
     // 100,000 increments/s over a gain of 200/s.
     let displaced = fixture.drive(0, |drive| drive.position()) - target;
     assert!((450..550).contains(&displaced), "{displaced}");
     fixture.inject(Fault::LinkLoss { gateway: 0, for_ms: 23 });
-    fixture.until(50, |cia402| !cia402.is_running(0));
-    fixture.cia402.enable(0).unwrap();
+    fixture.until(50, |cia402| !cia402.axis(0).unwrap().is_running());
+    fixture.axis_mut(0).enable().unwrap();
     fixture.until(20_000, Cia402::all_running);
-    let first = fixture.cia402.target(0).unwrap();
+    let first = fixture.axis(0).target().unwrap();
     assert!(first.abs_diff(target) <= 60, "{first} after {target}");
     fixture.check();
 }
@@ -164,11 +168,11 @@ fn first_target_waits_for_the_end_of_the_feed_forward() {
 fn stop_ends_the_feed_forward_at_once() {
     let mut fixture = fixture(config());
     travel(&mut fixture, 100, 10, Some(forward(50_000, 50)));
-    fixture.cia402.quick_stop(0).unwrap();
-    assert_eq!(fixture.cia402.feed_forward(0), forward(50_000, 50), "until it is sent");
+    fixture.axis_mut(0).stop(StopKind::QuickStop);
+    assert_eq!(fixture.axis(0).status().feed_forward, forward(50_000, 50), "until it is sent");
     travel(&mut fixture, 4, 10, Some(forward(50_000, 50)));
     assert_eq!(offsets(&fixture), (0, 0));
-    assert_eq!(fixture.cia402.feed_forward(0), FeedForward::NONE);
+    assert_eq!(fixture.axis(0).status().feed_forward, FeedForward::NONE);
 }
 
 /// Stops an axis that is at rest, but not at its target, after a number of lost frames.
@@ -187,7 +191,7 @@ fn stop_at_rest(lost_cycles: u32) {
     fixture.idle(199);
     fixture.inject(Fault::LostFrame { direction: LossDirection::Outward, cycles: lost_cycles });
     fixture.idle(1);
-    fixture.cia402.stop_all();
+    fixture.cia402.command_all(AxisCommand::Stop(StopKind::QuickStopThenDisable)).unwrap();
     let mut is_braking = false;
     for _ in 0..20_000 {
         fixture.idle(1);
@@ -198,7 +202,7 @@ fn stop_at_rest(lost_cycles: u32) {
             return;
         }
     }
-    panic!("{lost_cycles}: not off: {:?}", fixture.cia402.progress(0));
+    panic!("{lost_cycles}: not off: {:?}", fixture.axis(0).progress());
 }
 
 #[test]

@@ -12,7 +12,7 @@ use crate::support::stops::{
 use ecan_canopen::{
     CobId, Command, DriveState, NodeId, OperatingMode, QuickStopOption, SyncConfig, object,
 };
-use ecan_cia402::{AxisPhase, Cia402, Cia402Config, Takeover};
+use ecan_cia402::{AxisCommand, AxisPhase, Cia402, Cia402Config, StopKind, Takeover};
 use ecan_host::{AdapterConfig, DcSync};
 use ecan_protocol::object::AbortCode;
 use ecan_sim::{CommandSource, DriveFault, Fault, SdoDirection, SdoEffect, SdoRule, TraceEvent};
@@ -73,13 +73,13 @@ fn waiting_target_does_not_undo_a_stop_at_first_contact() {
         let settings = Cia402Config { takeover, ..config(HostHeartbeat::Off) };
         let new = Cia402::new(&fixture.port, table(mode, HostHeartbeat::Off), settings);
         fixture.cia402 = new.unwrap_or_else(|error| panic!("{error}"));
-        fixture.cia402.quick_stop(0).unwrap();
+        fixture.axis_mut(0).stop(StopKind::QuickStop);
         let trace = Trace::of(&mut fixture);
         println!("{takeover:?}: {trace}");
         trace.assert_rest(RETURN_MS, QUICK).assert_no_coasting();
         assert_stays_stopped(&mut fixture);
         assert_eq!(state(&fixture), DriveState::SwitchOnDisabled, "{takeover:?}");
-        assert!(fixture.cia402.is_stopped(0), "{takeover:?}");
+        assert!(fixture.axis(0).is_stopped(), "{takeover:?}");
     }
 }
 
@@ -89,11 +89,11 @@ fn new_owner_configures_a_moving_drive_after_its_stop() {
         let mode = OperatingMode::CyclicVelocity;
         let mut fixture = at_speed(mode, heartbeat);
         replace_owner(&mut fixture, mode, heartbeat);
-        fixture.cia402.configure_all().unwrap();
+        fixture.cia402.command_all(AxisCommand::Configure).unwrap();
         let trace = Trace::of(&mut fixture);
         println!("host heartbeat {heartbeat:?}: {trace}");
         trace.assert_rest(RETURN_MS, QUICK).assert_no_coasting();
-        fixture.until(2_000, |cia402| cia402.phase(0) == Some(AxisPhase::Standby));
+        fixture.until(2_000, |cia402| cia402.axis(0).unwrap().phase() == AxisPhase::Standby);
         assert_runs_again(&mut fixture);
     }
 }
@@ -102,8 +102,10 @@ fn new_owner_configures_a_moving_drive_after_its_stop() {
 fn new_owner_leaves_drives_off_that_were_off() {
     let mode = OperatingMode::CyclicVelocity;
     let mut fixture = open(drives(|_| {}), mode, HostHeartbeat::On).started();
-    fixture.cia402.disable(0).unwrap();
-    fixture.until(500, |cia402| cia402.drive_state(0) == Some(DriveState::SwitchOnDisabled));
+    fixture.axis_mut(0).stop(StopKind::Disable);
+    fixture.until(500, |cia402| {
+        cia402.axis(0).unwrap().drive_state() == Some(DriveState::SwitchOnDisabled)
+    });
     replace_owner(&mut fixture, mode, HostHeartbeat::On);
     assert_stays_stopped(&mut fixture);
     fixture.start();
@@ -144,15 +146,15 @@ fn drive_at_rest_is_adopted_without_being_switched_off() {
         fixture.idle(100);
         adopt(&mut fixture, mode);
         let begin_ms = now_ms(&fixture);
-        while !fixture.cia402.is_configured(0) {
+        while !fixture.axis(0).is_configured() {
             fixture.step();
             assert_eq!(state(&fixture), DriveState::OperationEnabled, "{mode}");
-            assert!(now_ms(&fixture) < begin_ms + 250.0, "{mode}: {:?}", fixture.cia402.phase(0));
+            assert!(now_ms(&fixture) < begin_ms + 250.0, "{mode}: {:?}", fixture.axis(0).phase());
         }
         println!("{mode}: adopted after {:.0} ms", now_ms(&fixture) - begin_ms);
         fixture.idle(200);
         assert_eq!(state(&fixture), DriveState::OperationEnabled, "{mode}");
-        fixture.cia402.enable(0).unwrap();
+        fixture.axis_mut(0).enable().unwrap();
         fixture.until(500, Cia402::all_running);
         assert_eq!(state(&fixture), DriveState::OperationEnabled, "{mode}");
         fixture.check();
@@ -171,7 +173,7 @@ fn drive_that_stays_in_quick_stop_is_not_adopted() {
     let mut fixture = fixture.started();
     adopt(&mut fixture, mode);
     fixture.until(1_000, Cia402::all_stopped);
-    assert!(!fixture.cia402.is_configured(0));
+    assert!(!fixture.axis(0).is_configured());
     assert_ne!(state(&fixture), DriveState::OperationEnabled);
 }
 
@@ -193,12 +195,12 @@ fn blocked_with_target(mode: OperatingMode, adapter: AdapterConfig) -> Fixture {
 fn block_with_target(fixture: Fixture, mode: OperatingMode) -> Fixture {
     let mut fixture = fixture.started();
     let target = match mode {
-        OperatingMode::ProfilePosition => fixture.cia402.actual(0).unwrap() + 100_000_000,
+        OperatingMode::ProfilePosition => fixture.axis(0).actual().unwrap() + 100_000_000,
         OperatingMode::CyclicVelocity => 20_000,
         OperatingMode::Velocity => 1_000,
         _ => 100_000,
     };
-    fixture.cia402.set_target(0, target).unwrap();
+    fixture.axis_mut(0).set_target(target).unwrap();
     fixture.steps(300);
     assert!(velocity(&fixture) > 10_000.0, "{mode}: {}/s", velocity(&fixture));
     fixture.strike(0, DriveFault::Blocked { for_ms: 3_000 });
@@ -232,13 +234,13 @@ fn adopted_drive_does_not_continue_the_motion_of_an_earlier_owner() {
         adopt(&mut fixture, mode);
         let since_ns = fixture.now_ns();
         // The demand of a profile mode returns by the ramp of the drive.
-        fixture.until(500, |cia402| cia402.is_configured(0));
+        fixture.until(500, |cia402| cia402.axis(0).unwrap().is_configured());
         assert_eq!(state(&fixture), DriveState::OperationEnabled, "{mode}: adopted");
         // The motor is free after 3 s.
         fixture.steps(2_000);
         let fastest = fastest_since(&fixture, since_ns);
-        assert!(fastest < REST, "{mode}: {fastest}/s, {}", fixture.cia402.progress(0).unwrap());
-        fixture.cia402.enable(0).unwrap();
+        assert!(fastest < REST, "{mode}: {fastest}/s, {}", fixture.axis(0).progress());
+        fixture.axis_mut(0).enable().unwrap();
         fixture.until(500, Cia402::all_running);
         fixture.steps(200);
         let fastest = fastest_since(&fixture, since_ns);
@@ -254,22 +256,22 @@ fn adopted_drive_does_not_continue_to_a_pending_set_point() {
     let mode = OperatingMode::ProfilePosition;
     let mut fixture = open(drives(|drive| drive.trace = 50_000), mode, HostHeartbeat::On);
     fixture.start();
-    let far = fixture.cia402.actual(0).unwrap() + 100_000_000;
-    fixture.cia402.set_target(0, far).unwrap();
+    let far = fixture.axis(0).actual().unwrap() + 100_000_000;
+    fixture.axis_mut(0).set_target(far).unwrap();
     fixture.steps(300);
-    fixture.cia402.halt(0).unwrap();
-    fixture.until(2_000, |cia402| cia402.is_at_rest(0));
+    fixture.axis_mut(0).halt();
+    fixture.until(2_000, |cia402| cia402.axis(0).unwrap().is_at_rest());
     fixture.steps(50);
     assert!(velocity(&fixture).abs() < REST, "{}/s", velocity(&fixture));
     adopt(&mut fixture, mode);
     let since_ns = fixture.now_ns();
-    fixture.until(200, |cia402| cia402.is_configured(0));
+    fixture.until(200, |cia402| cia402.axis(0).unwrap().is_configured());
     fixture.steps(500);
-    fixture.cia402.enable(0).unwrap();
+    fixture.axis_mut(0).enable().unwrap();
     fixture.until(500, Cia402::all_running);
     fixture.steps(500);
     let fastest = fastest_since(&fixture, since_ns);
-    assert!(fastest < REST, "{fastest}/s, {}", fixture.cia402.progress(0).unwrap());
+    assert!(fastest < REST, "{fastest}/s, {}", fixture.axis(0).progress());
     assert_eq!(state(&fixture), DriveState::OperationEnabled);
     assert_moves_again(&mut fixture, mode);
 }
@@ -284,22 +286,22 @@ fn blocked_drive_far_from_its_demand_is_not_adopted() {
     let since_ns = fixture.now_ns();
     fixture.until(1_000, Cia402::all_stopped);
     fixture.steps(1_500);
-    assert!(!fixture.cia402.is_configured(0));
+    assert!(!fixture.axis(0).is_configured());
     let fastest = fastest_since(&fixture, since_ns);
     assert!(fastest < REST, "{fastest}/s in {}", state(&fixture));
 }
 
 /// The axis follows the targets of its new owner.
 fn assert_moves_again(fixture: &mut Fixture, mode: OperatingMode) {
-    let from = fixture.cia402.actual(0).unwrap();
+    let from = fixture.axis(0).actual().unwrap();
     let target = match mode {
         OperatingMode::ProfilePosition => from + 50_000,
         OperatingMode::Velocity => 500,
         _ => 20_000,
     };
-    fixture.cia402.set_target(0, target).unwrap();
+    fixture.axis_mut(0).set_target(target).unwrap();
     fixture.steps(500);
-    assert!(fixture.cia402.actual(0).unwrap() > from + 1_000, "{mode}");
+    assert!(fixture.axis(0).actual().unwrap() > from + 1_000, "{mode}");
 }
 
 /// The last RPDO of the earlier owner waits in the drive for the first SYNC of the new one.
@@ -314,13 +316,13 @@ fn waiting_target_does_not_move_an_adopted_drive() {
     // After the SYNC of its cycle.
     fixture.cia402.set_scheduled_tx(&fixture.port, Some(200_000), None).unwrap();
     let mut fixture = fixture.started();
-    fixture.cia402.set_target(0, 20_000).unwrap();
+    fixture.axis_mut(0).set_target(20_000).unwrap();
     fixture.steps(1);
     adopt(&mut fixture, mode);
     // Frames of the old owner, which the Port and the gateway still hold.
     fixture.steps(3);
     let since_ns = fixture.now_ns();
-    fixture.until(200, |cia402| cia402.is_configured(0));
+    fixture.until(200, |cia402| cia402.axis(0).unwrap().is_configured());
     fixture.steps(500);
     let fastest = fastest_since(&fixture, since_ns);
     assert!(fastest < REST, "{fastest}/s");
@@ -353,7 +355,7 @@ fn drive_that_keeps_an_earlier_target_is_stopped() {
         let since_ns = fixture.now_ns();
         fixture.until(1_000, Cia402::all_stopped);
         fixture.steps(1_500);
-        assert!(!fixture.cia402.is_configured(0), "{mode}");
+        assert!(!fixture.axis(0).is_configured(), "{mode}");
         assert_ne!(state(&fixture), DriveState::OperationEnabled, "{mode}");
         let fastest = fastest_since(&fixture, since_ns);
         assert!(fastest < REST, "{mode}: {fastest}/s");
@@ -366,7 +368,7 @@ fn moving_drive_is_not_adopted() {
     let mut fixture = at_speed(mode, HostHeartbeat::On);
     adopt(&mut fixture, mode);
     Trace::of(&mut fixture).assert_rest(400.0, QUICK).assert_no_coasting();
-    assert!(!fixture.cia402.is_configured(0));
+    assert!(!fixture.axis(0).is_configured());
 }
 
 #[test]
@@ -375,7 +377,7 @@ fn drive_in_another_mode_is_not_adopted() {
     fixture.start();
     adopt(&mut fixture, OperatingMode::CyclicPosition);
     fixture.until(500, Cia402::all_stopped);
-    assert!(!fixture.cia402.is_configured(0));
+    assert!(!fixture.axis(0).is_configured());
     assert_eq!(state(&fixture), DriveState::SwitchOnDisabled);
 }
 
@@ -387,7 +389,7 @@ fn drive_silent_at_the_first_contact_is_stopped_when_it_answers() {
         fixture.inject(Fault::NodeSilent { node: "drive 0.0/1".to_owned(), for_ms: 1_500 });
         replace_owner(&mut fixture, mode, HostHeartbeat::Off);
         if is_configured {
-            fixture.cia402.configure(0).unwrap();
+            fixture.axis_mut(0).configure().unwrap();
         }
         fixture.steps(725);
         assert!(velocity(&fixture) > 0.9 * SPEED, "it is not reached before");
@@ -400,9 +402,10 @@ fn drive_that_opens_its_brake_at_the_takeover_is_switched_off() {
     let scenario = drives(|drive| drive.enable_ms = 100);
     let mode = OperatingMode::CyclicVelocity;
     let mut fixture = open(scenario, mode, HostHeartbeat::Off);
-    fixture.cia402.configure_all_timeout(&mut fixture.port, START, |_| {}).unwrap();
-    fixture.cia402.enable(0).unwrap();
-    fixture.until(500, |cia402| cia402.drive_state(0) == Some(DriveState::SwitchedOn));
+    fixture.cia402.blocking(&mut fixture.port, START).configure().unwrap();
+    fixture.axis_mut(0).enable().unwrap();
+    fixture
+        .until(500, |cia402| cia402.axis(0).unwrap().drive_state() == Some(DriveState::SwitchedOn));
     fixture.steps(5);
     replace_owner(&mut fixture, mode, HostHeartbeat::Off);
     fixture.until(500, Cia402::all_stopped);
@@ -427,14 +430,14 @@ fn enabled_drive_whose_position_is_not_answered_is_stopped() {
         let mut fixture = at_speed_with(open(scenario, mode, HostHeartbeat::Off), mode);
         replace_owner(&mut fixture, mode, HostHeartbeat::Off);
         if is_configured {
-            fixture.cia402.configure(0).unwrap();
+            fixture.axis_mut(0).configure().unwrap();
         }
         let trace = Trace::of(&mut fixture);
         println!("configured {is_configured}: {trace}");
         // The first attempt ends after 100 ms.
         trace.assert_rest(2.0 * RETURN_MS, QUICK).assert_no_coasting();
         if is_configured {
-            fixture.until(2_000, |cia402| cia402.phase(0) == Some(AxisPhase::Standby));
+            fixture.until(2_000, |cia402| cia402.axis(0).unwrap().phase() == AxisPhase::Standby);
             assert_runs_again(&mut fixture);
         } else {
             fixture.until(1_000, Cia402::all_stopped);
@@ -454,13 +457,13 @@ fn quick_stop_at_the_first_contact_ends_off() {
         let adapter = AdapterConfig::new(1).with_cycle(Duration::from_millis(2));
         let mut fixture =
             Fixture::open_with(drives(|_| {}), adapter, axes.clone(), settings.clone());
-        fixture.cia402.configure_all_timeout(&mut fixture.port, START, |_| {}).unwrap();
-        fixture.cia402.enable(0).unwrap();
+        fixture.cia402.blocking(&mut fixture.port, START).configure().unwrap();
+        fixture.axis_mut(0).enable().unwrap();
         // The cycle after a SYNC sends the first target.
-        fixture.until(500, |cia402| cia402.is_running(0));
+        fixture.until(500, |cia402| cia402.axis(0).unwrap().is_running());
         fixture.cia402 = Cia402::new(&fixture.port, axes, settings.clone()).unwrap();
-        fixture.cia402.quick_stop(0).unwrap();
-        fixture.until(500, |cia402| cia402.is_stopped(0));
+        fixture.axis_mut(0).stop(StopKind::QuickStop);
+        fixture.until(500, |cia402| cia402.axis(0).unwrap().is_stopped());
         let stopped_ns = fixture.now_ns();
         for _ in 0..50 {
             fixture.step();

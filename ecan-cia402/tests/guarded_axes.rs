@@ -59,15 +59,15 @@ fn guarded_drives_detect_a_stopped_host() {
 #[test]
 fn host_loss_is_reported_by_the_life_time() {
     let mut fixture = started();
-    let loss = fixture.cia402.host_loss(0).unwrap();
+    let loss = fixture.axis(0).host_loss();
     assert_eq!(loss.watch, HostWatch::Guarded(Duration::from_millis(100)));
     assert!(loss.reaction.is_controlled_stop(), "{loss}");
     assert_eq!(fixture.cia402.host_loss_risks().count(), 0);
     // A released drive does not detect the end of the host.
-    fixture.cia402.shutdown_timeout(&mut fixture.port, START, |_| {}).unwrap();
+    fixture.cia402.blocking(&mut fixture.port, START).shut_down().unwrap();
     let factor = fixture.drive(0, |drive| drive.object(object::LIFE_TIME_FACTOR, 0));
     assert_eq!(factor, Some(0));
-    assert_eq!(fixture.cia402.host_loss(0).unwrap().watch, HostWatch::NoEntry);
+    assert_eq!(fixture.axis(0).host_loss().watch, HostWatch::NoEntry);
     fixture.simulation.pass_ns(1_000_000_000);
     for axis in 0..2 {
         assert_eq!(fixture.drive(axis, |drive| drive.error_code()), 0, "axis {axis}");

@@ -22,7 +22,7 @@ use ecan_canopen::{
     CobId, DriveState, FaultReaction, NodeAddress, NodeId, NodeLossReaction, OperatingMode,
     QuickStopOption, Step, object,
 };
-use ecan_cia402::{AxisConfig, Cia402, Cia402Config};
+use ecan_cia402::{AxisConfig, AxisRef, Cia402, Cia402Config};
 use ecan_host::AdapterConfig;
 use ecan_mcan_port::{ChannelConfig, GatewayConfig, Port, PortConfig};
 use ecan_protocol::can::{CanFrame, CanId};
@@ -222,7 +222,7 @@ fn table() -> Vec<AxisConfig> {
 fn drive_on(cia402: &mut Cia402, axis: usize, is_slow: bool) {
     let target = match AXES[axis].0 {
         OperatingMode::CyclicVelocity => {
-            (cia402.target(axis).unwrap_or_default() + 20_000).min(SPEED as i32)
+            (cia402.axis(axis).unwrap().target().unwrap_or_default() + 20_000).min(SPEED as i32)
         }
         // 75 thousandths balance the friction.
         OperatingMode::CyclicTorque if is_slow => 150,
@@ -231,7 +231,7 @@ fn drive_on(cia402: &mut Cia402, axis: usize, is_slow: bool) {
         OperatingMode::ProfilePosition => 1_000_000_000,
         _ => return,
     };
-    cia402.set_target(axis, target).unwrap();
+    cia402.axis_mut(axis).unwrap().set_target(target).unwrap();
 }
 
 /// The child process; without its parent it does nothing.
@@ -258,7 +258,7 @@ fn host_process() {
     let mut port = Port::open(&backend.ecrt, (adapter, PortConfig::uniform(1, gateway))).unwrap();
     port.wait_ready().unwrap();
     let mut cia402 = Cia402::new(&port, table(), Cia402Config::default()).unwrap();
-    cia402.start_up_timeout(&mut port, START, |_| {}).unwrap();
+    cia402.blocking(&mut port, START).start_up().unwrap();
     cia402.host_loss_risks().for_each(|risk| println!("risk: {risk}"));
     println!("running");
     let (mut cycles, mut before, mut is_slow) = (0, [0; AXES.len()], [true; AXES.len()]);
@@ -269,7 +269,7 @@ fn host_process() {
         cycles += 1;
         if cycles % SPEED_CYCLES == 0 {
             for (axis, before) in before.iter_mut().enumerate() {
-                let actual = cia402.actual(axis).unwrap_or_default();
+                let actual = cia402.axis(axis).unwrap().actual().unwrap_or_default();
                 let moved = actual.wrapping_sub(std::mem::replace(before, actual));
                 let seconds = CYCLE.as_secs_f64() * f64::from(SPEED_CYCLES);
                 is_slow[axis] = f64::from(moved) < SPEED * seconds;
@@ -279,7 +279,11 @@ fn host_process() {
             drive_on(&mut cia402, axis, *is_slow);
         }
         cia402.send_target_step(&mut cycle);
-        assert!(cia402.all_running(), "{:?}", cia402.progress_all().collect::<Vec<_>>());
+        assert!(
+            cia402.all_running(),
+            "{:?}",
+            cia402.axes().map(AxisRef::progress).collect::<Vec<_>>()
+        );
     }
 }
 

@@ -10,7 +10,8 @@ use ecan_canopen::{
     OperatingMode, QuickStopOption, Step, StopOption, object,
 };
 use ecan_cia402::{
-    AxisConfig, AxisPhase, Cia402, Cia402Config, DriveConfig, HostLossReaction, HostWatch, StopRamp,
+    AxisCommand, AxisConfig, AxisPhase, Cia402, Cia402Config, DriveConfig, HostLossReaction,
+    HostWatch, StopRamp,
 };
 use ecan_host::AdapterConfig;
 use ecan_sim::{DriveFault, Fault, Scenario, TraceCause, TraceEvent, TraceRecord};
@@ -103,13 +104,13 @@ fn accelerate(fixture: &mut Fixture) {
                 OperatingMode::ProfilePosition => 100_000_000,
                 _ => continue,
             };
-            fixture.cia402.set_target(n, target).unwrap();
+            fixture.axis_mut(n).set_target(target).unwrap();
         }
         fixture.step();
         let is_at_speed =
             |n| (fixture.drive(n, |drive| drive.velocity()) - SPEED).abs() < 0.05 * SPEED;
         if cycle > 100 && (0..MODES.len()).all(is_at_speed) {
-            fixture.cia402.set_target(2, 75).unwrap();
+            fixture.axis_mut(2).set_target(75).unwrap();
             fixture.steps(5);
             return;
         }
@@ -277,7 +278,7 @@ fn reported_reaction_is_that_of_the_drive() {
         for &(change, expected) in reactions {
             let mut fixture = moving(change, Cia402Config::default());
             let watch = HostWatch::Active(WATCH);
-            let reported: Vec<_> = (0..5).map(|n| fixture.cia402.host_loss(n).unwrap()).collect();
+            let reported: Vec<_> = (0..5).map(|n| fixture.axis(n).host_loss()).collect();
             fixture.simulation.with_world(|world| world.record_bus_of(0, 0));
             fixture.steps(50);
             let since = recorded(&fixture);
@@ -312,7 +313,7 @@ fn unwatched_drives_run_on_and_are_reported() {
             let now_ns = fixture.now_ns();
             loss.strike(&mut fixture);
             for n in 0..MODES.len() {
-                let reported = fixture.cia402.host_loss(n).unwrap();
+                let reported = fixture.axis(n).host_loss();
                 assert_eq!(reported.reaction, undetected(MODES[n]), "{reported}");
                 assert_eq!(reported.watch, *watch, "{reported}");
                 check(&fixture, n, since[n], now_ns, reported.reaction);
@@ -372,9 +373,9 @@ fn axes_stay_at_rest_after_the_link_returns() {
         let state = fixture.drive(n, |drive| drive.state());
         assert_ne!(state, DriveState::OperationEnabled, "axis {n} is enabled only by command");
         assert!((at(&fixture, n) - before).abs() < 1.0, "axis {n} does not move");
-        assert!(!fixture.cia402.is_running(n));
+        assert!(!fixture.axis(n).is_running());
     }
-    fixture.cia402.enable_all().unwrap();
+    fixture.cia402.command_all(AxisCommand::Enable).unwrap();
     fixture.until(3_000, Cia402::all_running);
 }
 
@@ -387,7 +388,7 @@ fn drives_without_heartbeat_are_started_after_the_link_returns() {
     for n in 0..MODES.len() {
         assert_eq!(fixture.drive(n, |drive| drive.nmt_state()), NmtState::PreOperational, "{n}");
     }
-    fixture.cia402.enable_all().unwrap();
+    fixture.cia402.command_all(AxisCommand::Enable).unwrap();
     fixture.until(3_000, Cia402::all_running);
 }
 
@@ -409,7 +410,7 @@ fn option_codes_arrive_and_are_read_back() {
         for (index, value) in written {
             assert_eq!(fixture.drive(n, |drive| drive.object(index, 0)), Some(value), "{index:X}");
         }
-        let read = fixture.cia402.stop_options(n).unwrap();
+        let read = fixture.axis(n).drive().stop_options.unwrap();
         assert_eq!(read.quick_stop, Some(QuickStopOption::QuickStopAndStay));
         assert_eq!(read.shutdown, Some(StopOption::SlowDown));
         assert_eq!(read.disable_operation, Some(StopOption::Disable));
@@ -419,11 +420,11 @@ fn option_codes_arrive_and_are_read_back() {
         assert_eq!(read.deceleration(StopRamp::Profile), Some(PROFILE as u32));
     }
     // What was read belongs to the configuration.
-    fixture.cia402.configure(0).unwrap();
-    assert_eq!(fixture.cia402.stop_options(0), None);
-    assert_eq!(fixture.cia402.host_loss(0).unwrap().reaction, HostLossReaction::Unknown);
-    fixture.until(1_000, |cia402| cia402.phase(0) == Some(AxisPhase::Standby));
-    assert!(fixture.cia402.stop_options(0).is_some());
+    fixture.axis_mut(0).configure().unwrap();
+    assert_eq!(fixture.axis(0).drive().stop_options, None);
+    assert_eq!(fixture.axis(0).host_loss().reaction, HostLossReaction::Unknown);
+    fixture.until(1_000, |cia402| cia402.axis(0).unwrap().phase() == AxisPhase::Standby);
+    assert!(fixture.axis(0).drive().stop_options.is_some());
 }
 
 /// A released drive would run on: it no longer watches the host.
@@ -431,10 +432,10 @@ fn option_codes_arrive_and_are_read_back() {
 fn released_drives_are_reported_as_unwatched() {
     let mut fixture = started(|_| {}, Cia402Config::default());
     assert_eq!(fixture.cia402.host_loss_risks().count(), 0);
-    fixture.cia402.shutdown_timeout(&mut fixture.port, crate::axes::START, |_| {}).unwrap();
+    fixture.cia402.blocking(&mut fixture.port, crate::axes::START).shut_down().unwrap();
     for (n, mode) in MODES.iter().enumerate() {
         assert_eq!(fixture.drive(n, |drive| drive.object(0x1016, 1)), Some(0), "{mode}");
-        let reported = fixture.cia402.host_loss(n).unwrap();
+        let reported = fixture.axis(n).host_loss();
         assert_eq!((reported.watch, reported.reaction), (HostWatch::NoEntry, undetected(*mode)));
     }
 }
@@ -442,7 +443,7 @@ fn released_drives_are_reported_as_unwatched() {
 #[test]
 fn unwritten_options_are_read_back() {
     let fixture = Fixture::single(vec![axis(0, 0, 1)]).started();
-    let read = fixture.cia402.stop_options(0).unwrap();
+    let read = fixture.axis(0).drive().stop_options.unwrap();
     assert_eq!(read.quick_stop, Some(QuickStopOption::QuickStop));
     assert_eq!(read.shutdown, Some(StopOption::Disable));
     assert_eq!(read.disable_operation, Some(StopOption::SlowDown));
@@ -502,8 +503,8 @@ fn drive_in_bus_off_stops_and_can_be_enabled_again() {
             });
         assert_eq!(stop, Some((QUICK, TraceCause::HostLost(0x8140))), "{mode}");
         assert!(fixture.drive(n, |drive| drive.velocity()).abs() < 656.0, "{mode}");
-        assert!(!fixture.cia402.is_running(n), "{mode}");
+        assert!(!fixture.axis(n).is_running(), "{mode}");
     }
-    fixture.cia402.enable_all().unwrap();
+    fixture.cia402.command_all(AxisCommand::Enable).unwrap();
     fixture.until(3_000, Cia402::all_running);
 }

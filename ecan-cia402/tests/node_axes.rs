@@ -6,7 +6,8 @@ use std::time::Duration;
 use crate::axes::{Fixture, START, axis, scenario};
 use ecan_canopen::{DriveState, GuardingConfig, NmtCommand, object};
 use ecan_cia402::{
-    AxisConfig, AxisFault, AxisPhase, Cia402, Cia402Config, Cia402Error, PdoCobIds, StopCause,
+    AxisCommand, AxisConfig, AxisFault, AxisPhase, AxisRef, Cia402, Cia402Config, Cia402Error,
+    PdoCobIds, StopCause, StopKind,
 };
 use ecan_protocol::can::CanId;
 use ecan_sim::{DriveFault, Scenario};
@@ -84,14 +85,14 @@ fn pdos_above_four_have_configured_cob_ids() {
 fn fault_of_one_axis_leaves_the_other_running() {
     let mut fixture = in_motion();
     fixture.strike(1, DriveFault::AxisError { axis: 1, code: 0x2310 });
-    fixture.until(50, |cia402| !cia402.is_running(1));
+    fixture.until(50, |cia402| !cia402.axis(1).unwrap().is_running());
     fixture.steps(200);
-    assert_eq!(fixture.cia402.phase(1), Some(AxisPhase::Fault));
+    assert_eq!(fixture.axis(1).phase(), AxisPhase::Fault);
     for axis in [0, 2, 3] {
-        assert!(fixture.cia402.is_running(axis), "axis {axis}");
-        assert_eq!(fixture.cia402.statistics(axis).holds, 0, "axis {axis}");
+        assert!(fixture.axis(axis).is_running(), "axis {axis}");
+        assert_eq!(fixture.axis(axis).statistics().holds, 0, "axis {axis}");
     }
-    fixture.cia402.recover(1).unwrap();
+    fixture.axis_mut(1).recover().unwrap();
     fixture.until(1_000, Cia402::all_running);
     fixture.steps(50);
     fixture.check();
@@ -102,10 +103,12 @@ fn node_that_restarts_is_configured_once_for_both_axes() {
     let mut fixture = in_motion();
     let before = fixture.cia402.network().statistics().nmt_sent;
     fixture.strike(0, DriveFault::PowerCycle { off_ms: 200 });
-    fixture.until(100, |cia402| !cia402.is_running(0) && !cia402.is_running(1));
+    fixture.until(100, |cia402| {
+        !cia402.axis(0).unwrap().is_running() && !cia402.axis(1).unwrap().is_running()
+    });
     fixture.idle(300);
-    assert!(fixture.cia402.is_running(2) && fixture.cia402.is_running(3));
-    fixture.cia402.recover_all().unwrap();
+    assert!(fixture.axis(2).is_running() && fixture.axis(3).is_running());
+    fixture.cia402.command_all(AxisCommand::Recover).unwrap();
     fixture.until(5_000, Cia402::all_running);
     // A third one starts the node for the axes before its first heartbeat.
     let commands = fixture.cia402.network().statistics().nmt_sent - before;
@@ -117,12 +120,12 @@ fn node_that_restarts_is_configured_once_for_both_axes() {
 #[test]
 fn stop_of_one_axis_leaves_the_other_running() {
     let mut fixture = in_motion();
-    fixture.cia402.quick_stop(1).unwrap();
+    fixture.axis_mut(1).stop(StopKind::QuickStop);
     fixture.steps(200);
-    assert!(fixture.cia402.is_stopped(1) && fixture.cia402.is_running(0));
+    assert!(fixture.axis(1).is_stopped() && fixture.axis(0).is_running());
     assert_eq!(fixture.drive_axis(1, |drive| drive.velocity()).abs().round(), 0.0);
     assert_eq!(state(&fixture, 0), DriveState::OperationEnabled);
-    fixture.cia402.enable(1).unwrap();
+    fixture.axis_mut(1).enable().unwrap();
     fixture.until(1_000, Cia402::all_running);
     fixture.check();
 }
@@ -133,7 +136,7 @@ fn both_axes_are_stopped_by_one_sdo_server() {
     let mut fixture = in_motion();
     fixture.cia402.send_nmt_all(NmtCommand::EnterPreOperational).unwrap();
     fixture.steps(5);
-    fixture.cia402.stop_all();
+    fixture.cia402.command_all(AxisCommand::Stop(StopKind::QuickStopThenDisable)).unwrap();
     let begin = fixture.now_ns();
     while !fixture.cia402.all_stopped() {
         fixture.step();
@@ -146,20 +149,26 @@ fn both_axes_are_stopped_by_one_sdo_server() {
 }
 
 fn progress(fixture: &Fixture) -> Vec<String> {
-    fixture.cia402.progress_all().map(|axis| axis.to_string()).collect()
+    fixture.cia402.axes().map(AxisRef::progress).map(|axis| axis.to_string()).collect()
 }
 
 #[test]
 fn configuration_of_one_axis_stops_the_other() {
     let mut fixture = in_motion();
-    fixture.cia402.configure(1).unwrap();
+    fixture.axis_mut(1).configure().unwrap();
     for axis in [0, 1] {
-        assert_eq!(fixture.cia402.stop_cause(axis), Some(StopCause::Configure), "axis {axis}");
+        assert_eq!(
+            fixture.axis(axis).status().stop_cause,
+            Some(StopCause::Configure),
+            "axis {axis}"
+        );
     }
-    fixture.until(2_000, |cia402| cia402.is_configured(0) && cia402.is_configured(1));
+    fixture.until(2_000, |cia402| {
+        cia402.axis(0).unwrap().is_configured() && cia402.axis(1).unwrap().is_configured()
+    });
     assert!(is_off(&fixture, 0) && is_off(&fixture, 1));
-    assert!(fixture.cia402.is_running(2) && fixture.cia402.is_running(3));
-    fixture.cia402.enable_all().unwrap();
+    assert!(fixture.axis(2).is_running() && fixture.axis(3).is_running());
+    fixture.cia402.command_all(AxisCommand::Enable).unwrap();
     fixture.until(2_000, Cia402::all_running);
     fixture.check();
 }
@@ -175,12 +184,12 @@ fn failed_step_of_one_axis_fails_the_node() {
         }
     });
     let mut fixture = Fixture::with(scenario, table);
-    let error = fixture.cia402.configure_all_timeout(&mut fixture.port, START, |_| {}).unwrap_err();
+    let error = fixture.cia402.blocking(&mut fixture.port, START).configure().unwrap_err();
     let Cia402Error::AxisTimeout(axes) = &error else { panic!("{error}") };
     let failed: Vec<_> = axes.axes.iter().map(|axis| axis.axis).collect();
     assert_eq!(failed, [0, 1]);
     assert!(error.to_string().contains("0x6872:00"), "{error}");
-    assert!(fixture.cia402.is_configured(2) && fixture.cia402.is_configured(3));
+    assert!(fixture.axis(2).is_configured() && fixture.axis(3).is_configured());
 }
 
 #[test]
@@ -189,7 +198,7 @@ fn new_owner_stops_both_axes_of_a_node() {
     let config = Cia402Config::default();
     fixture.cia402 = Cia402::new(&fixture.port, table(), config).unwrap();
     let begin = fixture.now_ns();
-    fixture.cia402.configure_all_timeout(&mut fixture.port, START, |_| {}).unwrap();
+    fixture.cia402.blocking(&mut fixture.port, START).configure().unwrap();
     for axis in 0..4 {
         assert!(is_off(&fixture, axis), "axis {axis}");
         let enabled_since = fixture.drive_axis(axis, |drive| {
@@ -220,7 +229,7 @@ fn lost_host_stops_both_axes() {
 #[test]
 fn shutdown_releases_a_node_after_both_axes() {
     let mut fixture = in_motion();
-    fixture.cia402.shutdown_timeout(&mut fixture.port, START, |_| {}).unwrap();
+    fixture.cia402.blocking(&mut fixture.port, START).shut_down().unwrap();
     for axis in 0..4 {
         assert!(is_off(&fixture, axis), "axis {axis}");
         let watch = fixture.drive(axis, |drive| drive.object(object::CONSUMER_HEARTBEAT, 1));

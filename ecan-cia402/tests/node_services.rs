@@ -45,7 +45,8 @@ fn boot_up_names_the_nodes_that_fail_and_the_axis_goes_on() {
     let mut phases = Vec::new();
     let Fixture { port, cia402, .. } = &mut fixture;
     let error = cia402
-        .wait_booted_timeout(port, LONG, |node| {
+        .blocking(port, LONG)
+        .wait_booted(|node| {
             if &*node.name == "pump" && phases.last() != Some(&node.phase) {
                 phases.push(node.phase);
             }
@@ -67,7 +68,7 @@ fn boot_up_names_the_nodes_that_fail_and_the_axis_goes_on() {
     boot(&mut fixture, 3, optional.clone());
     boot(&mut fixture, 98, optional);
     let Fixture { port, cia402, .. } = &mut fixture;
-    cia402.wait_booted_timeout(port, LONG, |_| {}).unwrap();
+    cia402.blocking(port, LONG).wait_booted(|_| {}).unwrap();
     assert_eq!(cia402.network().boot_state(), BootState::Booted);
 }
 
@@ -76,7 +77,7 @@ fn boot_up_that_takes_too_long_is_reported() {
     let (mut fixture, _) = fixture();
     boot(&mut fixture, 99, BootConfig::default());
     let Fixture { port, cia402, .. } = &mut fixture;
-    let error = cia402.wait_booted_timeout(port, Duration::from_millis(100), |_| {}).unwrap_err();
+    let error = cia402.blocking(port, Duration::from_millis(100)).wait_booted(|_| {}).unwrap_err();
     let text = error.to_string();
     assert!(text.starts_with("1 mandatory node not booted after "), "{text}");
     assert!(text.contains("waiting for a response"), "{text}");
@@ -88,30 +89,30 @@ fn services_of_nodes_leave_the_axis_at_its_target() {
     let (mut fixture, node) = fixture();
     let Fixture { port, cia402, .. } = &mut fixture;
     let speed = 12_345_u32.to_le_bytes();
-    cia402.download_node_timeout(port, node, (0x6081, 0), &speed, LONG).unwrap();
-    let value = cia402.upload_node_timeout(port, node, (0x6081, 0), LONG).unwrap();
+    cia402.blocking(port, LONG).download(node, (0x6081, 0), &speed).unwrap();
+    let value = cia402.blocking(port, LONG).upload(node, (0x6081, 0)).unwrap();
     assert_eq!(value, speed);
-    cia402.execute_timeout(port, node, ParameterGroup::All.store_steps(), LONG).unwrap();
+    cia402.blocking(port, LONG).execute(node, ParameterGroup::All.store_steps()).unwrap();
     let read = [Step::read(0x6081, 0), Step::read(object::DEVICE_TYPE, 0)];
-    let values = cia402.execute_timeout(port, node, read, LONG).unwrap();
+    let values = cia402.blocking(port, LONG).execute(node, read).unwrap();
     assert_eq!(values.uploaded(node, 0x6081, 0), Some(12_345));
     assert_eq!(values.uploaded(node, object::DEVICE_TYPE, 0).map(|raw| raw as u16), Some(402));
     let missing = [Step::write(0x5FFF, 0, 1_u8)];
-    let error = cia402.execute_timeout(port, node, missing, LONG).unwrap_err();
+    let error = cia402.blocking(port, LONG).execute(node, missing).unwrap_err();
     assert!(matches!(error, Cia402Error::Wait(WaitError::Step(_))), "{error}");
     assert!(error.to_string().contains("0x5FFF"), "{error}");
 
     let search = LssCommand::IdentifyNonConfigured;
-    let found = cia402.lss_timeout(port, (0, 0), search, LONG).unwrap();
+    let found = cia402.blocking(port, LONG).lss((0, 0), search).unwrap();
     assert_eq!(found, LssResult::NotFound, "every drive has a node-ID");
-    let error = cia402.lss_timeout(port, (0, 3), search, LONG).unwrap_err();
+    let error = cia402.blocking(port, LONG).lss((0, 3), search).unwrap_err();
     assert!(matches!(error, Cia402Error::Wait(WaitError::LssStart(_))), "{error}");
     let short = Duration::from_millis(10);
-    let error = cia402.lss_timeout(port, (0, 0), search, short).unwrap_err();
+    let error = cia402.blocking(port, short).lss((0, 0), search).unwrap_err();
     assert!(matches!(error, Cia402Error::Wait(WaitError::TimedOut { .. })), "{error}");
-    assert_eq!(cia402.lss_timeout(port, (0, 0), search, LONG).unwrap(), LssResult::NotFound);
-    let none = cia402.upload_timeout(port, 1, (0x1000, 0), LONG).unwrap_err();
-    assert!(matches!(none, Cia402Error::Command(CommandError::NoSuchAxis { axis: 1 })), "{none}");
+    assert_eq!(cia402.blocking(port, LONG).lss((0, 0), search).unwrap(), LssResult::NotFound);
+    let none = cia402.axis_mut(1).unwrap_err();
+    assert_eq!((none, cia402.axis(1).is_none()), (CommandError::NoSuchAxis { axis: 1 }, true));
     assert!(fixture.cia402.all_running());
     fixture.steps(50);
     fixture.check();

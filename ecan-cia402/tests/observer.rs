@@ -7,7 +7,8 @@ use std::time::Duration;
 use crate::axes::{Fixture, START, axes, axis, node};
 use ecan_canopen::{CobId, Controlword, OperatingMode};
 use ecan_cia402::{
-    AxesSnapshot, AxisPhase, Cia402, Cia402Config, Cia402Error, HomingConfig, StopCause,
+    AxesSnapshot, AxisCommand, AxisPhase, Cia402, Cia402Config, Cia402Error, HomingConfig,
+    StopCause, StopKind,
 };
 use ecan_host::{AdapterConfig, CommandTicket, Observer, Snapshot};
 use ecan_sim::{DriveFault, Fault, LossDirection};
@@ -19,17 +20,17 @@ fn assert_last_cycle(fixture: &Fixture, snapshot: &mut Snapshot) {
     let view = AxesSnapshot::of(snapshot).unwrap();
     assert_eq!(view.axis_count(), fixture.cia402.axis_count());
     for axis in 0..view.axis_count() {
-        let cia402 = &fixture.cia402;
+        let found = fixture.axis(axis);
         let status = view.axis(axis).unwrap();
-        assert_eq!(Some(status), cia402.axis_status(axis));
-        let progress = cia402.progress(axis).unwrap();
+        assert_eq!(status, found.status());
+        let progress = found.progress();
         assert_eq!((status.phase, status.elapsed), (progress.phase, progress.elapsed));
         assert_eq!(status.error, progress.error.map(Into::into));
-        assert_eq!(status.drive_state(), cia402.drive_state(axis));
-        assert_eq!(status.following_error(), cia402.following_error(axis));
-        assert_eq!(status.actual_degrees(), cia402.actual_degrees(axis));
-        assert_eq!(status.actual_radians(), cia402.actual_radians(axis));
-        assert_eq!(status.is_target_reached, cia402.is_target_reached(axis));
+        assert_eq!(status.drive_state(), found.drive_state());
+        assert_eq!(status.following_error(), found.following_error());
+        assert_eq!(status.actual_degrees(), found.status().actual_degrees());
+        assert_eq!(status.actual_radians(), found.status().actual_radians());
+        assert_eq!(status.is_target_reached, found.is_target_reached());
     }
     assert_eq!(view.axis(view.axis_count()), None);
     assert_eq!(view.axes().count(), view.axis_count());
@@ -60,22 +61,24 @@ fn snapshot_equals_the_getters_from_start_to_faults() {
         }
     };
     steps(&mut fixture, &mut snapshot, 20);
-    fixture.cia402.configure_all().unwrap();
-    run(&mut fixture, &mut snapshot, |table| (0..6).all(|axis| table.is_configured(axis)));
-    fixture.cia402.enable_all().unwrap();
+    fixture.cia402.command_all(AxisCommand::Configure).unwrap();
+    run(&mut fixture, &mut snapshot, |table| {
+        (0..6).all(|axis| table.axis(axis).unwrap().is_configured())
+    });
+    fixture.cia402.command_all(AxisCommand::Enable).unwrap();
     run(&mut fixture, &mut snapshot, Cia402::all_running);
     for target in [100, 5_000_000] {
-        fixture.cia402.set_target(2, target).unwrap();
-        fixture.cia402.set_target(1, target).unwrap();
-        fixture.cia402.set_target(3, target).unwrap();
+        fixture.axis_mut(2).set_target(target).unwrap();
+        fixture.axis_mut(1).set_target(target).unwrap();
+        fixture.axis_mut(3).set_target(target).unwrap();
         for _ in 0..100 {
             fixture.idle(1);
             assert_last_cycle(&fixture, &mut snapshot);
         }
     }
-    fixture.cia402.home(4, HomingConfig::new(37)).unwrap();
-    fixture.cia402.quick_stop(5).unwrap();
-    fixture.cia402.halt(0).unwrap();
+    fixture.axis_mut(4).home(HomingConfig::new(37)).unwrap();
+    fixture.axis_mut(5).stop(StopKind::QuickStop);
+    fixture.axis_mut(0).halt();
     steps(&mut fixture, &mut snapshot, 500);
     fixture.strike(1, DriveFault::Error { code: 0x8611 });
     steps(&mut fixture, &mut snapshot, 300);
@@ -178,7 +181,7 @@ fn concurrent_quick_stops_are_all_executed() {
     let observer = &fixture.port.adapter().observer();
     let fixture = &mut fixture;
     for _ in 0..20 {
-        fixture.cia402.enable_all().unwrap();
+        fixture.cia402.command_all(AxisCommand::Enable).unwrap();
         fixture.until(2_000, Cia402::all_running);
         let tickets = thread::scope(|scope| {
             let givers: Vec<_> = (0..4)
@@ -192,7 +195,9 @@ fn concurrent_quick_stops_are_all_executed() {
         fixture.steps(1);
         snapshot.update().unwrap();
         assert!(tickets.iter().all(|ticket| snapshot.has_executed(*ticket)));
-        assert!((0..4).all(|axis| fixture.cia402.stop_cause(axis) == Some(StopCause::QuickStop)));
+        assert!(
+            (0..4).all(|axis| fixture.axis(axis).status().stop_cause == Some(StopCause::QuickStop))
+        );
         fixture.steps(200);
     }
     assert!(observer.quick_stop(4).is_err());
@@ -205,19 +210,21 @@ fn waiting_calls_execute_quick_stops_and_end_on_request() {
     let mut given = None;
     let error = fixture
         .cia402
-        .start_up_timeout(&mut fixture.port, START, |axis| {
+        .blocking(&mut fixture.port, START)
+        .on_progress(|axis| {
             if matches!(axis.phase, AxisPhase::Enabling(_)) && given.is_none() {
                 given = Some(observer.quick_stop_all());
             }
         })
+        .start_up()
         .unwrap_err();
     assert!(matches!(error, Cia402Error::AxisTimeout(_)), "{error}");
-    assert_eq!(fixture.cia402.stop_cause(0), Some(StopCause::QuickStop));
+    assert_eq!(fixture.axis(0).status().stop_cause, Some(StopCause::QuickStop));
     observer.request_stop();
-    let error = fixture.cia402.enable_all_timeout(&mut fixture.port, START, |_| {}).unwrap_err();
+    let error = fixture.cia402.blocking(&mut fixture.port, START).enable().unwrap_err();
     assert!(error.to_string().contains("cancelled"), "{error}");
     // A shutdown is not cancelled.
-    fixture.cia402.shutdown_timeout(&mut fixture.port, START, |_| {}).unwrap();
+    fixture.cia402.blocking(&mut fixture.port, START).shut_down().unwrap();
     assert!(fixture.port.adapter().is_stop_requested());
 }
 
@@ -255,7 +262,7 @@ fn quick_stop_of_ended_axes_is_never_acknowledged() {
         fixture.step();
         snapshot.update().unwrap();
         assert!(!dropped.iter().any(|ticket| snapshot.has_executed(*ticket)));
-        assert_eq!(fixture.cia402.stop_cause(0), None);
+        assert_eq!(fixture.axis(0).status().stop_cause, None);
     }
     let given = observer.quick_stop(1).unwrap();
     fixture.step();
@@ -277,10 +284,10 @@ fn end_of_the_later_table_keeps_commands_of_the_first() {
     snapshot.update().unwrap();
     assert!(!snapshot.has_executed(dropped));
     assert!(AxesSnapshot::of(&snapshot).is_none(), "axes of the table created last only");
-    assert_eq!(fixture.cia402.stop_cause(1), None);
+    assert_eq!(fixture.axis(1).status().stop_cause, None);
     let given = observer.quick_stop(3).unwrap();
     fixture.step();
     snapshot.update().unwrap();
     assert!(snapshot.has_executed(given));
-    assert_eq!(fixture.cia402.stop_cause(3), Some(StopCause::QuickStop));
+    assert_eq!(fixture.axis(3).status().stop_cause, Some(StopCause::QuickStop));
 }

@@ -5,7 +5,8 @@
 use crate::axes::{Fixture, axis, scenario};
 use ecan_canopen::{OperatingMode, Probe, ProbeSource, ProbeTrigger, object};
 use ecan_cia402::{
-    AxesSnapshot, AxisConfig, AxisFault, Cia402, CommandError, InputObject, OutputObject,
+    AxesSnapshot, AxisConfig, AxisFault, Cia402, CommandError, InputObject, Output, OutputObject,
+    StopKind,
 };
 use ecan_sim::{DriveFault, Fault};
 
@@ -26,7 +27,7 @@ fn inputs_arrive_with_the_status_and_the_snapshot() {
     let observer = fixture.port.adapter().observer();
     let mut snapshot = observer.snapshot();
     fixture.steps(400);
-    let inputs = *fixture.cia402.inputs(0).unwrap();
+    let inputs = fixture.axis(0).status().inputs;
     let (velocity, error) = fixture.drive(0, |drive| (drive.velocity(), drive.following_error()));
     assert!((f64::from(inputs.velocity().unwrap()) - velocity).abs() < 500.0, "{inputs:?}");
     assert!((velocity - 100_000.0).abs() < 1_000.0, "{velocity}");
@@ -35,16 +36,16 @@ fn inputs_arrive_with_the_status_and_the_snapshot() {
     // Friction of 5,000,000 of 200,000,000 increments/s^2 at 3000 thousandths.
     assert!((60..90).contains(&inputs.torque().unwrap()), "{inputs:?}");
     // The home switch is at 100,000 increments: bit 2.
-    let at_home = fixture.cia402.actual(0).unwrap() >= 100_000;
+    let at_home = fixture.axis(0).actual().unwrap() >= 100_000;
     assert_eq!(inputs.digital_inputs().unwrap() & 4 != 0, at_home);
     snapshot.update().unwrap();
     let axes = AxesSnapshot::of(&snapshot).unwrap();
-    assert_eq!(axes.axis(0).unwrap().inputs, fixture.cia402.axis_status(0).unwrap().inputs);
+    assert_eq!(axes.axis(0).unwrap().inputs, fixture.axis(0).status().inputs);
     assert_eq!(axes.axis(0).unwrap().inputs.velocity(), inputs.velocity());
     assert_eq!(axes.axis(1).unwrap().inputs.velocity(), None, "nothing mapped");
     fixture.strike(0, DriveFault::Error { code: 0x2310 });
     fixture.idle(100);
-    assert_eq!(fixture.cia402.inputs(0).unwrap().error_code(), Some(0x2310));
+    assert_eq!(fixture.axis(0).status().inputs.error_code(), Some(0x2310));
 }
 
 #[test]
@@ -67,8 +68,8 @@ fn further_pdos_are_mapped_and_verified() {
     let silent = |for_ms| Fault::NodeSilent { node: "drive 0.0/1".to_owned(), for_ms };
     fixture.inject(silent(400));
     fixture.idle(600);
-    assert!(fixture.cia402.is_configured(0));
-    fixture.cia402.enable(0).unwrap();
+    assert!(fixture.axis(0).is_configured());
+    fixture.axis_mut(0).enable().unwrap();
     fixture.until(2_000, Cia402::all_running);
     // Another master changes the third TPDO while the drive cannot be reached.
     let node = fixture.cia402.network().find(crate::axes::address(0, 0, 1)).unwrap();
@@ -77,8 +78,8 @@ fn further_pdos_are_mapped_and_verified() {
     assert_eq!(mapping(&fixture, 0x1802, 2), 255);
     fixture.inject(silent(400));
     fixture.idle(600);
-    assert!(!fixture.cia402.is_configured(0));
-    assert_eq!(fixture.cia402.inputs(0).unwrap().velocity(), None, "of another configuration");
+    assert!(!fixture.axis(0).is_configured());
+    assert_eq!(fixture.axis(0).status().inputs.velocity(), None, "of another configuration");
 }
 
 #[test]
@@ -91,22 +92,22 @@ fn digital_outputs_are_set_in_every_state() {
         fixture.drive(0, |drive| drive.object(object::DIGITAL_OUTPUTS, subindex).unwrap())
     };
     assert_eq!((output(&fixture, 1), output(&fixture, 2)), (0, 0x00FF_0000));
-    fixture.cia402.set_digital_outputs(0, 0x00A5_0000).unwrap();
+    fixture.axis_mut(0).set_output(Output::Digital(0x00A5_0000)).unwrap();
     fixture.idle(5);
     assert_eq!(output(&fixture, 1), 0x00A5_0000);
-    fixture.cia402.disable(0).unwrap();
+    fixture.axis_mut(0).stop(StopKind::Disable);
     fixture.idle(200);
-    assert!(fixture.cia402.is_stopped(0));
-    fixture.cia402.set_digital_outputs(0, 0x0001_0000).unwrap();
+    assert!(fixture.axis(0).is_stopped());
+    fixture.axis_mut(0).set_output(Output::Digital(0x0001_0000)).unwrap();
     fixture.idle(5);
     assert_eq!(output(&fixture, 1), 0x0001_0000, "while the drive is off");
     // A change while the bus is lost arrives later.
     fixture.inject(Fault::BusOff { gateway: 0, channel: 0 });
     fixture.idle(2);
-    fixture.cia402.set_digital_outputs(0, 0x0002_0000).unwrap();
+    fixture.axis_mut(0).set_output(Output::Digital(0x0002_0000)).unwrap();
     fixture.idle(1_000);
     assert_eq!(output(&fixture, 1), 0x0002_0000);
-    let error = fixture.cia402.set_digital_outputs(1, 1).unwrap_err();
+    let error = fixture.axis_mut(1).set_output(Output::Digital(1)).unwrap_err();
     assert!(matches!(error, CommandError::NotMapped { axis: 1, .. }), "{error}");
 }
 
@@ -132,30 +133,33 @@ fn probing(source: ProbeSource) -> (Fixture, Probe) {
 #[test]
 fn touch_probe_stores_the_position_of_the_edge() {
     let (mut fixture, probe) = probing(ProbeSource::Input);
-    fixture.cia402.arm_probe(0, probe, ProbeTrigger::first_positive(ProbeSource::Input)).unwrap();
+    fixture
+        .axis_mut(0)
+        .set_output(Output::Probe(probe, Some(ProbeTrigger::first_positive(ProbeSource::Input))))
+        .unwrap();
     fixture.idle(20);
-    let state = fixture.cia402.probe(0, probe).unwrap();
+    let state = fixture.axis(0).probe(probe);
     assert!(state.is_armed && state.positive.is_none(), "{state:?}");
     let mut cycles = 0;
-    while fixture.cia402.probe(0, probe).unwrap().positive.is_none() {
+    while fixture.axis(0).probe(probe).positive.is_none() {
         fixture.step();
         cycles += 1;
-        assert!(cycles < 1_000, "{:?}", fixture.cia402.actual(0));
+        assert!(cycles < 1_000, "{:?}", fixture.axis(0).actual());
     }
-    assert_eq!(fixture.cia402.probe(0, probe).unwrap().positive, Some(64_321));
-    assert!(fixture.cia402.actual(0).unwrap() > 64_321);
+    assert_eq!(fixture.axis(0).probe(probe).positive, Some(64_321));
+    assert!(fixture.axis(0).actual().unwrap() > 64_321);
     // Back over the edge, armed again: the old position is never reported.
     let both = ProbeTrigger { negative: true, ..ProbeTrigger::first_positive(ProbeSource::Input) };
-    fixture.cia402.arm_probe(0, probe, both).unwrap();
-    fixture.cia402.set_target_step(0, -100).unwrap();
+    fixture.axis_mut(0).set_output(Output::Probe(probe, Some(both))).unwrap();
+    fixture.axis_mut(0).set_target_step(-100);
     for _ in 0..200 {
         fixture.step();
-        assert_eq!(fixture.cia402.probe(0, probe).unwrap().positive, None);
+        assert_eq!(fixture.axis(0).probe(probe).positive, None);
     }
-    assert_eq!(fixture.cia402.probe(0, probe).unwrap().negative, Some(64_321));
-    fixture.cia402.disarm_probe(0, probe).unwrap();
+    assert_eq!(fixture.axis(0).probe(probe).negative, Some(64_321));
+    fixture.axis_mut(0).set_output(Output::Probe(probe, None)).unwrap();
     fixture.steps(10);
-    assert!(!fixture.cia402.probe(0, probe).unwrap().is_armed);
+    assert!(!fixture.axis(0).probe(probe).is_armed);
     fixture.check();
 }
 
@@ -163,9 +167,9 @@ fn touch_probe_stores_the_position_of_the_edge() {
 fn touch_probe_stores_the_index_pulse() {
     let (mut fixture, probe) = probing(ProbeSource::IndexPulse);
     let trigger = ProbeTrigger::first_positive(ProbeSource::IndexPulse);
-    fixture.cia402.arm_probe(0, probe, trigger).unwrap();
+    fixture.axis_mut(0).set_output(Output::Probe(probe, Some(trigger))).unwrap();
     fixture.steps(400);
-    assert_eq!(fixture.cia402.probe(0, probe).unwrap().positive, Some(65_536));
+    assert_eq!(fixture.axis(0).probe(probe).positive, Some(65_536));
 }
 
 #[test]

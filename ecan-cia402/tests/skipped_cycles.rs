@@ -4,7 +4,7 @@
 use std::time::Duration;
 
 use crate::axes::{Fixture, START, axes, scenario};
-use ecan_cia402::{AxisConfig, AxisPhase, Cia402, Cia402Config, HoldReason};
+use ecan_cia402::{AxisCommand, AxisConfig, AxisPhase, Cia402, Cia402Config, HoldReason, StopKind};
 use ecan_host::AdapterConfig;
 use ecan_mcan_port::{ChannelConfig, GatewayConfig};
 use ecan_protocol::can::{CanFrame, CanId};
@@ -33,10 +33,11 @@ fn in_motion() -> Fixture {
 }
 
 fn disable_and_enable(fixture: &mut Fixture) {
-    fixture.cia402.disable_all();
-    fixture
-        .until(2_000, |cia402| (0..2).all(|axis| cia402.phase(axis) == Some(AxisPhase::Standby)));
-    fixture.cia402.enable_all().unwrap();
+    fixture.cia402.command_all(AxisCommand::Stop(StopKind::Disable)).unwrap();
+    fixture.until(2_000, |cia402| {
+        (0..2).all(|axis| cia402.axis(axis).unwrap().phase() == AxisPhase::Standby)
+    });
+    fixture.cia402.command_all(AxisCommand::Enable).unwrap();
     fixture.until(2_000, Cia402::all_running);
     fixture.check();
 }
@@ -62,8 +63,8 @@ fn axes_can_be_enabled_after_others_took_a_cycle() {
 #[test]
 fn second_object_on_a_port_can_enable_its_axes() {
     let mut fixture = in_motion();
-    fixture.cia402.disable_all();
-    fixture.until(2_000, |cia402| cia402.phase(0) == Some(AxisPhase::Standby));
+    fixture.cia402.command_all(AxisCommand::Stop(StopKind::Disable)).unwrap();
+    fixture.until(2_000, |cia402| cia402.axis(0).unwrap().phase() == AxisPhase::Standby);
     fixture.cia402 = Cia402::new(&fixture.port, table(), Cia402Config::default()).unwrap();
     fixture.start();
     fixture.until(2_000, Cia402::all_running);
@@ -92,10 +93,10 @@ fn bus_off_in_skipped_cycles_holds_the_axes() {
         fixture.steps(10);
         fixture.check();
         for axis in 0..2 {
-            let reason = fixture.cia402.statistics(axis).last_hold;
+            let reason = fixture.axis(axis).statistics().last_hold;
             assert_eq!(reason, Some(HoldReason::BusOff), "axis {axis}");
         }
-        fixture.cia402.enable_all().unwrap();
+        fixture.cia402.command_all(AxisCommand::Enable).unwrap();
         fixture.until(2_000, Cia402::all_running);
         fixture.check();
     }
@@ -110,7 +111,7 @@ fn incomplete_working_counters_in_skipped_cycles_hold_the_axes() {
         fixture.skip(cycles as usize + 2, true);
         fixture.steps(5);
         fixture.check();
-        let reason = fixture.cia402.statistics(0).last_hold;
+        let reason = fixture.axis(0).statistics().last_hold;
         assert_eq!(reason, holds.then_some(HoldReason::WorkingCounter), "{cycles} cycles");
     }
 }
@@ -157,10 +158,10 @@ fn lose_targets(fixture: &mut Fixture, next: impl Fn(&mut Fixture)) {
     fixture.steps(20);
     fixture.check();
     for axis in 0..2 {
-        let reason = fixture.cia402.statistics(axis).last_hold;
+        let reason = fixture.axis(axis).statistics().last_hold;
         assert_eq!(reason, Some(HoldReason::TargetLost), "axis {axis}");
     }
-    fixture.cia402.enable_all().unwrap();
+    fixture.cia402.command_all(AxisCommand::Enable).unwrap();
     fixture.until(2_000, Cia402::all_running);
     fixture.check();
 }
@@ -189,7 +190,7 @@ fn reconfiguration_between_two_cycles_holds_the_axes() {
     fixture.port.reconfigure(config).unwrap();
     fixture.port.wait_ready_timeout(START).unwrap();
     fixture.steps(20);
-    assert!(!fixture.cia402.is_running(0));
-    assert_eq!(fixture.cia402.statistics(0).last_hold, Some(HoldReason::GatewayLost));
+    assert!(!fixture.axis(0).is_running());
+    assert_eq!(fixture.axis(0).statistics().last_hold, Some(HoldReason::GatewayLost));
     fixture.check();
 }

@@ -4,6 +4,7 @@
 //! With `UPDATE_GOLDEN=1` the trace is written anew instead of compared.
 #![allow(missing_docs)]
 
+use ecan_cia402::AxisCommand;
 use std::path::Path;
 
 use crate::axes::{Fixture, axis, node};
@@ -128,16 +129,15 @@ fn axis_startup_matches_the_golden_trace() {
             fixture.cia402.send_targets_all(&mut cycle);
             assert_eq!(cycle.finish().error(), None);
         }
-        panic!("{what}: {}", fixture.cia402.progress(0).unwrap());
+        panic!("{what}: {}", fixture.axis(0).progress());
     };
-    let phase = |text: &'static str| {
-        move |fixture: &Fixture| fixture.cia402.phase(0).unwrap().to_string() == text
-    };
-    fixture.cia402.configure_all().unwrap();
+    let phase =
+        |text: &'static str| move |fixture: &Fixture| fixture.axis(0).phase().to_string() == text;
+    fixture.cia402.command_all(AxisCommand::Configure).unwrap();
     run(&mut fixture, "configure", &phase("configured"));
-    fixture.cia402.read_position_all().unwrap();
+    fixture.cia402.command_all(AxisCommand::ReadPosition).unwrap();
     run(&mut fixture, "read the actual position", &phase("ready at its actual position"));
-    fixture.cia402.enable_all().unwrap();
+    fixture.cia402.command_all(AxisCommand::Enable).unwrap();
     run(&mut fixture, "enable", &phase("following targets"));
     let drive = fixture
         .simulation

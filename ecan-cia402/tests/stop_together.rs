@@ -8,8 +8,8 @@ use std::time::Duration;
 use crate::axes::{Fixture, axes, axis};
 use ecan_canopen::{OperatingMode, SyncConfig};
 use ecan_cia402::{
-    AxisConfig, AxisPhase, Cia402, Cia402Config, CommandError, Decision, HoldReason, MotionLimits,
-    PathStop, Scale, TargetRejection, WaitReason,
+    AxisConfig, AxisPhase, AxisRef, Cia402, Cia402Config, CommandError, Decision, HoldReason,
+    MotionLimits, PathStop, Scale, TargetRejection, WaitReason,
 };
 use ecan_host::AdapterConfig;
 use ecan_protocol::can::{CanFrame, CanId};
@@ -49,7 +49,8 @@ struct Application {
 
 impl Application {
     fn new(cia402: &Cia402, rates: &[i32]) -> Self {
-        let start = (0..rates.len()).map(|axis| cia402.target(axis).unwrap()).collect();
+        let start =
+            (0..rates.len()).map(|axis| cia402.axis(axis).unwrap().target().unwrap()).collect();
         Self { start, rates: rates.to_vec(), at: 0.0, rate: 0.0 }
     }
 
@@ -58,7 +59,7 @@ impl Application {
         self.at += self.rate;
         for (axis, (start, rate)) in self.start.iter().zip(&self.rates).enumerate() {
             let target = start + (f64::from(*rate) * self.at).round() as i32;
-            fixture.cia402.set_target(axis, target).unwrap();
+            fixture.axis_mut(axis).set_target(target).unwrap();
         }
         fixture.idle(1);
     }
@@ -69,7 +70,7 @@ impl Application {
             self.cycle(fixture);
             assert!(
                 (0..self.start.len())
-                    .all(|axis| matches!(fixture.cia402.decision(axis), Decision::Target(_)))
+                    .all(|axis| matches!(fixture.axis(axis).decision(), Decision::Target(_)))
             );
         }
     }
@@ -86,7 +87,7 @@ fn stopped(fixture: &mut Fixture) -> PathStop {
     let axes = fixture.cia402.axis_count();
     for _ in 0..2_000 {
         fixture.idle(1);
-        let is_at_rest = (0..axes).all(|axis| fixture.cia402.is_at_rest(axis));
+        let is_at_rest = (0..axes).all(|axis| fixture.axis(axis).is_at_rest());
         if fixture.cia402.path_stop() != PathStop::Decelerating && is_at_rest {
             fixture.idle(10);
             return fixture.cia402.path_stop();
@@ -95,7 +96,7 @@ fn stopped(fixture: &mut Fixture) -> PathStop {
     panic!(
         "{:?}: {:#?}",
         fixture.cia402.path_stop(),
-        fixture.cia402.progress_all().collect::<Vec<_>>()
+        fixture.cia402.axes().map(AxisRef::progress).collect::<Vec<_>>()
     );
 }
 
@@ -150,12 +151,12 @@ fn halt_keeps_the_jerk_limit() {
     for limits in [Limits(5.0, 1.0), Limits(2.5, 0.25), Limits(0.8, 0.02)] {
         let table = limited(vec![axis(0, 0, 1)], &[limits]);
         let mut fixture = moving(table, &[40]);
-        let from = fixture.cia402.target(0).unwrap();
-        fixture.cia402.halt(0).unwrap();
+        let from = fixture.axis(0).target().unwrap();
+        fixture.axis_mut(0).halt();
         fixture.idle(200);
-        assert!(fixture.cia402.is_at_rest(0));
+        assert!(fixture.axis(0).is_at_rest());
         assert_limits(&fixture, 0, from, limits);
-        let distance = fixture.cia402.target(0).unwrap() - from;
+        let distance = fixture.axis(0).target().unwrap() - from;
         // Half the rate for rate / acceleration + acceleration / jerk, less the cycle of the call.
         let expected = 20.0 * (40.0 / limits.0 + limits.0 / limits.1 - 1.0);
         assert!((f64::from(distance) / expected - 1.0).abs() < 0.1, "{distance} {expected}");
@@ -167,15 +168,15 @@ fn halt_keeps_the_jerk_limit() {
 fn target_beyond_the_velocity_limit_is_rejected() {
     let table = limited(vec![axis(0, 0, 1)], &[Limits(10.0, 1.0)]);
     let mut fixture = Fixture::single(table).started();
-    assert_eq!(fixture.cia402.config(0).unwrap().step_limit, 400);
-    let at = fixture.cia402.target(0).unwrap();
-    fixture.cia402.set_target(0, at + 401).unwrap();
+    assert_eq!(fixture.axis(0).config().step_limit, 400);
+    let at = fixture.axis(0).target().unwrap();
+    fixture.axis_mut(0).set_target(at + 401).unwrap();
     fixture.idle(1);
     let rejection = TargetRejection::Step { step: 401, limit: 400 };
-    assert_eq!(fixture.cia402.decision(0), Decision::Reject(rejection));
-    fixture.cia402.set_target(0, at + 400).unwrap();
+    assert_eq!(fixture.axis(0).decision(), Decision::Reject(rejection));
+    fixture.axis_mut(0).set_target(at + 400).unwrap();
     fixture.idle(1);
-    assert_eq!(fixture.cia402.decision(0), Decision::Target(at + 400), "not the acceleration");
+    assert_eq!(fixture.axis(0).decision(), Decision::Target(at + 400), "not the acceleration");
 }
 
 #[test]
@@ -191,19 +192,19 @@ fn velocity_mode_keeps_limits_in_units_of_the_drive() {
     };
     let mut fixture = Fixture::single(vec![axis]).started();
     for n in 1..=101 {
-        fixture.cia402.set_target(0, n * 200).unwrap();
+        fixture.axis_mut(0).set_target(n * 200).unwrap();
         fixture.idle(1);
     }
-    assert!(matches!(fixture.cia402.decision(0), Decision::Reject(TargetRejection::Bounds { .. })));
-    assert_eq!(fixture.cia402.target(0), Some(20_000));
-    fixture.cia402.set_target(0, 19_799).unwrap();
+    assert!(matches!(fixture.axis(0).decision(), Decision::Reject(TargetRejection::Bounds { .. })));
+    assert_eq!(fixture.axis(0).target(), Some(20_000));
+    fixture.axis_mut(0).set_target(19_799).unwrap();
     fixture.idle(1);
-    assert!(matches!(fixture.cia402.decision(0), Decision::Reject(TargetRejection::Step { .. })));
-    fixture.cia402.set_target(0, 20_000).unwrap();
+    assert!(matches!(fixture.axis(0).decision(), Decision::Reject(TargetRejection::Step { .. })));
+    fixture.axis_mut(0).set_target(20_000).unwrap();
     fixture.idle(50);
-    fixture.cia402.halt(0).unwrap();
+    fixture.axis_mut(0).halt();
     fixture.idle(200);
-    assert!(fixture.cia402.is_at_rest(0));
+    assert!(fixture.axis(0).is_at_rest());
     let targets = targets(&fixture, 0, 220);
     assert_eq!((targets[0], targets.last()), (20_000, Some(&0)));
     let steps = differences(&targets);
@@ -216,13 +217,13 @@ fn axes_stop_straight_within_their_limits() {
     let limits = [Limits(6.0, 0.5), Limits(4.0, 0.1), Limits(8.0, 2.0), Limits(4.0, 0.25)];
     for rates in [[200, 120, -75, 30], [3, -250, 250, 7], [0, 0, 17, -180], [1, 2, 3, 4]] {
         let mut fixture = moving(limited(axes(4), &limits), &rates);
-        let start: Vec<i32> = (0..4).map(|axis| fixture.cia402.target(axis).unwrap()).collect();
+        let start: Vec<i32> = (0..4).map(|axis| fixture.axis(axis).target().unwrap()).collect();
         fixture.cia402.stop_together();
         assert_eq!(stopped(&mut fixture), PathStop::Done);
         assert_straight(&fixture, &start, &rates);
         for (axis, limits) in limits.iter().enumerate() {
             assert_limits(&fixture, axis, start[axis], *limits);
-            assert_eq!(fixture.cia402.phase(axis), Some(AxisPhase::Halted));
+            assert_eq!(fixture.axis(axis).phase(), AxisPhase::Halted);
         }
         fixture.check();
     }
@@ -238,11 +239,11 @@ fn limits_follow_the_target_period() {
     };
     let adapter = AdapterConfig::new(1).with_cycle(Duration::from_millis(2));
     let mut fixture = Fixture::open_with(ecan_sim::drives(1, 4), adapter, table, config);
-    assert_eq!(fixture.cia402.config(0).unwrap().step_limit, 1_600, "4 cycles");
+    assert_eq!(fixture.axis(0).config().step_limit, 1_600, "4 cycles");
     let error = fixture.cia402.set_motion_div(20_000).unwrap_err();
     assert!(matches!(error, CommandError::TargetPeriod { .. }), "{error}");
     fixture.cia402.set_motion_div(2).unwrap();
-    assert_eq!(fixture.cia402.config(0).unwrap().step_limit, 800);
+    assert_eq!(fixture.axis(0).config().step_limit, 800);
     fixture.start();
 
     let mut application = Application::new(&fixture.cia402, &[300, -200]);
@@ -251,7 +252,7 @@ fn limits_follow_the_target_period() {
         // Targets are due in every second cycle.
         fixture.idle(1);
     }
-    let start: Vec<i32> = (0..2).map(|axis| fixture.cia402.target(axis).unwrap()).collect();
+    let start: Vec<i32> = (0..2).map(|axis| fixture.axis(axis).target().unwrap()).collect();
     fixture.cia402.stop_together();
     assert_eq!(stopped(&mut fixture), PathStop::Done);
     assert_straight(&fixture, &start, &[300, -200]);
@@ -284,7 +285,7 @@ fn stop_from_an_acceleration_continues_it() {
     let mut fixture = Fixture::single(limited(axes(2), &limits)).started();
     // The rates rise by 4 and 2 per cycle.
     Application::new(&fixture.cia402, &rates).until(&mut fixture, 25);
-    let start: Vec<i32> = (0..2).map(|axis| fixture.cia402.target(axis).unwrap()).collect();
+    let start: Vec<i32> = (0..2).map(|axis| fixture.axis(axis).target().unwrap()).collect();
     fixture.cia402.stop_together();
     assert_eq!(stopped(&mut fixture), PathStop::Done);
     let after = |fixture: &Fixture, axis: usize| {
@@ -306,7 +307,7 @@ fn stop_from_an_acceleration_continues_it() {
 fn stop_from_a_curve_continues_straight() {
     let limits = [Limits(4.0, 0.5), Limits(4.0, 0.5)];
     let mut fixture = Fixture::single(limited(axes(2), &limits)).started();
-    let start: Vec<i32> = (0..2).map(|axis| fixture.cia402.target(axis).unwrap()).collect();
+    let start: Vec<i32> = (0..2).map(|axis| fixture.axis(axis).target().unwrap()).collect();
     // A circle of 5,000 increments at 100 increments per cycle, from rest.
     let (mut angle, mut rate) = (0.0_f64, 0.0_f64);
     for _ in 0..150 {
@@ -314,16 +315,16 @@ fn stop_from_a_curve_continues_straight() {
         angle += rate;
         let point = [5_000.0 * (1.0 - angle.cos()), 5_000.0 * angle.sin()];
         for (axis, value) in point.iter().enumerate() {
-            fixture.cia402.set_target(axis, start[axis] + value.round() as i32).unwrap();
+            fixture.axis_mut(axis).set_target(start[axis] + value.round() as i32).unwrap();
         }
         fixture.idle(1);
     }
-    let start: Vec<i32> = (0..2).map(|axis| fixture.cia402.target(axis).unwrap()).collect();
+    let start: Vec<i32> = (0..2).map(|axis| fixture.axis(axis).target().unwrap()).collect();
     let direction = [100.0 * angle.sin(), 100.0 * angle.cos()];
     fixture.cia402.stop_together();
     assert_eq!(stopped(&mut fixture), PathStop::Done);
     let end: Vec<f64> =
-        (0..2).map(|axis| f64::from(fixture.cia402.target(axis).unwrap() - start[axis])).collect();
+        (0..2).map(|axis| f64::from(fixture.axis(axis).target().unwrap() - start[axis])).collect();
     let [along, across] = [
         (end[0] * direction[0] + end[1] * direction[1]) / 100.0,
         (end[0] * direction[1] - end[1] * direction[0]) / 100.0,
@@ -336,7 +337,7 @@ fn stop_from_a_curve_continues_straight() {
 fn disturbed_stop(fixture: &mut Fixture, disturb: impl Fn(&mut Fixture)) -> usize {
     let rates = [150, 90];
     Application::new(&fixture.cia402, &rates).until(fixture, 100);
-    let start: Vec<i32> = (0..2).map(|axis| fixture.cia402.target(axis).unwrap()).collect();
+    let start: Vec<i32> = (0..2).map(|axis| fixture.axis(axis).target().unwrap()).collect();
     fixture.cia402.stop_together();
     let mut waits = 0;
     for n in 0..300 {
@@ -346,9 +347,9 @@ fn disturbed_stop(fixture: &mut Fixture, disturb: impl Fn(&mut Fixture)) -> usiz
             fixture.idle(1);
         }
         let waits_together =
-            |axis| fixture.cia402.decision(axis) == Decision::Wait(WaitReason::Together);
+            |axis| fixture.axis(axis).decision() == Decision::Wait(WaitReason::Together);
         waits += usize::from((0..2).any(waits_together));
-        let [lead, other] = [0, 1].map(|axis| fixture.cia402.target(axis).unwrap() - start[axis]);
+        let [lead, other] = [0, 1].map(|axis| fixture.axis(axis).target().unwrap() - start[axis]);
         assert!((f64::from(lead) * 0.6 - f64::from(other)).abs() <= 1.0, "{lead} {other}");
     }
     assert_eq!(fixture.cia402.path_stop(), PathStop::Done);
@@ -404,7 +405,7 @@ proptest! {
             changes.iter().zip(shares).map(|(change, share)| Limits(*change, change / share)).collect();
         let table = (0..4).map(|n| axis(0, n / 2, n % 2 + 1)).collect();
         let mut fixture = moving(limited(table, &limits), &rates);
-        let start: Vec<i32> = (0..4).map(|axis| fixture.cia402.target(axis).unwrap()).collect();
+        let start: Vec<i32> = (0..4).map(|axis| fixture.axis(axis).target().unwrap()).collect();
         fixture.cia402.stop_together();
         let frame = CanFrame::classic(CanId::standard(0x7FE).unwrap(), &[0; 8]).unwrap();
         let (mut gap, mut longest_gap) = (0, 0);
@@ -420,7 +421,7 @@ proptest! {
                     while bus.send(channel, &frame).is_ok() {}
                 }
             });
-            let waits = |axis| matches!(fixture.cia402.decision(axis), Decision::Wait(_));
+            let waits = |axis| matches!(fixture.axis(axis).decision(), Decision::Wait(_));
             gap = if (0..4).any(waits) { gap + 1 } else { 0 };
             longest_gap = longest_gap.max(gap);
         }
@@ -430,7 +431,7 @@ proptest! {
         } else {
             // A channel with too many frames: its axes hold, the others stop by their ramps.
             let is_held =
-                |axis| matches!(fixture.cia402.phase(axis), Some(AxisPhase::Holding(_)));
+                |axis| matches!(fixture.axis(axis).phase(), AxisPhase::Holding(_));
             prop_assert!((0..4).any(is_held), "{}", state);
         }
         if longest_gap > 2 {
@@ -447,13 +448,13 @@ proptest! {
 fn fault_of_an_axis_leaves_the_others_to_their_ramps() {
     let limits = [Limits(4.0, 0.25), Limits(2.0, 0.1), Limits(8.0, 2.0)];
     let mut fixture = moving(limited(axes(3), &limits), &[100, 100, 100]);
-    let start: Vec<i32> = (0..3).map(|axis| fixture.cia402.target(axis).unwrap()).collect();
+    let start: Vec<i32> = (0..3).map(|axis| fixture.axis(axis).target().unwrap()).collect();
     fixture.cia402.stop_together();
     fixture.idle(10);
     fixture.strike(1, DriveFault::Error { code: 0x2310 });
     assert_eq!(stopped(&mut fixture), PathStop::Split { axis: 1 });
     for axis in [0, 2] {
-        assert_eq!(fixture.cia402.phase(axis), Some(AxisPhase::Halted));
+        assert_eq!(fixture.axis(axis).phase(), AxisPhase::Halted);
         assert_limits(&fixture, axis, start[axis], limits[axis]);
     }
     let travelled = |axis| {
@@ -473,8 +474,8 @@ fn lost_path_leaves_no_axis_moving() {
     fixture.idle(200);
     assert_eq!(fixture.cia402.path_stop(), PathStop::Done, "at rest on the path");
     for axis in 0..2 {
-        let phase = fixture.cia402.phase(axis);
-        assert!(matches!(phase, Some(AxisPhase::Holding(HoldReason::WorkingCounter))), "{phase:?}");
+        let phase = fixture.axis(axis).phase();
+        assert!(matches!(phase, AxisPhase::Holding(HoldReason::WorkingCounter)), "{phase:?}");
         assert!(fixture.drive(axis, |drive| drive.velocity()).abs() < 10.0);
     }
     fixture.check();
@@ -487,14 +488,14 @@ fn axis_without_targets_does_not_start_to_move_again() {
         table[0].wc_misses = 10;
         table[0].tpdo_timeout = 20;
         let mut fixture = moving(table, &[100]);
-        fixture.cia402.halt(0).unwrap();
+        fixture.axis_mut(0).halt();
         fixture.idle(3);
-        let before = fixture.cia402.target(0).unwrap();
+        let before = fixture.axis(0).target().unwrap();
         fixture.inject(Fault::WorkingCounterOffset { offset: -1, cycles });
         fixture.idle(100);
-        assert!(fixture.cia402.is_at_rest(0));
-        assert_eq!(fixture.cia402.phase(0), Some(AxisPhase::Halted));
-        let travelled = fixture.cia402.target(0).unwrap() - before;
+        assert!(fixture.axis(0).is_at_rest());
+        assert_eq!(fixture.axis(0).phase(), AxisPhase::Halted);
+        let travelled = fixture.axis(0).target().unwrap() - before;
         assert_eq!(travelled > 200, continues, "{travelled} after {cycles}");
     }
 }
@@ -502,13 +503,13 @@ fn axis_without_targets_does_not_start_to_move_again() {
 #[test]
 fn halt_after_rejected_targets_moves_nothing() {
     let mut fixture = moving(limited(vec![axis(0, 0, 1)], &[Limits(4.0, 0.25)]), &[100]);
-    let at = fixture.cia402.target(0).unwrap();
-    fixture.cia402.set_target(0, at + 10_000).unwrap();
+    let at = fixture.axis(0).target().unwrap();
+    fixture.axis_mut(0).set_target(at + 10_000).unwrap();
     fixture.idle(10);
-    assert!(matches!(fixture.cia402.decision(0), Decision::Reject(_)));
-    fixture.cia402.halt(0).unwrap();
+    assert!(matches!(fixture.axis(0).decision(), Decision::Reject(_)));
+    fixture.axis_mut(0).halt();
     fixture.idle(50);
-    assert_eq!(fixture.cia402.target(0), Some(at));
+    assert_eq!(fixture.axis(0).target(), Some(at));
 }
 
 #[test]
@@ -517,11 +518,11 @@ fn resumed_axis_splits_the_stop() {
     let mut fixture = moving(limited(axes(2), &limits), &[100, 50]);
     fixture.cia402.stop_together();
     fixture.idle(5);
-    fixture.cia402.resume(0).unwrap();
+    fixture.axis_mut(0).resume();
     fixture.idle(100);
     assert_eq!(fixture.cia402.path_stop(), PathStop::Split { axis: 0 });
-    assert_eq!(fixture.cia402.phase(0), Some(AxisPhase::Running));
-    assert_eq!(fixture.cia402.phase(1), Some(AxisPhase::Halted));
+    assert_eq!(fixture.axis(0).phase(), AxisPhase::Running);
+    assert_eq!(fixture.axis(1).phase(), AxisPhase::Halted);
 }
 
 #[test]
@@ -529,10 +530,10 @@ fn axis_at_its_bound_splits_the_stop() {
     let limits = [Limits(4.0, 0.25)];
     let mut table = limited(axes(2), &limits);
     let mut fixture = Fixture::single(table.clone()).started();
-    let at = fixture.cia402.target(0).unwrap();
+    let at = fixture.axis(0).target().unwrap();
     table[0].bounds = Some((at - 1_000, at + 8_000));
     fixture = moving(table, &[100, 100]);
-    let start = fixture.cia402.target(1).unwrap();
+    let start = fixture.axis(1).target().unwrap();
     fixture.cia402.stop_together();
     assert_eq!(stopped(&mut fixture), PathStop::Split { axis: 0 });
     assert!(fixture.history(0).iter().all(|record| record.target <= at + 8_000));
@@ -547,15 +548,15 @@ fn axes_of_other_modes_are_halted() {
     let mut fixture = Fixture::single(table).started();
     let mut application = Application::new(&fixture.cia402, &[100, 50]);
     for n in 1..=100 {
-        fixture.cia402.set_target(2, n * 200).unwrap();
+        fixture.axis_mut(2).set_target(n * 200).unwrap();
         application.cycle(&mut fixture);
     }
     fixture.cia402.stop_together();
     assert_eq!(stopped(&mut fixture), PathStop::Done);
     for axis in 0..3 {
-        assert_eq!(fixture.cia402.phase(axis), Some(AxisPhase::Halted));
+        assert_eq!(fixture.axis(axis).phase(), AxisPhase::Halted);
     }
-    assert_eq!(fixture.cia402.target(2), Some(0));
+    assert_eq!(fixture.axis(2).target(), Some(0));
     fixture.idle(200);
     assert!(fixture.drive(2, |drive| drive.velocity()).abs() < 10.0);
 }
@@ -566,12 +567,12 @@ fn stop_at_rest_is_done_at_once() {
     assert_eq!(fixture.cia402.path_stop(), PathStop::None);
     fixture.cia402.stop_together();
     assert_eq!(fixture.cia402.path_stop(), PathStop::Done);
-    let at = fixture.cia402.target(0).unwrap();
-    fixture.cia402.set_target(0, at + 50).unwrap();
+    let at = fixture.axis(0).target().unwrap();
+    fixture.axis_mut(0).set_target(at + 50).unwrap();
     fixture.idle(3);
-    assert_eq!(fixture.cia402.target(0), Some(at), "targets are ignored");
-    fixture.cia402.resume(0).unwrap();
-    fixture.cia402.set_target(0, at + 50).unwrap();
+    assert_eq!(fixture.axis(0).target(), Some(at), "targets are ignored");
+    fixture.axis_mut(0).resume();
+    fixture.axis_mut(0).set_target(at + 50).unwrap();
     fixture.idle(1);
-    assert_eq!(fixture.cia402.target(0), Some(at + 50));
+    assert_eq!(fixture.axis(0).target(), Some(at + 50));
 }

@@ -11,7 +11,8 @@ use crate::support::stops::{
 };
 use ecan_canopen::{DriveState, OperatingMode, QuickStopOption, SyncConfig};
 use ecan_cia402::{
-    AxisConfig, AxisOwner, AxisPhase, Cia402, Cia402Config, HomingConfig, StopCause,
+    AxisCommand, AxisConfig, AxisOwner, AxisPhase, Cia402, Cia402Config, HomingConfig, StopCause,
+    StopKind,
 };
 use ecan_host::{AdapterConfig, DcSync};
 use ecan_mcan_port::{ChannelConfig, GatewayConfig};
@@ -24,11 +25,15 @@ use ecan_sim::{
 /// A stop call on the axis.
 type StopCall = (&'static str, fn(&mut Cia402), f64);
 
+fn stop_all(cia402: &mut Cia402, kind: StopKind) {
+    cia402.command_all(AxisCommand::Stop(kind)).unwrap();
+}
+
 const STOP_CALLS: [StopCall; 4] = [
-    ("quick_stop", |cia402| cia402.quick_stop(0).unwrap(), QUICK),
-    ("quick_stop_all", Cia402::quick_stop_all, QUICK),
-    ("disable", |cia402| cia402.disable(0).unwrap(), PROFILE),
-    ("disable_all", Cia402::disable_all, PROFILE),
+    ("quick_stop", |cia402| cia402.axis_mut(0).unwrap().stop(StopKind::QuickStop), QUICK),
+    ("quick stop of all", |cia402| stop_all(cia402, StopKind::QuickStop), QUICK),
+    ("disable", |cia402| cia402.axis_mut(0).unwrap().stop(StopKind::Disable), PROFILE),
+    ("disable all", |cia402| stop_all(cia402, StopKind::Disable), PROFILE),
 ];
 
 #[test]
@@ -39,7 +44,7 @@ fn stop_after_a_failed_configuration_reaches_the_drive() {
             silence(&fixture, 3_000);
             let silent_ms = now_ms(&fixture);
             fixture.steps(5);
-            fixture.cia402.configure(0).unwrap();
+            fixture.axis_mut(0).configure().unwrap();
             fixture.steps(900);
             let before = velocity(&fixture);
             let start_ms = now_ms(&fixture);
@@ -81,11 +86,11 @@ fn stop_of_a_drive_of_an_earlier_owner_reaches_it() {
 fn configure_of_a_moving_axis_does_not_coast() {
     for mode in [OperatingMode::CyclicVelocity, OperatingMode::CyclicPosition] {
         let mut fixture = at_speed(mode, HostHeartbeat::On);
-        fixture.cia402.configure(0).unwrap();
+        fixture.axis_mut(0).configure().unwrap();
         let trace = Trace::of(&mut fixture);
         println!("configure, {mode}: {trace}");
         trace.assert_rest(RETURN_MS, QUICK).assert_no_coasting();
-        fixture.until(2_000, |cia402| cia402.phase(0) == Some(AxisPhase::Standby));
+        fixture.until(2_000, |cia402| cia402.axis(0).unwrap().phase() == AxisPhase::Standby);
     }
 }
 
@@ -107,7 +112,7 @@ fn waiting_target_does_not_undo_the_stop_of_configure() {
         fixture.steps(cycles);
         let call = LibraryCall::DomainState;
         fixture.inject(Fault::LibraryError { call, errno: 4, times: 2 });
-        fixture.cia402.configure(0).unwrap();
+        fixture.axis_mut(0).configure().unwrap();
         let before = fixture.drive_axis(0, |axis| axis.trace().recorded());
         let trace = Trace::of(&mut fixture);
         println!("configure {cycles} cycles later: {trace}");
@@ -117,7 +122,7 @@ fn waiting_target_does_not_undo_the_stop_of_configure() {
             axis.trace().since(before).find(is_enable).copied()
         });
         assert_eq!(enabled, None, "configure {cycles} cycles later");
-        fixture.until(2_000, |cia402| cia402.phase(0) == Some(AxisPhase::Standby));
+        fixture.until(2_000, |cia402| cia402.axis(0).unwrap().phase() == AxisPhase::Standby);
     }
 }
 
@@ -125,9 +130,9 @@ fn waiting_target_does_not_undo_the_stop_of_configure() {
 fn quick_stop_during_configuration_stops_the_motor() {
     for cycles in [0, 1, 2, 3, 5, 8, 20, 40] {
         let mut fixture = at_speed(OperatingMode::CyclicVelocity, HostHeartbeat::On);
-        fixture.cia402.configure(0).unwrap();
+        fixture.axis_mut(0).configure().unwrap();
         fixture.steps(cycles);
-        fixture.cia402.quick_stop(0).unwrap();
+        fixture.axis_mut(0).stop(StopKind::QuickStop);
         let trace = Trace::of(&mut fixture);
         println!("quick stop {cycles} cycles after configure: {trace}");
         trace.assert_rest(RETURN_MS, QUICK).assert_no_coasting();
@@ -139,12 +144,14 @@ fn quick_stop_during_configuration_stops_the_motor() {
 fn quick_stop_while_the_mode_is_set_keeps_the_drive_off() {
     let scenario = drives(|drive| drive.quirks.mode_delay_ms = 300);
     let mut fixture = open(scenario, OperatingMode::CyclicVelocity, HostHeartbeat::On);
-    fixture.cia402.configure_all().unwrap();
-    fixture.until(1_000, |cia402| matches!(cia402.phase(0), Some(AxisPhase::SettingMode(_))));
-    fixture.cia402.quick_stop(0).unwrap();
+    fixture.cia402.command_all(AxisCommand::Configure).unwrap();
+    fixture.until(1_000, |cia402| {
+        matches!(cia402.axis(0).unwrap().phase(), AxisPhase::SettingMode(_))
+    });
+    fixture.axis_mut(0).stop(StopKind::QuickStop);
     assert_stays_stopped(&mut fixture);
-    fixture.cia402.configure(0).unwrap();
-    fixture.until(1_000, |cia402| cia402.phase(0) == Some(AxisPhase::Standby));
+    fixture.axis_mut(0).configure().unwrap();
+    fixture.until(1_000, |cia402| cia402.axis(0).unwrap().phase() == AxisPhase::Standby);
     assert_runs_again(&mut fixture);
 }
 
@@ -156,10 +163,10 @@ fn quick_stop_during_verification_stops_the_motor() {
             let mut fixture = at_speed(mode, HostHeartbeat::Off);
             fixture.inject(Fault::PowerCycle { gateway: 0, off_ms: 200 });
             fixture.steps(100);
-            fixture.cia402.quick_stop(0).unwrap();
+            fixture.axis_mut(0).stop(StopKind::QuickStop);
             until_reached(&mut fixture);
             fixture.steps(cycles);
-            fixture.cia402.quick_stop(0).unwrap();
+            fixture.axis_mut(0).stop(StopKind::QuickStop);
             let trace = Trace::of(&mut fixture);
             println!("{mode}, {cycles} cycles after the return of the gateway: {trace}");
             trace.assert_rest(RETURN_MS, QUICK).assert_no_coasting();
@@ -174,11 +181,13 @@ fn quick_stop_while_enabling_ends_off() {
         let scenario = drives(|drive| drive.enable_ms = 100);
         let mut fixture =
             open(scenario, OperatingMode::CyclicVelocity, HostHeartbeat::On).started();
-        fixture.cia402.disable(0).unwrap();
-        fixture.until(500, |cia402| cia402.drive_state(0) == Some(DriveState::SwitchOnDisabled));
-        fixture.cia402.enable(0).unwrap();
+        fixture.axis_mut(0).stop(StopKind::Disable);
+        fixture.until(500, |cia402| {
+            cia402.axis(0).unwrap().drive_state() == Some(DriveState::SwitchOnDisabled)
+        });
+        fixture.axis_mut(0).enable().unwrap();
         fixture.steps(cycles);
-        fixture.cia402.quick_stop(0).unwrap();
+        fixture.axis_mut(0).stop(StopKind::QuickStop);
         assert_stays_stopped(&mut fixture);
         assert_runs_again(&mut fixture);
     }
@@ -188,14 +197,14 @@ fn quick_stop_while_enabling_ends_off() {
 fn quick_stop_during_homing_stops_the_motor() {
     let mut fixture = open(drives(|_| {}), OperatingMode::CyclicPosition, HostHeartbeat::On);
     fixture.start();
-    fixture.cia402.home(0, HomingConfig::new(19)).unwrap();
+    fixture.axis_mut(0).home(HomingConfig::new(19)).unwrap();
     let mut limit = 5_000;
     while velocity(&fixture).abs() < 100_000.0 && limit > 0 {
         fixture.idle(1);
         limit -= 1;
     }
-    assert!(matches!(fixture.cia402.phase(0), Some(AxisPhase::Homing(_))));
-    fixture.cia402.quick_stop(0).unwrap();
+    assert!(matches!(fixture.axis(0).phase(), AxisPhase::Homing(_)));
+    fixture.axis_mut(0).stop(StopKind::QuickStop);
     let trace = Trace::of(&mut fixture);
     println!("homing: {trace}");
     trace.assert_rest(REACTION_MS, QUICK).assert_no_coasting();
@@ -206,9 +215,9 @@ fn quick_stop_during_homing_stops_the_motor() {
 fn quick_stop_during_a_mode_change_stops_the_motor() {
     for cycles in [0, 1, 3, 20, 60, 100, 120, 140] {
         let mut fixture = at_speed(OperatingMode::CyclicPosition, HostHeartbeat::On);
-        fixture.cia402.change_mode(0, OperatingMode::ProfilePosition).unwrap();
+        fixture.axis_mut(0).change_mode(OperatingMode::ProfilePosition).unwrap();
         fixture.steps(cycles);
-        fixture.cia402.quick_stop(0).unwrap();
+        fixture.axis_mut(0).stop(StopKind::QuickStop);
         let trace = Trace::of(&mut fixture);
         println!("quick stop {cycles} cycles after change_mode: {trace}");
         trace.assert_rest(REACTION_MS, QUICK).assert_no_coasting();
@@ -222,7 +231,7 @@ fn quick_stop_in_fault_reaction_does_not_coast() {
         let mut fixture = at_speed(OperatingMode::CyclicVelocity, HostHeartbeat::On);
         fixture.strike(0, DriveFault::Error { code: 0x2310 });
         fixture.steps(cycles);
-        fixture.cia402.quick_stop(0).unwrap();
+        fixture.axis_mut(0).stop(StopKind::QuickStop);
         let trace = Trace::of(&mut fixture);
         println!("quick stop {cycles} cycles after the fault: {trace}");
         trace.assert_rest(REACTION_MS, QUICK).assert_no_coasting();
@@ -235,12 +244,13 @@ fn quick_stop_during_a_fault_reset_keeps_the_drive_off() {
     for cycles in [0, 1, 3, 6, 10] {
         let mut fixture = at_speed(OperatingMode::CyclicVelocity, HostHeartbeat::On);
         fixture.strike(0, DriveFault::Error { code: 0x2310 });
-        fixture.until(500, |cia402| cia402.drive_state(0) == Some(DriveState::Fault));
-        fixture.cia402.reset_fault(0).unwrap();
+        fixture
+            .until(500, |cia402| cia402.axis(0).unwrap().drive_state() == Some(DriveState::Fault));
+        fixture.axis_mut(0).reset_fault().unwrap();
         fixture.steps(cycles);
-        fixture.cia402.quick_stop(0).unwrap();
+        fixture.axis_mut(0).stop(StopKind::QuickStop);
         assert_stays_stopped(&mut fixture);
-        fixture.cia402.reset_fault(0).unwrap();
+        fixture.axis_mut(0).reset_fault().unwrap();
         fixture.steps(50);
         assert_runs_again(&mut fixture);
     }
@@ -256,7 +266,7 @@ fn quick_stop_during_bus_off_acts_on_recovery() {
             let mut fixture = at_speed(mode, HostHeartbeat::Off);
             fixture.inject(Fault::BusOff { gateway: 0, channel: 0 });
             fixture.steps(cycles);
-            fixture.cia402.quick_stop(0).unwrap();
+            fixture.axis_mut(0).stop(StopKind::QuickStop);
             let trace = Trace::of(&mut fixture);
             println!("{mode}, {cycles} cycles after bus-off: {trace}");
             trace.assert_rest(RETURN_MS, QUICK).assert_no_coasting();
@@ -272,7 +282,7 @@ fn quick_stop_while_frames_are_lost_acts_on_return() {
             let mut fixture = at_speed(mode, HostHeartbeat::Off);
             fixture.inject(Fault::LostFrame { direction, cycles: 150 });
             fixture.steps(2);
-            fixture.cia402.quick_stop(0).unwrap();
+            fixture.axis_mut(0).stop(StopKind::QuickStop);
             fixture.steps(148);
             until_reached(&mut fixture);
             let trace = Trace::of(&mut fixture);
@@ -288,10 +298,12 @@ fn quick_stop_of_a_silent_drive_acts_and_is_confirmed() {
     let mut fixture = at_speed(OperatingMode::CyclicVelocity, HostHeartbeat::On);
     silence(&fixture, 1_000);
     fixture.steps(2);
-    fixture.cia402.quick_stop(0).unwrap();
+    fixture.axis_mut(0).stop(StopKind::QuickStop);
     // The drive receives, although it sends nothing.
     Trace::of(&mut fixture).assert_rest(REACTION_MS, QUICK).assert_no_coasting();
-    fixture.until(1_000, |cia402| cia402.drive_state(0) == Some(DriveState::SwitchOnDisabled));
+    fixture.until(1_000, |cia402| {
+        cia402.axis(0).unwrap().drive_state() == Some(DriveState::SwitchOnDisabled)
+    });
     assert_stays_stopped(&mut fixture);
 }
 
@@ -300,7 +312,7 @@ fn shutdown_stops_an_unconfigured_moving_axis() {
     for mode in RATE_AND_PROFILE_MODES {
         let mut fixture = at_speed(mode, HostHeartbeat::Off);
         replace_owner(&mut fixture, mode, HostHeartbeat::Off);
-        let result = fixture.cia402.shutdown_timeout(&mut fixture.port, START, |_| {});
+        let result = fixture.cia402.blocking(&mut fixture.port, START).shut_down();
         let (state, velocity) = (state(&fixture), velocity(&fixture));
         println!("{mode}: {result:?}, {velocity:.0}/s in {state}");
         assert!(velocity.abs() < REST, "{mode}: {velocity}/s in {state}");
@@ -315,7 +327,7 @@ fn shutdown_reports_a_moving_axis_that_it_cannot_reach() {
     fixture.inject(Fault::LostFrame { direction: LossDirection::Outward, cycles: 100_000 });
     replace_owner(&mut fixture, OperatingMode::CyclicVelocity, HostHeartbeat::Off);
     let limit = Duration::from_secs(2);
-    let result = fixture.cia402.shutdown_timeout(&mut fixture.port, limit, |_| {});
+    let result = fixture.cia402.blocking(&mut fixture.port, limit).shut_down();
     println!("{result:?}, {:.0}/s", velocity(&fixture));
     assert!(result.is_err(), "{:.0}/s in {}", velocity(&fixture), state(&fixture));
 }
@@ -331,8 +343,8 @@ fn shutdown_waits_for_a_path_that_returns() {
             let limit = Duration::from_secs(12);
             let Fixture { cia402, port, .. } = &mut fixture;
             let result = match is_shutdown {
-                true => cia402.shutdown_timeout(port, limit, |_| {}),
-                false => cia402.stop_all_timeout(port, limit, |_| {}),
+                true => cia402.blocking(port, limit).shut_down(),
+                false => cia402.blocking(port, limit).stop(),
             };
             result.unwrap_or_else(|error| panic!("{mode}: {error}"));
             // The program ends.
@@ -354,8 +366,8 @@ fn stop_without_a_path_uses_its_time_and_names_the_axis() {
         let limit = Duration::from_millis(limit_ms);
         let Fixture { cia402, port, .. } = &mut fixture;
         let result = match is_shutdown {
-            true => cia402.shutdown_timeout(port, limit, |_| {}),
-            false => cia402.stop_all_timeout(port, limit, |_| {}),
+            true => cia402.blocking(port, limit).shut_down(),
+            false => cia402.blocking(port, limit).stop(),
         };
         let text = result.unwrap_err().to_string();
         let waited = now_ms(&fixture) - begin_ms;
@@ -372,12 +384,12 @@ fn stop_needs_a_status_that_is_newer_than_the_command() {
     let mode = OperatingMode::ProfileVelocity;
     let mut fixture = open(drives(|_| {}), mode, HostHeartbeat::Off);
     fixture.start();
-    fixture.cia402.stop_all_timeout(&mut fixture.port, START, |_| {}).unwrap();
+    fixture.cia402.blocking(&mut fixture.port, START).stop().unwrap();
     fixture.inject(Fault::LinkLoss { gateway: 0, for_ms: 60_000 });
     // The last status is still fresh.
     fixture.steps(5);
     let limit = Duration::from_millis(500);
-    let stopped = fixture.cia402.stop_all_timeout(&mut fixture.port, limit, |_| {});
+    let stopped = fixture.cia402.blocking(&mut fixture.port, limit).stop();
     assert!(stopped.is_err(), "nothing confirmed it");
 }
 
@@ -432,11 +444,11 @@ fn panic_does_not_wait_for_axes() {
 #[test]
 fn owner_without_moving_axes_ends_at_once() {
     let mut fixture = open(drives(|_| {}), OperatingMode::CyclicPosition, HostHeartbeat::On);
-    assert!(!fixture.cia402.may_move(0));
+    assert!(!fixture.axis(0).may_move());
     fixture.start();
-    assert!(fixture.cia402.may_move(0));
-    fixture.cia402.shutdown_timeout(&mut fixture.port, START, |_| {}).unwrap();
-    assert!(!fixture.cia402.may_move(0));
+    assert!(fixture.axis(0).may_move());
+    fixture.cia402.blocking(&mut fixture.port, START).shut_down().unwrap();
+    assert!(!fixture.axis(0).may_move());
     let before = now_ms(&fixture);
     let Fixture { cia402, port, .. } = &mut fixture;
     cia402.stop_before_end(port).unwrap();
@@ -450,10 +462,10 @@ fn drive_that_ignores_quick_stop_is_stopped_by_disable() {
     let scenario = drives(|drive| drive.quirks.ignores_quick_stop = true);
     let mode = OperatingMode::CyclicVelocity;
     let mut fixture = at_speed_with(open(scenario, mode, HostHeartbeat::On), mode);
-    fixture.cia402.quick_stop(0).unwrap();
+    fixture.axis_mut(0).stop(StopKind::QuickStop);
     fixture.steps(250);
     println!("500 ms after an ignored quick stop: {:.0}/s", velocity(&fixture));
-    fixture.cia402.disable(0).unwrap();
+    fixture.axis_mut(0).stop(StopKind::Disable);
     Trace::of(&mut fixture).assert_rest(REACTION_MS, PROFILE).assert_no_coasting();
     assert_stays_stopped(&mut fixture);
 }
@@ -465,16 +477,16 @@ fn halted_axis_is_not_running() {
     use OperatingMode as M;
     for mode in [M::CyclicPosition, M::CyclicVelocity, M::ProfileVelocity, M::ProfilePosition] {
         let mut fixture = at_speed(mode, HostHeartbeat::On);
-        assert!(fixture.cia402.is_running(0) && fixture.cia402.all_running());
-        fixture.cia402.halt(0).unwrap();
+        assert!(fixture.axis(0).is_running() && fixture.cia402.all_running());
+        fixture.axis_mut(0).halt();
         fixture.steps(1);
-        assert!(!fixture.cia402.is_running(0), "{mode}: while it decelerates");
-        fixture.until(2_000, |cia402| cia402.is_at_rest(0));
+        assert!(!fixture.axis(0).is_running(), "{mode}: while it decelerates");
+        fixture.until(2_000, |cia402| cia402.axis(0).unwrap().is_at_rest());
         fixture.steps(10);
-        assert!(!fixture.cia402.is_running(0) && !fixture.cia402.all_running(), "{mode}: at rest");
-        fixture.cia402.resume(0).unwrap();
+        assert!(!fixture.axis(0).is_running() && !fixture.cia402.all_running(), "{mode}: at rest");
+        fixture.axis_mut(0).resume();
         fixture.steps(1);
-        assert!(fixture.cia402.is_running(0) && fixture.cia402.all_running(), "{mode}: resumed");
+        assert!(fixture.axis(0).is_running() && fixture.cia402.all_running(), "{mode}: resumed");
     }
 }
 
@@ -486,7 +498,7 @@ fn stop_all_stops_every_axis_and_switches_off_at_rest() {
             if !is_configured {
                 replace_owner(&mut fixture, mode, HostHeartbeat::Off);
             }
-            fixture.cia402.stop_all();
+            fixture.cia402.command_all(AxisCommand::Stop(StopKind::QuickStopThenDisable)).unwrap();
             assert!(!fixture.cia402.all_stopped());
             let trace = Trace::of(&mut fixture);
             println!("{mode}, configured {is_configured}: {trace}");
@@ -500,7 +512,7 @@ fn stop_all_stops_every_axis_and_switches_off_at_rest() {
 #[test]
 fn stop_all_timeout_returns_at_rest() {
     let mut fixture = at_speed(OperatingMode::CyclicVelocity, HostHeartbeat::On);
-    fixture.cia402.stop_all_timeout(&mut fixture.port, START, |_| {}).unwrap();
+    fixture.cia402.blocking(&mut fixture.port, START).stop().unwrap();
     assert!(velocity(&fixture).abs() < REST && fixture.cia402.all_stopped());
     assert_eq!(state(&fixture), DriveState::SwitchOnDisabled);
 }
@@ -510,10 +522,10 @@ fn all_stopped_is_false_while_a_drive_ignores_the_stop() {
     let scenario = drives(|drive| drive.quirks.ignores_quick_stop = true);
     let mode = OperatingMode::CyclicVelocity;
     let mut fixture = at_speed_with(open(scenario, mode, HostHeartbeat::On), mode);
-    fixture.cia402.quick_stop(0).unwrap();
+    fixture.axis_mut(0).stop(StopKind::QuickStop);
     fixture.step();
     while !fixture.cia402.all_stopped() {
-        assert!(matches!(fixture.cia402.phase(0), Some(AxisPhase::Stopping(_))));
+        assert!(matches!(fixture.axis(0).phase(), AxisPhase::Stopping(_)));
         fixture.step();
     }
     assert!(velocity(&fixture).abs() < REST);
@@ -524,12 +536,12 @@ fn moving_axis_out_of_reach_is_uncontrolled() {
     let mut fixture = at_speed(OperatingMode::CyclicVelocity, HostHeartbeat::Off);
     fixture.inject(Fault::LostFrame { direction: LossDirection::Outward, cycles: 500 });
     fixture.steps(250);
-    assert!(matches!(fixture.cia402.phase(0), Some(AxisPhase::Uncontrolled(StopCause::Held(_)))));
-    fixture.cia402.quick_stop(0).unwrap();
+    assert!(matches!(fixture.axis(0).phase(), AxisPhase::Uncontrolled(StopCause::Held(_))));
+    fixture.axis_mut(0).stop(StopKind::QuickStop);
     fixture.steps(1);
     let commanded = AxisPhase::Uncontrolled(StopCause::QuickStop);
-    assert_eq!(fixture.cia402.phase(0), Some(commanded));
-    assert_eq!(fixture.cia402.statistics(0).uncontrolled, 1);
+    assert_eq!(fixture.axis(0).phase(), commanded);
+    assert_eq!(fixture.axis(0).statistics().uncontrolled, 1);
     assert!(!fixture.cia402.all_stopped());
     fixture.until(2_000, Cia402::all_stopped);
     assert!(velocity(&fixture).abs() < REST);
@@ -539,13 +551,15 @@ fn moving_axis_out_of_reach_is_uncontrolled() {
 fn automatic_stop_reports_its_reason() {
     let mut fixture = at_speed(OperatingMode::CyclicVelocity, HostHeartbeat::On);
     fixture.inject(Fault::LostFrame { direction: LossDirection::Outward, cycles: 6 });
-    fixture.until(500, |cia402| !cia402.is_running(0));
-    let reason = fixture.cia402.statistics(0).last_hold.unwrap();
+    fixture.until(500, |cia402| !cia402.axis(0).unwrap().is_running());
+    let reason = fixture.axis(0).statistics().last_hold.unwrap();
     let cause = StopCause::Held(reason);
-    assert_eq!(fixture.cia402.phase(0), Some(AxisPhase::Stopping(cause)));
-    fixture.until(500, |cia402| cia402.phase(0) == Some(AxisPhase::Stopped(cause)));
-    fixture.cia402.quick_stop(0).unwrap();
-    fixture.until(500, |cia402| cia402.phase(0) == Some(AxisPhase::Stopped(StopCause::QuickStop)));
+    assert_eq!(fixture.axis(0).phase(), AxisPhase::Stopping(cause));
+    fixture.until(500, |cia402| cia402.axis(0).unwrap().phase() == AxisPhase::Stopped(cause));
+    fixture.axis_mut(0).stop(StopKind::QuickStop);
+    fixture.until(500, |cia402| {
+        cia402.axis(0).unwrap().phase() == AxisPhase::Stopped(StopCause::QuickStop)
+    });
 }
 
 #[test]
@@ -553,11 +567,12 @@ fn quick_stop_while_the_brake_opens_switches_off() {
     let scenario = drives(|drive| drive.enable_ms = 100);
     let mut fixture = open(scenario, OperatingMode::CyclicVelocity, HostHeartbeat::On);
     let port = &mut fixture.port;
-    fixture.cia402.configure_all_timeout(port, START, |_| {}).unwrap();
-    fixture.cia402.enable(0).unwrap();
-    fixture.until(500, |cia402| cia402.drive_state(0) == Some(DriveState::SwitchedOn));
+    fixture.cia402.blocking(port, START).configure().unwrap();
+    fixture.axis_mut(0).enable().unwrap();
+    fixture
+        .until(500, |cia402| cia402.axis(0).unwrap().drive_state() == Some(DriveState::SwitchedOn));
     fixture.steps(10);
-    fixture.cia402.quick_stop(0).unwrap();
+    fixture.axis_mut(0).stop(StopKind::QuickStop);
     for _ in 0..200 {
         fixture.step();
         assert_ne!(state(&fixture), DriveState::OperationEnabled);
@@ -586,7 +601,7 @@ fn quick_stop_leaves_the_bus_free_at_a_short_cycle() {
         Fixture::open_on(scenario, adapter, gateway, axes.collect(), settings).started();
     let accepted = |fixture: &Fixture| fixture.statistics().channels[0].frames_accepted;
     let before = accepted(&fixture);
-    fixture.cia402.quick_stop_all();
+    fixture.cia402.command_all(AxisCommand::Stop(StopKind::QuickStop)).unwrap();
     let cycles = fixture.until(400, Cia402::all_stopped) as u64;
     // The commands and SYNC, at once and in each SYNC period; a heartbeat.
     let periods = cycles.div_ceil(10) + 1;

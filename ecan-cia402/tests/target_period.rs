@@ -7,7 +7,8 @@ use crate::axes::{Fixture, axis};
 use crate::support::limits::{MS, MotorWatch, STEP, at_limit, config, fixture, largest_step};
 use ecan_canopen::{DriveState, OperatingMode, object};
 use ecan_cia402::{
-    AxisConfig, AxisFault, AxisPhase, Cia402, Cia402Error, CommandError, HomingConfig,
+    AxisCommand, AxisConfig, AxisFault, AxisPhase, Cia402, Cia402Error, CommandError, HomingConfig,
+    StopKind,
 };
 use ecan_host::AdapterConfig;
 use ecan_mcan_port::{ChannelConfig, Cycle, GatewayConfig, Port, PortConfig};
@@ -28,7 +29,7 @@ fn motor_moves_evenly_in_every_target_period() {
         let (slowest, fastest) = watch.range(&fixture);
         let speed = f64::from(STEP) * 1_000.0 / f64::from(target_cycles);
         assert!(slowest > 0.98 * speed && fastest < 1.02 * speed, "{case}: {slowest}..{fastest}");
-        let statistics = fixture.cia402.statistics(0);
+        let statistics = fixture.axis(0).statistics();
         assert_eq!((statistics.waits, statistics.lost_tpdos), (0, 0), "{case}");
     }
 }
@@ -88,8 +89,8 @@ const REPEATED_CALLS: [(&str, Calls); 5] = [
 ];
 
 fn request_step(cia402: &mut Cia402) {
-    if let Some(last) = cia402.target(0) {
-        cia402.set_target(0, last + STEP as i32).unwrap();
+    if let Some(last) = cia402.axis(0).unwrap().target() {
+        cia402.axis_mut(0).unwrap().set_target(last + STEP as i32).unwrap();
     }
 }
 
@@ -118,7 +119,7 @@ fn repeated_calls_in_a_cycle_keep_the_step_limit() {
             assert!(is_even, "{case}: {slowest}..{fastest}");
             let sent = syncs(&fixture) - before;
             assert_eq!(sent, 400 / u64::from(every_cycles), "{case}");
-            assert!(fixture.cia402.is_running(0), "{case}");
+            assert!(fixture.axis(0).is_running(), "{case}");
         }
     }
 }
@@ -128,16 +129,17 @@ fn first_target_takes_effect_before_the_second() {
     for every_cycles in 1..=4 {
         let mut fixture = fixture(1_000, at_limit(1), config(1, every_cycles));
         for _ in 0..3 {
-            fixture.cia402.configure_all().unwrap();
-            fixture.until(5_000, |cia402| cia402.phase(0) == Some(AxisPhase::Standby));
-            fixture.cia402.enable(0).unwrap();
+            fixture.cia402.command_all(AxisCommand::Configure).unwrap();
+            fixture.until(5_000, |cia402| cia402.axis(0).unwrap().phase() == AxisPhase::Standby);
+            fixture.axis_mut(0).enable().unwrap();
             fixture.until(2_000, Cia402::all_running);
             fixture.steps(40);
-            fixture.cia402.halt(0).unwrap();
-            fixture.until(1_000, |cia402| cia402.is_at_rest(0));
-            fixture.cia402.disable(0).unwrap();
-            fixture
-                .until(2_000, |cia402| cia402.drive_state(0) == Some(DriveState::SwitchOnDisabled));
+            fixture.axis_mut(0).halt();
+            fixture.until(1_000, |cia402| cia402.axis(0).unwrap().is_at_rest());
+            fixture.axis_mut(0).stop(StopKind::Disable);
+            fixture.until(2_000, |cia402| {
+                cia402.axis(0).unwrap().drive_state() == Some(DriveState::SwitchOnDisabled)
+            });
             fixture.steps(20);
         }
         let sums = fixture.drive(0, |drive| *drive.targets().sums());
@@ -183,32 +185,35 @@ fn procedures_work_in_longer_target_periods() {
         let profile = axis(0, 0, 1).with_mode(OperatingMode::ProfilePosition);
         let mut fixture = fixture(1_000, vec![profile], config(motion_div, every_cycles));
         fixture.start();
-        let from = fixture.cia402.target(0).unwrap();
+        let from = fixture.axis(0).target().unwrap();
         for goal in [from + 5_000, from - 3_000] {
-            fixture.cia402.set_target(0, goal).unwrap();
-            fixture.until(2_000, |cia402| cia402.is_target_reached(0));
+            fixture.axis_mut(0).set_target(goal).unwrap();
+            fixture.until(2_000, |cia402| cia402.axis(0).unwrap().is_target_reached());
             let position = fixture.drive(0, ecan_sim::Drive::position);
             assert!((position - goal).abs() < 100, "{position} {goal}");
         }
-        fixture.cia402.change_mode(0, OperatingMode::CyclicPosition).unwrap();
+        fixture.axis_mut(0).change_mode(OperatingMode::CyclicPosition).unwrap();
         fixture.until(5_000, |cia402| {
-            cia402.is_running(0) && cia402.mode(0) == Some(OperatingMode::CyclicPosition)
+            cia402.axis(0).unwrap().is_running()
+                && cia402.axis(0).unwrap().mode() == OperatingMode::CyclicPosition
         });
-        fixture.cia402.set_target_step(0, 500).unwrap();
+        fixture.axis_mut(0).set_target_step(500);
         fixture.steps(400);
         let case = format!("motion_div {motion_div}, SYNC in every {every_cycles}");
-        assert!(fixture.cia402.is_running(0), "{case}");
+        assert!(fixture.axis(0).is_running(), "{case}");
         let steps: Vec<_> =
             fixture.history(0).iter().rev().take(50).map(ecan_sim::TargetRecord::step).collect();
         assert_eq!(steps, [500; 50], "{case}");
-        fixture.cia402.home(0, HomingConfig::new(35)).unwrap();
+        fixture.axis_mut(0).home(HomingConfig::new(35)).unwrap();
         fixture.idle(1);
         fixture.until(20_000, Cia402::all_running);
         fixture.strike(0, DriveFault::Error { code: 0x2310 });
-        fixture.until(1_000, |cia402| cia402.phase(0) == Some(AxisPhase::Fault));
-        fixture.cia402.reset_fault(0).unwrap();
-        fixture.until(1_000, |cia402| cia402.drive_state(0) == Some(DriveState::SwitchOnDisabled));
-        fixture.cia402.enable(0).unwrap();
+        fixture.until(1_000, |cia402| cia402.axis(0).unwrap().phase() == AxisPhase::Fault);
+        fixture.axis_mut(0).reset_fault().unwrap();
+        fixture.until(1_000, |cia402| {
+            cia402.axis(0).unwrap().drive_state() == Some(DriveState::SwitchOnDisabled)
+        });
+        fixture.axis_mut(0).enable().unwrap();
         fixture.until(5_000, Cia402::all_running);
     }
 }
@@ -238,7 +243,7 @@ fn period_without_interpolation_time_is_rejected() {
 fn mode_change_to_csp_needs_an_interpolation_time() {
     let profile = axis(0, 0, 1).with_mode(OperatingMode::ProfilePosition);
     let mut cia402 = table_at(333_333, profile, 1).unwrap();
-    let rejected = cia402.change_mode(0, OperatingMode::CyclicPosition);
+    let rejected = cia402.axis_mut(0).unwrap().change_mode(OperatingMode::CyclicPosition);
     assert_eq!(rejected, Err(CommandError::TargetPeriod { axis: 0, period_ns: 333_333 }));
 }
 
@@ -250,7 +255,7 @@ fn motion_div_changes_only_before_configuration() {
     let rejected = fixture.cia402.set_motion_div(333);
     assert_eq!(rejected, Err(CommandError::TargetPeriod { axis: 0, period_ns: 666 * MS }));
     assert_eq!(fixture.cia402.target_period(), Duration::from_millis(4));
-    fixture.cia402.configure(1).unwrap();
+    fixture.axis_mut(1).configure().unwrap();
     let configured = Err(CommandError::Configured { axis: 1 });
     assert_eq!(fixture.cia402.set_motion_div(1), configured);
     fixture.start();

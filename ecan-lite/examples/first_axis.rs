@@ -16,7 +16,7 @@ fn main() -> Result<()> {
     let mut owner = AxisOwner::new(port, axes);
     let (port, axes) = owner.parts();
     let timeout = Duration::from_secs(10);
-    axes.start_up_timeout(port, timeout, |axis| println!("{axis}"))?;
+    axes.blocking(port, timeout).on_progress(|axis| println!("{axis}")).start_up()?;
 
     for _ in 0..1000 {
         let mut cycle = port.next_cycle();
@@ -24,6 +24,6 @@ fn main() -> Result<()> {
         axes.send_target_step(&mut cycle);
         cycle.end()?;
     }
-    axes.shutdown_timeout(port, timeout, |axis| println!("{axis}"))?;
+    axes.blocking(port, timeout).on_progress(|axis| println!("{axis}")).shut_down()?;
     Ok(())
 }

@@ -67,7 +67,7 @@ fn run(arguments: &Arguments) -> Result<bool, Box<dyn Error>> {
         .and_then(|()| move_axes(&mut port, &mut cia402, arguments.cycles, &interrupt));
     let was_running = moved.is_ok() && cia402.all_running();
     // Stops and disables the drives, also after an error.
-    let shutdown = cia402.shutdown_timeout(&mut port, SHUTDOWN, |_| {});
+    let shutdown = cia402.blocking(&mut port, SHUTDOWN).shut_down();
     moved?;
     shutdown?;
     print_line!("axes stopped");
@@ -113,14 +113,17 @@ fn move_axes(
     interrupt: &Interrupt,
 ) -> Result<(), Box<dyn Error>> {
     let mut shown: Vec<String> = Vec::new();
-    cia402.start_up_timeout(port, STARTUP, |axis| {
-        shown.resize(shown.len().max(axis.axis + 1), String::new());
-        let text = axis.phase.to_string();
-        if shown[axis.axis] != text {
-            print_line!("{axis}");
-            shown[axis.axis] = text;
-        }
-    })?;
+    cia402
+        .blocking(port, STARTUP)
+        .on_progress(|axis| {
+            shown.resize(shown.len().max(axis.axis + 1), String::new());
+            let text = axis.phase.to_string();
+            if shown[axis.axis] != text {
+                print_line!("{axis}");
+                shown[axis.axis] = text;
+            }
+        })
+        .start_up()?;
     for _ in 0..cycles {
         let mut cycle = port.next_cycle();
         cia402.process_rx(&mut cycle);
@@ -130,10 +133,10 @@ fn move_axes(
             break;
         }
     }
-    for axis in 0..cia402.axis_count() {
+    for axis in cia402.axes() {
         let position =
-            cia402.actual(axis).map_or_else(|| "unknown".to_owned(), |value| value.to_string());
-        print_line!("axis {axis}: actual position {position}");
+            axis.actual().map_or_else(|| "unknown".to_owned(), |steps| steps.to_string());
+        print_line!("axis {}: actual position {position}", axis.index());
     }
     Ok(())
 }

@@ -60,7 +60,10 @@ pub fn run_motion(
     }
     // Stops and disables the drives, also after an error.
     print_line!("stopping the axes");
-    let shutdown = cia402.shutdown_timeout(&mut port, SHUTDOWN, |axis| record.print_progress(axis));
+    let shutdown = cia402
+        .blocking(&mut port, SHUTDOWN)
+        .on_progress(|axis| record.print_progress(axis))
+        .shut_down();
     print(Stream::Output, table);
     let heading = Heading::new("Positions and following errors")
         .with_subtitle(motion.setting(slaves))
@@ -80,7 +83,7 @@ fn move_axes(
     cycles: u64,
     interrupt: &Interrupt,
 ) -> Result<(), Box<dyn Error>> {
-    cia402.start_up_timeout(port, STARTUP, |axis| record.print_progress(axis))?;
+    cia402.blocking(port, STARTUP).on_progress(|axis| record.print_progress(axis)).start_up()?;
     record.start_motion(cia402, cycles);
     for number in 0..cycles {
         let mut cycle = port.next_cycle();

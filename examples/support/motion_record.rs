@@ -61,7 +61,8 @@ impl MotionRecord {
         self.recorder.record(seconds, cycle, cia402);
         if has_rejected {
             let printer = &mut self.printer;
-            self.progress.suspend(|| cia402.progress_all().for_each(|axis| printer.print(&axis)));
+            self.progress
+                .suspend(|| cia402.axes().for_each(|axis| printer.print(&axis.progress())));
         }
         self.progress.set_position(cycle);
     }

@@ -13,21 +13,20 @@ pub fn table(cia402: &Cia402) -> String {
         "\n{:<38}{:<20}{:>11}{:>11}{:>8}{:>8}{:>8}{:>7}{:>6}",
         "axis", "state", "target", "actual", "error", "max", "TPDOs", "lost", "EMCY"
     );
-    for axis in 0..cia402.axis_count() {
-        let statistics = cia402.statistics(axis);
-        let error = cia402.following_error(axis);
+    for axis in cia402.axes() {
+        let statistics = axis.statistics();
+        let error = axis.following_error();
         // The statistics measure the error before the target of the cycle, the column after it.
         let max_error = statistics.max_following_error.max(error.map_or(0, i64::unsigned_abs));
         let number = |value: Option<i64>| value.map_or_else(|| "-".into(), |v| v.to_string());
-        let name = cia402.config(axis).map(|s| s.address.to_string()).unwrap_or_default();
-        let state = cia402.drive_state(axis).map_or_else(|| "unknown".into(), |s| s.to_string());
+        let state = axis.drive_state().map_or_else(|| "unknown".into(), |state| state.to_string());
         let _ = writeln!(
             text,
             "{:<38}{:<20}{:>11}{:>11}{:>8}{:>8}{:>8}{:>7}{:>6}",
-            format!("{axis}: {name}"),
+            format!("{}: {}", axis.index(), axis.config().address),
             state,
-            number(cia402.target(axis).map(i64::from)),
-            number(cia402.actual(axis).map(i64::from)),
+            number(axis.target().map(i64::from)),
+            number(axis.actual().map(i64::from)),
             number(error),
             max_error,
             statistics.tpdos,
@@ -37,7 +36,7 @@ pub fn table(cia402: &Cia402) -> String {
         if let Some(reason) = statistics.last_hold {
             let _ = writeln!(text, "   held {} time(s), last: {reason}", statistics.holds);
         }
-        if let Some(error) = cia402.error(axis) {
+        if let Some(error) = axis.error() {
             let _ = writeln!(text, "   {error}");
         }
     }

@@ -15,7 +15,7 @@ use std::time::{Duration, Instant};
 
 use ecan_bench::measure::{Outcome, Row, interleaved, print_rows, rounds};
 use ecan_canopen::{NodeAddress, NodeId};
-use ecan_cia402::{AxesSnapshot, AxisConfig, Cia402, Cia402Config};
+use ecan_cia402::{AxesSnapshot, AxisConfig, AxisRef, Cia402, Cia402Config};
 use ecan_host::AdapterConfig;
 use ecan_mcan_port::{ChannelConfig, GatewayConfig, Port, PortConfig};
 use ecan_protocol::image::Header;
@@ -57,7 +57,7 @@ impl Bench {
         port.wait_ready().unwrap();
         let settings = (0..axes).map(axis).collect();
         let mut cia402 = Cia402::new(&port, settings, Cia402Config::default()).unwrap();
-        cia402.start_up_timeout(&mut port, Duration::from_secs(20), |_| {}).unwrap();
+        cia402.blocking(&mut port, Duration::from_secs(20)).start_up().unwrap();
         let mut bench = Self { axes, port, cia402 };
         bench.find_full_cycle();
         bench
@@ -108,8 +108,8 @@ impl Bench {
             let mut cycle = self.port.next_cycle();
             self.cia402.process_rx(&mut cycle);
             for axis in 0..self.axes {
-                let target = self.cia402.target(axis).unwrap();
-                self.cia402.set_target(axis, target).unwrap();
+                let target = self.cia402.axis(axis).and_then(AxisRef::target).unwrap();
+                self.cia402.axis_mut(axis).unwrap().set_target(target).unwrap();
             }
             let summary = self.cia402.send_targets_all(&mut cycle);
             cycle.end().unwrap();
@@ -119,7 +119,7 @@ impl Bench {
     }
 
     fn received(&self) -> u64 {
-        (0..self.axes).map(|axis| self.cia402.statistics(axis).tpdos).sum()
+        self.cia402.axes().map(|axis| axis.statistics().tpdos).sum()
     }
 }
 

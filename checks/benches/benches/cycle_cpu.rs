@@ -18,7 +18,7 @@ use std::time::Duration;
 use ecan_bench::measure::{Row, print_rows, rounds, thread_cpu_ns};
 use ecan_bench::null_master::LibraryTime;
 use ecan_canopen::{NodeAddress, NodeId};
-use ecan_cia402::{AxisConfig, Cia402, Cia402Config};
+use ecan_cia402::{AxisConfig, AxisRef, Cia402, Cia402Config};
 use ecan_host::{
     AdapterConfig, CycleTimer, CycleTiming, Ecrt, EcrtSetting, MonotonicClock, RealTimeConfig,
 };
@@ -57,7 +57,7 @@ impl Bench {
         };
         let axes = (0..AXES).map(axis).collect();
         let mut cia402 = Cia402::new(&port, axes, Cia402Config::default()).unwrap();
-        cia402.start_up_timeout(&mut port, Duration::from_secs(30), |_| {}).unwrap();
+        cia402.blocking(&mut port, Duration::from_secs(30)).start_up().unwrap();
         Self { port, cia402 }
     }
 
@@ -66,8 +66,8 @@ impl Bench {
         let mut cycle = self.port.begin_cycle();
         self.cia402.process_rx(&mut cycle);
         for axis in 0..AXES {
-            let target = self.cia402.target(axis).unwrap();
-            self.cia402.set_target(axis, target).unwrap();
+            let target = self.cia402.axis(axis).and_then(AxisRef::target).unwrap();
+            self.cia402.axis_mut(axis).unwrap().set_target(target).unwrap();
         }
         let summary = self.cia402.send_targets_all(&mut cycle);
         // A library may lose a frame, which the next cycle repeats.
@@ -95,7 +95,7 @@ impl Bench {
     }
 
     fn received(&self) -> u64 {
-        (0..AXES).map(|axis| self.cia402.statistics(axis).tpdos).sum()
+        self.cia402.axes().map(|axis| axis.statistics().tpdos).sum()
     }
 }
 

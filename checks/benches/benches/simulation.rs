@@ -143,7 +143,7 @@ impl Bench {
         port.wait_ready()?;
         let axes = (0..case.axes).map(|number| axis(case, number)).collect::<Fallible<Vec<_>>>()?;
         let mut cia402 = Cia402::new(&port, axes, Cia402Config::default())?;
-        cia402.start_up_timeout(&mut port, START_UP, |_| {})?;
+        cia402.blocking(&mut port, START_UP).start_up()?;
         let cycle = Duration::from_micros(case.cycle_us.into());
         let mut bench = Self { case: *case, port, cia402, simulation, cycle };
         bench.cycles(WARM_UP_CYCLES)?;
@@ -207,10 +207,12 @@ impl Bench {
         if !self.cia402.all_running() {
             return Err("an axis stopped following targets".into());
         }
-        for axis in 0..self.cia402.axis_count() {
-            let statistics = self.cia402.statistics(axis);
+        for axis in self.cia402.axes() {
+            let statistics = axis.statistics();
             if statistics.lost_tpdos > 0 || statistics.holds > 0 {
-                return Err(format!("axis {axis} lost TPDOs or held: {statistics:?}").into());
+                return Err(
+                    format!("axis {} lost TPDOs or held: {statistics:?}", axis.index()).into()
+                );
             }
         }
         // heartbeats: one of each axis per 100 ms, one of the host on each channel per 50 ms

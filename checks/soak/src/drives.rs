@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 
 use ecan_canopen::{DriveState, NodeAddress, NodeId, OperatingMode, SyncConfig};
-use ecan_cia402::{AxisConfig, AxisPhase, Cia402, Cia402Config};
+use ecan_cia402::{AxisConfig, AxisPhase, AxisRef, Cia402, Cia402Config, StopKind};
 use ecan_mcan_port::{Cycle, Port, Received};
 use ecan_sim::Simulation;
 use fastrand::Rng;
@@ -196,7 +196,7 @@ impl Axes {
             if r.u16(..500) == 0 {
                 *direction = pick(r, &[-1, 0, 1]);
             }
-            let Some(last) = cia402.target(axis) else { continue };
+            let Some(last) = cia402.axis(axis).and_then(AxisRef::target) else { continue };
             let step = *direction * config.step_limit as i32;
             let target = match mode {
                 Mode::Csp | Mode::Ip => last.wrapping_add(step),
@@ -205,7 +205,7 @@ impl Axes {
                 Mode::Pp => continue,
             };
             // A rejected target is one that the axis does not follow.
-            let _ = cia402.set_target(axis, target);
+            let _ = cia402.axis_mut(axis).and_then(|mut axis| axis.set_target(target));
         }
         cia402.send_targets_all(cycle);
     }
@@ -214,17 +214,17 @@ impl Axes {
         let Some(cia402) = &mut self.cia402 else { return };
         // A rejected command is one more thing that happens.
         let _ = match command {
-            AxisCommand::Enable => cia402.enable(axis),
-            AxisCommand::Disable => cia402.disable(axis),
-            AxisCommand::QuickStop => cia402.quick_stop(axis),
-            AxisCommand::Halt => cia402.halt(axis),
-            AxisCommand::ResetFault => cia402.reset_fault(axis),
-            AxisCommand::Configure => cia402.configure(axis),
-            AxisCommand::FarTarget => cia402.set_target(axis, r.i32(..)),
-            AxisCommand::StopAll => {
-                cia402.stop_all();
-                Ok(())
-            }
+            AxisCommand::StopAll => cia402.command_all(stop(StopKind::QuickStopThenDisable)),
+            command => cia402.axis_mut(axis).and_then(|mut axis| match command {
+                AxisCommand::Enable => axis.enable(),
+                AxisCommand::Disable => axis.command(stop(StopKind::Disable)),
+                AxisCommand::QuickStop => axis.command(stop(StopKind::QuickStop)),
+                AxisCommand::Halt => axis.command(ecan_cia402::AxisCommand::Halt),
+                AxisCommand::ResetFault => axis.reset_fault(),
+                AxisCommand::Configure => axis.configure(),
+                AxisCommand::FarTarget => axis.set_target(r.i32(..)),
+                AxisCommand::StopAll => Ok(()),
+            }),
         };
     }
 
@@ -232,12 +232,15 @@ impl Axes {
     pub fn operate(&mut self) {
         let Some(cia402) = &mut self.cia402 else { return };
         for axis in 0..self.drives.len() {
-            let is_busy = matches!(
-                cia402.phase(axis),
-                Some(AxisPhase::Running | AxisPhase::ChangingMode(_) | AxisPhase::Homing(_))
-            );
-            if !is_busy && !cia402.is_recovering(axis) {
-                let _ = cia402.recover(axis);
+            let is_free = |axis: AxisRef<'_>| {
+                let is_busy = matches!(
+                    axis.phase(),
+                    AxisPhase::Running | AxisPhase::ChangingMode(_) | AxisPhase::Homing(_)
+                );
+                !is_busy && !axis.is_recovering()
+            };
+            if cia402.axis(axis).is_some_and(is_free) {
+                let _ = cia402.axis_mut(axis).and_then(|mut axis| axis.recover());
             }
         }
     }
@@ -249,7 +252,8 @@ impl Axes {
 
     pub fn quick_stop(&mut self) {
         if let Some(cia402) = &mut self.cia402 {
-            cia402.quick_stop_all();
+            // infallible: any axis can be stopped
+            let _ = cia402.command_all(stop(StopKind::QuickStop));
         }
     }
 
@@ -287,10 +291,13 @@ impl Axes {
     /// State of the axes that do not run.
     pub fn status(&self) -> String {
         let Some(cia402) = &self.cia402 else { return String::new() };
-        let waiting = cia402.progress_all().enumerate();
-        let waiting = waiting.filter(|(axis, _)| !cia402.is_running(*axis));
-        waiting.map(|(_, progress)| format!("; {progress}")).collect()
+        let waiting = cia402.axes().filter(|axis| !axis.is_running());
+        waiting.map(|axis| format!("; {}", axis.progress())).collect()
     }
+}
+
+fn stop(kind: StopKind) -> ecan_cia402::AxisCommand {
+    ecan_cia402::AxisCommand::Stop(kind)
 }
 
 fn drive_axis<T>(

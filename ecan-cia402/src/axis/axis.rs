@@ -14,7 +14,7 @@ use super::plan::AxisPlan;
 use super::power::{FaultReset, StopCause};
 use super::procedure::HomingConfig;
 use super::procedure::Procedure;
-use super::process_data::{OutputCommand, ProcessData};
+use super::process_data::{Output, ProcessData};
 use super::ramp::RampLimits;
 use super::script::axis_script;
 use super::setup::{AxisSetup, SetupState};
@@ -25,23 +25,59 @@ use super::targets::TargetPeriod;
 use super::task::{AxisState, AxisTask, StateEvent};
 use crate::guard::terms::{GuardState, HoldReason};
 
-/// Command of the application to an axis.
+/// Stop of an axis that the application commands.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum StopKind {
+    /// The drive is switched off through Switched On; it stops by its 0x605C. [`AxisHandle::halt`](crate::AxisHandle::halt)
+    /// brings it to rest by the ramp before. A drive that process data do not reach, or that does not stop
+    /// within 30 s, is quick-stopped first.
+    Disable,
+    /// Quick stop by the drive's 0x605A. A drive that remains in Operation Enabled for 250 ms gets the command
+    /// to stop by its 0x605C; one that remains there for two seconds loses its voltage. The drive of an axis
+    /// that is not configured is switched off at rest.
+    QuickStop,
+    /// Quick stop, and the drive is switched off when it is at rest.
+    QuickStopThenDisable,
+}
+
+impl From<StopKind> for StopCause {
+    fn from(kind: StopKind) -> Self {
+        match kind {
+            StopKind::Disable => Self::Disable,
+            StopKind::QuickStop => Self::QuickStop,
+            StopKind::QuickStopThenDisable => Self::StopAll,
+        }
+    }
+}
+
+/// Command of the application to an axis: a call of [`AxisHandle`](crate::AxisHandle) as a value.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) enum AxisCommand {
+#[non_exhaustive]
+pub enum AxisCommand {
+    /// [`configure`](crate::AxisHandle::configure).
     Configure,
+    /// [`read_position`](crate::AxisHandle::read_position).
     ReadPosition,
+    /// [`enable`](crate::AxisHandle::enable).
     Enable,
-    /// Stops the drive, and cancels a mode change or homing.
-    Stop(StopCause),
+    /// [`stop`](crate::AxisHandle::stop).
+    Stop(StopKind),
+    /// [`reset_fault`](crate::AxisHandle::reset_fault).
     ResetFault,
+    /// [`recover`](crate::AxisHandle::recover).
     Recover,
+    /// [`halt`](crate::AxisHandle::halt).
     Halt,
+    /// [`resume`](crate::AxisHandle::resume).
     Resume,
+    /// [`change_mode`](crate::AxisHandle::change_mode).
     ChangeMode(OperatingMode),
+    /// [`home`](crate::AxisHandle::home).
     Home(HomingConfig),
-    /// Step of the host's own motion.
+    /// [`set_target_step`](crate::AxisHandle::set_target_step).
     TargetStep(i32),
-    Output(OutputCommand),
+    /// [`set_output`](crate::AxisHandle::set_output).
+    Output(Output),
 }
 
 /// An axis. Each part has its own fields and reports what concerns other parts as [`AxisEvent`]; only the
@@ -136,9 +172,9 @@ impl Axis {
                 self.begin_command()?;
                 self.begin_enable(now_ns);
             }
-            AxisCommand::Stop(cause) => {
+            AxisCommand::Stop(kind) => {
                 self.cancel_procedure(network);
-                self.stop(cause, now_ns);
+                self.stop(kind.into(), now_ns);
             }
             AxisCommand::ResetFault => {
                 self.begin_command()?;

@@ -92,7 +92,7 @@ pub struct AxisConfig {
     /// [`AxisStatus::inputs`](crate::AxisStatus::inputs) has their values.
     pub inputs: Vec<InputObject>,
     /// Limits of the feed-forward that
-    /// [`set_target_with`](crate::Cia402::set_target_with) gives.
+    /// [`set_target_with`](crate::Target::with_feed_forward) gives.
     pub feed_forward: FeedForwardLimits,
     /// Configuration of the drive.
     pub drive: DriveConfig,

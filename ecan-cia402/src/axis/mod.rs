@@ -27,6 +27,7 @@ pub(crate) mod targets;
 pub(crate) mod task;
 pub(crate) mod units;
 
+pub use axis::{AxisCommand, StopKind};
 pub use config::{AxisConfig, DriveConfig, NodeReset, PdoCobIds, Takeover, VlConfig};
 pub use error::{AxisFault, CommandError};
 pub use host_loss::{HostLoss, HostLossReaction, HostWatch, StopOptions, StopRamp};
@@ -37,7 +38,8 @@ pub use pdo_layout::{
 };
 pub use power::StopCause;
 pub use procedure::HomingConfig;
-pub use process_data::ProbeState;
+pub use process_data::{Output, ProbeState};
+pub use setup::DriveValues;
 pub use status::{
     AxisError, AxisErrorKind, AxisPhase, AxisProgress, AxisStatistics, AxisStatus, HomingState,
 };

@@ -149,11 +149,11 @@ const LONGEST_CYCLE_NS: u64 = 50_000_000;
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum StopCause {
-    /// [`quick_stop`](crate::Cia402::quick_stop).
+    /// [`StopKind::QuickStop`](crate::StopKind::QuickStop).
     QuickStop,
-    /// [`disable`](crate::Cia402::disable).
+    /// [`StopKind::Disable`](crate::StopKind::Disable).
     Disable,
-    /// [`stop_all`](crate::Cia402::stop_all).
+    /// [`StopKind::QuickStopThenDisable`](crate::StopKind::QuickStopThenDisable).
     StopAll,
     /// [`begin_shutdown`](crate::Cia402::begin_shutdown).
     Shutdown,
@@ -163,7 +163,7 @@ pub enum StopCause {
     Procedure,
     /// The drive was not enabled in time.
     EnableTimedOut,
-    /// [`configure`](crate::Cia402::configure), while the drive was enabled.
+    /// [`configure`](crate::AxisHandle::configure), while the drive was enabled.
     Configure,
     /// The drive was enabled when this object began to command it, or when it was found with another
     /// configuration.

@@ -12,20 +12,27 @@ use crate::guard::feed_forward::{FeedForward, FeedForwardGuard};
 /// cycle and frames that are sent at once.
 const CLEARED_CYCLES: u32 = 4;
 
-/// Command of the application to an output of a drive.
+/// Output of a drive, see [`AxisHandle::set_output`](crate::AxisHandle::set_output).
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) enum OutputCommand {
-    DigitalOutputs(u32),
-    ArmProbe(Probe, ProbeTrigger),
-    DisarmProbe(Probe),
+pub enum Output {
+    /// Digital outputs 0x60FE:01. Needs
+    /// [`OutputObject::DigitalOutputs`](crate::OutputObject::DigitalOutputs) in the
+    /// [outputs](crate::AxisConfig::outputs), and the mask
+    /// [`DriveConfig::output_mask`](crate::DriveConfig::output_mask).
+    Digital(u32),
+    /// Touch probe, armed or (`None`) disabled: it samples the actual position at edges of a signal. A probe
+    /// that is armed already is disabled first. [`AxisRef::probe`](crate::AxisRef::probe) returns the positions.
+    /// Needs [`OutputObject::ProbeFunction`](crate::OutputObject::ProbeFunction) in the
+    /// [outputs](crate::AxisConfig::outputs); status and positions in the [inputs](crate::AxisConfig::inputs).
+    Probe(Probe, Option<ProbeTrigger>),
 }
 
-impl OutputCommand {
+impl Output {
     /// Object that must be mapped.
-    pub(crate) fn object(self) -> OutputObject {
+    pub(super) fn object(self) -> OutputObject {
         match self {
-            Self::DigitalOutputs(_) => OutputObject::DigitalOutputs,
-            Self::ArmProbe(..) | Self::DisarmProbe(_) => OutputObject::ProbeFunction,
+            Self::Digital(_) => OutputObject::DigitalOutputs,
+            Self::Probe(..) => OutputObject::ProbeFunction,
         }
     }
 }
@@ -85,11 +92,11 @@ impl ProcessData {
         self.feed_forward = FeedForwardGuard::new(plan.config.feed_forward);
     }
 
-    pub(crate) fn set_output(&mut self, output: OutputCommand) {
+    pub(crate) fn set_output(&mut self, output: Output) {
         match output {
-            OutputCommand::DigitalOutputs(outputs) => self.outputs.digital_outputs = outputs,
-            OutputCommand::ArmProbe(probe, trigger) => self.probes.arm(probe, trigger),
-            OutputCommand::DisarmProbe(probe) => self.probes.disarm(probe),
+            Output::Digital(outputs) => self.outputs.digital_outputs = outputs,
+            Output::Probe(probe, Some(trigger)) => self.probes.arm(probe, trigger),
+            Output::Probe(probe, None) => self.probes.disarm(probe),
         }
     }
 
@@ -203,7 +210,7 @@ impl ProcessData {
     }
 }
 
-/// State of a touch probe, see [`Cia402::probe`](crate::Cia402::probe).
+/// State of a touch probe, see [`AxisRef::probe`](crate::AxisRef::probe).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct ProbeState {
     /// The drive reports the probe as enabled, after the last command.

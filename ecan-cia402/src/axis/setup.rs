@@ -120,15 +120,23 @@ impl Default for NodeShare {
     }
 }
 
-/// Values that the configuration read from a drive.
+/// Values that the configuration read from a drive. Those of an earlier configuration end when the drive
+/// restarts.
 #[derive(Debug, Clone, Copy, Default)]
-pub(crate) struct DriveValues {
+pub struct DriveValues {
     /// Producer heartbeat time.
     heartbeat_ms: Option<u64>,
-    pub(crate) stop_options: Option<StopOptions>,
-    pub(crate) limits: Option<DriveLimits>,
-    pub(crate) units: Option<DriveUnits>,
-    pub(crate) scale_finding: Option<ScaleFinding>,
+    /// Stop behaviour; `None` before the end of the configuration.
+    pub stop_options: Option<StopOptions>,
+    /// Limits, if [`DriveConfig::use_limits`](crate::DriveConfig::use_limits) asks for them. The limits in force
+    /// are those of the [guard](crate::AxisRef::guard).
+    pub limits: Option<DriveLimits>,
+    /// Units, if [`AxisConfig::scale_source`](crate::AxisConfig::scale_source) asks for them.
+    pub units: Option<DriveUnits>,
+    /// Difference between the scale of the axis and the units, see
+    /// [`AxisConfig::scale_source`](crate::AxisConfig::scale_source); also logged as a warning at the end of the
+    /// configuration.
+    pub scale_finding: Option<ScaleFinding>,
 }
 
 /// Situation of an axis in a cycle, for its setup.

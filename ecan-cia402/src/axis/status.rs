@@ -90,7 +90,7 @@ impl HomingState {
     }
 }
 
-/// Status of an axis in one cycle, complete: by [`Cia402::axis_status`](crate::Cia402::axis_status), and
+/// Status of an axis in one cycle, complete: by [`AxisRef::status`](crate::AxisRef::status), and
 /// in a snapshot by [`AxesSnapshot`](crate::AxesSnapshot).
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
@@ -162,8 +162,9 @@ impl AxisStatus {
         self.actual.map(|actual| self.scale.radians(actual))
     }
 
-    /// Target minus actual position of a running axis in steps: see
-    /// [`Cia402::following_error`](crate::Cia402::following_error).
+    /// Following error of a running axis in steps: target minus actual position, the shorter
+    /// distance if the counter wraps. It includes the delay of the communication, two cycles or more;
+    /// the drive's own value is 0x60F4.
     pub fn following_error(&self) -> Option<i64> {
         Some(self.range.distance(self.actual?, self.target?))
     }
@@ -377,7 +378,7 @@ pub enum AxisPhase {
     Enabling(Option<DriveState>),
     /// Follows targets.
     Running,
-    /// At rest, or on the way to it, by [`halt`](crate::Cia402::halt).
+    /// At rest, or on the way to it, by [`halt`](crate::AxisHandle::halt).
     Halted,
     /// Gets no targets until it is activated again.
     Holding(HoldReason),

@@ -143,7 +143,7 @@ pub enum ScaleSource {
     #[default]
     Configured,
     /// The configuration; the units of the drive are read and compared, see
-    /// [`Cia402::scale_finding`](crate::Cia402::scale_finding).
+    /// [`DriveValues::scale_finding`](crate::DriveValues::scale_finding).
     Checked,
     /// The drive: steps per turn by 0x608F, 0x6091 and 0x6092, velocity units by 0x60A9; the origin
     /// stays that of the configuration. The drive must have 0x608F. Not with
@@ -320,7 +320,7 @@ impl ScaleFinding {
 ///
 /// The velocity limit applies to every target: the motion guard rejects one that exceeds it, in CSV
 /// also one that exceeds the acceleration limit. Jerk, and in CSP acceleration, shape the motion that
-/// the host makes: [`halt`](crate::Cia402::halt), [`stop_together`](crate::Cia402::stop_together),
+/// the host makes: [`halt`](crate::AxisHandle::halt), [`stop_together`](crate::Cia402::stop_together),
 /// shutdown and [`send_target_step`](crate::Cia402::send_target_step). They never reject a position
 /// target of the application: a drive that gets no target stops at once, which is a larger
 /// deceleration than the one that was rejected.

@@ -1,5 +1,6 @@
 //! Calls that exchange process data until they are complete, and the owner that stops all drives.
 
+use std::fmt;
 use std::io::Write;
 use std::time::Duration;
 
@@ -8,13 +9,13 @@ use ecan_canopen::{
     LssResult, Network, NodeHandle, Sdo, SdoStartError, Step, WaitError, run_cycle_uninterrupted,
     run_cycle_until,
 };
-use ecan_mcan_port::{Cycle, Port};
+use ecan_mcan_port::Port;
 
 use super::cia402::Cia402;
 use super::error::{AxisTimeout, BootTimeout, Cia402Error};
-use super::shutdown::{Shutdown, ShutdownDeadline};
-use crate::axis::axis::Axis;
-use crate::axis::error::CommandError;
+use super::handles::AxisRef;
+use super::shutdown::Shutdown;
+use crate::axis::axis::{Axis, AxisCommand, StopKind};
 use crate::axis::setup::SetupState;
 use crate::axis::status::AxisProgress;
 use crate::axis::task::AxisState;
@@ -28,28 +29,83 @@ enum WaitStatus {
     Stuck,
 }
 
+/// Calls that run the cycle until they are complete, by [`Cia402::blocking`]. The axes get no targets of the
+/// application meanwhile: they remain at their last ones. Each call blocks, at most for the timeout.
+///
+/// ```no_run
+/// # use ecan_cia402::{Cia402, Cia402Error};
+/// # fn start(cia402: &mut Cia402, port: &mut ecan_mcan_port::Port) -> Result<(), Cia402Error> {
+/// let timeout = std::time::Duration::from_secs(20);
+/// cia402.blocking(port, timeout).on_progress(|axis| println!("{axis}")).start_up()
+/// # }
+/// ```
+pub struct Blocking<'a> {
+    table: &'a mut Cia402,
+    port: &'a mut Port,
+    timeout: Duration,
+    progress: Box<dyn FnMut(&AxisProgress) + 'a>,
+}
+
+impl fmt::Debug for Blocking<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Blocking").field("timeout", &self.timeout).finish_non_exhaustive()
+    }
+}
+
 impl Cia402 {
-    /// Executes one cycle for a loop that has no targets of its own: receives, keeps the axes at
-    /// their last targets, sends. Real-time safe.
-    pub fn serve(&mut self, cycle: &mut Cycle<'_>) {
-        self.process_rx(cycle);
-        self.send_targets_all(cycle);
+    /// Calls that run the cycle of the Port until they are complete, each at most for `timeout`.
+    pub fn blocking<'a>(&'a mut self, port: &'a mut Port, timeout: Duration) -> Blocking<'a> {
+        Blocking { table: self, port, timeout, progress: Box::new(|_| {}) }
     }
 
-    /// Configures every drive that is not configured, and waits. `progress` is called for every
-    /// axis in every cycle. Blocks.
+    /// Stops the axes that may move, as [`Blocking::stop`], at most for the
+    /// [`stop_time`](Self::stop_time). Returns at once if no axis may move. Blocks. For the end of a program; in order
+    /// it ends by [`Blocking::shut_down`].
+    ///
+    /// # Errors
+    /// [`Cia402Error::AxisTimeout`] names the axes that may still move. On a master of another owner
+    /// this call cannot run the cycle, and names them at once.
+    pub fn stop_before_end(&mut self, port: &mut Port) -> Result<(), Cia402Error> {
+        if self.stop_time().is_zero() || !self.axes().any(AxisRef::may_move) {
+            return Ok(());
+        }
+        if port.adapter().is_attached() {
+            let moving = self.axes().filter(|axis| axis.may_move());
+            let axes = moving.map(AxisRef::progress).collect();
+            let (what, waited) = (AxisTimeout::STOPPED, Duration::ZERO);
+            return Err(AxisTimeout { what, waited, axes, cycle_error: None }.into());
+        }
+        let stop_time = self.stop_time();
+        self.blocking(port, stop_time).stop()
+    }
+}
+
+impl<'a> Blocking<'a> {
+    /// Calls `progress` for every axis in every cycle.
+    #[must_use]
+    pub fn on_progress(self, progress: impl FnMut(&AxisProgress) + 'a) -> Self {
+        Self { progress: Box::new(progress), ..self }
+    }
+
+    /// [`configure`](Self::configure), [`read_positions`](Self::read_positions) and [`enable`](Self::enable) in
+    /// a row: from drives in any state to axes that follow targets. The timeout applies to each.
+    ///
+    /// # Errors
+    /// As those calls.
+    pub fn start_up(&mut self) -> Result<(), Cia402Error> {
+        self.configure()?;
+        self.read_positions()?;
+        self.enable()
+    }
+
+    /// Configures every drive that is not configured.
     ///
     /// # Errors
     /// [`Cia402Error::AxisTimeout`] names the axes that are not configured after all others have
-    /// ended, or after `timeout`, with the step and the answer of each.
-    pub fn configure_all_timeout(
-        &mut self,
-        port: &mut Port,
-        timeout: Duration,
-        progress: impl FnMut(&AxisProgress),
-    ) -> Result<(), Cia402Error> {
-        self.configure_all()?;
-        self.wait(port, timeout, "configured", progress, |axis| match axis.setup.state() {
+    /// ended, or after the timeout, with the step and the answer of each.
+    pub fn configure(&mut self) -> Result<(), Cia402Error> {
+        self.table.command_all(AxisCommand::Configure)?;
+        self.wait("configured", |axis| match axis.setup.state() {
             SetupState::Requested { .. } | SetupState::Configuring | SetupState::SettingMode(_) => {
                 WaitStatus::Waiting
             }
@@ -58,43 +114,30 @@ impl Cia402 {
         })
     }
 
-    /// Establishes the positions of all axes from fresh TPDOs, and waits. Blocks.
+    /// Establishes the positions of all axes from fresh TPDOs.
     ///
     /// # Errors
     /// [`Cia402Error::AxisTimeout`] names the axes whose position is unknown, and the cause.
-    pub fn request_actual_position_all_timeout(
-        &mut self,
-        port: &mut Port,
-        timeout: Duration,
-        progress: impl FnMut(&AxisProgress),
-    ) -> Result<(), Cia402Error> {
-        self.read_position_all()?;
-        self.wait(port, timeout, "at a known position", progress, |axis| {
-            match axis.path.guard().state() {
-                GuardState::Armed { .. } | GuardState::Running { .. } => WaitStatus::Reached,
-                GuardState::Draining | GuardState::Reading => WaitStatus::Waiting,
-                GuardState::Idle | GuardState::Holding { .. } => WaitStatus::Stuck,
-            }
+    pub fn read_positions(&mut self) -> Result<(), Cia402Error> {
+        self.table.command_all(AxisCommand::ReadPosition)?;
+        self.wait("at a known position", |axis| match axis.path.guard().state() {
+            GuardState::Armed { .. } | GuardState::Running { .. } => WaitStatus::Reached,
+            GuardState::Draining | GuardState::Reading => WaitStatus::Waiting,
+            GuardState::Idle | GuardState::Holding { .. } => WaitStatus::Stuck,
         })
     }
 
-    /// Enables all drives and waits until every axis follows targets. Blocks.
+    /// Enables all drives and waits until every axis follows targets.
     ///
     /// # Errors
     /// [`Cia402Error::AxisTimeout`] names the axes that are not enabled, with the state of each
     /// drive and the cause. Enabled drives remain enabled.
-    pub fn enable_all_timeout(
-        &mut self,
-        port: &mut Port,
-        timeout: Duration,
-        progress: impl FnMut(&AxisProgress),
-    ) -> Result<(), Cia402Error> {
-        self.enable_all()?;
-        self.wait(port, timeout, "enabled", progress, |axis| {
-            let is_enabling = axis.task.is_enabling();
+    pub fn enable(&mut self) -> Result<(), Cia402Error> {
+        self.table.command_all(AxisCommand::Enable)?;
+        self.wait("enabled", |axis| {
             if axis.path.is_running() {
                 WaitStatus::Reached
-            } else if is_enabling || *axis.task.state() == AxisState::Resuming {
+            } else if axis.task.is_enabling() || *axis.task.state() == AxisState::Resuming {
                 WaitStatus::Waiting
             } else {
                 WaitStatus::Stuck
@@ -102,34 +145,13 @@ impl Cia402 {
         })
     }
 
-    /// The three calls above in a row: from drives in any state to axes that follow targets.
-    /// `timeout` applies to each. Blocks.
-    ///
-    /// # Errors
-    /// As those calls.
-    pub fn start_up_timeout(
-        &mut self,
-        port: &mut Port,
-        timeout: Duration,
-        mut progress: impl FnMut(&AxisProgress),
-    ) -> Result<(), Cia402Error> {
-        self.configure_all_timeout(port, timeout, &mut progress)?;
-        self.request_actual_position_all_timeout(port, timeout, &mut progress)?;
-        self.enable_all_timeout(port, timeout, progress)
-    }
-
-    /// Brings all axes back to their targets, see [`recover`](Self::recover), and waits. Blocks.
+    /// Brings all axes back to their targets, see [`AxisHandle::recover`](crate::AxisHandle::recover).
     ///
     /// # Errors
     /// [`Cia402Error::AxisTimeout`] names the axes that do not follow targets, and the cause.
-    pub fn recover_all_timeout(
-        &mut self,
-        port: &mut Port,
-        timeout: Duration,
-        progress: impl FnMut(&AxisProgress),
-    ) -> Result<(), Cia402Error> {
-        self.recover_all()?;
-        self.wait(port, timeout, "recovered", progress, |axis| {
+    pub fn recover(&mut self) -> Result<(), Cia402Error> {
+        self.table.command_all(AxisCommand::Recover)?;
+        self.wait("recovered", |axis| {
             if axis.task.recovery.is_some() {
                 WaitStatus::Waiting
             } else if axis.path.follows_application() {
@@ -140,17 +162,12 @@ impl Cia402 {
         })
     }
 
-    /// Waits until mode changes and homings of all axes are complete. Blocks.
+    /// Waits until mode changes and homings of all axes are complete.
     ///
     /// # Errors
     /// [`Cia402Error::AxisTimeout`] names the axes whose last command failed, and the cause.
-    pub fn finish_all_timeout(
-        &mut self,
-        port: &mut Port,
-        timeout: Duration,
-        progress: impl FnMut(&AxisProgress),
-    ) -> Result<(), Cia402Error> {
-        self.wait(port, timeout, "done", progress, |axis| {
+    pub fn finish(&mut self) -> Result<(), Cia402Error> {
+        self.wait("done", |axis| {
             if axis.task.procedure.is_some() || axis.task.is_enabling() {
                 WaitStatus::Waiting
             } else if axis.report.error.is_none() {
@@ -161,126 +178,106 @@ impl Cia402 {
         })
     }
 
-    /// Starts an orderly end, see [`begin_shutdown`](Self::begin_shutdown), and waits until every axis
-    /// has reported that it is off. While the gateway or the path is away, the whole `timeout` is used: at
+    /// Starts an orderly end, see [`Cia402::begin_shutdown`], and waits until every axis
+    /// has reported that it is off. While the gateway or the path is away, the whole timeout is used: at
     /// most half of it, and five seconds, for the ramps, the rest for switching off. Ignores the
-    /// application's request to stop waiting. Blocks.
+    /// application's request to stop waiting.
     ///
     /// # Errors
     /// [`Cia402Error::AxisTimeout`] names the axes that did not report that they are off, and may still
     /// move; all other parts of the shutdown are complete nevertheless.
-    pub fn shutdown_timeout(
-        &mut self,
-        port: &mut Port,
-        timeout: Duration,
-        progress: impl FnMut(&AxisProgress),
-    ) -> Result<(), Cia402Error> {
-        self.begin_shutdown();
-        let now_ns = port.adapter().clock().now_ns();
-        self.shutdown_deadline = Some(ShutdownDeadline::after(now_ns, timeout));
-        self.wait_stopped(port, timeout, AxisTimeout::SWITCHED_OFF, progress, |table| {
+    pub fn shut_down(&mut self) -> Result<(), Cia402Error> {
+        self.table.begin_shutdown();
+        self.table.ending.set_deadline(self.port.adapter().clock().now_ns(), self.timeout);
+        self.wait_stopped(AxisTimeout::SWITCHED_OFF, |table| {
             // The last commands must be sent before the host ends.
-            table.shutdown == Shutdown::Done && !table.network.nmt_is_pending()
+            table.shutdown_state() == Shutdown::Done && !table.network.nmt_is_pending()
         })
     }
 
-    /// Stops all axes, see [`stop_all`](Self::stop_all), and waits until every one has reported that it has
+    /// Stops all axes by [`StopKind::QuickStopThenDisable`], and waits until every one has reported that it has
     /// stopped, also while the gateway or the path is away. Ignores the application's request to stop
-    /// waiting. Blocks.
+    /// waiting.
     ///
     /// # Errors
     /// [`Cia402Error::AxisTimeout`] names the axes that did not report that they have stopped, and may
     /// still move. Their stop continues in later cycles.
-    pub fn stop_all_timeout(
-        &mut self,
-        port: &mut Port,
-        timeout: Duration,
-        progress: impl FnMut(&AxisProgress),
-    ) -> Result<(), Cia402Error> {
-        self.stop_all();
-        self.wait_stopped(port, timeout, AxisTimeout::STOPPED, progress, |_| true)
+    pub fn stop(&mut self) -> Result<(), Cia402Error> {
+        self.table.command_all(AxisCommand::Stop(StopKind::QuickStopThenDisable))?;
+        self.wait_stopped(AxisTimeout::STOPPED, |_| true)
     }
 
     /// Runs the cycle until all axes have stopped and `is_complete` returns true.
     fn wait_stopped(
         &mut self,
-        port: &mut Port,
-        timeout: Duration,
         what: &'static str,
-        mut progress: impl FnMut(&AxisProgress),
-        is_complete: impl Fn(&Self) -> bool,
+        is_complete: impl Fn(&Cia402) -> bool,
     ) -> Result<(), Cia402Error> {
-        let ended = run_cycle_uninterrupted(port, timeout, |cycle, _| {
-            self.serve(cycle);
-            self.progress_all().for_each(|axis| progress(&axis));
-            (self.all_stopped() && is_complete(self)).then_some(())
+        let Self { table, port, timeout, progress } = self;
+        let ended = run_cycle_uninterrupted(port, *timeout, |cycle, _| {
+            table.serve(cycle);
+            table.axes().for_each(|axis| progress(&axis.progress()));
+            (table.all_stopped() && is_complete(table)).then_some(())
         });
         let Err(error) = ended else { return Ok(()) };
-        let axes = self.progress_of(|axis| !axis.is_stopped(self.now_ns));
+        let axes = table.progress_of(|axis| !axis.is_stopped(table.now_ns));
         let cycle_error = match error {
             WaitError::TimedOut { .. } if axes.is_empty() => return Ok(()),
             error if axes.is_empty() => return Err(error.into()),
             WaitError::Cycle(error) => Some(error),
             _ => None,
         };
-        Err(AxisTimeout { what, waited: timeout, axes, cycle_error }.into())
+        Err(AxisTimeout { what, waited: *timeout, axes, cycle_error }.into())
     }
 
     fn wait(
         &mut self,
-        port: &mut Port,
-        timeout: Duration,
         what: &'static str,
-        mut progress: impl FnMut(&AxisProgress),
         status: impl Fn(&Axis) -> WaitStatus,
     ) -> Result<(), Cia402Error> {
-        let start_ns = self.now_ns;
-        let ended = run_cycle_until(port, timeout, |cycle, _| {
-            self.serve(cycle);
-            self.progress_all().for_each(|axis| progress(&axis));
+        let Self { table, port, timeout, progress } = self;
+        let start_ns = table.now_ns;
+        let ended = run_cycle_until(port, *timeout, |cycle, _| {
+            table.serve(cycle);
+            table.axes().for_each(|axis| progress(&axis.progress()));
             let is_waiting = |axis: &Axis| status(axis) == WaitStatus::Waiting;
-            (!self.axes.iter().any(is_waiting)).then_some(())
+            (!table.axes.iter().any(is_waiting)).then_some(())
         });
         match ended {
             Ok(()) | Err(WaitError::TimedOut { .. }) => {}
             Err(error) => return Err(error.into()),
         }
-        let axes = self.progress_of(|axis| status(axis) != WaitStatus::Reached);
+        let axes = table.progress_of(|axis| status(axis) != WaitStatus::Reached);
         if axes.is_empty() {
             return Ok(());
         }
-        let waited = Duration::from_nanos(self.now_ns.saturating_sub(start_ns));
+        let waited = Duration::from_nanos(table.now_ns.saturating_sub(start_ns));
         Err(AxisTimeout { what, waited, axes, cycle_error: None }.into())
     }
 
-    pub(super) fn progress_of(&self, select: impl Fn(&Axis) -> bool) -> Vec<AxisProgress> {
-        let selected = self.axes.iter().filter(|axis| select(axis));
-        selected.map(|axis| axis.progress(self.now_ns)).collect()
-    }
-
-    /// Waits until all mandatory nodes are booted ([`Network::boot`](ecan_canopen::Network::boot)). If one
+    /// Waits until all mandatory nodes are booted ([`Network::boot`]). If one
     /// fails, it waits for the end of the other boot-ups of mandatory nodes. `progress` is called for every
-    /// node in every cycle. The axes remain at their last targets. Blocks.
+    /// node in every cycle.
     ///
     /// # Errors
     /// [`Cia402Error::BootTimeout`] names the mandatory nodes that are not booted, with the cause of each;
     /// [`Cia402Error::Wait`].
-    pub fn wait_booted_timeout(
+    pub fn wait_booted(
         &mut self,
-        port: &mut Port,
-        timeout: Duration,
         mut progress: impl FnMut(&BootProgress),
     ) -> Result<(), Cia402Error> {
-        let start_ns = self.now_ns;
-        let ended = run_cycle_until(port, timeout, |cycle, now_ns| {
-            self.serve(cycle);
+        let table = &mut *self.table;
+        let start_ns = table.now_ns;
+        let ended = run_cycle_until(self.port, self.timeout, |cycle, now_ns| {
+            table.serve(cycle);
             let mut is_booting = false;
-            for node in self.network.boot_progress(now_ns) {
+            for node in table.network.boot_progress(now_ns) {
                 let has_begun = node.phase != BootPhase::Waiting;
-                is_booting |= node.is_mandatory && has_begun && !has_ended(node.phase);
+                let has_ended = matches!(node.phase, BootPhase::Booted | BootPhase::Failed);
+                is_booting |= node.is_mandatory && has_begun && !has_ended;
                 progress(&node);
             }
-            match self.network.boot_state() {
+            match table.network.boot_state() {
                 BootState::Booted => Some(()),
                 BootState::Failed if !is_booting => Some(()),
                 BootState::Failed | BootState::Running => None,
@@ -291,31 +288,29 @@ impl Cia402 {
             Err(error) => return Err(error.into()),
         }
         let is_missing = |node: &BootProgress| node.is_mandatory && node.phase != BootPhase::Booted;
-        let nodes: Vec<_> = self.network.boot_progress(self.now_ns).filter(is_missing).collect();
+        let nodes: Vec<_> = table.network.boot_progress(table.now_ns).filter(is_missing).collect();
         if nodes.is_empty() {
             return Ok(());
         }
-        let waited = Duration::from_nanos(self.now_ns.saturating_sub(start_ns));
+        let waited = Duration::from_nanos(table.now_ns.saturating_sub(start_ns));
         Err(BootTimeout { waited, nodes }.into())
     }
 
-    /// Executes an LSS command on a channel of the network and waits, see
-    /// [`Blocking::lss`](ecan_canopen::Blocking::lss). The axes remain at their last targets.
-    /// Blocks.
+    /// Executes an LSS command on a channel of the network, see
+    /// [`Blocking::lss`](ecan_canopen::Blocking::lss).
     ///
     /// # Errors
     /// [`Cia402Error::Wait`] names channel, command and cause, or the timeout, with the command cancelled.
-    pub fn lss_timeout(
+    pub fn lss(
         &mut self,
-        port: &mut Port,
         (slave, channel): (usize, u8),
         command: LssCommand,
-        timeout: Duration,
     ) -> Result<LssResult, Cia402Error> {
-        self.network.start_lss(slave, channel, command).map_err(WaitError::from)?;
-        let ended = run_cycle_until(port, timeout, |cycle, _| {
-            self.serve(cycle);
-            match self.network.lss_state(slave, channel) {
+        let table = &mut *self.table;
+        table.network.start_lss(slave, channel, command).map_err(WaitError::from)?;
+        let ended = run_cycle_until(self.port, self.timeout, |cycle, _| {
+            table.serve(cycle);
+            match table.network.lss_state(slave, channel) {
                 Lss::Idle | Lss::Busy => None,
                 Lss::Done(result) => Some(Ok(result)),
                 Lss::Failed(fault) => Some(Err(LssFailure { slave, channel, command, fault })),
@@ -324,137 +319,78 @@ impl Cia402 {
         match ended {
             Ok(result) => Ok(result.map_err(WaitError::from)?),
             Err(error) => {
-                self.network.cancel_lss(slave, channel);
+                table.network.cancel_lss(slave, channel);
                 Err(error.into())
             }
         }
     }
 
-    /// Executes steps on a node and waits, for example those of a
-    /// [`ParameterGroup`](ecan_canopen::ParameterGroup). The axes remain at their last targets; transfers of
-    /// the axis itself come first. Returns the configurator with the values that the steps have read. Blocks.
+    /// Executes steps on a node, for example those of a
+    /// [`ParameterGroup`](ecan_canopen::ParameterGroup); transfers of
+    /// the axis itself come first. Returns the configurator with the values that the steps have read.
     ///
     /// # Errors
     /// [`Cia402Error::Wait`] names the step that failed and its cause, or the timeout, with the steps cancelled.
-    pub fn execute_timeout(
+    pub fn execute(
         &mut self,
-        port: &mut Port,
         node: NodeHandle,
         steps: impl IntoIterator<Item = Step>,
-        timeout: Duration,
     ) -> Result<Configurator, Cia402Error> {
+        let table = &mut *self.table;
         let mut configurator = Configurator::new();
-        configurator.add(&self.network, node, steps);
-        let ended = run_cycle_until(port, timeout, |cycle, now_ns| {
-            self.serve(cycle);
-            match configurator.step(&mut self.network, now_ns) {
+        configurator.add(&table.network, node, steps);
+        let ended = run_cycle_until(self.port, self.timeout, |cycle, now_ns| {
+            table.serve(cycle);
+            match configurator.step(&mut table.network, now_ns) {
                 Configuring::Running => None,
                 Configuring::Done => Some(Ok(())),
                 Configuring::Failed(failure) => Some(Err(WaitError::from(failure))),
             }
         });
         if ended.is_err() {
-            configurator.clear(&mut self.network);
+            configurator.clear(&mut table.network);
         }
         ended??;
         Ok(configurator)
     }
-}
 
-/// Returns whether the drive of an axis reported something, and not that it has stopped.
-fn may_move(axis: &Axis, now_ns: u64) -> bool {
-    axis.link.has_reported() && !axis.is_stopped(now_ns)
-}
-
-/// Returns whether a boot-up does not continue.
-fn has_ended(phase: BootPhase) -> bool {
-    matches!(phase, BootPhase::Booted | BootPhase::Failed)
-}
-
-impl Cia402 {
-    /// The node of an axis in [`network`](Self::network).
-    pub fn node(&self, axis: usize) -> Option<NodeHandle> {
-        self.axes.get(axis).map(|axis| axis.plan.node)
-    }
-
-    /// Uploads an object of a drive, given by index and subindex, and waits; the axes remain at
-    /// their last targets. Transfers of the axis itself come first. Blocks.
+    /// Uploads an object of a [node](AxisRef::node), given by index and subindex. Transfers of the axis itself
+    /// come first.
     ///
     /// # Errors
-    /// [`Cia402Error::Wait`] names node, object and cause, or the timeout;
-    /// [`CommandError::NoSuchAxis`].
-    pub fn upload_timeout(
+    /// [`Cia402Error::Wait`] names node, object and cause, or the timeout.
+    pub fn upload(
         &mut self,
-        port: &mut Port,
-        axis: usize,
+        node: NodeHandle,
         (index, subindex): (u16, u8),
-        timeout: Duration,
     ) -> Result<Vec<u8>, Cia402Error> {
-        let node = self.node(axis).ok_or(CommandError::NoSuchAxis { axis })?;
-        self.upload_node_timeout(port, node, (index, subindex), timeout)
+        self.transfer(node, |network| network.start_upload(node, index, subindex))
     }
 
-    /// Downloads an object of a drive and waits, as [`upload_timeout`](Self::upload_timeout).
+    /// Downloads an object of a node, as [`upload`](Self::upload).
     ///
     /// # Errors
     /// As there.
-    pub fn download_timeout(
+    pub fn download(
         &mut self,
-        port: &mut Port,
-        axis: usize,
-        (index, subindex): (u16, u8),
-        data: &[u8],
-        timeout: Duration,
-    ) -> Result<(), Cia402Error> {
-        let node = self.node(axis).ok_or(CommandError::NoSuchAxis { axis })?;
-        self.download_node_timeout(port, node, (index, subindex), data, timeout)
-    }
-
-    /// As [`upload_timeout`](Self::upload_timeout), of any node of the network.
-    ///
-    /// # Errors
-    /// [`Cia402Error::Wait`].
-    pub fn upload_node_timeout(
-        &mut self,
-        port: &mut Port,
-        node: NodeHandle,
-        (index, subindex): (u16, u8),
-        timeout: Duration,
-    ) -> Result<Vec<u8>, Cia402Error> {
-        self.transfer_timeout(port, node, timeout, |network| {
-            network.start_upload(node, index, subindex)
-        })
-    }
-
-    /// As [`download_timeout`](Self::download_timeout), to any node of the network.
-    ///
-    /// # Errors
-    /// [`Cia402Error::Wait`].
-    pub fn download_node_timeout(
-        &mut self,
-        port: &mut Port,
         node: NodeHandle,
         (index, subindex): (u16, u8),
         data: &[u8],
-        timeout: Duration,
     ) -> Result<(), Cia402Error> {
-        self.transfer_timeout(port, node, timeout, |network| {
-            network.start_download(node, index, subindex, data)
-        })?;
+        self.transfer(node, |network| network.start_download(node, index, subindex, data))?;
         Ok(())
     }
 
-    fn transfer_timeout(
+    fn transfer(
         &mut self,
-        port: &mut Port,
         node: NodeHandle,
-        timeout: Duration,
         start: impl Fn(&mut Network) -> Result<(), SdoStartError>,
     ) -> Result<Vec<u8>, Cia402Error> {
+        let table = &mut *self.table;
         let mut own = None;
-        let ended = run_cycle_until(port, timeout, |cycle, _| {
-            self.serve(cycle);
-            let network = &mut self.network;
+        let ended = run_cycle_until(self.port, self.timeout, |cycle, _| {
+            table.serve(cycle);
+            let network = &mut table.network;
             // An axis may use the client in the cycle in which a transfer ends. The result is
             // lost then, and the transfer starts again.
             if own == Some(network.sdo_generation(node)) {
@@ -473,47 +409,10 @@ impl Cia402 {
             }
             None
         });
-        if ended.is_err() && own == Some(self.network.sdo_generation(node)) {
-            self.network.cancel_sdo(node);
+        if ended.is_err() && own == Some(table.network.sdo_generation(node)) {
+            table.network.cancel_sdo(node);
         }
         Ok(ended??)
-    }
-
-    /// Longest time for which the end of a program waits until the axes have stopped
-    /// ([`stop_before_end`](Self::stop_before_end), [`AxisOwner`], the deinit functions of C); 10 s.
-    pub fn stop_time(&self) -> Duration {
-        self.stop_time
-    }
-
-    /// Sets the time for which the end of a program waits. Zero leaves the axes as they are, for a program
-    /// whose successor adopts them ([`Takeover::Adopt`](crate::Takeover::Adopt)).
-    pub fn set_stop_time(&mut self, stop_time: Duration) {
-        self.stop_time = stop_time;
-    }
-
-    /// Returns whether the drive of an axis may be moving or may begin to: it reported something, and not
-    /// that it has stopped.
-    pub fn may_move(&self, axis: usize) -> bool {
-        self.axis(axis).is_some_and(|axis| may_move(axis, self.now_ns))
-    }
-
-    /// Stops the axes that may move, as [`stop_all_timeout`](Self::stop_all_timeout), at most for the
-    /// [`stop_time`](Self::stop_time). Returns at once if no axis may move. Blocks. For the end of a program; in order
-    /// it ends by [`shutdown_timeout`](Self::shutdown_timeout).
-    ///
-    /// # Errors
-    /// [`Cia402Error::AxisTimeout`] names the axes that may still move. On a master of another owner
-    /// this call cannot run the cycle, and names them at once.
-    pub fn stop_before_end(&mut self, port: &mut Port) -> Result<(), Cia402Error> {
-        if self.stop_time.is_zero() || !self.axes.iter().any(|axis| may_move(axis, self.now_ns)) {
-            return Ok(());
-        }
-        if port.adapter().is_attached() {
-            let axes = self.progress_of(|axis| may_move(axis, self.now_ns));
-            let (what, waited) = (AxisTimeout::STOPPED, Duration::ZERO);
-            return Err(AxisTimeout { what, waited, axes, cycle_error: None }.into());
-        }
-        self.stop_all_timeout(port, self.stop_time, |_| {})
     }
 }
 
@@ -523,7 +422,7 @@ impl Cia402 {
 /// The drop waits until the axes have stopped, at most for the [`stop_time`](Cia402::stop_time), and
 /// then names those that may still move on standard error and in the log. It does not wait during a panic, which
 /// may have left the application in any state: then the watch of the host by the drives stops them
-/// ([`Cia402::host_loss`]). Nor does it after `std::process::exit` or a signal that ends the process.
+/// ([`AxisRef::host_loss`](crate::AxisRef::host_loss)). Nor does it after `std::process::exit` or a signal that ends the process.
 ///
 /// ```no_run
 /// # use ecan_cia402::{AxisOwner, Cia402};

@@ -8,9 +8,8 @@ use ecan_protocol::mapping::CHANNELS;
 
 use super::cia402::Cia402;
 use super::lookup::AxisLookup;
-use crate::axis::axis::{Axis, AxisCommand};
+use crate::axis::axis::{Axis, AxisCommand, StopKind};
 use crate::axis::pdo_layout::RpdoBytes;
-use crate::axis::power::StopCause;
 use crate::axis::target_path::TargetTurn;
 use crate::guard::gateway_watch::GatewayWatch;
 use crate::guard::terms::{Decision, WaitReason};
@@ -25,7 +24,7 @@ pub struct SendSummary {
     pub positions: usize,
     /// Active axes that got nothing in this cycle: their motion must not continue.
     pub waiting: usize,
-    /// Axes whose target was rejected; [`decision`](Cia402::decision) has the reason.
+    /// Axes whose target was rejected; [`decision`](crate::AxisRef::decision) has the reason.
     pub rejected: usize,
     /// Axes that are not active, hold, or have no target due in this cycle.
     pub closed: usize,
@@ -106,9 +105,8 @@ impl Cia402 {
         if self.is_paused {
             self.resume_channels();
         }
-        let Self { axes, network, bus, shutdown, shutdown_deadline, now_ns, .. } = self;
-        let has_heartbeat = bus.host.is_some();
-        *shutdown = shutdown.step(axes, network, has_heartbeat, *shutdown_deadline, *now_ns);
+        let Self { axes, network, bus, ending, now_ns, .. } = self;
+        ending.step(axes, network, bus.host.is_some(), *now_ns);
         for axis in &mut self.axes {
             axis.update_phase(self.now_ns);
         }
@@ -170,6 +168,13 @@ impl Cia402 {
     /// targets as there. Real-time safe.
     pub fn send_target_step(&mut self, cycle: &mut Cycle<'_>) -> SendSummary {
         self.send(cycle, true)
+    }
+
+    /// Executes one cycle for a loop that has no targets of its own: receives, keeps the axes at
+    /// their last targets, sends. Real-time safe.
+    pub fn serve(&mut self, cycle: &mut Cycle<'_>) {
+        self.process_rx(cycle);
+        self.send_targets_all(cycle);
     }
 
     fn send(&mut self, cycle: &mut Cycle<'_>, stepping: bool) -> SendSummary {
@@ -267,7 +272,7 @@ impl Cia402 {
         let Self { quick_stops, axes, network, now_ns, .. } = self;
         let mut stop = |axis: &mut Axis| {
             // infallible: any axis can be stopped
-            let _ = axis.execute(AxisCommand::Stop(StopCause::QuickStop), network, *now_ns);
+            let _ = axis.execute(AxisCommand::Stop(StopKind::QuickStop), network, *now_ns);
         };
         quick_stops.execute(|command| match command {
             QuickStop::All => axes.iter_mut().for_each(&mut stop),

@@ -2,9 +2,9 @@
 
 mod blocking;
 mod cia402;
-mod commands;
 mod cycle;
 mod error;
+mod handles;
 mod load;
 mod lookup;
 mod path_stop;
@@ -12,10 +12,11 @@ mod shared_node;
 mod shutdown;
 mod table_config;
 
-pub use blocking::AxisOwner;
+pub use blocking::{AxisOwner, Blocking};
 pub use cia402::Cia402;
 pub use cycle::SendSummary;
 pub use error::{AxisFaults, AxisTimeout, BootTimeout, Cia402Error, ScheduleError};
+pub use handles::{AxisHandle, AxisRef, Target};
 pub use load::{BusLoad, LoadWarning, axis_traffic};
 pub use path_stop::PathStop;
 pub use shutdown::Shutdown;

@@ -9,8 +9,8 @@ use crate::axis::axis::Axis;
 use crate::axis::power::StopCause;
 use crate::axis::task::AxisState;
 
-/// Default of [`Cia402::stop_time`].
-pub(super) const STOP_TIME: Duration = Duration::from_secs(10);
+/// Default of [`Cia402::stop_time`](super::Cia402::stop_time).
+const STOP_TIME: Duration = Duration::from_secs(10);
 
 /// Longest time of a stage; then the next one begins.
 const REST_NS: u64 = 5_000_000_000;
@@ -19,14 +19,14 @@ const RELEASE_NS: u64 = 1_000_000_000;
 
 /// Ends of the first two stages, for a call that waits: bus clock, in nanoseconds.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct ShutdownDeadline {
+struct ShutdownDeadline {
     rest_ns: u64,
     disable_ns: u64,
 }
 
 impl ShutdownDeadline {
     /// Half of the time for the ramps, and the rest for the drives, but for the time of their release.
-    pub(super) fn after(now_ns: u64, timeout: Duration) -> Self {
+    fn after(now_ns: u64, timeout: Duration) -> Self {
         let timeout_ns = u64::try_from(timeout.as_nanos()).unwrap_or(u64::MAX);
         let release_ns = RELEASE_NS.min(timeout_ns / 4);
         Self {
@@ -75,7 +75,7 @@ impl fmt::Display for Shutdown {
 }
 
 impl Shutdown {
-    pub(super) fn begin(axes: &mut [Axis], network: &mut Network, since_ns: u64) -> Self {
+    fn begin(axes: &mut [Axis], network: &mut Network, since_ns: u64) -> Self {
         for axis in axes {
             axis.cancel_procedure(network);
             axis.task.recovery = None;
@@ -86,7 +86,7 @@ impl Shutdown {
         Self::Decelerating { since_ns }
     }
 
-    pub(super) fn step(
+    fn step(
         self,
         axes: &mut [Axis],
         network: &mut Network,
@@ -135,6 +135,45 @@ impl Shutdown {
             }
             waiting => waiting,
         }
+    }
+}
+
+/// End of the axes: the state of the orderly end, and the time for which the end of a program waits.
+#[derive(Debug)]
+pub(super) struct Ending {
+    state: Shutdown,
+    /// Deadline of a call that waits for the orderly end.
+    deadline: Option<ShutdownDeadline>,
+    pub(super) stop_time: Duration,
+}
+
+impl Ending {
+    pub(super) fn new() -> Self {
+        Self { state: Shutdown::None, deadline: None, stop_time: STOP_TIME }
+    }
+
+    pub(super) fn state(&self) -> Shutdown {
+        self.state
+    }
+
+    pub(super) fn set_deadline(&mut self, now_ns: u64, timeout: Duration) {
+        self.deadline = Some(ShutdownDeadline::after(now_ns, timeout));
+    }
+
+    pub(super) fn begin(&mut self, axes: &mut [Axis], network: &mut Network, now_ns: u64) {
+        if self.state == Shutdown::None {
+            self.state = Shutdown::begin(axes, network, now_ns);
+        }
+    }
+
+    pub(super) fn step(
+        &mut self,
+        axes: &mut [Axis],
+        network: &mut Network,
+        has_host_heartbeat: bool,
+        now_ns: u64,
+    ) {
+        self.state = self.state.step(axes, network, has_host_heartbeat, self.deadline, now_ns);
     }
 }
 

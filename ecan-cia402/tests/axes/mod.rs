@@ -4,7 +4,7 @@
 use std::time::Duration;
 
 use ecan_canopen::{NodeAddress, NodeId};
-use ecan_cia402::{AxisConfig, Cia402, Cia402Config};
+use ecan_cia402::{AxisConfig, AxisHandle, AxisRef, Cia402, Cia402Config};
 use ecan_host::AdapterConfig;
 use ecan_mcan_port::{
     ChannelConfig, Cycle, GatewayConfig, Port, PortConfig, Session, SlaveStatistics,
@@ -107,9 +107,19 @@ impl Fixture {
         Self { port, cia402, simulation: backend.simulation.unwrap() }
     }
 
+    /// State of an axis.
+    pub fn axis(&self, index: usize) -> AxisRef<'_> {
+        self.cia402.axis(index).unwrap()
+    }
+
+    /// Commands to an axis.
+    pub fn axis_mut(&mut self, index: usize) -> AxisHandle<'_> {
+        self.cia402.axis_mut(index).unwrap()
+    }
+
     /// Started: every axis follows targets.
     pub fn start(&mut self) {
-        let started = self.cia402.start_up_timeout(&mut self.port, START, |_| {});
+        let started = self.cia402.blocking(&mut self.port, START).start_up();
         started.unwrap_or_else(|error| panic!("{error}"));
     }
 
@@ -174,12 +184,13 @@ impl Fixture {
             }
             self.step();
         }
-        let axes: Vec<String> = self.cia402.progress_all().map(|axis| axis.to_string()).collect();
+        let axes: Vec<String> =
+            self.cia402.axes().map(|axis| axis.progress().to_string()).collect();
         panic!("not after {limit} cycles: {axes:#?}");
     }
 
     pub fn drive<T>(&self, axis: usize, look: impl FnOnce(&Drive) -> T) -> T {
-        let address = self.cia402.config(axis).unwrap().address;
+        let address = self.axis(axis).config().address;
         self.simulation.with_world(|world| {
             let drive = world.drive_at(address.slave, usize::from(address.channel), address.node);
             look(drive.expect("a drive at every axis"))
@@ -188,7 +199,7 @@ impl Fixture {
 
     /// The axis of the drive that an axis of the table commands.
     pub fn drive_axis<T>(&self, axis: usize, look: impl FnOnce(DriveAxis<'_>) -> T) -> T {
-        let number = usize::from(self.cia402.config(axis).unwrap().node_axis);
+        let number = usize::from(self.axis(axis).config().node_axis);
         self.drive(axis, |drive| look(drive.axis(number).expect("an axis of the drive")))
     }
 
@@ -202,7 +213,7 @@ impl Fixture {
 
     /// A fault in the drive of an axis.
     pub fn strike(&self, axis: usize, fault: DriveFault) {
-        let address = self.cia402.config(axis).unwrap().address;
+        let address = self.axis(axis).config().address;
         let node = self.simulation.with_world(|world| {
             let (slave, channel) = (address.slave, usize::from(address.channel));
             world.drive_name(slave, channel, address.node).unwrap().to_owned()
@@ -213,7 +224,7 @@ impl Fixture {
     /// By the drives' own testimony: nothing jumped.
     pub fn check(&self) {
         for axis in 0..self.cia402.axis_count() {
-            let config = self.cia402.config(axis).unwrap();
+            let config = self.axis(axis).config();
             let sums = self.drive_axis(axis, |drive| *drive.targets().sums());
             let text = format!("axis {axis}: {sums:?}");
             assert!(sums.largest_first_offset <= 2 * config.standstill, "first target, {text}");

@@ -94,7 +94,7 @@ pub fn at_speed_with(fixture: Fixture, mode: OperatingMode) -> Fixture {
 }
 
 pub fn accelerate(fixture: &mut Fixture, mode: OperatingMode) {
-    let far = fixture.cia402.actual(0).unwrap() + 100_000_000;
+    let far = fixture.axis(0).actual().unwrap() + 100_000_000;
     for cycle in 1..=2_000 {
         let target = match mode {
             OperatingMode::CyclicVelocity => Some((cycle * 20_000).min(SPEED as i32)),
@@ -104,7 +104,7 @@ pub fn accelerate(fixture: &mut Fixture, mode: OperatingMode) {
             _ => None,
         };
         if let Some(target) = target {
-            fixture.cia402.set_target(0, target).unwrap();
+            fixture.axis_mut(0).set_target(target).unwrap();
         }
         fixture.step();
         if velocity(fixture) > 0.98 * SPEED {
@@ -113,7 +113,7 @@ pub fn accelerate(fixture: &mut Fixture, mode: OperatingMode) {
     }
     if mode == OperatingMode::CyclicTorque {
         // Balances friction: 100,000 of 4,000,000 increments/s² at 3000 thousandths.
-        fixture.cia402.set_target(0, 75).unwrap();
+        fixture.axis_mut(0).set_target(75).unwrap();
     }
     fixture.steps(20);
     let velocity = velocity(fixture);
@@ -260,13 +260,13 @@ impl Trace {
 pub fn assert_stays_stopped(fixture: &mut Fixture) {
     fixture.steps(500);
     let (state, velocity) = (state(fixture), velocity(fixture));
-    assert_ne!(state, DriveState::OperationEnabled, "{:?}", fixture.cia402.progress(0));
+    assert_ne!(state, DriveState::OperationEnabled, "{:?}", fixture.axis(0).progress());
     assert!(velocity.abs() < REST, "{velocity}/s in {state}");
 }
 
 /// The axis can be used again.
 pub fn assert_runs_again(fixture: &mut Fixture) {
-    fixture.cia402.enable(0).unwrap();
-    fixture.until(2_000, |cia402| cia402.is_running(0));
+    fixture.axis_mut(0).enable().unwrap();
+    fixture.until(2_000, |cia402| cia402.axis(0).unwrap().is_running());
     assert_eq!(state(fixture), DriveState::OperationEnabled);
 }

@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 
 use ecan_canopen::{NmtState, NodeAddress, OperatingMode, object};
-use ecan_cia402::{AxisPhase, Cia402};
+use ecan_cia402::{AxisCommand, AxisPhase, AxisRef, Cia402, StopKind as Stop};
 use ecan_mcan_port::{Port, Session};
 use ecan_protocol::device::AlState;
 use ecan_protocol::image::ChannelState;
@@ -297,7 +297,7 @@ impl Trial {
             }
         }
         if let Some(cia402) = &self.cia402 {
-            for (n, axis) in cia402.progress_all().enumerate() {
+            for (n, axis) in cia402.axes().map(AxisRef::progress).enumerate() {
                 let state = self.monitors[n].state;
                 let _ = write!(text, "{axis} [drive {state}]; ");
             }
@@ -337,11 +337,7 @@ impl Trial {
                 let text = format!(
                     "moved {moved:.0}, limit {}: {:?}",
                     axis.config.step_limit,
-                    self.cia402.as_ref().map(|axes| (
-                        axes.decision(n),
-                        axes.target(n),
-                        axes.actual(n)
-                    )),
+                    self.axis(n).map(|axis| (axis.decision(), axis.target(), axis.actual())),
                 );
                 self.find(Kind::NotFollowing, n, text);
             }
@@ -365,15 +361,15 @@ impl Trial {
         let Some(cia402) = &mut self.cia402 else { return };
         let kind = match self.plan.app.end {
             End::QuickStop => {
-                cia402.quick_stop_all();
+                cia402.command_all(AxisCommand::Stop(Stop::QuickStop)).unwrap();
                 StopKind::QuickStop
             }
             End::Disable => {
-                cia402.disable_all();
+                cia402.command_all(AxisCommand::Stop(Stop::Disable)).unwrap();
                 StopKind::Disable
             }
             End::StopAll => {
-                cia402.stop_all();
+                cia402.command_all(AxisCommand::Stop(Stop::QuickStopThenDisable)).unwrap();
                 StopKind::StopAll
             }
             End::Shutdown => {
@@ -491,12 +487,12 @@ impl Trial {
             if class != self.classes[n] {
                 self.classes[n] = class;
                 if self.log.is_on()
-                    && let Some(progress) = self.cia402.as_ref().and_then(|axes| axes.progress(n))
+                    && let Some(progress) = self.axis(n).map(AxisRef::progress)
                 {
                     self.note(&progress.to_string());
                 }
             }
-            self.configured[n] = self.cia402.as_ref().is_some_and(|cia402| cia402.is_configured(n));
+            self.configured[n] = self.axis(n).is_some_and(AxisRef::is_configured);
             self.monitors[n].is_unknown |= self.now < self.silent[n] && !self.configured[n];
             let path = self.path(n, skips);
             self.note_lost_sync(n, path);
@@ -504,11 +500,11 @@ impl Trial {
                 self.paths[n] = path;
                 self.note(&format!("path to axis {n}: {path:?}"));
             }
-            let sdk = self.cia402.as_ref();
+            let sdk = self.axis(n);
             let view = View {
                 class,
-                is_recovering: sdk.is_some_and(|cia402| cia402.is_recovering(n)),
-                is_stopped: sdk.is_some_and(|cia402| cia402.is_stopped(n)),
+                is_recovering: sdk.is_some_and(AxisRef::is_recovering),
+                is_stopped: sdk.is_some_and(AxisRef::is_stopped),
                 is_cut: (!skips.rx && !skips.send).then(|| self.is_cut(n)),
             };
             self.monitors[n].check(self.now, ns, path, view);
@@ -629,16 +625,20 @@ impl Trial {
         if is_process_data { Path::ProcessData } else { Path::Services }
     }
 
+    fn axis(&self, index: usize) -> Option<AxisRef<'_>> {
+        self.cia402.as_ref()?.axis(index)
+    }
+
     /// A channel gets no SYNC before all its drives that were enabled are stopped or adopted.
     fn is_in_first_contact(&self, slave: usize, channel: u8) -> bool {
         let Some(cia402) = &self.cia402 else { return true };
         let axes = self.plan.axes.iter().map(|axis| axis.config.address).enumerate();
         axes.filter(|(_, address)| (address.slave, address.channel) == (slave, channel)).any(
             |(axis, _)| {
-                let phase = cia402.phase(axis);
+                let phase = cia402.axis(axis).unwrap().phase();
                 let is_stopping =
-                    matches!(phase, Some(AxisPhase::Stopping(_) | AxisPhase::Uncontrolled(_)));
-                phase == Some(AxisPhase::Inspecting) || is_stopping && !self.configured[axis]
+                    matches!(phase, AxisPhase::Stopping(_) | AxisPhase::Uncontrolled(_));
+                phase == AxisPhase::Inspecting || is_stopping && !self.configured[axis]
             },
         )
     }

@@ -1,6 +1,6 @@
 //! The part of the SDK whose names the trials depend on.
 
-use ecan_cia402::{AxisPhase, Cia402, CommandError};
+use ecan_cia402::{AxisCommand, AxisPhase, AxisRef, Cia402, CommandError};
 
 /// Phase of an axis, without the details that neither monitor nor operator distinguishes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -31,7 +31,7 @@ pub enum Class {
 
 impl Class {
     pub fn of(cia402: &Cia402, axis: usize) -> Self {
-        match cia402.phase(axis) {
+        match cia402.axis(axis).map(AxisRef::phase) {
             None | Some(AxisPhase::NotConfigured) => Self::NotConfigured,
             Some(AxisPhase::Inspecting) => Self::Inspecting,
             Some(AxisPhase::Configuring | AxisPhase::SettingMode(_)) => Self::Configuring,
@@ -93,19 +93,21 @@ pub fn next_step(
     cia402: &mut Cia402,
     axis: usize,
 ) -> Option<(&'static str, Result<(), CommandError>)> {
-    match Class::of(cia402, axis) {
-        Class::NotConfigured | Class::SetupFailed => Some(("configure", cia402.configure(axis))),
-        Class::Fault => Some(("reset_fault", cia402.reset_fault(axis))),
-        Class::Halted => Some(("resume", cia402.resume(axis))),
+    let is_configured = cia402.axis(axis)?.is_configured();
+    let (name, command) = match Class::of(cia402, axis) {
+        Class::NotConfigured | Class::SetupFailed => ("configure", AxisCommand::Configure),
+        Class::Fault => ("reset_fault", AxisCommand::ResetFault),
+        Class::Halted => ("resume", AxisCommand::Resume),
         Class::Idle | Class::Holding | Class::Stopping | Class::Stopped | Class::Uncontrolled => {
-            if cia402.is_configured(axis) {
-                Some(("enable", cia402.enable(axis)))
+            if is_configured {
+                ("enable", AxisCommand::Enable)
             } else {
-                Some(("configure", cia402.configure(axis)))
+                ("configure", AxisCommand::Configure)
             }
         }
-        _ => None,
-    }
+        _ => return None,
+    };
+    Some((name, cia402.axis_mut(axis).and_then(|mut axis| axis.command(command))))
 }
 
 /// The recovery by one call.
@@ -115,7 +117,7 @@ pub fn recover(
 ) -> Option<(&'static str, Result<(), CommandError>)> {
     match Class::of(cia402, axis) {
         Class::Running | Class::Procedure => None,
-        _ if cia402.is_recovering(axis) => None,
-        _ => Some(("recover", cia402.recover(axis))),
+        _ if cia402.axis(axis)?.is_recovering() => None,
+        _ => Some(("recover", cia402.axis_mut(axis).and_then(|mut axis| axis.recover()))),
     }
 }

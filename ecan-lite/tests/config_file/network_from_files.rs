@@ -9,7 +9,7 @@ use std::time::Duration;
 use ecan_canopen::{
     BootPhase, BootState, Heartbeat, NodeAddress, NodeHandle, NodeId, object, run_cycle_until,
 };
-use ecan_cia402::{AxisPhase, Cia402, Shutdown};
+use ecan_cia402::{AxisCommand, AxisPhase, AxisRef, Cia402, Shutdown};
 use ecan_lite::config::{load, load_axes, load_network_settings, load_nodes};
 use ecan_mcan_port::Port;
 use ecan_sim::{
@@ -46,7 +46,7 @@ fn name(address: NodeAddress) -> String {
 }
 
 fn has_failed(cia402: &Cia402, axis: usize) -> bool {
-    cia402.error(axis).is_some()
+    cia402.axis(axis).unwrap().error().is_some()
 }
 
 impl Machine {
@@ -94,7 +94,7 @@ impl Machine {
         });
         if let Err(error) = ended {
             let mut text = format!("{what}: {error}");
-            for axis in self.cia402.progress_all() {
+            for axis in self.cia402.axes().map(AxisRef::progress) {
                 let _ = write!(text, "\n{axis}");
             }
             for node in self.cia402.network().boot_progress(self.now_ns) {
@@ -108,10 +108,10 @@ impl Machine {
     /// Every axis is configured or has failed.
     fn configure(&mut self) -> Duration {
         // The first contact with the drives.
-        self.cia402.configure_all().unwrap();
+        self.cia402.command_all(AxisCommand::Configure).unwrap();
         self.run_until("configuration", |cia402| {
             (0..cia402.axis_count())
-                .all(|axis| cia402.is_configured(axis) || has_failed(cia402, axis))
+                .all(|axis| cia402.axis(axis).unwrap().is_configured() || has_failed(cia402, axis))
         })
     }
 
@@ -167,17 +167,17 @@ fn forty_drives_start_from_files_in_parallel() {
     assert_eq!(machine.cia402.axis_count(), 40);
     let configured = machine.configure();
     let errors: Vec<_> =
-        machine.cia402.progress_all().filter(|axis| axis.error.is_some()).collect();
+        machine.cia402.axes().map(AxisRef::progress).filter(|axis| axis.error.is_some()).collect();
     assert!(errors.is_empty(), "{errors:?}");
-    machine.cia402.read_position_all().unwrap();
+    machine.cia402.command_all(AxisCommand::ReadPosition).unwrap();
     machine.run_until("positions", |cia402| {
-        cia402.progress_all().all(|axis| axis.phase == AxisPhase::Ready)
+        cia402.axes().all(|axis| axis.phase() == AxisPhase::Ready)
     });
-    machine.cia402.enable_all().unwrap();
+    machine.cia402.command_all(AxisCommand::Enable).unwrap();
     let enabled = machine.run_until("enabling", |cia402| cia402.all_running());
     println!("forty drives: configured after {configured:?}, enabled after {enabled:?}");
     for axis in 0..40 {
-        let address = machine.cia402.config(axis).unwrap().address;
+        let address = machine.cia402.axis(axis).unwrap().config().address;
         let window = machine.object(address, object::FOLLOWING_ERROR_WINDOW, 0);
         assert_eq!(window, Some(20_000 + i64::from(address.node.get())));
     }
@@ -198,24 +198,26 @@ fn wrong_and_restarting_drives_are_named_and_the_others_run() {
     text = text.replace(&newer, &format!("{newer}revision_number = 0x0001_0001\n"));
     let mut machine = Machine::new(scenario, &text);
     let restarting = NodeAddress { slave: 1, channel: 2, node: NodeId::new(3).unwrap() };
-    machine.cia402.configure_all().unwrap();
+    machine.cia402.command_all(AxisCommand::Configure).unwrap();
     let axis_of = |cia402: &Cia402, address: NodeAddress| {
-        (0..cia402.axis_count()).find(|axis| cia402.config(*axis).unwrap().address == address)
+        (0..cia402.axis_count())
+            .find(|axis| cia402.axis(*axis).unwrap().config().address == address)
     };
     let axis = axis_of(&machine.cia402, restarting).unwrap();
     machine.run_until("its download", |cia402| {
-        cia402.progress(axis).unwrap().to_string().contains("write the parameters")
+        cia402.axis(axis).unwrap().progress().to_string().contains("write the parameters")
     });
     machine.simulation.inject(Fault::Drive {
         node: name(restarting),
         fault: DriveFault::PowerCycle { off_ms: 50 },
     });
     machine.run_until("configuration", |cia402| {
-        (0..40).all(|axis| cia402.is_configured(axis) || has_failed(cia402, axis))
+        (0..40).all(|axis| cia402.axis(axis).unwrap().is_configured() || has_failed(cia402, axis))
     });
     let texts: Vec<String> = machine
         .cia402
-        .progress_all()
+        .axes()
+        .map(AxisRef::progress)
         .filter(|axis| axis.error.is_some())
         .map(|axis| axis.to_string())
         .collect();
@@ -234,20 +236,23 @@ fn wrong_and_restarting_drives_are_named_and_the_others_run() {
         let handle = network.find(restarting).unwrap();
         network.status(handle).unwrap().boot_ups > 0
     });
-    machine.cia402.configure(axis).unwrap();
-    machine.run_until("its configuration", |cia402| cia402.is_configured(axis));
-    let running: Vec<_> = (0..40).filter(|axis| machine.cia402.is_configured(*axis)).collect();
+    machine.cia402.axis_mut(axis).unwrap().configure().unwrap();
+    machine.run_until("its configuration", |cia402| cia402.axis(axis).unwrap().is_configured());
+    let running: Vec<_> =
+        (0..40).filter(|axis| machine.cia402.axis(*axis).unwrap().is_configured()).collect();
     assert_eq!(running.len(), 38);
     for axis in &running {
-        machine.cia402.read_position(*axis).unwrap();
+        machine.cia402.axis_mut(*axis).unwrap().read_position().unwrap();
     }
     machine.run_until("positions", |cia402| {
-        running.iter().all(|axis| cia402.phase(*axis) == Some(AxisPhase::Ready))
+        running.iter().all(|axis| cia402.axis(*axis).unwrap().phase() == AxisPhase::Ready)
     });
     for axis in &running {
-        machine.cia402.enable(*axis).unwrap();
+        machine.cia402.axis_mut(*axis).unwrap().enable().unwrap();
     }
-    machine.run_until("enabling", |cia402| running.iter().all(|axis| cia402.is_running(*axis)));
+    machine.run_until("enabling", |cia402| {
+        running.iter().all(|axis| cia402.axis(*axis).unwrap().is_running())
+    });
 }
 
 #[test]
@@ -274,10 +279,10 @@ fn nodes_boot_in_parallel_with_axes() {
         );
     }
     let mut machine = Machine::new(scenario, &text);
-    machine.cia402.configure_all().unwrap();
+    machine.cia402.command_all(AxisCommand::Configure).unwrap();
     machine.run_until("axes and nodes", |cia402| {
         cia402.network().boot_state() == BootState::Booted
-            && (0..4).all(|axis| cia402.is_configured(axis))
+            && (0..4).all(|axis| cia402.axis(axis).unwrap().is_configured())
     });
     let progress: Vec<_> = machine.cia402.network().boot_progress(machine.now_ns).collect();
     assert!(progress.iter().all(|node| node.phase == BootPhase::Booted), "{progress:?}");
@@ -307,11 +312,11 @@ fn axes_of_a_node_start_from_a_file() {
     let mut machine = Machine::new(scenario, &text);
     assert!(machine.nodes.is_empty());
     machine.configure();
-    machine.cia402.read_position_all().unwrap();
+    machine.cia402.command_all(AxisCommand::ReadPosition).unwrap();
     machine.run_until("positions", |cia402| {
-        cia402.progress_all().all(|axis| axis.phase == AxisPhase::Ready)
+        cia402.axes().all(|axis| axis.phase() == AxisPhase::Ready)
     });
-    machine.cia402.enable_all().unwrap();
+    machine.cia402.command_all(AxisCommand::Enable).unwrap();
     machine.run_until("enabling", |cia402| cia402.all_running());
     let drive = |channel, node| NodeAddress { slave: 0, channel, node: NodeId::new(node).unwrap() };
     let (gantry, other) = (drive(0, 1), drive(1, 2));
@@ -321,13 +326,17 @@ fn axes_of_a_node_start_from_a_file() {
 
     // One axis of each node moves by its targets, the others stay. Tables `[[axis]]` come first.
     let moved = [false, true, true, false];
-    let start = [0, 1, 2, 3].map(|axis| machine.cia402.actual(axis).unwrap());
+    let start = [0, 1, 2, 3].map(|axis| machine.cia402.axis(axis).unwrap().actual().unwrap());
     machine.run_until("the motion", |cia402| {
         let mut is_there = true;
         for axis in (0..4).filter(|axis| moved[*axis]) {
             let target = start[axis] + 300;
-            cia402.set_target(axis, target).unwrap();
-            is_there &= cia402.actual(axis).is_some_and(|actual| actual.abs_diff(target) <= 5);
+            cia402.axis_mut(axis).unwrap().set_target(target).unwrap();
+            is_there &= cia402
+                .axis(axis)
+                .unwrap()
+                .actual()
+                .is_some_and(|actual| actual.abs_diff(target) <= 5);
         }
         is_there
     });
@@ -356,11 +365,11 @@ fn drives_without_heartbeat_are_guarded() {
         + "[node.axis]\nmode = \"csp\"\n";
     let mut machine = Machine::new(scenario, &text);
     machine.configure();
-    machine.cia402.read_position_all().unwrap();
+    machine.cia402.command_all(AxisCommand::ReadPosition).unwrap();
     machine.run_until("positions", |cia402| {
-        cia402.progress_all().all(|axis| axis.phase == AxisPhase::Ready)
+        cia402.axes().all(|axis| axis.phase() == AxisPhase::Ready)
     });
-    machine.cia402.enable_all().unwrap();
+    machine.cia402.command_all(AxisCommand::Enable).unwrap();
     machine.run_until("enabling", |cia402| cia402.all_running());
     let drives = [(0, 1), (1, 2)].map(|(channel, node)| NodeAddress {
         slave: 0,
@@ -391,7 +400,10 @@ fn drives_without_heartbeat_are_guarded() {
         [Heartbeat::TimedOut, Heartbeat::Active],
         "the other one is guarded"
     );
-    assert!(!machine.cia402.is_running(0) && machine.cia402.is_running(1));
+    assert!(
+        !machine.cia402.axis(0).unwrap().is_running()
+            && machine.cia402.axis(1).unwrap().is_running()
+    );
 
     // A released drive does not react to the end of the host.
     machine.cia402.begin_shutdown();

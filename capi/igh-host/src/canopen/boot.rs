@@ -230,7 +230,8 @@ pub fn igh_canopen_wait_booted_timeout(context: *mut igh_cia402_context_t, timeo
     let callback = bus.axes_mut().and_then(|axes| axes.boot_progress);
     let (cia402, port) = bus.need_axes(call)?;
     let mut reporter = BootReporter::new(callback, cia402.network());
-    cia402.wait_booted_timeout(port, duration(timeout_ms), |node| reporter.see(node)).or_code(call)
+    let mut waiting = cia402.blocking(port, duration(timeout_ms));
+    waiting.wait_booted(|node| reporter.see(node)).or_code(call)
 }
 
 /// Boots a node again, with its configured reset: after a change of its parameters by hand, for

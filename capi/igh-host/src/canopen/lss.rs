@@ -359,7 +359,7 @@ pub fn igh_canopen_lss(
     let ended = if bus.axes_mut().is_some() {
         let (cia402, port) = bus.need_axes(call)?;
         cia402.network_mut().add_channel(slave, channel).or_code(call)?;
-        cia402.lss_timeout(port, at, command, timeout).or_code(call)?
+        cia402.blocking(port, timeout).lss(at, command).or_code(call)?
     } else {
         let mut network = Network::new(NetworkConfig::default());
         network.add_channel(slave, channel).or_code(call)?;

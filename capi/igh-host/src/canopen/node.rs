@@ -269,7 +269,7 @@ pub fn igh_canopen_read_error_history(
     let mut read = |limit: usize| {
         let limit = u8::try_from(limit.min(IGH_CANOPEN_MAX_HISTORY)).unwrap_or(u8::MAX);
         let steps = ErrorHistory::steps(limit);
-        let configurator = cia402.execute_timeout(port, handle, steps, timeout).or_code(call)?;
+        let configurator = cia402.blocking(port, timeout).execute(handle, steps).or_code(call)?;
         let found = configurator.uploaded(handle, ecan_canopen::object::ERROR_HISTORY, 0);
         let found = usize::try_from(found.unwrap_or(0)).unwrap_or(usize::MAX);
         let entries = ErrorHistory::uploaded(&configurator, handle).unwrap_or_default();
@@ -303,5 +303,5 @@ pub fn igh_canopen_clear_error_history(
     let (cia402, port) = bus.need_axes(call)?;
     let handle = need_node(call, cia402, node)?;
     let steps = [ErrorHistory::clearing_step()];
-    cia402.execute_timeout(port, handle, steps, duration(timeout_ms)).or_code(call)?;
+    cia402.blocking(port, duration(timeout_ms)).execute(handle, steps).or_code(call)?;
 }

@@ -61,7 +61,7 @@ fn execute(
     bus.run_to_end(call)?;
     let (cia402, port) = bus.need_axes(call)?;
     let handle = need_node(call, cia402, node)?;
-    cia402.execute_timeout(port, handle, steps, timeout).or_code(call)?;
+    cia402.blocking(port, timeout).execute(handle, steps).or_code(call)?;
     Ok(())
 }
 

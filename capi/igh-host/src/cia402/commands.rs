@@ -8,8 +8,7 @@ use std::ffi::c_int;
 
 use ecan_c_boundary::{mirror, pointers};
 use ecan_c_export::export;
-use ecan_canopen::NmtError;
-use ecan_cia402::{Cia402, CommandError, HomingConfig};
+use ecan_cia402::{AxisCommand, Cia402, CommandError, HomingConfig, StopKind};
 
 use super::context::{igh_cia402_context_t, need_axis};
 use super::numbers;
@@ -21,19 +20,11 @@ use crate::errors::OrCode as _;
 pub const IGH_CIA402_ALL_AXES: usize = 0xFFFF_FFFF;
 
 /// Gives a command to an axis, or to all.
-fn command(
-    cia402: &mut Cia402,
-    axis: usize,
-    command: impl Fn(&mut Cia402, usize) -> Result<(), CommandError>,
-) -> Result<(), CommandError> {
-    if axis != IGH_CIA402_ALL_AXES {
-        return command(cia402, axis);
+fn command(cia402: &mut Cia402, axis: usize, command: AxisCommand) -> Result<(), CommandError> {
+    match axis {
+        IGH_CIA402_ALL_AXES => cia402.command_all(command),
+        axis => cia402.axis_mut(axis)?.command(command),
     }
-    let mut result = Ok(());
-    for axis in 0..cia402.axis_count() {
-        result = result.and(command(cia402, axis));
-    }
-    result
 }
 
 /// Sends an NMT command to all nodes of the channels with axes, with the next targets. After any
@@ -58,12 +49,8 @@ pub fn igh_cia402_send_nmt_all(context: *mut igh_cia402_context_t, command: c_in
 #[export(call, layer(cia402, _))]
 pub fn igh_cia402_send_nmt(context: *mut igh_cia402_context_t, axis: usize, command: c_int) {
     let command = numbers::nmt_command(call, command)?;
-    need_axis(call, cia402, axis)?;
-    let sent = match cia402.node(axis) {
-        Some(node) => cia402.network_mut().nmt(node, command),
-        None => Err(NmtError::UnknownNode),
-    };
-    sent.or_code(call)
+    let node = need_axis(call, cia402, axis)?.node();
+    cia402.network_mut().nmt(node, command).or_code(call)
 }
 
 /// Starts configuring a drive, even if it is configured: after a restart, for example. An enabled
@@ -74,11 +61,7 @@ pub fn igh_cia402_send_nmt(context: *mut igh_cia402_context_t, axis: usize, comm
 /// @return  ECAN_OK, ECAN_ERR_AXIS_STATE, ECAN_ERR_AXIS.
 #[export(call, layer(cia402, _))]
 pub fn igh_cia402_configure(context: *mut igh_cia402_context_t, axis: usize) {
-    let started = match axis {
-        IGH_CIA402_ALL_AXES => cia402.configure_all(),
-        axis => cia402.configure(axis),
-    };
-    started.or_code(call)
+    command(cia402, axis, AxisCommand::Configure).or_code(call)
 }
 
 /// Starts determining the actual position of an axis: waits for pending frames, then for fresh TPDOs
@@ -89,11 +72,7 @@ pub fn igh_cia402_configure(context: *mut igh_cia402_context_t, axis: usize) {
 ///          is homing; ECAN_ERR_AXIS.
 #[export(call, layer(cia402, _))]
 pub fn igh_cia402_request_actual_position(context: *mut igh_cia402_context_t, axis: usize) {
-    let started = match axis {
-        IGH_CIA402_ALL_AXES => cia402.read_position_all(),
-        axis => cia402.read_position(axis),
-    };
-    started.or_code(call)
+    command(cia402, axis, AxisCommand::ReadPosition).or_code(call)
 }
 
 /// Starts enabling all drives and activating axes that hold; active axes continue. The same as
@@ -104,7 +83,7 @@ pub fn igh_cia402_request_actual_position(context: *mut igh_cia402_context_t, ax
 /// @return  As igh_cia402_request_actual_position().
 #[export(call, layer(cia402, _))]
 pub fn igh_cia402_enable_all(context: *mut igh_cia402_context_t) {
-    cia402.enable_all().or_code(call)
+    cia402.command_all(AxisCommand::Enable).or_code(call)
 }
 
 /// Starts enabling a drive, or activating an axis that holds: its actual position is determined and
@@ -115,11 +94,7 @@ pub fn igh_cia402_enable_all(context: *mut igh_cia402_context_t) {
 /// @return  As igh_cia402_request_actual_position().
 #[export(call, layer(cia402, _))]
 pub fn igh_cia402_enable(context: *mut igh_cia402_context_t, axis: usize) {
-    let started = match axis {
-        IGH_CIA402_ALL_AXES => cia402.enable_all(),
-        axis => cia402.enable(axis),
-    };
-    started.or_code(call)
+    command(cia402, axis, AxisCommand::Enable).or_code(call)
 }
 
 /// Stops targets at once and disables a drive; 0x605C determines how it stops. igh_cia402_halt()
@@ -128,7 +103,7 @@ pub fn igh_cia402_enable(context: *mut igh_cia402_context_t, axis: usize) {
 /// @usage   rt, the cycle's thread, after init
 #[export(call, layer(cia402, _))]
 pub fn igh_cia402_disable(context: *mut igh_cia402_context_t, axis: usize) {
-    command(cia402, axis, Cia402::disable).or_code(call)
+    command(cia402, axis, AxisCommand::Stop(StopKind::Disable)).or_code(call)
 }
 
 /// Brings all axes to rest and keeps them enabled, the CSP axes together on their path; targets are
@@ -152,16 +127,16 @@ pub fn igh_cia402_stop_together(context: *mut igh_cia402_context_t) {
 /// @usage   rt, the cycle's thread, after init
 #[export(call, layer(cia402, _))]
 pub fn igh_cia402_quick_stop(context: *mut igh_cia402_context_t, axis: usize) {
-    command(cia402, axis, Cia402::quick_stop).or_code(call)
+    command(cia402, axis, AxisCommand::Stop(StopKind::QuickStop)).or_code(call)
 }
 
 /// Stops all axes as fast as their drives can, by quick stop, and disables the drives when they are
 /// at rest. Acts on axes in every state. igh_cia402_all_stopped() reports the result.
 ///
 /// @usage   rt, the cycle's thread, after init
-#[export(_, layer(cia402, _))]
+#[export(call, layer(cia402, _))]
 pub fn igh_cia402_stop_all(context: *mut igh_cia402_context_t) {
-    cia402.stop_all();
+    cia402.command_all(AxisCommand::Stop(StopKind::QuickStopThenDisable)).or_code(call)
 }
 
 /// Starts bringing an axis back to its targets, from a hold, a stop, a fault or a lost configuration,
@@ -175,11 +150,7 @@ pub fn igh_cia402_stop_all(context: *mut igh_cia402_context_t) {
 /// @return  ECAN_OK; ECAN_ERR_AXIS_STATE during a change of mode, homing or shutdown; ECAN_ERR_AXIS.
 #[export(call, layer(cia402, _))]
 pub fn igh_cia402_recover(context: *mut igh_cia402_context_t, axis: usize) {
-    let started = match axis {
-        IGH_CIA402_ALL_AXES => cia402.recover_all(),
-        axis => cia402.recover(axis),
-    };
-    started.or_code(call)
+    command(cia402, axis, AxisCommand::Recover).or_code(call)
 }
 
 /// Resets the fault of a drive. Does not enable it, and does nothing if the drive has no fault.
@@ -188,7 +159,7 @@ pub fn igh_cia402_recover(context: *mut igh_cia402_context_t, axis: usize) {
 /// @return  As igh_cia402_request_actual_position().
 #[export(call, layer(cia402, _))]
 pub fn igh_cia402_reset_fault(context: *mut igh_cia402_context_t, axis: usize) {
-    command(cia402, axis, Cia402::reset_fault).or_code(call)
+    command(cia402, axis, AxisCommand::ResetFault).or_code(call)
 }
 
 /// Brings an active axis to rest and keeps it enabled: in CSP by its ramp, in CSV and CST by
@@ -198,7 +169,7 @@ pub fn igh_cia402_reset_fault(context: *mut igh_cia402_context_t, axis: usize) {
 /// @usage   rt, the cycle's thread, after init
 #[export(call, layer(cia402, _))]
 pub fn igh_cia402_halt(context: *mut igh_cia402_context_t, axis: usize) {
-    command(cia402, axis, Cia402::halt).or_code(call)
+    command(cia402, axis, AxisCommand::Halt).or_code(call)
 }
 
 /// Lets a halted axis follow targets again.
@@ -206,7 +177,7 @@ pub fn igh_cia402_halt(context: *mut igh_cia402_context_t, axis: usize) {
 /// @usage   rt, the cycle's thread, after init
 #[export(call, layer(cia402, _))]
 pub fn igh_cia402_resume(context: *mut igh_cia402_context_t, axis: usize) {
-    command(cia402, axis, Cia402::resume).or_code(call)
+    command(cia402, axis, AxisCommand::Resume).or_code(call)
 }
 
 /// Starts changing the mode of a drive, confirmed by its mode display. An active axis is brought to
@@ -221,7 +192,8 @@ pub fn igh_cia402_resume(context: *mut igh_cia402_context_t, axis: usize) {
 ///          is not mapped; ECAN_ERR_ARGUMENT.
 #[export(call, layer(cia402, _))]
 pub fn igh_cia402_change_mode(context: *mut igh_cia402_context_t, axis: usize, mode: c_int) {
-    cia402.change_mode(axis, numbers::mode(call, mode)?).or_code(call)
+    let mode = numbers::mode(call, mode)?;
+    cia402.axis_mut(axis).or_code(call)?.change_mode(mode).or_code(call)
 }
 
 mirror! {
@@ -292,7 +264,7 @@ pub fn igh_cia402_home(
 ) {
     pointers!(call, read(homing));
     call.reserved("homing", &homing.reserved)?;
-    cia402.home(axis, homing.into()).or_code(call)
+    cia402.axis_mut(axis).or_code(call)?.home(homing.into()).or_code(call)
 }
 
 /// Starts an orderly shutdown: every axis comes to rest by its ramp and is disabled and released,

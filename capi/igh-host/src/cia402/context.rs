@@ -11,7 +11,7 @@ use ecan_canopen::{
     BlockTransferConfig, HostHeartbeat, NetworkConfig, NodeAddress, NodeConfig, NodeDescription,
     NodeHandle, NodeId, SdoConfig, SyncConfig,
 };
-use ecan_cia402::{Cia402, Cia402Config, Takeover, axis_faults};
+use ecan_cia402::{AxisRef, Cia402, Cia402Config, Takeover, axis_faults};
 use ecan_mcan_port::Port;
 
 use super::axis::igh_cia402_axis_t;
@@ -57,13 +57,15 @@ impl Context for igh_cia402_context_t {
     }
 }
 
-pub(crate) fn need_axis(call: Call, cia402: &Cia402, axis: usize) -> Result<(), ecan_result_t> {
-    let count = cia402.axis_count();
-    if axis < count {
-        return Ok(());
-    }
-    let text = format_args!("there is no axis {axis}, the table has {count}");
-    Err(call.fail(ecan_result_t::ECAN_ERR_AXIS, text))
+pub(crate) fn need_axis(
+    call: Call,
+    cia402: &Cia402,
+    axis: usize,
+) -> Result<AxisRef<'_>, ecan_result_t> {
+    cia402.axis(axis).ok_or_else(|| {
+        let text = format_args!("there is no axis {axis}, the table has {}", cia402.axis_count());
+        call.fail(ecan_result_t::ECAN_ERR_AXIS, text)
+    })
 }
 
 /// Opens axes on a Port, with default settings. Nothing is sent; SYNC and the host's heartbeat

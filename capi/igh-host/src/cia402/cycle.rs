@@ -7,7 +7,9 @@ use ecan_c_boundary::result::ecan_result_t;
 use ecan_c_boundary::{Call, mirror, pointers};
 use ecan_c_export::export;
 use ecan_canopen::{Probe, ProbeSource, ProbeTrigger};
-use ecan_cia402::{Cia402, FeedForward, InputObject, OutputObject, ProbeState, SendSummary};
+use ecan_cia402::{
+    Cia402, FeedForward, InputObject, Output, OutputObject, ProbeState, SendSummary, Target,
+};
 use ecan_mcan_port::Cycle;
 
 use super::context::{igh_cia402_context_t, need_axis};
@@ -198,7 +200,7 @@ pub fn igh_cia402_set_scheduled_tx(
 /// @usage   rt, the cycle's thread, after init
 #[export(call, layer(cia402, _))]
 pub fn igh_cia402_set_target(context: *mut igh_cia402_context_t, axis: usize, target: i32) {
-    cia402.set_target(axis, target).or_code(call)
+    cia402.axis_mut(axis).or_code(call)?.set_target(target).or_code(call)
 }
 
 /// As igh_cia402_set_target(), with an angle by the axis' steps_per_turn and origin.
@@ -213,7 +215,7 @@ pub fn igh_cia402_set_target_radians(
     axis: usize,
     radians: f64,
 ) {
-    cia402.set_target_radians(axis, radians).or_code(call)
+    cia402.axis_mut(axis).or_code(call)?.set_target(Target::radians(radians)).or_code(call)
 }
 
 /// Sets the step of igh_cia402_send_target_step(); the axis reaches it by its ramp.
@@ -224,7 +226,7 @@ pub fn igh_cia402_set_target_radians(
 /// @return  As igh_cia402_set_target().
 #[export(call, layer(cia402, _))]
 pub fn igh_cia402_set_target_step(context: *mut igh_cia402_context_t, axis: usize, step: i32) {
-    cia402.set_target_step(axis, step).or_code(call)
+    cia402.axis_mut(axis).or_code(call)?.set_target_step(step);
 }
 
 // Section: Further process data
@@ -305,7 +307,8 @@ pub fn igh_cia402_set_target_with(
     torque_offset: i16,
 ) {
     let feed_forward = FeedForward { velocity: velocity_offset, torque: torque_offset };
-    cia402.set_target_with(axis, target, feed_forward).or_code(call)
+    let target = Target::from(target).with_feed_forward(feed_forward);
+    cia402.axis_mut(axis).or_code(call)?.set_target(target).or_code(call)
 }
 
 /// Sets the digital outputs 0x60FE:01 of a drive, in every state of the axis. They are sent in every
@@ -322,7 +325,7 @@ pub fn igh_cia402_set_digital_outputs(
     axis: usize,
     outputs: u32,
 ) {
-    cia402.set_digital_outputs(axis, outputs).or_code(call)
+    cia402.axis_mut(axis).or_code(call)?.set_output(Output::Digital(outputs)).or_code(call)
 }
 
 // Section: Touch probes
@@ -409,7 +412,8 @@ pub fn igh_cia402_arm_probe(
     trigger: u8,
 ) {
     let (probe, trigger) = (parse_probe(call, probe)?, parse_trigger(call, trigger)?);
-    cia402.arm_probe(axis, probe, trigger).or_code(call)
+    let output = Output::Probe(probe, Some(trigger));
+    cia402.axis_mut(axis).or_code(call)?.set_output(output).or_code(call)
 }
 
 /// Disables a touch probe.
@@ -420,7 +424,8 @@ pub fn igh_cia402_arm_probe(
 /// @return  As igh_cia402_arm_probe().
 #[export(call, layer(cia402, _))]
 pub fn igh_cia402_disarm_probe(context: *mut igh_cia402_context_t, axis: usize, probe: u8) {
-    cia402.disarm_probe(axis, parse_probe(call, probe)?).or_code(call)
+    let output = Output::Probe(parse_probe(call, probe)?, None);
+    cia402.axis_mut(axis).or_code(call)?.set_output(output).or_code(call)
 }
 
 /// Gets the state of a touch probe.
@@ -438,8 +443,7 @@ pub fn igh_cia402_get_probe(
     probe_state: *mut igh_cia402_probe_t,
 ) {
     let probe = parse_probe(call, probe)?;
-    need_axis(call, cia402, axis)?;
-    cia402.probe(axis, probe).map(Into::into).ok_or(ecan_result_t::ECAN_ERR_INTERNAL)
+    Ok(need_axis(call, cia402, axis)?.probe(probe).into())
 }
 
 #[cfg(test)]

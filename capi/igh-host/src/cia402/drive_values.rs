@@ -2,7 +2,6 @@
 
 use std::ffi::c_char;
 
-use ecan_c_boundary::result::ecan_result_t;
 use ecan_c_boundary::{mirror, pointers};
 use ecan_c_export::export;
 use ecan_cia402::{HostLoss, HostLossReaction, HostWatch, ScaleFinding, StopRamp};
@@ -103,16 +102,16 @@ pub fn igh_cia402_get_drive_limits(
     axis: usize,
     limits: *mut igh_cia402_drive_limits_t,
 ) {
-    need_axis(call, cia402, axis)?;
-    let read = cia402.drive_limits(axis);
+    let axis = need_axis(call, cia402, axis)?;
+    let read = axis.drive().limits;
     let drive = read.unwrap_or_default();
-    let in_force = cia402.guard(axis).map(|guard| *guard.limits());
-    let bounds = in_force.and_then(|limits| limits.bounds);
+    let in_force = axis.guard().limits();
+    let bounds = in_force.bounds;
     Ok(igh_cia402_drive_limits_t {
         position_min: drive.position.map_or(0, |(min, _)| min),
         position_max: drive.position.map_or(0, |(_, max)| max),
         max_motor_speed: drive.max_motor_speed.unwrap_or(0),
-        step_limit: in_force.map_or(0, |limits| limits.step),
+        step_limit: in_force.step,
         bound_min: bounds.map_or(0, |(min, _)| min),
         bound_max: bounds.map_or(0, |(_, max)| max),
         max_torque: drive.max_torque.unwrap_or(0),
@@ -134,8 +133,8 @@ pub fn igh_cia402_get_drive_units(
     axis: usize,
     units: *mut igh_cia402_drive_units_t,
 ) {
-    need_axis(call, cia402, axis)?;
-    let read = cia402.drive_units(axis);
+    let values = need_axis(call, cia402, axis)?.drive();
+    let read = values.units;
     let drive = read.unwrap_or_default();
     let (encoder, gear, feed) = (
         drive.encoder.unwrap_or_default(),
@@ -154,7 +153,7 @@ pub fn igh_cia402_get_drive_units(
         position_unit: drive.position.map_or(0, |unit| unit.0),
         velocity_unit: drive.velocity.map_or(0, |unit| unit.0),
         is_read: read.is_some().into(),
-        finding: igh_cia402_scale_finding_t::from(cia402.scale_finding(axis)) as u8,
+        finding: igh_cia402_scale_finding_t::from(values.scale_finding) as u8,
         reserved: [0; 30],
     })
 }
@@ -175,8 +174,8 @@ pub fn igh_cia402_get_scale_text(
     needed: *mut usize,
 ) {
     pointers!(call, out_text(text, size, needed));
-    need_axis(call, cia402, axis)?;
-    let finding = cia402.scale_finding(axis).map(|finding| finding.to_string());
+    let finding = need_axis(call, cia402, axis)?.drive().scale_finding;
+    let finding = finding.map(|finding| finding.to_string());
     text.put(call, &finding.unwrap_or_default())
 }
 
@@ -296,8 +295,7 @@ pub fn igh_cia402_get_host_loss(
     axis: usize,
     host_loss: *mut igh_cia402_host_loss_info_t,
 ) {
-    need_axis(call, cia402, axis)?;
-    cia402.host_loss(axis).map(|loss| info(&loss)).ok_or(ecan_result_t::ECAN_ERR_INTERNAL)
+    Ok(info(&need_axis(call, cia402, axis)?.host_loss()))
 }
 
 /// Gets the reaction of a drive to the loss of the host as text: "axis 2, node 5 (slave 0, channel
@@ -316,7 +314,5 @@ pub fn igh_cia402_get_host_loss_text(
     needed: *mut usize,
 ) {
     pointers!(call, out_text(text, size, needed));
-    need_axis(call, cia402, axis)?;
-    let loss = cia402.host_loss(axis).ok_or(ecan_result_t::ECAN_ERR_INTERNAL)?;
-    text.put(call, &loss.to_string())
+    text.put(call, &need_axis(call, cia402, axis)?.host_loss().to_string())
 }

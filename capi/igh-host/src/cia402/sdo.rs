@@ -9,7 +9,7 @@ use ecan_canopen::{
     Network, NetworkConfig, NodeAddress, NodeConfig, NodeHandle, Sdo, SdoConfig, SdoStartError,
     WaitError,
 };
-use ecan_cia402::Cia402;
+use ecan_cia402::{Cia402, CommandError};
 use ecan_mcan_port::Port;
 
 use super::context::{find_node, igh_cia402_context_t, need_axis, parse_node_id};
@@ -82,8 +82,9 @@ pub fn igh_cia402_sdo_upload(
     pointers!(call, byte_room(data, size), out(length));
     bus.run_to_end(call)?;
     let (cia402, port) = bus.need_axes(call)?;
-    let value =
-        cia402.upload_timeout(port, axis, (index, subindex), duration(timeout_ms)).or_code(call)?;
+    let node = cia402.axis(axis).ok_or(CommandError::NoSuchAxis { axis }).or_code(call)?.node();
+    let mut waiting = cia402.blocking(port, duration(timeout_ms));
+    let value = waiting.upload(node, (index, subindex)).or_code(call)?;
     put_value(call, &value, &mut data, &length)
 }
 
@@ -110,7 +111,9 @@ pub fn igh_cia402_sdo_download(
     pointers!(call, bytes(data, size));
     bus.run_to_end(call)?;
     let (cia402, port) = bus.need_axes(call)?;
-    cia402.download_timeout(port, axis, (index, subindex), data, duration(timeout_ms)).or_code(call)
+    let node = cia402.axis(axis).ok_or(CommandError::NoSuchAxis { axis }).or_code(call)?.node();
+    let mut waiting = cia402.blocking(port, duration(timeout_ms));
+    waiting.download(node, (index, subindex), data).or_code(call)
 }
 
 pub(crate) fn started(call: Call, started: Result<(), SdoStartError>) -> Result<(), ecan_result_t> {
@@ -135,14 +138,8 @@ pub fn igh_cia402_sdo_start_upload(
     index: u16,
     subindex: u8,
 ) {
-    need_axis(call, cia402, axis)?;
-    started(
-        call,
-        match cia402.node(axis) {
-            Some(node) => cia402.network_mut().start_upload(node, index, subindex),
-            None => Err(SdoStartError::UnknownNode),
-        },
-    )
+    let node = need_axis(call, cia402, axis)?.node();
+    started(call, cia402.network_mut().start_upload(node, index, subindex))
 }
 
 /// Starts writing an object of a drive, as igh_cia402_sdo_start_upload().
@@ -164,14 +161,8 @@ pub fn igh_cia402_sdo_start_download(
     size: usize,
 ) {
     pointers!(call, bytes(data, size));
-    need_axis(call, cia402, axis)?;
-    started(
-        call,
-        match cia402.node(axis) {
-            Some(node) => cia402.network_mut().start_download(node, index, subindex, data),
-            None => Err(SdoStartError::UnknownNode),
-        },
-    )
+    let node = need_axis(call, cia402, axis)?.node();
+    started(call, cia402.network_mut().start_download(node, index, subindex, data))
 }
 
 /// Gets the state of the last started transfer with a drive. Call it in every cycle: the axis' own
@@ -197,8 +188,7 @@ pub fn igh_cia402_sdo_poll(
     pointers!(call, out(state), byte_room(data, size), out(length));
     length.set(0);
     state.set(igh_cia402_sdo_state_t::IGH_CIA402_SDO_IDLE as u8);
-    need_axis(call, cia402, axis)?;
-    let Some(node) = cia402.node(axis) else { return Ok(()) };
+    let node = need_axis(call, cia402, axis)?.node();
     poll(call, cia402.network(), node, &state, &mut data, &length)
 }
 
@@ -308,7 +298,7 @@ pub fn igh_canopen_sdo_upload(
             network.blocking(port, timeout).upload(node, object).or_code(call)
         }
         Peer::WithAxes(cia402, port, node) => {
-            cia402.upload_node_timeout(port, node, object, timeout).or_code(call)
+            cia402.blocking(port, timeout).upload(node, object).or_code(call)
         }
     }?;
     put_value(call, &value, &mut data, &length)
@@ -342,7 +332,7 @@ pub fn igh_canopen_sdo_download(
             network.blocking(port, timeout).download(node, object, data).or_code(call)
         }
         Peer::WithAxes(cia402, port, node) => {
-            cia402.download_node_timeout(port, node, object, data, timeout).or_code(call)
+            cia402.blocking(port, timeout).download(node, object, data).or_code(call)
         }
     }
 }

@@ -5,8 +5,7 @@ use std::ffi::{CString, c_char, c_void};
 use ecan_c_boundary::Call;
 use ecan_c_boundary::result::ecan_result_t;
 use ecan_c_export::export;
-use ecan_cia402::{AxisError, AxisPhase, AxisProgress, Cia402, Cia402Error};
-use ecan_mcan_port::Port;
+use ecan_cia402::{AxisError, AxisPhase, AxisProgress, Blocking, Cia402Error};
 
 use super::context::igh_cia402_context_t;
 use crate::bus::Bus;
@@ -24,12 +23,14 @@ use crate::handle::Entered;
 fn wait(
     call: Call,
     bus: &mut Entered<Bus>,
-    work: impl FnOnce(&mut Cia402, &mut Port, &mut dyn FnMut(&AxisProgress)) -> Result<(), Cia402Error>,
+    timeout_ms: u32,
+    work: impl FnOnce(&mut Blocking<'_>) -> Result<(), Cia402Error>,
 ) -> Result<(), ecan_result_t> {
     bus.run_to_end(call)?;
     let mut reporter = Reporter::new(bus.axes_mut().and_then(|axes| axes.progress));
     let (cia402, port) = bus.need_axes(call)?;
-    work(cia402, port, &mut |progress| reporter.see(progress)).or_code(call)
+    let waiting = cia402.blocking(port, duration(timeout_ms));
+    work(&mut waiting.on_progress(|progress| reporter.see(progress))).or_code(call)
 }
 
 /// Configures every drive in the mode of its axis, CSP by default, and waits: NMT, identity,
@@ -45,9 +46,7 @@ fn wait(
 ///          ECAN_ERR_AXIS_STATE, ECAN_ERR_MASTER.
 #[export(call, bus bus)]
 pub fn igh_cia402_configure_csp_all_timeout(context: *mut igh_cia402_context_t, timeout_ms: u32) {
-    wait(call, bus, |cia402, port, progress| {
-        cia402.configure_all_timeout(port, duration(timeout_ms), progress)
-    })
+    wait(call, bus, timeout_ms, |waiting| waiting.configure())
 }
 
 /// Determines the actual position of all axes from fresh TPDOs at rest, and waits. Rejects an axis
@@ -63,9 +62,7 @@ pub fn igh_cia402_request_actual_position_all_timeout(
     context: *mut igh_cia402_context_t,
     timeout_ms: u32,
 ) {
-    wait(call, bus, |cia402, port, progress| {
-        cia402.request_actual_position_all_timeout(port, duration(timeout_ms), progress)
-    })
+    wait(call, bus, timeout_ms, |waiting| waiting.read_positions())
 }
 
 /// Enables all drives and waits until every axis follows targets. The first target of each is the
@@ -78,9 +75,7 @@ pub fn igh_cia402_request_actual_position_all_timeout(
 ///          enabled, with the state of each drive and the reason. Enabled axes stay enabled.
 #[export(call, bus bus)]
 pub fn igh_cia402_enable_all_timeout(context: *mut igh_cia402_context_t, timeout_ms: u32) {
-    wait(call, bus, |cia402, port, progress| {
-        cia402.enable_all_timeout(port, duration(timeout_ms), progress)
-    })
+    wait(call, bus, timeout_ms, |waiting| waiting.enable())
 }
 
 /// Runs the three calls above: from drives in any state to axes that follow targets.
@@ -92,9 +87,7 @@ pub fn igh_cia402_enable_all_timeout(context: *mut igh_cia402_context_t, timeout
 #[must_use]
 #[export(call, bus bus)]
 pub fn igh_cia402_start_up_timeout(context: *mut igh_cia402_context_t, timeout_ms: u32) {
-    wait(call, bus, |cia402, port, progress| {
-        cia402.start_up_timeout(port, duration(timeout_ms), progress)
-    })
+    wait(call, bus, timeout_ms, |waiting| waiting.start_up())
 }
 
 /// Waits until the changes of mode and the homings of all axes are done.
@@ -107,9 +100,7 @@ pub fn igh_cia402_start_up_timeout(context: *mut igh_cia402_context_t, timeout_m
 #[must_use]
 #[export(call, bus bus)]
 pub fn igh_cia402_finish_all_timeout(context: *mut igh_cia402_context_t, timeout_ms: u32) {
-    wait(call, bus, |cia402, port, progress| {
-        cia402.finish_all_timeout(port, duration(timeout_ms), progress)
-    })
+    wait(call, bus, timeout_ms, |waiting| waiting.finish())
 }
 
 /// Brings all axes back to their targets, as igh_cia402_recover() with IGH_CIA402_ALL_AXES, and waits.
@@ -122,9 +113,7 @@ pub fn igh_cia402_finish_all_timeout(context: *mut igh_cia402_context_t, timeout
 #[must_use]
 #[export(call, bus bus)]
 pub fn igh_cia402_recover_all_timeout(context: *mut igh_cia402_context_t, timeout_ms: u32) {
-    wait(call, bus, |cia402, port, progress| {
-        cia402.recover_all_timeout(port, duration(timeout_ms), progress)
-    })
+    wait(call, bus, timeout_ms, |waiting| waiting.recover())
 }
 
 /// Stops all axes, as igh_cia402_stop_all(), and waits until every one has reported that it has stopped, also
@@ -138,9 +127,7 @@ pub fn igh_cia402_recover_all_timeout(context: *mut igh_cia402_context_t, timeou
 #[must_use]
 #[export(call, bus bus)]
 pub fn igh_cia402_stop_all_timeout(context: *mut igh_cia402_context_t, timeout_ms: u32) {
-    wait(call, bus, |cia402, port, progress| {
-        cia402.stop_all_timeout(port, duration(timeout_ms), progress)
-    })
+    wait(call, bus, timeout_ms, |waiting| waiting.stop())
 }
 
 /// Shuts down in order, as igh_cia402_begin_shutdown(), and waits until every axis has reported that it is off.
@@ -155,9 +142,7 @@ pub fn igh_cia402_stop_all_timeout(context: *mut igh_cia402_context_t, timeout_m
 #[must_use]
 #[export(call, bus bus)]
 pub fn igh_cia402_shutdown_timeout(context: *mut igh_cia402_context_t, timeout_ms: u32) {
-    wait(call, bus, |cia402, port, progress| {
-        cia402.shutdown_timeout(port, duration(timeout_ms), progress)
-    })
+    wait(call, bus, timeout_ms, |waiting| waiting.shut_down())
 }
 
 // Section: Progress of the calls that wait

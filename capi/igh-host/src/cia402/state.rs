@@ -174,8 +174,7 @@ pub fn igh_cia402_get_axis_state(
     axis: usize,
     axis_state: *mut igh_cia402_axis_state_t,
 ) {
-    need_axis(call, cia402, axis)?;
-    cia402.axis_status(axis).map(Into::into).ok_or(ecan_result_t::ECAN_ERR_INTERNAL)
+    Ok(need_axis(call, cia402, axis)?.status().into())
 }
 
 /// Gets the state of an axis as text, with its time and the reason if it does not continue: "axis
@@ -194,9 +193,7 @@ pub fn igh_cia402_get_axis_text(
     needed: *mut usize,
 ) {
     pointers!(call, out_text(text, size, needed));
-    need_axis(call, cia402, axis)?;
-    let progress = cia402.progress(axis).ok_or(ecan_result_t::ECAN_ERR_INTERNAL)?;
-    text.put(call, &progress.to_string())
+    text.put(call, &need_axis(call, cia402, axis)?.progress().to_string())
 }
 
 /// Returns 1 if all axes follow the application's targets; 0 while one is halted.
@@ -573,8 +570,7 @@ pub fn igh_cia402_get_axis_statistics(
     axis: usize,
     statistics: *mut igh_cia402_axis_statistics_t,
 ) {
-    need_axis(call, cia402, axis)?;
-    Ok(cia402.statistics(axis).into())
+    Ok(need_axis(call, cia402, axis)?.statistics().into())
 }
 
 /// Gets the load of each CAN bus with axes by process data, by the bit rates of the Port.

@@ -1,7 +1,7 @@
 //! The application and its operator.
 
 use ecan_canopen::{CobId, NodeAddress};
-use ecan_cia402::FeedForward;
+use ecan_cia402::{AxisCommand, FeedForward, StopKind as Stop, Target};
 use ecan_mcan_port::{Cycle, PendingStep, ReceivedView};
 
 use super::Trial;
@@ -72,23 +72,21 @@ impl Trial {
         let class = Class::of(cia402, n);
         let monitor = &mut self.monitors[n];
         monitor.note_class(now, class);
+        let mut axis = cia402.axis_mut(n).unwrap();
         let result = match command {
-            Command::Enable => cia402.enable(n),
-            Command::Disable => cia402.disable(n),
-            Command::QuickStop => cia402.quick_stop(n),
-            Command::Halt => cia402.halt(n),
-            Command::Resume => cia402.resume(n),
-            Command::ResetFault => cia402.reset_fault(n),
-            Command::Configure => cia402.configure(n),
-            Command::Recover => cia402.recover(n),
-            Command::ReadPosition => cia402.read_position(n),
-            Command::ChangeMode(mode) => cia402.change_mode(n, mode),
-            Command::Home(homing) => cia402.home(n, homing),
-            Command::Target(target) => cia402.set_target(n, target),
-            Command::StopAll => {
-                cia402.stop_all();
-                Ok(())
-            }
+            Command::Enable => axis.enable(),
+            Command::Disable => axis.command(AxisCommand::Stop(Stop::Disable)),
+            Command::QuickStop => axis.command(AxisCommand::Stop(Stop::QuickStop)),
+            Command::Halt => axis.command(AxisCommand::Halt),
+            Command::Resume => axis.command(AxisCommand::Resume),
+            Command::ResetFault => axis.reset_fault(),
+            Command::Configure => axis.configure(),
+            Command::Recover => axis.recover(),
+            Command::ReadPosition => axis.read_position(),
+            Command::ChangeMode(mode) => axis.change_mode(mode),
+            Command::Home(homing) => axis.home(homing),
+            Command::Target(target) => axis.set_target(target),
+            Command::StopAll => cia402.command_all(AxisCommand::Stop(Stop::QuickStopThenDisable)),
         };
         if result.is_ok() {
             match command {
@@ -117,12 +115,12 @@ impl Trial {
     pub(super) fn set_targets(&mut self) {
         let Some(cia402) = &mut self.cia402 else { return };
         for n in 0..self.plan.axes.len() {
-            let Some(last) = cia402.target(n) else {
+            let Some(last) = cia402.axis(n).unwrap().target() else {
                 self.own[n] = None;
                 continue;
             };
             let axis = &self.plan.axes[n];
-            let mode = cia402.mode(n).unwrap_or(axis.config.mode);
+            let mode = cia402.axis(n).unwrap().mode();
             let r = &mut self.random;
             let (since, centre) = *self.own[n].get_or_insert((self.now, last));
             let elapsed = self.now - since;
@@ -136,7 +134,7 @@ impl Trial {
                         Style::Rest => centre,
                         _ => r.range(low.into(), high.into()) as i32,
                     };
-                    let _ = cia402.set_target(n, target);
+                    let _ = cia402.axis_mut(n).unwrap().set_target(target);
                 }
                 continue;
             }
@@ -167,7 +165,7 @@ impl Trial {
             };
             let limits = axis.config.feed_forward;
             if axis.config.outputs.is_empty() || r.below(20) == 0 {
-                let _ = cia402.set_target(n, target);
+                let _ = cia402.axis_mut(n).unwrap().set_target(target);
                 continue;
             }
             // In the direction of the motion, or anything, also beyond the limits.
@@ -178,7 +176,9 @@ impl Trial {
             };
             let torque = limits.torque as i16;
             let torque = r.pick(&[i16::MIN, -torque, 0, torque, i16::MAX]);
-            let _ = cia402.set_target_with(n, target, FeedForward { velocity: forward, torque });
+            let _ = cia402.axis_mut(n).unwrap().set_target(
+                Target::from(target).with_feed_forward(FeedForward { velocity: forward, torque }),
+            );
         }
     }
 }

@@ -208,25 +208,25 @@ impl AxisRecorder {
     /// nothing.
     pub fn record(&mut self, seconds: f64, cycle: u64, cia402: &Cia402) {
         let is_kept = cycle % self.interval == self.interval - 1;
-        for (axis, (trace, observed)) in self.axes.iter_mut().enumerate() {
-            let (target, actual) = (cia402.target(axis), cia402.actual(axis));
-            let following_error = cia402.following_error(axis);
+        for (axis, (trace, observed)) in cia402.axes().zip(&mut self.axes) {
+            let (target, actual) = (axis.target(), axis.actual());
+            let following_error = axis.following_error();
             trace.record(AxisSample { seconds, target, actual, following_error }, is_kept);
-            let phase = cia402.phase(axis);
-            if let (Some(new), true) = (phase, phase != observed.phase) {
+            let phase = axis.phase();
+            if observed.phase != Some(phase) {
                 // A run starts with an axis that follows targets.
-                let is_start = observed.phase.is_none() && new == AxisPhase::Running;
+                let is_start = observed.phase.is_none() && phase == AxisPhase::Running;
                 if !is_start {
-                    trace.record_event(seconds, AxisEvent::Phase(new));
+                    trace.record_event(seconds, AxisEvent::Phase(phase));
                 }
             }
-            observed.phase = phase;
-            let error = cia402.error(axis).filter(|error| !matches!(error, AxisError::Held(_)));
+            observed.phase = Some(phase);
+            let error = axis.error().filter(|error| !matches!(error, AxisError::Held(_)));
             if let (Some(new), true) = (error, error != observed.error) {
                 trace.record_event(seconds, AxisEvent::Error(new));
             }
             observed.error = error;
-            let rejection = match cia402.decision(axis) {
+            let rejection = match axis.decision() {
                 Decision::Reject(rejection) => Some(rejection),
                 _ => None,
             };
@@ -245,10 +245,9 @@ impl AxisRecorder {
     /// Returns the figure of all axes: positions and following error of each.
     pub fn figure(&self, heading: Heading, cia402: &Cia402) -> TimeFigure {
         let mut panels = Vec::with_capacity(2 * self.axes.len());
-        for (axis, (trace, _)) in self.axes.iter().enumerate() {
-            let address = cia402.config(axis).map(|config| config.address.to_string());
-            let mode = cia402.mode(axis).map_or_else(String::new, |mode| format!(", {mode}"));
-            let title = format!("axis {axis}: {}{mode}", address.unwrap_or_default());
+        for (axis, (trace, _)) in cia402.axes().zip(&self.axes) {
+            let title =
+                format!("axis {}: {}, {}", axis.index(), axis.config().address, axis.mode());
             let [positions, error] = trace.panels(&title);
             panels.extend([(positions, POSITION_HEIGHT), (error, ERROR_HEIGHT)]);
         }

@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use ecan_canopen::{NodeAddress, NodeId};
-use ecan_cia402::{AxisConfig, Cia402, Cia402Config, axis_traffic};
+use ecan_cia402::{AxisConfig, AxisRef, Cia402, Cia402Config, axis_traffic};
 use ecan_host::AdapterConfig;
 use ecan_mcan_port::{ChannelConfig, ChannelLoad, GatewayConfig, Port, PortConfig, Traffic};
 use ecan_sim::{ClockKind, SimOptions};
@@ -93,7 +93,7 @@ fn follows(axes: Vec<AxisConfig>, cycle: Duration) -> Fallible<bool> {
     port.wait_ready()?;
     let count = axes.len();
     let mut cia402 = Cia402::new(&port, axes, Cia402Config::default())?;
-    if cia402.start_up_timeout(&mut port, Duration::from_secs(20), |_| {}).is_err() {
+    if cia402.blocking(&mut port, Duration::from_secs(20)).start_up().is_err() {
         return Ok(false);
     }
     let cycles = RUN.as_nanos() / cycle.as_nanos();
@@ -106,8 +106,8 @@ fn follows(axes: Vec<AxisConfig>, cycle: Duration) -> Fallible<bool> {
         cia402.process_rx(&mut open);
         for axis in 0..count {
             let step = if is_direct { 5 } else { -5 };
-            if let Some(target) = cia402.target(axis) {
-                cia402.set_target(axis, target + step)?;
+            if let Some(target) = cia402.axis(axis).and_then(AxisRef::target) {
+                cia402.axis_mut(axis)?.set_target(target + step)?;
             }
         }
         cia402.send_targets_all(&mut open);

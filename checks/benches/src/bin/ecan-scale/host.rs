@@ -194,7 +194,7 @@ impl Axes {
         port.wait_ready()?;
         let config = (0..axes).map(axis).collect();
         let mut cia402 = Cia402::new(&port, config, Cia402Config::default())?;
-        cia402.start_up_timeout(&mut port, Duration::from_secs(60), |_| {})?;
+        cia402.blocking(&mut port, Duration::from_secs(60)).start_up()?;
         let mut started = Self { port, cia402 };
         started.find_full_cycle()?;
         Ok(started)
@@ -218,7 +218,7 @@ impl Axes {
     }
 
     fn tpdos(&self) -> u64 {
-        (0..self.cia402.axis_count()).map(|axis| self.cia402.statistics(axis).tpdos).sum()
+        self.cia402.axes().map(|axis| axis.statistics().tpdos).sum()
     }
 
     fn cycle(&mut self) {

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use clap::Args;
 use ecan_canopen::OperatingMode;
-use ecan_cia402::{AxisError, AxisPhase, CommandError};
+use ecan_cia402::{AxisCommand, AxisError, AxisPhase, AxisRef};
 use ecan_sim::ClockKind;
 use ecan_tool_support::command_line::interrupt::Interrupt;
 
@@ -12,7 +12,7 @@ use super::axis_choice::AxisOptions;
 use super::envelope::Envelope;
 use super::motion_arguments::{MotionArguments, PermissionArguments};
 use super::operator::{InputKind, Operator};
-use super::session::{AXIS, AxisSession, SessionSettings};
+use super::session::{AxisSession, SessionSettings};
 use super::status;
 use super::status::DriveReport;
 use crate::context::{Context, Failure, Result};
@@ -95,7 +95,7 @@ pub fn prepare(session: &mut AxisSession, permission: &PermissionArguments) -> R
     if permission.resets_fault() {
         reset_fault(session)?;
     }
-    if session.cia402().phase(AXIS) == Some(AxisPhase::Fault) {
+    if session.axis().map(AxisRef::phase) == Some(AxisPhase::Fault) {
         let failure = format!("{}: fault", session.label());
         return Err(explained(session, &failure)?);
     }
@@ -136,21 +136,20 @@ pub fn enable(session: &mut AxisSession) -> Result {
 /// Configures the drive: an enabled one is stopped first. Rejects a drive that would not stop if the
 /// host failed.
 fn configure(session: &mut AxisSession) -> Result {
-    // infallible: the axis exists
-    let _ = session.cia402_mut().configure(AXIS);
+    session.command(AxisCommand::Configure)?;
     let label = session.label().to_owned();
-    session.wait("configured", CONFIGURE, |cia402| match cia402.phase(AXIS) {
-        _ if cia402.is_configured(AXIS) => Some(Ok(())),
-        Some(AxisPhase::SetupFailed) => {
-            let error = cia402.error(AXIS).map_or_else(String::new, |error| error.to_string());
+    session.wait("configured", CONFIGURE, |axis| match axis.phase() {
+        _ if axis.is_configured() => Some(Ok(())),
+        AxisPhase::SetupFailed => {
+            let error = axis.error().map_or_else(String::new, |error| error.to_string());
             Some(Err(Failure::Rejected(format!("{label}: {error}"))))
         }
         _ => None,
     })?;
-    if let Some(finding) = session.cia402().scale_finding(AXIS) {
+    if let Some(finding) = session.axis().and_then(|axis| axis.drive().scale_finding) {
         session.report(format_args!("warning: {finding}"));
     }
-    let Some(loss) = session.cia402().host_loss(AXIS) else { return Ok(()) };
+    let Some(loss) = session.axis().map(AxisRef::host_loss) else { return Ok(()) };
     let text = format!("if this host fails: {}, {}", loss.reaction, loss.watch);
     match loss.reaction.is_controlled_stop() {
         true => session.report(text),
@@ -167,44 +166,39 @@ fn configure(session: &mut AxisSession) -> Result {
 
 /// Resets a fault of the drive and waits for the result.
 fn reset_fault(session: &mut AxisSession) -> Result {
-    session.cia402_mut().reset_fault(AXIS).map_err(rejected)?;
+    session.command(AxisCommand::ResetFault)?;
     let label = session.label().to_owned();
-    session.wait("reset", POSITION, |cia402| match (cia402.phase(AXIS), cia402.error(AXIS)) {
-        (Some(AxisPhase::ResettingFault), _) => None,
+    session.wait("reset", POSITION, |axis| match (axis.phase(), axis.error()) {
+        (AxisPhase::ResettingFault, _) => None,
         (_, Some(error @ AxisError::ResetFailed { .. })) => {
             Some(Err(Failure::Rejected(format!("{label}: {error}"))))
         }
-        (Some(AxisPhase::Fault), _) => None,
+        (AxisPhase::Fault, _) => None,
         _ => Some(Ok(())),
     })
 }
 
 /// Establishes the actual position, with the drive off.
 fn read_position(session: &mut AxisSession) -> Result<f64> {
-    session.cia402_mut().read_position(AXIS).map_err(rejected)?;
-    session.wait("at a known position", POSITION, |cia402| match cia402.phase(AXIS) {
-        Some(AxisPhase::Ready) => Some(Ok(())),
-        _ => None,
+    session.command(AxisCommand::ReadPosition)?;
+    session.wait("at a known position", POSITION, |axis| {
+        (axis.phase() == AxisPhase::Ready).then_some(Ok(()))
     })?;
     session.actual()
 }
 
 /// Enables the drive; the axis stays at its actual position.
 fn begin(session: &mut AxisSession) -> Result {
-    session.begin_enable()?;
-    let timeout = session.cia402().config(AXIS).map_or(POSITION, |config| config.enable_timeout);
+    session.command(AxisCommand::Enable)?;
+    let timeout = session.axis().map_or(POSITION, |axis| axis.config().enable_timeout);
     let label = session.label().to_owned();
-    session.wait("enabled", timeout + ENABLE_RESERVE, |cia402| {
-        if cia402.is_running(AXIS) {
+    session.wait("enabled", timeout + ENABLE_RESERVE, |axis| {
+        if axis.is_running() {
             return Some(Ok(()));
         }
-        let error = cia402.error(AXIS).filter(|error| !matches!(error, AxisError::Held(_)))?;
+        let error = axis.error().filter(|error| !matches!(error, AxisError::Held(_)))?;
         Some(Err(Failure::Rejected(format!("{label}: {error}"))))
     })
-}
-
-fn rejected(error: CommandError) -> Failure {
-    Failure::Rejected(error.to_string())
 }
 
 /// Waits for a held key, if a motion needs one.

@@ -4,13 +4,13 @@ use std::time::Duration;
 
 use clap::Args;
 use ecan_canopen::OperatingMode;
-use ecan_cia402::{AxisError, AxisPhase, HomingConfig};
+use ecan_cia402::{AxisCommand, AxisError, AxisPhase, AxisRef, HomingConfig};
 use serde::Serialize;
 
 use super::enable;
 use super::envelope::{Envelope, parse_number, parse_positive};
 use super::motion_arguments::MotionArguments;
-use super::session::{AXIS, AxisSession};
+use super::session::AxisSession;
 use crate::context::{Context, Failure, Result};
 
 pub const NOTES: &str = "\
@@ -125,14 +125,13 @@ pub fn run(arguments: &HomeArguments, context: &Context) -> Result {
 }
 
 fn home(session: &mut AxisSession, homing: HomingConfig) -> Result {
-    let rejected = |error: &dyn std::fmt::Display| Failure::Rejected(error.to_string());
-    session.cia402_mut().home(AXIS, homing).map_err(|error| rejected(&error))?;
+    session.command(AxisCommand::Home(homing))?;
     loop {
         session.cycle(None)?;
         session.check_key()?;
-        let cia402 = session.cia402();
+        let axis = session.axis();
         let is_busy = matches!(
-            cia402.phase(AXIS),
+            axis.map(AxisRef::phase),
             Some(
                 AxisPhase::ChangingMode(_)
                     | AxisPhase::PreparingHoming
@@ -140,7 +139,7 @@ fn home(session: &mut AxisSession, homing: HomingConfig) -> Result {
                     | AxisPhase::Uncontrolled(_)
             )
         );
-        match cia402.error(AXIS).filter(|error| !matches!(error, AxisError::Held(_))) {
+        match axis.and_then(AxisRef::error).filter(|error| !matches!(error, AxisError::Held(_))) {
             Some(error) if !is_busy => {
                 return Err(Failure::Rejected(format!("{}: {error}", session.label())));
             }

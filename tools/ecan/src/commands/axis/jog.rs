@@ -1,5 +1,6 @@
 //! `ecan axis jog`: motion while a key is held, or for a time.
 
+use ecan_cia402::{AxisCommand, AxisRef, StopKind};
 use std::time::Duration;
 
 use clap::Args;
@@ -9,7 +10,7 @@ use super::enable;
 use super::envelope::{Envelope, ProfileLimits, parse_number};
 use super::motion_arguments::MotionArguments;
 use super::operator::{Hold, InputKind, Key, Operator};
-use super::session::{AXIS, AxisSession, Motion};
+use super::session::{AxisSession, Motion};
 use crate::context::{Context, Failure, Result};
 
 pub const NOTES: &str = "\
@@ -182,14 +183,15 @@ impl Jog {
         let is_held = matches!(hold, Hold::Held(_));
         Ok(match (state, key) {
             (JogState::Off, Some(_)) => {
-                session.begin_enable()?;
+                session.command(AxisCommand::Enable)?;
                 JogState::Enabling
             }
             (JogState::Off, None) => JogState::Off,
             // Still pressed, also another key.
             (JogState::Enabling, Some(key)) => {
-                let is_running = session.cia402().is_running(AXIS);
-                if let (false, Some(error)) = (is_running, session.cia402().error(AXIS)) {
+                let axis = session.axis();
+                let is_running = axis.is_some_and(AxisRef::is_running);
+                if let (false, Some(error)) = (is_running, axis.and_then(AxisRef::error)) {
                     return Err(Failure::Rejected(format!("{}: {error}", session.label())));
                 }
                 match is_held && is_running {
@@ -202,11 +204,11 @@ impl Jog {
                 JogState::Moving(old, motion)
             }
             (JogState::Enabling | JogState::Moving(..), _) => {
-                session.cia402_mut().stop_all();
+                session.command(AxisCommand::Stop(StopKind::QuickStopThenDisable))?;
                 session.report("key released: quick stop");
                 JogState::Stopping
             }
-            (JogState::Stopping, _) => match session.cia402().is_stopped(AXIS) {
+            (JogState::Stopping, _) => match session.axis().is_none_or(AxisRef::is_stopped) {
                 true => JogState::Off,
                 false => JogState::Stopping,
             },

@@ -1,5 +1,6 @@
 //! `ecan axis move`: to a position, or by a distance.
 
+use ecan_cia402::AxisRef;
 use std::time::Duration;
 
 use clap::{Args, ValueEnum};
@@ -9,7 +10,7 @@ use serde::Serialize;
 use super::enable;
 use super::envelope::{Envelope, parse_number, parse_positive};
 use super::motion_arguments::MotionArguments;
-use super::session::{AXIS, AxisSession, Motion};
+use super::session::{AxisSession, Motion};
 use super::unit::AxisUnits;
 use crate::context::{Context, Failure, Result};
 
@@ -166,7 +167,7 @@ fn move_pp(session: &mut AxisSession, goal: f64, envelope: &Envelope) -> Result 
         let end = session.cycle(Some(goal.round() as i32))?;
         session.check_running()?;
         session.check_key()?;
-        if session.cia402().is_target_reached(AXIS) {
+        if session.axis().is_some_and(AxisRef::is_target_reached) {
             return Ok(());
         }
         if end.now_ns > end_ns {

@@ -4,8 +4,8 @@ use std::time::Duration;
 
 use ecan_canopen::{DriveState, OperatingMode};
 use ecan_cia402::{
-    AxisError, AxisPhase, Cia402, Cia402Config, Cia402Error, Decision, HomingState, InputObject,
-    Takeover, TargetRejection, WaitReason,
+    AxisCommand, AxisError, AxisPhase, AxisRef, Cia402, Cia402Config, Cia402Error, Decision,
+    HomingState, InputObject, Takeover, TargetRejection, WaitReason,
 };
 use ecan_mcan_port::{Port, PortError};
 use ecan_protocol::mapping::Direction;
@@ -21,7 +21,7 @@ use crate::context::{Context, Failure, Result, note};
 use crate::frames::{Channels, GatewayOptions, GatewayRequirements, Planned, Settings};
 
 /// The only axis of a session.
-pub const AXIS: usize = 0;
+const AXIS: usize = 0;
 /// Time for the first contact and a stop, with the repetitions to a drive that does not answer.
 const STOP: Duration = Duration::from_secs(10);
 const SHUTDOWN: Duration = Duration::from_secs(15);
@@ -162,12 +162,15 @@ impl AxisSession {
         })
     }
 
-    pub fn cia402(&self) -> &Cia402 {
-        &self.cia402
+    /// The axis, which always exists.
+    pub fn axis(&self) -> Option<AxisRef<'_>> {
+        self.cia402.axis(AXIS)
     }
 
-    pub fn cia402_mut(&mut self) -> &mut Cia402 {
-        &mut self.cia402
+    /// Gives a command to the axis.
+    pub fn command(&mut self, command: AxisCommand) -> Result {
+        let commanded = self.cia402.axis_mut(AXIS).and_then(|mut axis| axis.command(command));
+        commanded.map_err(|error| Failure::Rejected(error.to_string()))
     }
 
     pub fn accepts_risk(&self) -> bool {
@@ -199,7 +202,7 @@ impl AxisSession {
     /// The actual position in steps.
     pub fn actual(&self) -> Result<f64> {
         let unknown = || Failure::Rejected(format!("{}: no actual position", self.label));
-        self.cia402.actual(AXIS).map(f64::from).ok_or_else(unknown)
+        self.axis().and_then(AxisRef::actual).map(f64::from).ok_or_else(unknown)
     }
 
     /// Prints an event on standard error.
@@ -221,14 +224,10 @@ impl AxisSession {
 
     /// The limits of a motion within those of the drive, which are read by the configuration.
     pub fn narrowed(&self, envelope: &Envelope) -> Envelope {
-        let config = self.cia402.config(AXIS);
-        match self.cia402.guard(AXIS).zip(config) {
-            Some((guard, config)) => {
-                let period = self.cia402.target_period();
-                envelope.within(guard.limits(), period, velocity_factor(config))
-            }
-            None => *envelope,
-        }
+        self.axis().map_or(*envelope, |axis| {
+            let period = self.cia402.target_period();
+            envelope.within(axis.guard().limits(), period, velocity_factor(axis.config()))
+        })
     }
 
     /// Replaces the envelope of the watch, for travel relative to a position.
@@ -243,11 +242,12 @@ impl AxisSession {
         self.cia402.process_rx(&mut cycle);
         if let Some(target) = target {
             // infallible: the axis exists
-            let _ = self.cia402.set_target(AXIS, target);
+            let _ = self.cia402.axis_mut(AXIS).and_then(|mut axis| axis.set_target(target));
         }
         self.cia402.send_targets_all(&mut cycle);
         cycle.end().map_err(Failure::master)?;
-        Ok(CycleEnd { now_ns, decision: self.cia402.decision(AXIS) })
+        let decision = self.axis().map_or(Decision::Closed, AxisRef::decision);
+        Ok(CycleEnd { now_ns, decision })
     }
 
     /// Runs a cycle. Fails if the operator stops, the axis cannot follow, its target is rejected, or its motion
@@ -273,31 +273,23 @@ impl AxisSession {
     }
 
     fn check_motion(&mut self, now_ns: u64) -> Result {
-        let is_fresh = self.cia402.actual_age(AXIS) == 0;
-        let phase = self.cia402.phase(AXIS);
-        let (Some(watch), Some(actual), true) =
-            (&mut self.watch, self.cia402.actual(AXIS), is_fresh)
-        else {
-            return Ok(());
-        };
+        let Some(axis) = self.axis().filter(|axis| axis.actual_age() == 0) else { return Ok(()) };
+        let (phase, actual) = (axis.phase(), axis.actual());
+        let (Some(watch), Some(actual)) = (&mut self.watch, actual) else { return Ok(()) };
         let may_move = matches!(
             phase,
-            Some(
-                AxisPhase::Running
-                    | AxisPhase::Halted
-                    | AxisPhase::Homing(_)
-                    | AxisPhase::PreparingHoming
-            )
+            AxisPhase::Running
+                | AxisPhase::Halted
+                | AxisPhase::Homing(_)
+                | AxisPhase::PreparingHoming
         );
         if !may_move {
             return Ok(());
         }
         let may_recount = matches!(
             phase,
-            Some(
-                AxisPhase::PreparingHoming
-                    | AxisPhase::Homing(HomingState::Found | HomingState::Attained)
-            )
+            AxisPhase::PreparingHoming
+                | AxisPhase::Homing(HomingState::Found | HomingState::Attained)
         );
         let observed = watch.observe(now_ns as f64 / 1e9, actual, may_recount);
         let units = self.units;
@@ -308,7 +300,7 @@ impl AxisSession {
 
     /// Shows a changed phase, and on a terminal the positions.
     fn show(&mut self, now_ns: u64) {
-        let phase = self.cia402.phase(AXIS);
+        let phase = self.axis().map(AxisRef::phase);
         if phase != self.shown {
             // Reasons of a delay change in every cycle.
             let kind = |phase: Option<AxisPhase>| phase.map(|phase| std::mem::discriminant(&phase));
@@ -322,11 +314,13 @@ impl AxisSession {
                 None => {}
             }
         }
-        let has_positions = is_position(&self.cia402);
+        let Some(axis) = self.axis() else { return };
+        let has_positions =
+            matches!(axis.mode(), OperatingMode::CyclicPosition | OperatingMode::ProfilePosition);
         let position = LivePosition {
-            actual: self.cia402.actual(AXIS),
-            target: self.cia402.target(AXIS).filter(|_| has_positions),
-            following_error: self.cia402.following_error(AXIS).filter(|_| has_positions),
+            actual: axis.actual(),
+            target: axis.target().filter(|_| has_positions),
+            following_error: axis.following_error().filter(|_| has_positions),
         };
         if position.actual.is_some() {
             self.output.position(now_ns, position);
@@ -338,12 +332,12 @@ impl AxisSession {
         &mut self,
         what: &str,
         time: Duration,
-        mut is_done: impl FnMut(&Cia402) -> Option<Result>,
+        mut is_done: impl FnMut(AxisRef<'_>) -> Option<Result>,
     ) -> Result {
         let end_ns = self.now_ns().saturating_add(time.as_nanos() as u64);
         loop {
             let end = self.cycle(None)?;
-            if let Some(result) = is_done(&self.cia402) {
+            if let Some(result) = self.axis().and_then(&mut is_done) {
                 return result;
             }
             if end.now_ns > end_ns {
@@ -359,8 +353,9 @@ impl AxisSession {
 
     /// Phase and error of the axis as text.
     pub fn phase_text(&self) -> String {
-        let phase = self.cia402.phase(AXIS).map_or_else(String::new, |phase| phase.to_string());
-        match self.cia402.error(AXIS) {
+        let Some(axis) = self.axis() else { return String::new() };
+        let phase = axis.phase().to_string();
+        match axis.error() {
             Some(error) if !matches!(error, AxisError::Held(_)) => format!("{phase} ({error})"),
             _ => phase,
         }
@@ -368,7 +363,7 @@ impl AxisSession {
 
     fn failed(&self, what: &str) -> Failure {
         // The command switches the drive off.
-        let next = match self.cia402.phase(AXIS) {
+        let next = match self.axis().map(AxisRef::phase) {
             Some(AxisPhase::Holding(reason)) => match reason.remedy() {
                 Some(remedy) => format!("; next: {remedy}, then run the command again"),
                 None => "; next: run the command again".to_owned(),
@@ -378,14 +373,9 @@ impl AxisSession {
         Failure::Rejected(format!("{}: {what}: {}{next}", self.label, self.phase_text()))
     }
 
-    /// Starts to enable the drive; a stop that is pending comes first.
-    pub fn begin_enable(&mut self) -> Result {
-        self.cia402.enable(AXIS).map_err(|error| Failure::Rejected(error.to_string()))
-    }
-
     /// Returns whether the axis follows targets; fails if it left that state.
     pub fn check_running(&self) -> Result {
-        match self.cia402.phase(AXIS) {
+        match self.axis().map(AxisRef::phase) {
             Some(AxisPhase::Running | AxisPhase::Halted) => Ok(()),
             _ => Err(self.failed("the motion ended")),
         }
@@ -393,15 +383,16 @@ impl AxisSession {
 
     /// Uploads a number of the axis from the drive, by its index for the first axis; `None` without it.
     pub fn number(&mut self, index: u16, subindex: u8) -> Option<u64> {
-        let index = self.cia402.config(AXIS)?.object_index(index);
-        let time = Duration::from_millis(500);
-        let read = self.cia402.upload_timeout(&mut self.port, AXIS, (index, subindex), time);
+        let axis = self.axis()?;
+        let (node, index) = (axis.node(), axis.config().object_index(index));
+        let mut waiting = self.cia402.blocking(&mut self.port, Duration::from_millis(500));
+        let read = waiting.upload(node, (index, subindex));
         read.ok().map(|data| crate::commands::node::node_client::unsigned(&data))
     }
 
     /// Stops the drive by quick stop, and waits until it is off.
     pub fn stop(&mut self) -> Result {
-        let stopped = self.cia402.stop_all_timeout(&mut self.port, STOP, |_| {});
+        let stopped = self.cia402.blocking(&mut self.port, STOP).stop();
         // The drop does not wait once more.
         self.cia402.set_stop_time(Duration::ZERO);
         stopped.map_err(|error| self.still_moving(&error))?;
@@ -416,7 +407,7 @@ impl AxisSession {
     /// Stops a drive that is not configured.
     pub fn stop_only(mut self) -> Result<AxisEnd> {
         self.stop()?;
-        match self.cia402.drive_state(AXIS) {
+        match self.axis().and_then(AxisRef::drive_state) {
             Some(_) => Ok(self.end()),
             None => Err(Failure::Rejected(format!(
                 "{}: no answer; check the node-ID, and remove the power of a motor that moves",
@@ -427,7 +418,7 @@ impl AxisSession {
 
     fn is_energised(&self) -> bool {
         matches!(
-            self.cia402.drive_state(AXIS),
+            self.axis().and_then(AxisRef::drive_state),
             Some(
                 DriveState::OperationEnabled
                     | DriveState::QuickStopActive
@@ -437,14 +428,14 @@ impl AxisSession {
     }
 
     fn state_text(&self) -> String {
-        match self.cia402.drive_state(AXIS) {
+        match self.axis().and_then(AxisRef::drive_state) {
             Some(state) => format!("stopped, {state}"),
             None => "no drive has answered".to_owned(),
         }
     }
 
     fn position_suffix(&self) -> String {
-        let actual = self.cia402.actual(AXIS);
+        let actual = self.axis().and_then(AxisRef::actual);
         actual.map_or_else(String::new, |actual| {
             format!(", at {}", self.units.position_text(f64::from(actual)))
         })
@@ -463,10 +454,10 @@ impl AxisSession {
     }
 
     fn end(&self) -> AxisEnd {
-        let actual = self.cia402.actual(AXIS);
+        let actual = self.axis().and_then(AxisRef::actual);
         AxisEnd {
             axis: self.label.clone(),
-            state: self.cia402.drive_state(AXIS).map(|state| state.to_string()),
+            state: self.axis().and_then(AxisRef::drive_state).map(|state| state.to_string()),
             unit: self.units.unit.to_string(),
             position: actual.map(|steps| self.units.position(steps.into())),
         }
@@ -485,7 +476,7 @@ impl AxisSession {
         };
         // After a stop that was not confirmed, a shutdown would wait for the same drive once more.
         let shutdown = match &stopped {
-            Ok(()) => self.cia402.shutdown_timeout(&mut self.port, SHUTDOWN, |_| {}),
+            Ok(()) => self.cia402.blocking(&mut self.port, SHUTDOWN).shut_down(),
             Err(_) => Ok(()),
         };
         let shutdown = shutdown.map_err(|error| self.still_moving(&error));
@@ -512,11 +503,6 @@ impl Drop for AxisSession {
     }
 }
 
-fn is_position(cia402: &Cia402) -> bool {
-    let mode = cia402.mode(AXIS);
-    matches!(mode, Some(OperatingMode::CyclicPosition | OperatingMode::ProfilePosition))
-}
-
 /// End of a motion by the operator.
 pub fn stopped(request: StopRequest) -> Failure {
     Failure::Incomplete(format!("stopped: {}", request.text()))
@@ -536,7 +522,7 @@ pub struct Motion {
 impl Motion {
     /// A motion at rest at the target of the axis, which is running.
     pub fn begin(session: &AxisSession) -> Result<Self> {
-        let target = session.cia402().target(AXIS).map(f64::from);
+        let target = session.axis().and_then(AxisRef::target).map(f64::from);
         let position = target.map_or_else(|| session.actual(), Ok)?;
         Ok(Self { profile: PositionProfile::at_rest(position), missed: 0 })
     }

@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use clap::{Args, ValueEnum};
 use ecan_canopen::OperatingMode;
-use ecan_cia402::Decision;
+use ecan_cia402::{AxisRef, Decision};
 use serde::Serialize;
 
 use super::axis_choice::ChosenAxis;
@@ -16,7 +16,7 @@ use super::envelope::{
     Envelope, PositionBounds, PositionProfile, parse_number, parse_positive, velocity_factor,
 };
 use super::motion_arguments::MotionArguments;
-use super::session::{AXIS, AxisSession};
+use super::session::AxisSession;
 use super::tune_analysis::{FrequencyPoint, Sample, StepResponse, TunePicture, frequencies};
 use crate::context::{Context, Failure, Result};
 
@@ -278,10 +278,9 @@ impl TuneRun {
                 SAMPLES as f64 * period_s
             )));
         }
-        let config = session.cia402().config(AXIS);
         let start = match test.is_velocity {
             true => 0.0,
-            false => Ok(session.cia402().target(AXIS).map(f64::from))
+            false => Ok(session.axis().and_then(AxisRef::target).map(f64::from))
                 .and_then(|target| target.map_or_else(|| session.actual(), Ok))?,
         };
         Ok(Self {
@@ -289,7 +288,7 @@ impl TuneRun {
             envelope,
             samples: Vec::with_capacity(space),
             period_s,
-            factor: config.map_or(1.0, velocity_factor),
+            factor: session.axis().map_or(1.0, |axis| velocity_factor(axis.config())),
             sent: 0,
             start,
         })
@@ -327,14 +326,14 @@ impl TuneRun {
             }
         }
         self.sent += 1;
-        let cia402 = session.cia402();
+        let axis = session.axis();
         let (actual, error) = match self.test.is_velocity {
             false => (
-                cia402.actual(AXIS).map(f64::from),
-                cia402.following_error(AXIS).map(|following_error| following_error as f64),
+                axis.and_then(AxisRef::actual).map(f64::from),
+                axis.and_then(AxisRef::following_error).map(|error| error as f64),
             ),
             true => {
-                let velocity = cia402.inputs(AXIS).and_then(|inputs| inputs.velocity());
+                let velocity = axis.and_then(|axis| axis.status().inputs.velocity());
                 let velocity = velocity.map(|velocity| f64::from(velocity) / self.factor);
                 (velocity, velocity.map(|velocity| target - velocity))
             }

@@ -52,7 +52,7 @@ impl Application {
     pub fn start_axes(axes: Vec<AxisConfig>) -> Self {
         let start = move |port: &mut Port| loop {
             let mut cia402 = Cia402::new(port, axes.clone(), Cia402Config::default()).unwrap();
-            if cia402.start_up_timeout(port, Duration::from_secs(10), |_| {}).is_ok() {
+            if cia402.blocking(port, Duration::from_secs(10)).start_up().is_ok() {
                 return cia402;
             }
         };
