@@ -11,10 +11,9 @@ use super::power::{DISABLE_NS, PowerGoal, Stop, StopCause};
 use super::procedure::ProcedureSituation;
 use super::procedure::{RecoverySituation, RecoveryStep};
 use super::setup::{SetupSituation, SetupState, VerificationSituation};
-use super::status::{AxisError, AxisErrorKind, AxisPhase, AxisProgress, AxisStatus};
+use super::status::{AxisError, AxisPhase, AxisProgress};
 use super::takeover::Situation;
 use super::task::{AxisState, StateEvent};
-use super::units::Scale;
 use crate::guard::terms::GuardState;
 
 /// Time for which a drive without an actual position must report that it is off.
@@ -405,37 +404,6 @@ impl Axis {
             elapsed: self.report.elapsed(now_ns),
             setup: self.setup.progress(&self.plan, now_ns),
             error: self.report.error,
-        }
-    }
-
-    pub(crate) fn status(&self, network: &Network, now_ns: u64) -> AxisStatus {
-        let guard = self.path.guard();
-        AxisStatus {
-            address: self.plan.config.address,
-            phase: self.report.phase(),
-            elapsed: self.report.elapsed(now_ns),
-            error: self.report.error.map(AxisErrorKind::from),
-            mode: self.path.mode(),
-            statusword: self.link.drive().statusword,
-            error_code: self.plan.error_code(network),
-            nmt_state: network.nmt_state(self.plan.node),
-            heartbeat: network.heartbeat(self.plan.node),
-            actual: guard.actual(),
-            actual_age: guard.actual_age(),
-            target: self.path.target(),
-            inputs: *self.data.inputs(),
-            feed_forward: self.data.feed_forward(),
-            decision: self.path.decision(),
-            hold_reason: self.path.hold_reason(),
-            stop_cause: self.task.state().stop().map(|stop| stop.cause),
-            is_configured: self.setup.is_complete(),
-            is_running: self.path.follows_application(),
-            is_at_rest: self.is_at_rest(),
-            is_target_reached: self.path.is_target_reached(self.link.drive()),
-            is_stopped: self.is_stopped(now_ns),
-            is_recovering: self.task.recovery.is_some(),
-            scale: Scale::of_parts(self.plan.config.scale.parts()),
-            range: self.plan.config.range,
         }
     }
 }

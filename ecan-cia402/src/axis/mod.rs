@@ -40,9 +40,7 @@ pub use power::StopCause;
 pub use procedure::HomingConfig;
 pub use process_data::{Output, ProbeState};
 pub use setup::DriveValues;
-pub use status::{
-    AxisError, AxisErrorKind, AxisPhase, AxisProgress, AxisStatistics, AxisStatus, HomingState,
-};
+pub use status::{AxisError, AxisErrorKind, AxisPhase, AxisProgress, AxisStatistics, HomingState};
 pub use units::{
     DriveUnits, MotionLimit, MotionLimits, Scale, ScaleFinding, ScaleSource, UnitError,
 };

@@ -3,18 +3,11 @@
 use std::fmt;
 use std::time::Duration;
 
-use ecan_canopen::{
-    DriveState, Heartbeat, NmtState, NodeAddress, OperatingMode, Progress, Statusword, StepFailure,
-};
+use ecan_canopen::{DriveState, NodeAddress, OperatingMode, Progress, Statusword, StepFailure};
 use thiserror::Error;
 
-use super::pdo_layout::AxisInputs;
 use super::power::StopCause;
-use super::units::Scale;
-use crate::guard::feed_forward::FeedForward;
-use crate::guard::terms::{
-    Actual, Decision, GuardState, HoldReason, PositionRange, TargetRejection, WaitReason,
-};
+use crate::guard::terms::{Actual, Decision, GuardState, HoldReason, TargetRejection, WaitReason};
 
 ecan_protocol::text_enum! {
     /// Kind of the failure of the last command to an axis: an [`AxisError`] without its details.
@@ -87,86 +80,6 @@ impl HomingState {
             (false, true, false) => Self::Found,
             (false, true, true) => Self::Attained,
         }
-    }
-}
-
-/// Status of an axis in one cycle, complete: by [`AxisRef::status`](crate::AxisRef::status), and
-/// in a snapshot by [`AxesSnapshot`](crate::AxesSnapshot).
-#[derive(Debug, Clone, Copy, PartialEq)]
-#[non_exhaustive]
-pub struct AxisStatus {
-    /// Address of the drive.
-    pub address: NodeAddress,
-    /// Phase.
-    pub phase: AxisPhase,
-    /// Time since the phase began.
-    pub elapsed: Duration,
-    /// Failure of the last command.
-    pub error: Option<AxisErrorKind>,
-    /// Mode that the drive has confirmed; before that, the configured one.
-    pub mode: OperatingMode,
-    /// The last statusword, however old; `None` before the first.
-    pub statusword: Option<Statusword>,
-    /// Error code of the last emergency message; 0 for none, or after the node reset it.
-    pub error_code: u16,
-    /// Last NMT state that the node reported.
-    pub nmt_state: Option<NmtState>,
-    /// State of the node's heartbeat.
-    pub heartbeat: Heartbeat,
-    /// The last usable actual position, in steps; `None` before the first.
-    pub actual: Option<i32>,
-    /// Age of the actual position in cycles; 0 is this cycle, 65535 is more or never.
-    pub actual_age: u16,
-    /// The last target sent to an axis that follows targets.
-    pub target: Option<i32>,
-    /// Values of the further objects in the last TPDOs, see
-    /// [`AxisConfig::inputs`](crate::AxisConfig::inputs).
-    pub inputs: AxisInputs,
-    /// The feed-forward that was sent last.
-    pub feed_forward: FeedForward,
-    /// Decision about the target of the cycle.
-    pub decision: Decision,
-    /// Reason of a hold.
-    pub hold_reason: Option<HoldReason>,
-    /// Cause of the stop that is pending or complete.
-    pub stop_cause: Option<StopCause>,
-    /// The drive is configured.
-    pub is_configured: bool,
-    /// The axis follows the application's targets; false while it is halted.
-    pub is_running: bool,
-    /// A halted axis is at rest; true for an axis that is not running.
-    pub is_at_rest: bool,
-    /// A drive with its own trajectory has reached its target.
-    pub is_target_reached: bool,
-    /// The axis has stopped.
-    pub is_stopped: bool,
-    /// A recovery continues.
-    pub is_recovering: bool,
-    pub(crate) scale: Scale,
-    pub(crate) range: PositionRange,
-}
-
-impl AxisStatus {
-    /// The state in the statusword.
-    pub fn drive_state(&self) -> Option<DriveState> {
-        self.statusword.and_then(Statusword::state)
-    }
-
-    /// The actual position in degrees by the axis's scale.
-    pub fn actual_degrees(&self) -> Option<f64> {
-        self.actual.map(|actual| self.scale.degrees(actual))
-    }
-
-    /// The actual position in radians by the axis's scale.
-    pub fn actual_radians(&self) -> Option<f64> {
-        self.actual.map(|actual| self.scale.radians(actual))
-    }
-
-    /// Following error of a running axis in steps: target minus actual position, the shorter
-    /// distance if the counter wraps. It includes the delay of the communication, two cycles or more;
-    /// the drive's own value is 0x60F4.
-    pub fn following_error(&self) -> Option<i64> {
-        Some(self.range.distance(self.actual?, self.target?))
     }
 }
 

@@ -10,11 +10,12 @@ use crate::axis::host_loss::HostLoss;
 use crate::axis::procedure::HomingConfig;
 use crate::axis::process_data::{Output, ProbeState};
 use crate::axis::setup::DriveValues;
-use crate::axis::status::{AxisError, AxisPhase, AxisProgress, AxisStatistics, AxisStatus};
+use crate::axis::status::{AxisError, AxisPhase, AxisProgress, AxisStatistics};
 use crate::axis::units::UnitError;
 use crate::guard::feed_forward::FeedForward;
 use crate::guard::motion_guard::MotionGuard;
 use crate::guard::terms::Decision;
+use crate::observation::AxisStatus;
 
 /// State of an axis, by [`Cia402::axis`] or [`Cia402::axes`]. All calls are real-time safe.
 #[derive(Debug, Clone, Copy)]
@@ -42,7 +43,7 @@ impl<'a> AxisRef<'a> {
 
     /// Status of the axis, complete.
     pub fn status(self) -> AxisStatus {
-        self.axis.status(self.network, self.now_ns)
+        AxisStatus::of(self.axis, self.network, self.now_ns)
     }
 
     /// Progress of the axis: phase, time in it, and error.

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use ecan_cia402::{AxesSnapshot, AxisStatus};
+use ecan_cia402::AxesSnapshot;
 use ecan_host::{Observer, ObserverError, Snapshot};
 use ecan_mcan_port::{PortSnapshot, SessionState as PortSession};
 use hdrhistogram::Histogram;
@@ -153,7 +153,11 @@ impl BusView {
     pub(crate) fn axes(&mut self) -> Result<Axes, RpcError> {
         self.update()?;
         let axes = AxesSnapshot::of(&self.snapshot);
-        let axes = axes.iter().flat_map(|axes| axes.axes()).map(|status| axis(&status)).collect();
+        let axes = axes
+            .iter()
+            .flat_map(|axes| axes.axes())
+            .map(|status| AxisState::from(&status))
+            .collect();
         Ok(Axes { cycle: self.snapshot.cycle(), time_ns: self.time_ns(), axes })
     }
 }
@@ -182,36 +186,6 @@ fn gateway(snapshot: &Snapshot, port: PortSnapshot<'_>, slave: usize) -> Option<
 
 fn text(value: Option<impl ToString>) -> Option<String> {
     value.map(|value| value.to_string())
-}
-
-fn axis(status: &AxisStatus) -> AxisState {
-    AxisState {
-        gateway: status.address.slave as u16,
-        channel: status.address.channel,
-        node_id: status.address.node.get(),
-        phase: status.phase.to_string(),
-        elapsed_ns: nanoseconds(status.elapsed),
-        error: text(status.error),
-        mode: status.mode.to_string(),
-        statusword: status.statusword.map(|word| word.0),
-        drive_state: text(status.drive_state()),
-        error_code: status.error_code,
-        nmt_state: text(status.nmt_state),
-        heartbeat: status.heartbeat.to_string(),
-        actual: status.actual,
-        actual_age: status.actual_age,
-        actual_degrees: status.actual_degrees(),
-        target: status.target,
-        following_error: status.following_error(),
-        hold_reason: text(status.hold_reason),
-        stop_cause: text(status.stop_cause),
-        is_configured: status.is_configured,
-        is_running: status.is_running,
-        is_at_rest: status.is_at_rest,
-        is_target_reached: status.is_target_reached,
-        is_stopped: status.is_stopped,
-        is_recovering: status.is_recovering,
-    }
 }
 
 pub(crate) fn nanoseconds(duration: Duration) -> u64 {

@@ -64,44 +64,7 @@ fn error(axis: &AxisState) -> Option<String> {
 
 /// Lines of the selected axis.
 pub fn axis_details(axis: &AxisState) -> Vec<String> {
-    let AxisState { gateway, channel, node_id, phase, elapsed_ns, .. } = axis;
-    let drive = match (axis.statusword, &axis.drive_state) {
-        (Some(word), Some(state)) => format!("drive {state} (statusword 0x{word:04X})"),
-        (Some(word), None) => format!("drive in an unknown state (statusword 0x{word:04X})"),
-        (None, _) => "no statusword received".to_owned(),
-    };
-    let actual = match (axis.actual, axis.actual_degrees, axis.actual_age) {
-        (None, ..) => "no actual position received".to_owned(),
-        (Some(actual), degrees, age) => {
-            let degrees = degrees.map_or_else(String::new, |it| format!(" ({it:.3} degrees)"));
-            let age = match age {
-                0 => String::new(),
-                u16::MAX => ", age above 65534 cycles".to_owned(),
-                age => format!(", age {age} cycles"),
-            };
-            format!("actual {actual} steps{degrees}{age}")
-        }
-    };
-    // The phase usually has them.
-    let reason = |name: &str, text: &Option<String>| {
-        let text = text.as_ref().filter(|text| !phase.contains(text.as_str()))?;
-        Some(format!("{name}: {text}"))
-    };
-    let nmt = axis.nmt_state.as_deref().unwrap_or("unknown");
-    let elapsed_s = *elapsed_ns as f64 / 1e9;
-    let (target, following) = (optional(axis.target), optional(axis.following_error));
-    let lines = [
-        Some(format!(
-            "gateway {gateway} can{channel} node {node_id}, for {elapsed_s:.1} s: {phase}"
-        )),
-        error(axis).map(|text| format!("error: {text}")),
-        Some(format!("{drive}, NMT {nmt}, heartbeat {}", axis.heartbeat)),
-        Some(actual),
-        Some(format!("target {target}, following error {following}")),
-        reason("hold", &axis.hold_reason),
-        reason("stop", &axis.stop_cause),
-    ];
-    lines.into_iter().flatten().collect()
+    axis.details(error(axis))
 }
 
 pub fn print(out: &mut dyn Write, view: &AxesView) -> std::io::Result<()> {
