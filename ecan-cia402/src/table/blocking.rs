@@ -13,7 +13,6 @@ use ecan_mcan_port::Port;
 
 use super::cia402::Cia402;
 use super::error::{AxisTimeout, BootTimeout, Cia402Error};
-use super::handles::AxisRef;
 use super::shutdown::Shutdown;
 use crate::axis::axis::{Axis, AxisCommand, StopKind};
 use crate::axis::setup::SetupState;
@@ -52,35 +51,11 @@ impl fmt::Debug for Blocking<'_> {
     }
 }
 
-impl Cia402 {
-    /// Calls that run the cycle of the Port until they are complete, each at most for `timeout`.
-    pub fn blocking<'a>(&'a mut self, port: &'a mut Port, timeout: Duration) -> Blocking<'a> {
-        Blocking { table: self, port, timeout, progress: Box::new(|_| {}) }
-    }
-
-    /// Stops the axes that may move, as [`Blocking::stop`], at most for the
-    /// [`stop_time`](Self::stop_time). Returns at once if no axis may move. Blocks. For the end of a program; in order
-    /// it ends by [`Blocking::shut_down`].
-    ///
-    /// # Errors
-    /// [`Cia402Error::AxisTimeout`] names the axes that may still move. On a master of another owner
-    /// this call cannot run the cycle, and names them at once.
-    pub fn stop_before_end(&mut self, port: &mut Port) -> Result<(), Cia402Error> {
-        if self.stop_time().is_zero() || !self.axes().any(AxisRef::may_move) {
-            return Ok(());
-        }
-        if port.adapter().is_attached() {
-            let moving = self.axes().filter(|axis| axis.may_move());
-            let axes = moving.map(AxisRef::progress).collect();
-            let (what, waited) = (AxisTimeout::STOPPED, Duration::ZERO);
-            return Err(AxisTimeout { what, waited, axes, cycle_error: None }.into());
-        }
-        let stop_time = self.stop_time();
-        self.blocking(port, stop_time).stop()
-    }
-}
-
 impl<'a> Blocking<'a> {
+    pub(super) fn new(table: &'a mut Cia402, port: &'a mut Port, timeout: Duration) -> Self {
+        Self { table, port, timeout, progress: Box::new(|_| {}) }
+    }
+
     /// Calls `progress` for every axis in every cycle.
     #[must_use]
     pub fn on_progress(self, progress: impl FnMut(&AxisProgress) + 'a) -> Self {
@@ -354,7 +329,7 @@ impl<'a> Blocking<'a> {
         Ok(configurator)
     }
 
-    /// Uploads an object of a [node](AxisRef::node), given by index and subindex. Transfers of the axis itself
+    /// Uploads an object of a [node](crate::AxisRef::node), given by index and subindex. Transfers of the axis itself
     /// come first.
     ///
     /// # Errors

@@ -2,23 +2,21 @@
 
 use std::time::Duration;
 
-use ecan_canopen::{Network, NmtCommand, NmtError, NodeConfig, OperatingMode, SyncConfig};
+use ecan_canopen::{Network, NmtCommand, NmtError, NodeConfig, SyncConfig};
 use ecan_host::QuickStops;
 use ecan_mcan_port::{NotSchedulable, Port, SendOptions};
 use ecan_protocol::image::Schedule;
 
 use super::error::{Cia402Error, ScheduleError};
-use super::handles::{AxisHandle, AxisRef};
 use super::load::{BusLoad, process_data};
 use super::lookup::AxisLookup;
 use super::path_stop::{PathGroup, PathStop};
 use super::shared_node::SharedNode;
 use super::shutdown::{Ending, Shutdown};
 use super::table_config::{Cia402Config, TargetClock, checked};
-use crate::axis::axis::{Axis, AxisCommand};
+use crate::axis::axis::Axis;
 use crate::axis::config::AxisConfig;
 use crate::axis::error::CommandError;
-use crate::axis::host_loss::HostLoss;
 use crate::axis::plan::AxisPlan;
 use crate::axis::setup_steps::{self, BusConfig};
 use crate::axis::status::AxisProgress;
@@ -41,10 +39,10 @@ use crate::observation;
 ///
 /// # Startup
 ///
-/// [`configure`](AxisHandle::configure) brings a drive to Operational with its PDOs mapped,
-/// [`read_position`](AxisHandle::read_position) establishes the position of the axis,
-/// [`enable`](AxisHandle::enable) enables it there. Each call only starts an operation;
-/// [`progress`](AxisRef::progress) reports its phase, its time and its error. The calls of
+/// [`configure`](crate::AxisHandle::configure) brings a drive to Operational with its PDOs mapped,
+/// [`read_position`](crate::AxisHandle::read_position) establishes the position of the axis,
+/// [`enable`](crate::AxisHandle::enable) enables it there. Each call only starts an operation;
+/// [`progress`](crate::AxisRef::progress) reports its phase, its time and its error. The calls of
 /// [`blocking`](Self::blocking) wait and run the cycle themselves.
 ///
 /// # Order on the bus
@@ -60,7 +58,7 @@ use crate::observation;
 /// Its heartbeat stops. A drive with 0x1016 detects this after
 /// [`host_heartbeat_ms`](crate::DriveConfig::host_heartbeat_ms) and reacts by its 0x6007. One
 /// without keeps its last target: it stops in CSP and runs on in other modes.
-/// [`host_loss`](AxisRef::host_loss) reports the reaction of each drive as read back,
+/// [`host_loss`](crate::AxisRef::host_loss) reports the reaction of each drive as read back,
 /// [`host_loss_risks`](Self::host_loss_risks) the drives that would run on or coast.
 ///
 /// # Targets
@@ -101,7 +99,7 @@ use crate::observation;
 /// A stop acts on an axis in every state, configured or not. Its command goes out in process data, and
 /// by SDO where process data do not reach the drive: not configured, not verified, not Operational, or
 /// silent. It is repeated until the drive reports that it is off, or at rest in Quick Stop Active. Only
-/// that ends it; [`enable`](AxisHandle::enable) and [`configure`](AxisHandle::configure) wait for it. Voltage is
+/// that ends it; [`enable`](crate::AxisHandle::enable) and [`configure`](crate::AxisHandle::configure) wait for it. Voltage is
 /// not disabled while a quick stop brakes. [`AxisPhase`](crate::AxisPhase) distinguishes `Stopping`,
 /// `Stopped`, and `Uncontrolled`: a drive that may be moving and does not report.
 #[derive(Debug)]
@@ -200,109 +198,10 @@ impl Cia402 {
         })
     }
 
-    // Axes
-
-    /// Number of axes.
-    pub fn axis_count(&self) -> usize {
-        self.axes.len()
-    }
-
-    /// State of an axis; `None` for an index out of range.
-    pub fn axis(&self, index: usize) -> Option<AxisRef<'_>> {
-        let axis = self.axes.get(index)?;
-        Some(AxisRef { axis, network: &self.network, now_ns: self.now_ns })
-    }
-
-    /// State of all axes, in the order of the table.
-    pub fn axes(&self) -> impl Iterator<Item = AxisRef<'_>> {
-        let (network, now_ns) = (&self.network, self.now_ns);
-        self.axes.iter().map(move |axis| AxisRef { axis, network, now_ns })
-    }
-
-    /// Commands to an axis.
-    ///
-    /// # Errors
-    /// [`CommandError::NoSuchAxis`].
-    #[inline]
-    pub fn axis_mut(&mut self, index: usize) -> Result<AxisHandle<'_>, CommandError> {
-        if index >= self.axes.len() {
-            return Err(CommandError::NoSuchAxis { axis: index });
-        }
-        Ok(AxisHandle { table: self, index })
-    }
-
-    /// Gives a command to every axis, also after a rejection. [`AxisCommand::Configure`] goes only to those that
-    /// are not configured. Real-time safe.
-    ///
-    /// # Errors
-    /// The first [`CommandError`].
-    pub fn command_all(&mut self, command: AxisCommand) -> Result<(), CommandError> {
-        let mut result = Ok(());
-        for index in 0..self.axes.len() {
-            let is_done = command == AxisCommand::Configure
-                && self.axes.get(index).is_some_and(|axis| {
-                    axis.setup.is_complete() || axis.setup.state().is_pending()
-                });
-            if !is_done {
-                result = result.and(self.command(index, command));
-            }
-        }
-        result
-    }
-
-    pub(super) fn command(
-        &mut self,
-        axis: usize,
-        command: AxisCommand,
-    ) -> Result<(), CommandError> {
-        let Self { axes, network, shared_nodes, now_ns, .. } = self;
-        match command {
-            AxisCommand::Configure => {
-                if let Some(node) = shared_nodes.iter().find(|node| node.contains(axis)) {
-                    node.for_each(axes, |axis| {
-                        // infallible: any axis can be configured
-                        let _ = axis.execute(command, network, *now_ns);
-                    });
-                    return Ok(());
-                }
-            }
-            AxisCommand::Recover if self.ending.state() != Shutdown::None => {
-                return Err(CommandError::ShuttingDown { axis });
-            }
-            AxisCommand::ChangeMode(
-                OperatingMode::CyclicPosition | OperatingMode::InterpolatedPosition,
-            ) if interpolation_time(self.bus.target_period_ns).is_none() => {
-                let period_ns = self.bus.target_period_ns;
-                return Err(CommandError::TargetPeriod { axis, period_ns });
-            }
-            _ => {}
-        }
-        let found = axes.get_mut(axis).ok_or(CommandError::NoSuchAxis { axis })?;
-        found.execute(command, network, *now_ns)
-    }
-
-    /// Returns whether all axes follow the application's targets; false without axes.
-    pub fn all_running(&self) -> bool {
-        !self.axes.is_empty() && self.axes().all(AxisRef::is_running)
-    }
-
-    /// Returns whether all axes have stopped, see [`AxisRef::is_stopped`].
-    pub fn all_stopped(&self) -> bool {
-        self.axes().all(AxisRef::is_stopped)
-    }
-
-    /// The axes whose drives would run on or coast if the host were lost, or whose reaction is
-    /// unknown; for the startup report of an application. Each is also logged once, as a warning, at
-    /// the end of its configuration.
-    pub fn host_loss_risks(&self) -> impl Iterator<Item = HostLoss> + '_ {
-        let all = self.axes().map(AxisRef::host_loss);
-        all.filter(|loss| !loss.reaction.is_controlled_stop())
-    }
-
     // Stop of all axes
 
     /// Brings all axes to rest and keeps them enabled, the CSP axes together on their path; targets
-    /// of the application are ignored until [`resume`](AxisHandle::resume). Real-time safe.
+    /// of the application are ignored until [`resume`](crate::AxisHandle::resume). Real-time safe.
     ///
     /// The running CSP axes continue straight in the direction of their last targets, also from a
     /// curve, and decelerate by one common profile: it has the acceleration and jerk at which no
@@ -319,8 +218,8 @@ impl Cia402 {
     /// counter, a motor that does not follow), or if the frame of one is rejected, the others stop by
     /// their own ramps from their motion of that moment.
     ///
-    /// All other axes stop as by [`halt`](AxisHandle::halt). [`path_stop`](Self::path_stop) reports the
-    /// state, [`AxisRef::is_at_rest`] when an axis is at rest. A call during the stop changes
+    /// All other axes stop as by [`halt`](crate::AxisHandle::halt). [`path_stop`](Self::path_stop) reports the
+    /// state, [`AxisRef::is_at_rest`](crate::AxisRef::is_at_rest) when an axis is at rest. A call during the stop changes
     /// nothing for axes that are part of it.
     pub fn stop_together(&mut self) {
         self.path_group.stop(&mut self.axes);

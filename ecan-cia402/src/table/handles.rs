@@ -1,8 +1,14 @@
-//! Handles of an axis: its state and its commands.
+//! Handles of the table: state of an axis, commands to axes, and calls that wait.
+
+use std::time::Duration;
 
 use ecan_canopen::{DriveState, Network, NodeHandle, OperatingMode, Probe};
+use ecan_mcan_port::Port;
 
+use super::blocking::Blocking;
 use super::cia402::Cia402;
+use super::error::{AxisTimeout, Cia402Error};
+use super::shutdown::Shutdown;
 use crate::axis::axis::{Axis, AxisCommand, StopKind};
 use crate::axis::config::AxisConfig;
 use crate::axis::error::CommandError;
@@ -11,11 +17,137 @@ use crate::axis::procedure::HomingConfig;
 use crate::axis::process_data::{Output, ProbeState};
 use crate::axis::setup::DriveValues;
 use crate::axis::status::{AxisError, AxisPhase, AxisProgress, AxisStatistics};
+use crate::axis::targets::interpolation_time;
 use crate::axis::units::UnitError;
 use crate::guard::feed_forward::FeedForward;
 use crate::guard::motion_guard::MotionGuard;
 use crate::guard::terms::Decision;
 use crate::observation::AxisStatus;
+
+impl Cia402 {
+    /// Number of axes.
+    pub fn axis_count(&self) -> usize {
+        self.axes.len()
+    }
+
+    /// State of an axis; `None` for an index out of range.
+    pub fn axis(&self, index: usize) -> Option<AxisRef<'_>> {
+        let axis = self.axes.get(index)?;
+        Some(AxisRef { axis, network: &self.network, now_ns: self.now_ns })
+    }
+
+    /// State of all axes, in the order of the table.
+    pub fn axes(&self) -> impl Iterator<Item = AxisRef<'_>> {
+        let (network, now_ns) = (&self.network, self.now_ns);
+        self.axes.iter().map(move |axis| AxisRef { axis, network, now_ns })
+    }
+
+    /// Commands to an axis.
+    ///
+    /// # Errors
+    /// [`CommandError::NoSuchAxis`].
+    #[inline]
+    pub fn axis_mut(&mut self, index: usize) -> Result<AxisHandle<'_>, CommandError> {
+        if index >= self.axes.len() {
+            return Err(CommandError::NoSuchAxis { axis: index });
+        }
+        Ok(AxisHandle { table: self, index })
+    }
+
+    /// Gives a command to every axis, also after a rejection. [`AxisCommand::Configure`] goes only to those that
+    /// are not configured. Real-time safe.
+    ///
+    /// # Errors
+    /// The first [`CommandError`].
+    pub fn command_all(&mut self, command: AxisCommand) -> Result<(), CommandError> {
+        let mut result = Ok(());
+        for index in 0..self.axes.len() {
+            let is_done = command == AxisCommand::Configure
+                && self.axes.get(index).is_some_and(|axis| {
+                    axis.setup.is_complete() || axis.setup.state().is_pending()
+                });
+            if !is_done {
+                result = result.and(self.command(index, command));
+            }
+        }
+        result
+    }
+
+    pub(super) fn command(
+        &mut self,
+        axis: usize,
+        command: AxisCommand,
+    ) -> Result<(), CommandError> {
+        let Self { axes, network, shared_nodes, now_ns, .. } = self;
+        match command {
+            AxisCommand::Configure => {
+                if let Some(node) = shared_nodes.iter().find(|node| node.contains(axis)) {
+                    node.for_each(axes, |axis| {
+                        // infallible: any axis can be configured
+                        let _ = axis.execute(command, network, *now_ns);
+                    });
+                    return Ok(());
+                }
+            }
+            AxisCommand::Recover if self.ending.state() != Shutdown::None => {
+                return Err(CommandError::ShuttingDown { axis });
+            }
+            AxisCommand::ChangeMode(
+                OperatingMode::CyclicPosition | OperatingMode::InterpolatedPosition,
+            ) if interpolation_time(self.bus.target_period_ns).is_none() => {
+                let period_ns = self.bus.target_period_ns;
+                return Err(CommandError::TargetPeriod { axis, period_ns });
+            }
+            _ => {}
+        }
+        let found = axes.get_mut(axis).ok_or(CommandError::NoSuchAxis { axis })?;
+        found.execute(command, network, *now_ns)
+    }
+
+    /// Returns whether all axes follow the application's targets; false without axes.
+    pub fn all_running(&self) -> bool {
+        !self.axes.is_empty() && self.axes().all(AxisRef::is_running)
+    }
+
+    /// Returns whether all axes have stopped, see [`AxisRef::is_stopped`].
+    pub fn all_stopped(&self) -> bool {
+        self.axes().all(AxisRef::is_stopped)
+    }
+
+    /// The axes whose drives would run on or coast if the host were lost, or whose reaction is
+    /// unknown; for the startup report of an application. Each is also logged once, as a warning, at
+    /// the end of its configuration.
+    pub fn host_loss_risks(&self) -> impl Iterator<Item = HostLoss> + '_ {
+        let all = self.axes().map(AxisRef::host_loss);
+        all.filter(|loss| !loss.reaction.is_controlled_stop())
+    }
+
+    /// Calls that run the cycle of the Port until they are complete, each at most for `timeout`.
+    pub fn blocking<'a>(&'a mut self, port: &'a mut Port, timeout: Duration) -> Blocking<'a> {
+        Blocking::new(self, port, timeout)
+    }
+
+    /// Stops the axes that may move, as [`Blocking::stop`], at most for the
+    /// [`stop_time`](Self::stop_time). Returns at once if no axis may move. Blocks. For the end of a program; in order
+    /// it ends by [`Blocking::shut_down`].
+    ///
+    /// # Errors
+    /// [`Cia402Error::AxisTimeout`] names the axes that may still move. On a master of another owner
+    /// this call cannot run the cycle, and names them at once.
+    pub fn stop_before_end(&mut self, port: &mut Port) -> Result<(), Cia402Error> {
+        if self.stop_time().is_zero() || !self.axes().any(AxisRef::may_move) {
+            return Ok(());
+        }
+        if port.adapter().is_attached() {
+            let moving = self.axes().filter(|axis| axis.may_move());
+            let axes = moving.map(AxisRef::progress).collect();
+            let (what, waited) = (AxisTimeout::STOPPED, Duration::ZERO);
+            return Err(AxisTimeout { what, waited, axes, cycle_error: None }.into());
+        }
+        let stop_time = self.stop_time();
+        self.blocking(port, stop_time).stop()
+    }
+}
 
 /// State of an axis, by [`Cia402::axis`] or [`Cia402::axes`]. All calls are real-time safe.
 #[derive(Debug, Clone, Copy)]
