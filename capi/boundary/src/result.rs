@@ -2,6 +2,7 @@
 
 use std::ffi::{CStr, c_int};
 
+use self::Meaning::{Lasting, Temporary};
 use crate::mirror;
 
 // Section: Return values
@@ -10,94 +11,103 @@ mirror! {
     /// Return value of the functions: 0, or one of these negative codes.
     ///
     /// ecan_last_error() gives the details: the slave, the object, the expected value.
-    pub enum ecan_result_t as &'static CStr {
+    pub enum ecan_result_t as Meaning {
         /// Done.
-        ECAN_OK = 0 => c"done",
+        ECAN_OK = 0 => Lasting(c"done"),
         /// A pointer that must not be NULL is NULL.
-        ECAN_ERR_NULL = -1 => c"a pointer is NULL",
+        ECAN_ERR_NULL = -1 => Lasting(c"a pointer is NULL"),
         /// A value is out of range.
-        ECAN_ERR_ARGUMENT = -2 => c"an argument is out of range",
+        ECAN_ERR_ARGUMENT = -2 => Lasting(c"an argument is out of range"),
         /// The object is not initialised, is deinitialised, or was moved or copied.
-        ECAN_ERR_NOT_INITIALISED = -3 => c"the object is not initialised",
+        ECAN_ERR_NOT_INITIALISED = -3 => Lasting(c"the object is not initialised"),
         /// The call does not fit the calls before it: wrong order.
-        ECAN_ERR_ORDER = -4 => c"the call is not allowed in this state",
+        ECAN_ERR_ORDER = -4 => Lasting(c"the call is not allowed in this state"),
         /// Another thread, or the caller of a callback, uses this object.
-        ECAN_ERR_BUSY = -5 => c"the object is in use by another call",
+        ECAN_ERR_BUSY = -5 => Lasting(c"the object is in use by another call"),
         /// The buffer is too small; the necessary size is returned if the function has a parameter
         /// for it. A text is cut, and is valid.
-        ECAN_ERR_BUFFER = -6 => c"the buffer is too small",
+        ECAN_ERR_BUFFER = -6 => Lasting(c"the buffer is too small"),
         /// A list of the configuration is full.
-        ECAN_ERR_FULL = -7 => c"a list is full",
+        ECAN_ERR_FULL = -7 => Lasting(c"a list is full"),
         /// The configuration has faults; ecan_last_error() names every one.
-        ECAN_ERR_CONFIG = -8 => c"the configuration has faults",
+        ECAN_ERR_CONFIG = -8 => Lasting(c"the configuration has faults"),
         /// The slave is not configured.
-        ECAN_ERR_SLAVE = -9 => c"the slave is not configured",
+        ECAN_ERR_SLAVE = -9 => Lasting(c"the slave is not configured"),
         /// The channel does not exist or is not enabled.
-        ECAN_ERR_CHANNEL = -10 => c"the channel does not exist or is not enabled",
+        ECAN_ERR_CHANNEL = -10 => Lasting(c"the channel does not exist or is not enabled"),
         /// Not a CAN frame: CAN ID, length or flags.
-        ECAN_ERR_FRAME = -11 => c"not a CAN frame",
+        ECAN_ERR_FRAME = -11 => Lasting(c"not a CAN frame"),
         /// A CAN FD frame for a channel that is configured for classic CAN.
-        ECAN_ERR_NOT_FD = -12 => c"the channel is configured for classic CAN",
+        ECAN_ERR_NOT_FD = -12 => Lasting(c"the channel is configured for classic CAN"),
         /// The frame cannot be scheduled: no Sync0, no such capability, or beyond the period.
-        ECAN_ERR_SCHEDULE = -13 => c"the frame cannot be scheduled",
+        ECAN_ERR_SCHEDULE = -13 => Lasting(c"the frame cannot be scheduled"),
         /// The image of this cycle is full; send again in a later cycle.
-        ECAN_ERR_NO_ROOM = -14 => c"the image of this cycle is full",
+        ECAN_ERR_NO_ROOM = -14 => Temporary(c"the image of this cycle is full"),
         /// The gateway's transmit queue is full; send again in a later cycle.
-        ECAN_ERR_QUEUE_FULL = -15 => c"the gateway's transmit queue is full",
+        ECAN_ERR_QUEUE_FULL = -15 => Temporary(c"the gateway's transmit queue is full"),
         /// The channel is bus-off.
-        ECAN_ERR_BUS_OFF = -16 => c"the channel is bus-off",
+        ECAN_ERR_BUS_OFF = -16 => Temporary(c"the channel is bus-off"),
         /// The gateway is not ready: not in OP, or not verified yet.
-        ECAN_ERR_NOT_READY = -17 => c"the gateway is not ready",
+        ECAN_ERR_NOT_READY = -17 => Temporary(c"the gateway is not ready"),
         /// The image was being written while it was read; skip it in this cycle.
-        ECAN_ERR_IMAGE_BUSY = -18 => c"the image changed while it was read",
+        ECAN_ERR_IMAGE_BUSY = -18 => Lasting(c"the image changed while it was read"),
         /// The image, or the rest of it, cannot be parsed.
-        ECAN_ERR_PARSE = -19 => c"the image cannot be parsed",
+        ECAN_ERR_PARSE = -19 => Lasting(c"the image cannot be parsed"),
         /// The EtherCAT master library cannot be loaded, or its setting is wrong.
-        ECAN_ERR_ECRT = -20 => c"the EtherCAT master library cannot be loaded",
+        ECAN_ERR_ECRT = -20 => Lasting(c"the EtherCAT master library cannot be loaded"),
         /// The EtherCAT master cannot be opened, or a call of its library failed.
-        ECAN_ERR_MASTER = -21 => c"a call of the EtherCAT master failed",
+        ECAN_ERR_MASTER = -21 => Lasting(c"a call of the EtherCAT master failed"),
         /// A configured slave is not on the bus.
-        ECAN_ERR_NOT_FOUND = -22 => c"a configured slave is not on the bus",
+        ECAN_ERR_NOT_FOUND = -22 => Lasting(c"a configured slave is not on the bus"),
         /// The slave is not the configured one, or not an ECAN-Lite.
-        ECAN_ERR_IDENTITY = -23 => c"the slave is not the configured one",
+        ECAN_ERR_IDENTITY = -23 => Lasting(c"the slave is not the configured one"),
         /// An SDO transfer failed; ecan_last_abort_code() is the slave's reason.
-        ECAN_ERR_SDO = -24 => c"an SDO transfer failed",
+        ECAN_ERR_SDO = -24 => Lasting(c"an SDO transfer failed"),
         /// The readback of an object differs from its configuration.
-        ECAN_ERR_READBACK = -25 => c"the readback of an object differs",
+        ECAN_ERR_READBACK = -25 => Lasting(c"the readback of an object differs"),
         /// A timeout expired.
-        ECAN_ERR_TIMEOUT = -26 => c"a timeout expired",
+        ECAN_ERR_TIMEOUT = -26 => Lasting(c"a timeout expired"),
         /// A slave did not reach PREOP or OP.
-        ECAN_ERR_NOT_OPERATIONAL = -27 => c"a slave did not reach its state",
+        ECAN_ERR_NOT_OPERATIONAL = -27 => Lasting(c"a slave did not reach its state"),
         /// The verification of a gateway in OP failed: its readback differs from the configuration.
-        ECAN_ERR_VERIFICATION = -28 => c"the verification of a gateway failed",
+        ECAN_ERR_VERIFICATION = -28 => Lasting(c"the verification of a gateway failed"),
         /// The context is attached: only the owner of the master may do this.
-        ECAN_ERR_ATTACHED = -29 => c"only the owner of the master may do this",
+        ECAN_ERR_ATTACHED = -29 => Lasting(c"only the owner of the master may do this"),
         /// The axis does not exist.
-        ECAN_ERR_AXIS = -30 => c"the axis does not exist",
+        ECAN_ERR_AXIS = -30 => Lasting(c"the axis does not exist"),
         /// The state or the mode of the axis does not allow this.
-        ECAN_ERR_AXIS_STATE = -31 => c"the state of the axis does not allow this",
+        ECAN_ERR_AXIS_STATE = -31 => Lasting(c"the state of the axis does not allow this"),
         /// One or more axes did not reach the requested state; ecan_last_error() names each.
-        ECAN_ERR_AXES = -32 => c"not every axis reached the requested state",
+        ECAN_ERR_AXES = -32 => Lasting(c"not every axis reached the requested state"),
         /// A CANopen transfer or command failed.
-        ECAN_ERR_CANOPEN = -33 => c"a CANopen service failed",
+        ECAN_ERR_CANOPEN = -33 => Lasting(c"a CANopen service failed"),
         /// The application cancelled the wait (ecan_igh_stop_waiting_when()).
-        ECAN_ERR_STOPPED = -34 => c"cancelled by the application",
+        ECAN_ERR_STOPPED = -34 => Lasting(c"cancelled by the application"),
         /// The system denied a real-time request; ecan_last_error() gives the reason and what to
         /// do.
-        ECAN_ERR_PRIVILEGE = -35 => c"the system denied a real-time request",
+        ECAN_ERR_PRIVILEGE = -35 => Lasting(c"the system denied a real-time request"),
         /// A file or a scenario of the simulator cannot be used; ecan_last_error() names it, with the
         /// reason.
-        ECAN_ERR_FILE = -36 => c"a file or scenario cannot be used",
+        ECAN_ERR_FILE = -36 => Lasting(c"a file or scenario cannot be used"),
         /// The image has another layout_id than the profile: the device's active profile differs. Its
         /// frames are stored.
-        ECAN_ERR_LAYOUT = -37 => c"the image has another layout than the profile",
+        ECAN_ERR_LAYOUT = -37 => Lasting(c"the image has another layout than the profile"),
         /// The CANopen node is not in the network of the context.
-        ECAN_ERR_NODE = -38 => c"the node is not in the network",
+        ECAN_ERR_NODE = -38 => Lasting(c"the node is not in the network"),
         /// One or more mandatory nodes are not booted; ecan_last_error() names each.
-        ECAN_ERR_BOOT = -39 => c"not every mandatory node is booted",
+        ECAN_ERR_BOOT = -39 => Lasting(c"not every mandatory node is booted"),
         /// An internal fault of the library. Please report it with the text of ecan_last_error().
-        ECAN_ERR_INTERNAL = -99 => c"internal fault of the library",
+        ECAN_ERR_INTERNAL = -99 => Lasting(c"internal fault of the library"),
     }
+}
+
+/// Meaning of a return value.
+#[derive(Clone, Copy, Debug)]
+pub enum Meaning {
+    /// Text of a code that the same call returns again.
+    Lasting(&'static CStr),
+    /// Text of a code after which a frame may be sent again in a later cycle.
+    Temporary(&'static CStr),
 }
 
 impl ecan_result_t {

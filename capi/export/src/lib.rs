@@ -4,7 +4,7 @@ use proc_macro::TokenStream;
 use quote::{ToTokens as _, format_ident, quote};
 use syn::parse::{Parse, ParseStream};
 use syn::{
-    Attribute, Expr, ExprIf, ExprLit, FnArg, Ident, ItemFn, Lit, Meta, MetaNameValue, Pat,
+    Attribute, Expr, ExprIf, ExprLit, FnArg, Ident, ItemFn, Lit, LitStr, Meta, MetaNameValue, Pat,
     ReturnType, Stmt, Token, Type, parse_macro_input, parse_quote,
 };
 
@@ -54,8 +54,10 @@ impl Parse for Arguments {
                 key if key == "or" => arguments.failed = Some(input.parse()?),
                 key if key == "into" => arguments.into = Some(input.parse()?),
                 key if key == "of" => arguments.of = Some(input.parse()?),
+                // The header generator reads it.
+                key if key == "since" => drop(input.parse::<LitStr>()?),
                 _ => {
-                    let allowed = "allowed: layer, bus, config, end, of, or, into";
+                    let allowed = "allowed: layer, bus, config, end, of, or, into, since";
                     return Err(syn::Error::new(key.span(), allowed));
                 }
             }

@@ -4,7 +4,7 @@ use std::cell::RefCell;
 use std::ffi::{c_char, c_int};
 use std::slice;
 
-use ecan_c_boundary::result::ecan_result_t;
+use ecan_c_boundary::result::{Meaning, ecan_result_t};
 
 /// Size of the text buffer; a longer text is cut.
 const TEXT_BYTES: usize = 8192;
@@ -126,7 +126,9 @@ pub extern "C" fn ecan_result_name(code: c_int) -> *const c_char {
 /// @return  "an SDO transfer failed" for example. Static.
 #[unsafe(no_mangle)]
 pub extern "C" fn ecan_result_text(code: c_int) -> *const c_char {
-    ecan_result_t::to_rust(code).unwrap_or(c"unknown result").as_ptr()
+    let meaning = ecan_result_t::to_rust(code);
+    let text = meaning.map(|(Meaning::Lasting(text) | Meaning::Temporary(text))| text);
+    text.unwrap_or(c"unknown result").as_ptr()
 }
 
 /// Returns 1 for a code after which a frame may be sent again in a later cycle: the image or the
@@ -136,9 +138,7 @@ pub extern "C" fn ecan_result_text(code: c_int) -> *const c_char {
 /// @return  1 or 0.
 #[unsafe(no_mangle)]
 pub extern "C" fn ecan_result_is_temporary(code: c_int) -> c_int {
-    use ecan_result_t::*;
-    let temporary = [ECAN_ERR_NO_ROOM, ECAN_ERR_QUEUE_FULL, ECAN_ERR_BUS_OFF, ECAN_ERR_NOT_READY];
-    temporary.iter().any(|result| result.code() == code).into()
+    matches!(ecan_result_t::to_rust(code), Some(Meaning::Temporary(_))).into()
 }
 
 // Section: Version of the library

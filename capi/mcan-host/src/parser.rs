@@ -312,8 +312,8 @@ pub fn igh_mcan_channel_status_decode(raw: u16, status: *mut igh_mcan_channel_st
 /// @return  The CRC; 0xFFFF, that of no bytes, for NULL.
 #[export(call, or 0xFFFF)]
 pub fn igh_mcan_pdo_crc16(data: *const u8, len: usize) -> u16 {
-    // SAFETY: the pointer is C's, valid or NULL as the header demands.
-    Ok(crc16(unsafe { call.items("data", data, len)? }))
+    pointers!(call, items(data, len));
+    Ok(crc16(data))
 }
 
 /// Returns the DLC of a number of data bytes (manual 8.2).

@@ -69,38 +69,6 @@ static void no_context(int code, ecan_igh_context_t *context)
     }
 }
 
-/* Every NULL except the context. */
-static void null_pointers(ecan_igh_context_t *context)
-{
-    static ecan_igh_config_t config;
-    ecan_igh_context_t other;
-    uint8_t *rxpdo;
-    const uint8_t *txpdo;
-    uint8_t data[8];
-    size_t size;
-
-    GOOD(ecan_igh_default_config(&config));
-    BAD(ECAN_ERR_NULL, ecan_igh_init(NULL, &config));
-    BAD(ECAN_ERR_NULL, ecan_igh_init(&other, NULL));
-    BAD(ECAN_ERR_NULL, ecan_igh_attach(NULL, &config, &other));
-    BAD(ECAN_ERR_NULL, ecan_igh_attach(&other, NULL, &other));
-    BAD(ECAN_ERR_NULL, ecan_igh_attach(&other, &config, NULL));
-    BAD(ECAN_ERR_NULL, ecan_igh_reconfigure(context, NULL));
-    BAD(ECAN_ERR_NULL, ecan_igh_get_domain_report(context, 0, NULL));
-    BAD(ECAN_ERR_NULL, ecan_igh_get_rxpdo_buffer(context, 0, NULL, &size));
-    BAD(ECAN_ERR_NULL, ecan_igh_get_rxpdo_buffer(context, 0, &rxpdo, NULL));
-    BAD(ECAN_ERR_NULL, ecan_igh_get_txpdo_buffer(context, 0, NULL, &size));
-    BAD(ECAN_ERR_NULL, ecan_igh_get_txpdo_buffer(context, 0, &txpdo, NULL));
-    BAD(ECAN_ERR_NULL, ecan_igh_get_slave_state(context, 0, NULL));
-    BAD(ECAN_ERR_NULL, ecan_igh_get_master_state(context, NULL));
-    BAD(ECAN_ERR_NULL, ecan_igh_get_slave_info(context, 0, NULL));
-    BAD(ECAN_ERR_NULL, ecan_igh_sdo_upload(context, 0, 0x1018, 1, NULL, 4, &size));
-    BAD(ECAN_ERR_NULL, ecan_igh_sdo_upload(context, 0, 0x1018, 1, data, 4, NULL));
-    BAD(ECAN_ERR_NULL, ecan_igh_sdo_download(context, 0, 0x8001, 1, NULL, 4));
-    BAD(ECAN_ERR_NULL, ecan_igh_create_sdo_request(context, 0, 4, NULL));
-    BAD(ECAN_ERR_NULL, ecan_igh_diagnostics_open(NULL, context));
-}
-
 /* No such slave. */
 static void wrong_slave(ecan_igh_context_t *context, size_t slave)
 {
@@ -201,8 +169,6 @@ static void invalid_contexts(void)
     igh_mcan_port_t port;
     ecan_igh_diagnostics_t diagnostics;
 
-    check_about("NULL");
-    no_context(ECAN_ERR_NULL, NULL);
     simulate(&config, "sim:echo");
     GOOD(igh_mcan_port_default_config(&port_config));
     GOOD(igh_mcan_port_set_classic_channel(&port_config, 0, 0, 500000));
@@ -285,7 +251,6 @@ static void before_it_is_active(ecan_igh_context_t *context)
     BAD(ECAN_ERR_ORDER, ecan_igh_get_txpdo_buffer(context, 0, &txpdo, &size));
     BAD(ECAN_ERR_ORDER, ecan_igh_owner_activated(context));
     SAME(0, ecan_igh_is_operational(context));
-    null_pointers(context);
     wrong_slave(context, 2);
     wrong_slave(context, SIZE_MAX);
 }
@@ -325,7 +290,6 @@ void test_adapter_life(void)
     BAD(ECAN_ERR_ORDER, ecan_igh_owner_activated(&context));
     BAD(ECAN_ERR_ORDER, ecan_igh_create_sdo_request(&context, 0, 4, &request));
     SAME(1, ecan_igh_is_operational(&context));
-    null_pointers(&context);
     wrong_slave(&context, 2);
     wrong_slave(&context, SIZE_MAX);
 

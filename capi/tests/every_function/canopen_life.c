@@ -76,43 +76,6 @@ static void wrong_node(igh_cia402_context_t *context, size_t node)
     BAD(code, igh_canopen_clear_error_history(context, node, 100));
 }
 
-static void null_pointers(igh_mcan_port_t *port, igh_cia402_context_t *context)
-{
-    igh_canopen_lss_command_t lss;
-    igh_canopen_mpdo_t mpdo;
-    uint8_t data[8] = {0};
-    uint8_t byte;
-    size_t count;
-
-    memset(&mpdo, 0, sizeof(mpdo));
-    GOOD(igh_canopen_lss_init(&lss, IGH_CANOPEN_LSS_STORE));
-    BAD(ECAN_ERR_NULL, igh_canopen_lss_init(NULL, IGH_CANOPEN_LSS_STORE));
-    BAD(ECAN_ERR_NULL, igh_canopen_lss(NULL, 0, 0, &lss, NULL, 100));
-    BAD(ECAN_ERR_NULL, igh_canopen_lss(port, 0, 0, NULL, NULL, 100));
-    BAD(ECAN_ERR_NULL, igh_canopen_lss_start(context, 0, 0, NULL));
-    BAD(ECAN_ERR_NULL, igh_canopen_lss_poll(context, 0, 0, NULL, NULL));
-    BAD(ECAN_ERR_NULL, igh_canopen_find_node(context, 0, 0, 1, NULL));
-    BAD(ECAN_ERR_NULL, igh_canopen_get_node_state(context, 0, NULL));
-    BAD(ECAN_ERR_NULL, igh_canopen_get_boot_state(context, NULL));
-    BAD(ECAN_ERR_NULL, igh_canopen_get_boot_progress(context, 0, NULL));
-    BAD(ECAN_ERR_NULL, igh_canopen_get_boot_text(context, 0, NULL, 8, NULL));
-    BAD(ECAN_ERR_NULL, igh_canopen_sdo_start_download(context, 0, 0x1017, 0, NULL, 2));
-    BAD(ECAN_ERR_NULL, igh_canopen_sdo_poll(context, 0, NULL, data, 8, &count));
-    BAD(ECAN_ERR_NULL, igh_canopen_sdo_poll(context, 0, &byte, NULL, 8, &count));
-    BAD(ECAN_ERR_NULL, igh_canopen_sdo_poll(context, 0, &byte, data, 8, NULL));
-    BAD(ECAN_ERR_NULL, igh_canopen_get_emergencies(context, 0, NULL, 1, &count));
-    BAD(ECAN_ERR_NULL, igh_canopen_get_emergencies(context, 0, NULL, 0, NULL));
-    BAD(ECAN_ERR_NULL, igh_canopen_read_error_history(context, 0, NULL, 1, &count, 100));
-    BAD(ECAN_ERR_NULL, igh_canopen_read_error_history(context, 0, NULL, 0, NULL, 100));
-    BAD(ECAN_ERR_NULL, igh_canopen_mpdo_encode(NULL, data));
-    BAD(ECAN_ERR_NULL, igh_canopen_mpdo_encode(&mpdo, NULL));
-    BAD(ECAN_ERR_NULL, igh_canopen_mpdo_decode(NULL, data, 8));
-    BAD(ECAN_ERR_NULL, igh_canopen_mpdo_decode(&mpdo, NULL, 8));
-    BAD(ECAN_ERR_NULL, igh_cia402_context_init_file(NULL, port, "x", NULL));
-    BAD(ECAN_ERR_NULL, igh_cia402_context_init_file(context, NULL, "x", NULL));
-    BAD(ECAN_ERR_NULL, igh_cia402_context_init_file(context, port, NULL, NULL));
-}
-
 static void arguments(igh_mcan_port_t *port, igh_cia402_context_t *context)
 {
     igh_canopen_lss_command_t lss;
@@ -209,8 +172,6 @@ void test_canopen_life(void)
     igh_cia402_axis_t axis;
 
     mpdo();
-    check_about("NULL");
-    no_context(ECAN_ERR_NULL, NULL);
     check_about(NULL);
     simulate(&igh_config, "sim:drives");
     GOOD(igh_mcan_port_default_config(&config));
@@ -227,7 +188,6 @@ void test_canopen_life(void)
     GOOD(igh_cia402_axis_init(&axis, 0, 0, 1, 0));
     GOOD(igh_cia402_context_init(&context, &port, &axis, 1));
     SAME(1, igh_canopen_node_count(&context));
-    null_pointers(&port, &context);
     wrong_node(&context, NO_NODE);
     wrong_node(&context, SIZE_MAX);
     arguments(&port, &context);

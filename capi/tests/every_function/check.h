@@ -110,5 +110,6 @@ void test_plan(void);
 void test_stop(void);
 void test_reserved(void);
 void test_observer(void);
+void test_null_pointers(void);
 
 #endif

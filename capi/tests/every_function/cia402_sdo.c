@@ -44,12 +44,6 @@ static void canopen(void)
     SAME(0, ecan_last_abort_code());
     BAD(ECAN_ERR_TIMEOUT, igh_canopen_sdo_download(&port, 0, 0, 99, 0x1017, 0, VALUE, 2, 100));
 
-    BAD(ECAN_ERR_NULL,
-        igh_canopen_sdo_upload(NULL, 0, 0, 1, 0x1000, 0, data, 16, &length, 100));
-    BAD(ECAN_ERR_NULL, igh_canopen_sdo_upload(&port, 0, 0, 1, 0x1000, 0, NULL, 4, &length, 100));
-    BAD(ECAN_ERR_NULL, igh_canopen_sdo_upload(&port, 0, 0, 1, 0x1000, 0, data, 16, NULL, 100));
-    BAD(ECAN_ERR_NULL, igh_canopen_sdo_download(NULL, 0, 0, 1, 0x1017, 0, VALUE, 2, 100));
-    BAD(ECAN_ERR_NULL, igh_canopen_sdo_download(&port, 0, 0, 1, 0x1017, 0, NULL, 2, 100));
     BAD(ECAN_ERR_SLAVE,
         igh_canopen_sdo_upload(&port, 1, 0, 1, 0x1000, 0, data, 16, &length, 100));
     BAD(ECAN_ERR_SLAVE, igh_canopen_sdo_download(&port, SIZE_MAX, 0, 1, 0x1017, 0, VALUE, 2, 9));

@@ -29,6 +29,7 @@ int main(void)
     test_stop();
     test_reserved();
     test_observer();
+    test_null_pointers();
     /* Last: it may raise the priority of the thread. */
     test_adapter_real_time();
     if (check_failures() > 0) {

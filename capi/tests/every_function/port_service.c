@@ -59,7 +59,6 @@ void test_port_service(void)
     GOOD(ecan_igh_init(&igh, &igh_config));
     GOOD(igh_mcan_port_init(&port, &igh, &config));
 
-    BAD(ECAN_ERR_NULL, igh_mcan_port_serve(&port, NULL, 0));
     BAD(ECAN_ERR_ARGUMENT, igh_mcan_port_serve(&port, path, 4));
     BAD(ECAN_ERR_FILE, igh_mcan_port_serve(&port, "missing/directory/x.sock", 0));
     GOOD(igh_mcan_port_end_service(&port));

@@ -97,7 +97,6 @@ void test_stop(void)
     ecan_igh_config_t config;
     igh_mcan_port_config_t gateways;
 
-    BAD(ECAN_ERR_NULL, ecan_igh_stop_waiting_when(NULL, stop, NULL));
     memset(&igh, 0, sizeof(igh));
     BAD(ECAN_ERR_NOT_INITIALISED, ecan_igh_stop_waiting_when(&igh, stop, NULL));
 

@@ -1,23 +1,26 @@
-//! Generates the C headers in `include/` from the sources of `capi/`, and checks that every exported
-//! function is listed in a version script and has a `@usage`.
+//! Generates from the sources of `capi/`: the C headers in `include/`, the codes of the C++ header, the version
+//! scripts of the libraries, and the test of NULL pointers. Checks that every exported function has a `@usage`.
 //!
 //! ```text
-//! scripts/regenerate-headers.sh           writes the headers
+//! scripts/regenerate-headers.sh           writes the files
 //! scripts/regenerate-headers.sh --check   reports stale or missing parts
 //! ```
 
 mod audit;
+mod cpp;
 mod expand;
 mod manifest;
+mod null_calls;
 mod render;
 mod sources;
+mod symbols;
 
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use clap::Parser;
 
-/// Generate the C headers, and check exported functions.
+/// Generate the C headers and what depends on them, and check exported functions.
 #[derive(Debug, Parser)]
 #[command(name = "ecan-headers", version)]
 struct Arguments {
@@ -53,6 +56,13 @@ fn run(arguments: &Arguments) -> Result<Vec<String>, String> {
     for header in manifest::HEADERS {
         files.push((root.join("include").join(header.name), render::header(root, header)?));
     }
+    for library in manifest::LIBRARIES {
+        let path = root.join(format!("capi/lib{}.map", library.name));
+        files.push((path, symbols::version_script(root, library)?));
+    }
+    files.push((root.join(cpp::HEADER), cpp::error_header(root)?));
+    let path = root.join("capi/tests/every_function/null_pointers.c");
+    files.push((path, null_calls::test(root)?));
     for (path, text) in files {
         if read(&path).is_ok_and(|found| found == text) {
             continue;

@@ -16,10 +16,12 @@ pub struct Header {
 }
 
 pub struct Library {
-    /// Its version script in `capi/`.
-    pub map: &'static str,
+    /// Its name without `lib`; its version script is generated.
+    pub name: &'static str,
     /// The headers whose functions it exports.
     pub headers: &'static [&'static str],
+    /// Source in `capi/` with functions for the other library, which are in no header.
+    pub private: Option<&'static str>,
 }
 
 pub const HEADERS: &[Header] = &[
@@ -173,9 +175,13 @@ pub const HEADERS: &[Header] = &[
 ];
 
 pub const LIBRARIES: &[Library] = &[
-    Library { map: "libecan_mcan_host.map", headers: &["igh_ecan_common.h", "igh_mcan_pdo.h"] },
     Library {
-        map: "libecan_igh_host.map",
+        name: "ecan_mcan_host",
+        headers: &["igh_ecan_common.h", "igh_mcan_pdo.h"],
+        private: Some("mcan-host/src/common.rs"),
+    },
+    Library {
+        name: "ecan_igh_host",
         headers: &[
             "igh_adapter.h",
             "igh_mcan_port.h",
@@ -186,5 +192,6 @@ pub const LIBRARIES: &[Library] = &[
             "igh_observer.h",
             "igh_sim.h",
         ],
+        private: None,
     },
 ];

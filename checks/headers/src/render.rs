@@ -53,7 +53,22 @@ fn changes(root: &Path, header: &Header) -> Result<String, String> {
     if text.split_whitespace().next() != Some(version) {
         return Err(format!("{}: the first entry is not that of {version}", path.display()));
     }
-    Ok(text)
+    let mut lines: Vec<String> = text.lines().map(str::to_owned).collect();
+    for function in sources::functions(root, header)? {
+        if let Some(since) = function.since() {
+            add_change(&mut lines, since, &function.name)
+                .ok_or_else(|| format!("{}: no entry of {since}", path.display()))?;
+        }
+    }
+    Ok(lines.join("\n"))
+}
+
+/// Adds a function at the end of the entry of a version.
+fn add_change(lines: &mut Vec<String>, version: &str, function: &str) -> Option<()> {
+    let entry = lines.iter().position(|line| line.split_whitespace().next() == Some(version))?;
+    let length = lines[entry + 1..].iter().take_while(|line| line.starts_with(' ')).count();
+    lines.insert(entry + 1 + length, format!("       Added: {function}()."));
+    Some(())
 }
 
 /// SPDX line and copyright line.
@@ -130,4 +145,18 @@ fn declarations(section: &Section) -> Result<String, String> {
     let mut text = Vec::new();
     bindings.map_err(|error| fault(&error))?.write(&mut text);
     String::from_utf8(text).map_err(|error| fault(&error))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn added_function_is_in_the_entry_of_its_version() {
+        let mut lines =
+            ["0.2.1  Text.", "       More.", "0.2.0  First version."].map(str::to_owned).to_vec();
+        assert_eq!(add_change(&mut lines, "0.2.1", "f"), Some(()));
+        assert_eq!(lines[2], "       Added: f().");
+        assert_eq!(add_change(&mut lines, "0.3.0", "f"), None);
+    }
 }

@@ -130,6 +130,12 @@ impl Function {
         }
     }
 
+    /// The version that added it, if that is not the first one with the present soname.
+    pub fn since(&self) -> Option<&str> {
+        let (_, since) = self.export.as_ref()?.split_once("since \"")?;
+        since.split_once('"').map(|(since, _)| since)
+    }
+
     pub fn tag(&self, tag: &str) -> Option<&str> {
         self.comment.iter().find_map(|line| line.strip_prefix(tag)).map(str::trim)
     }

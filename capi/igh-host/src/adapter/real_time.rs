@@ -131,8 +131,8 @@ fn config(call: Call, requests: &ecan_igh_real_time_t) -> Result<RealTimeConfig,
 /// @usage   rt, any thread, any time
 #[export(call)]
 pub fn ecan_igh_default_real_time(settings: *mut ecan_igh_real_time_t) {
-    // SAFETY: the pointer is C's, valid or NULL as the header demands.
-    unsafe { call.out("settings", settings)? }.set(ecan_igh_real_time_t {
+    pointers!(call, out(settings));
+    settings.set(ecan_igh_real_time_t {
         priority: 0,
         lock_memory: 0,
         is_required: 0,

@@ -244,8 +244,8 @@ impl From<&igh_cia402_homing_t> for HomingConfig {
 /// @usage   rt, any thread, any time
 #[export(call)]
 pub fn igh_cia402_homing_init(homing: *mut igh_cia402_homing_t, method: i8) {
-    // SAFETY: the pointer is C's, valid or NULL as the header demands.
-    unsafe { call.out("homing", homing)? }.set(HomingConfig::new(method).into());
+    pointers!(call, out(homing));
+    homing.set(HomingConfig::new(method).into());
 }
 
 /// Starts homing: rest, disable, parameters and mode, enable, homing, disable, the previous mode,

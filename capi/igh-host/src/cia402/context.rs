@@ -460,8 +460,8 @@ impl igh_cia402_settings_t {
 /// @usage   not rt, any thread, any time
 #[export(call)]
 pub fn igh_cia402_default_settings(settings: *mut igh_cia402_settings_t) {
-    // SAFETY: the pointer is C's, valid or NULL as the header demands.
-    unsafe { call.out("settings", settings)? }.set(Cia402Config::default().into());
+    pointers!(call, out(settings));
+    settings.set(Cia402Config::default().into());
 }
 
 #[cfg(test)]
