@@ -32,7 +32,7 @@ mod open;
 mod plan_table;
 
 pub use error::{Error, Result};
-pub use open::OpenEcrt;
+pub use open::{EcrtOptions, OpenEcrt, OpenedEcrt};
 pub use plan_table::plan_table;
 
 /// EtherCAT master, domains, startup SDOs, distributed clocks and real-time cycle (manual 15.5.2).

@@ -38,6 +38,16 @@ pub(crate) fn note(call: Call, error: &dyn Coded) -> ecan_result_t {
     call.fail_transfer(code, format_args!("{error}"), abort_code)
 }
 
+impl Coded for ecan_lite::Error {
+    fn coded(&self) -> (ecan_result_t, u32) {
+        match self {
+            #[cfg(feature = "sim")]
+            Self::Open(error) if error.is_scenario() => (ECAN_ERR_FILE, 0),
+            _ => (ECAN_ERR_ECRT, 0),
+        }
+    }
+}
+
 impl Coded for ConfigFileError {
     fn coded(&self) -> (ecan_result_t, u32) {
         match self {

@@ -1,13 +1,9 @@
 //! Functions that the headers call real-time safe allocate nothing, errors and their texts
 //! included.
-#![allow(missing_docs)]
-
-mod c_port;
 
 use std::ffi::CStr;
 use std::ptr::null_mut;
 
-use c_port::CPort;
 use ecan_c_boundary::frames::igh_mcan_rx_frame_t;
 use ecan_c_boundary::result::ecan_result_t::*;
 use ecan_igh_host::mcan_port::cycle::{
@@ -25,10 +21,9 @@ use ecan_igh_host::observer::{
     ecan_igh_observer_update,
 };
 use ecan_mcan_host::common::ecan_last_error;
-use ecan_test_support::{CountingAllocator, allocations};
+use ecan_test_support::allocations;
 
-#[global_allocator]
-static ALLOCATOR: CountingAllocator = CountingAllocator;
+use crate::c_port::CPort;
 
 const CAPACITY: usize = 64;
 

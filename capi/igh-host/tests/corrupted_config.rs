@@ -1,5 +1,4 @@
 //! Configurations whose bytes the application overwrote: a code, in bounded time.
-#![allow(missing_docs)]
 
 use std::ffi::{CStr, c_int};
 

@@ -1,13 +1,9 @@
 //! Functions of igh_canopen.h and igh_cia402_protocol.h that are real-time safe allocate nothing, also while
 //! nodes boot and fail.
-#![allow(missing_docs)]
-
-mod c_port;
 
 use std::ffi::{CString, c_void};
 use std::ptr::null;
 
-use c_port::CPort;
 use ecan_c_boundary::result::ecan_result_t::*;
 use ecan_igh_host::canopen::boot::{
     igh_canopen_boot_again, igh_canopen_boot_phase_t, igh_canopen_boot_progress_t,
@@ -34,10 +30,9 @@ use ecan_igh_host::cia402::drive_values::{
 use ecan_igh_host::mcan_port::cycle::{
     igh_mcan_port_cycle_begin, igh_mcan_port_cycle_end, igh_mcan_port_wait_next_cycle,
 };
-use ecan_test_support::{CountingAllocator, allocations};
+use ecan_test_support::allocations;
 
-#[global_allocator]
-static ALLOCATOR: CountingAllocator = CountingAllocator;
+use crate::c_port::CPort;
 
 /// An axis and two nodes, neither of which is there: the simulated nodes are echoes.
 const NETWORK: &str = r#"

@@ -1,6 +1,5 @@
 //! A standard error that cannot be written to, as of a daemon. One test, because it is that of the
 //! process.
-#![cfg(feature = "sim")]
 #![allow(missing_docs)]
 
 mod c_port;

@@ -1,6 +1,4 @@
 //! A library that was built without the simulator: `cargo test --no-default-features`.
-#![cfg(not(feature = "sim"))]
-#![allow(missing_docs)]
 
 use std::ffi::CStr;
 use std::mem::MaybeUninit;

@@ -1,8 +1,6 @@
 //! An application in Rust that runs the master itself, through a binding of its own, and attaches the
 //! SDK to it: under the simulated library both use one world.
 
-mod toolchain;
-
 use std::ffi::{OsString, c_int, c_uint, c_void};
 use std::process::Command;
 
@@ -11,7 +9,8 @@ use ecan_lite::can::Port;
 use ecan_lite::config::PortConfig;
 use ecan_lite::prelude::*;
 use libloading::os::unix::{Library, RTLD_GLOBAL, RTLD_LOCAL, RTLD_NOW};
-use toolchain::{SONAME, output_text, simulated_library};
+
+use crate::toolchain::{SONAME, output_text, simulated_library};
 
 /// In stepped time, so that no load of the machine disturbs the run.
 const SCENARIO: &str = r#"
@@ -24,7 +23,7 @@ const SCENARIO: &str = r#"
 
 #[test]
 fn owner_and_sdk_share_the_world_of_the_scenario_file() {
-    if !toolchain::is_there() {
+    if !crate::toolchain::is_there() {
         return;
     }
     let library = simulated_library();
@@ -35,7 +34,7 @@ fn owner_and_sdk_share_the_world_of_the_scenario_file() {
     for scope in ["linked", "loaded"] {
         let program = std::env::current_exe().expect("a test has a name");
         let mut command = Command::new(program);
-        command.args(["--exact", "owner_program", "--ignored", "--nocapture"]);
+        command.args(["--exact", "attached_owner::owner_program", "--ignored", "--nocapture"]);
         command.env("LD_LIBRARY_PATH", library.path()).env("ECAN_ECRT", &setting);
         let output = command.env("SCOPE", scope).output().expect("the program starts");
         let text = output_text(&output);

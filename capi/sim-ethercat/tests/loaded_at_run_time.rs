@@ -1,16 +1,15 @@
 //! The shared library loaded by the SDK's own binding, like IgH's.
 
-mod toolchain;
-
 use std::thread;
 
 use ecan_host::{Master, OpenError, OpenFailure};
 use ecrt_sys::{Ecrt, Origin};
-use toolchain::{SONAME, simulated_library};
+
+use crate::toolchain::{SONAME, simulated_library};
 
 #[test]
 fn binding_finds_every_function_and_all_threads_the_same_world() {
-    if !toolchain::is_there() {
+    if !crate::toolchain::is_there() {
         return;
     }
     let library = simulated_library();

@@ -1,15 +1,13 @@
 //! A C program with plain `ecrt_*` calls on the simulated library.
 
-mod toolchain;
-
 use std::ffi::OsStr;
 use std::process::Command;
 
-use toolchain::{output_text, plain_master, simulated_library, start};
+use crate::toolchain::{output_text, plain_master, simulated_library, start};
 
 #[test]
 fn ethercrab_reaches_op_and_exchanges_a_frame() {
-    if !toolchain::is_there() {
+    if !crate::toolchain::is_there() {
         return;
     }
     let library = simulated_library();
@@ -28,7 +26,7 @@ fn ethercrab_reaches_op_and_exchanges_a_frame() {
 
 #[test]
 fn run_reports_once_that_it_is_simulated() {
-    if !toolchain::is_there() {
+    if !crate::toolchain::is_there() {
         return;
     }
     let library = simulated_library();
@@ -55,7 +53,7 @@ fn run_reports_once_that_it_is_simulated() {
 
 #[test]
 fn wrong_setting_is_reported_and_gives_no_master() {
-    if !toolchain::is_there() {
+    if !crate::toolchain::is_there() {
         return;
     }
     let library = simulated_library();

@@ -1,13 +1,12 @@
 //! The shared library as a linker and a loader see it.
 
-mod toolchain;
-
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::process::Command;
 
 use tempfile::TempDir;
-use toolchain::{CRATE, SONAME, output_text, plain_master, run, simulated_library, start};
+
+use crate::toolchain::{CRATE, SONAME, output_text, plain_master, run, simulated_library, start};
 
 /// Functions of libethercat 1.6.2 with their versions, one a line.
 const EXPORTED: &str = include_str!("exported-symbols.txt");
@@ -37,7 +36,7 @@ fn committed_list_is_that_of_the_real_library() {
 
 #[test]
 fn soname_and_symbols_are_the_real_ones() {
-    if !toolchain::is_there() {
+    if !crate::toolchain::is_there() {
         return;
     }
     let library = simulated_library();
@@ -90,7 +89,7 @@ fn stub_of_the_real_library() -> TempDir {
 
 #[test]
 fn program_linked_against_the_real_library_gets_no_warning() {
-    if !toolchain::is_there() {
+    if !crate::toolchain::is_there() {
         return;
     }
     let program_with_stub = stub_of_the_real_library();
@@ -100,6 +99,6 @@ fn program_linked_against_the_real_library_gets_no_warning() {
     assert!(!output_text(&output).contains(WARNING), "{}", output_text(&output));
 
     // a library without versions gives the warning
-    let output = start(&program, &toolchain::simulated_library_without_versions(), &[]);
+    let output = start(&program, &crate::toolchain::simulated_library_without_versions(), &[]);
     assert!(output_text(&output).contains(WARNING), "{}", output_text(&output));
 }

@@ -1,5 +1,4 @@
 //! Building libraries and programs with `cc`, as a user does.
-#![allow(dead_code)]
 
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
