@@ -44,7 +44,7 @@ pub fn getter<R>(
     match catch_unwind(AssertUnwindSafe(|| body(call))) {
         Ok(Ok(value)) => value,
         Ok(Err(error)) => failed(error),
-        Err(panic) => failed(panicked(call, panic.as_ref())),
+        Err(panic) => failed(report_panic(call, panic.as_ref())),
     }
 }
 
@@ -102,7 +102,7 @@ impl Write for LastErrorText {
 }
 
 #[cold]
-fn panicked(call: Call, panic: &(dyn std::any::Any + Send)) -> ecan_result_t {
+fn report_panic(call: Call, panic: &(dyn std::any::Any + Send)) -> ecan_result_t {
     let text = panic
         .downcast_ref::<&str>()
         .copied()

@@ -329,7 +329,7 @@ impl Entered<Bus> {
     /// Prepares a call that runs the cycle until it ends: rejects it on a master of another owner.
     pub(crate) fn run_to_end(&self, call: Call) -> Result<(), ecan_result_t> {
         match self.adapter() {
-            Some(adapter) if adapter.is_attached() => Err(errors::attached(call)),
+            Some(adapter) if adapter.is_attached() => Err(errors::reject_attached(call)),
             // The thread of the cycle waits for this call, instead of losing its cycle to it.
             _ => self.end_cycle(call),
         }

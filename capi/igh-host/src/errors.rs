@@ -16,7 +16,7 @@ use ecan_service::server::ServiceError;
 /// An error of the layers below, as C sees it.
 pub(crate) trait Coded: Display {
     /// The code, and the abort code of an SDO transfer.
-    fn coded(&self) -> (ecan_result_t, u32);
+    fn code_of_c(&self) -> (ecan_result_t, u32);
 }
 
 /// Results with an error of the layers below.
@@ -34,12 +34,12 @@ impl<T, E: Coded> OrCode<T> for Result<T, E> {
 
 #[cold]
 pub(crate) fn note(call: Call, error: &dyn Coded) -> ecan_result_t {
-    let (code, abort_code) = error.coded();
+    let (code, abort_code) = error.code_of_c();
     call.fail_transfer(code, format_args!("{error}"), abort_code)
 }
 
 impl Coded for ecan_lite::Error {
-    fn coded(&self) -> (ecan_result_t, u32) {
+    fn code_of_c(&self) -> (ecan_result_t, u32) {
         match self {
             #[cfg(feature = "sim")]
             Self::Open(error) if error.is_scenario() => (ECAN_ERR_FILE, 0),
@@ -49,7 +49,7 @@ impl Coded for ecan_lite::Error {
 }
 
 impl Coded for ConfigFileError {
-    fn coded(&self) -> (ecan_result_t, u32) {
+    fn code_of_c(&self) -> (ecan_result_t, u32) {
         match self {
             Self::Read { .. } => (ECAN_ERR_FILE, 0),
             Self::Faults { .. } => (ECAN_ERR_CONFIG, 0),
@@ -58,13 +58,13 @@ impl Coded for ConfigFileError {
 }
 
 impl Coded for ServiceError {
-    fn coded(&self) -> (ecan_result_t, u32) {
+    fn code_of_c(&self) -> (ecan_result_t, u32) {
         (ECAN_ERR_FILE, 0)
     }
 }
 
 impl Coded for CycleError {
-    fn coded(&self) -> (ecan_result_t, u32) {
+    fn code_of_c(&self) -> (ecan_result_t, u32) {
         let code = match self {
             Self::NotActive { .. } => ECAN_ERR_ORDER,
             // A value whose length differs from that of the request.
@@ -84,7 +84,7 @@ fn cycle_code(error: &CycleError) -> ecan_result_t {
 }
 
 impl Coded for Error {
-    fn coded(&self) -> (ecan_result_t, u32) {
+    fn code_of_c(&self) -> (ecan_result_t, u32) {
         let code = match self {
             Self::Config(_) | Self::OtherMaster { .. } => ECAN_ERR_CONFIG,
             Self::NoLink | Self::NoSlaves | Self::NoSuchSlave { .. } | Self::SameSlave { .. } => {
@@ -104,7 +104,7 @@ impl Coded for Error {
             Self::NotInPreop { .. } => ECAN_ERR_NOT_OPERATIONAL,
             Self::NotOperational(report) => {
                 let cause = report.slaves.iter().find_map(|slave| slave.cause.as_deref());
-                return (ECAN_ERR_NOT_OPERATIONAL, cause.map_or(0, |cause| cause.coded().1));
+                return (ECAN_ERR_NOT_OPERATIONAL, cause.map_or(0, |cause| cause.code_of_c().1));
             }
             Self::Attached { .. } => ECAN_ERR_ATTACHED,
             Self::Stopped => ECAN_ERR_STOPPED,
@@ -117,20 +117,20 @@ impl Coded for Error {
 }
 
 impl Coded for PortError {
-    fn coded(&self) -> (ecan_result_t, u32) {
+    fn code_of_c(&self) -> (ecan_result_t, u32) {
         match self {
             Self::Config(_) => (ECAN_ERR_CONFIG, 0),
-            Self::Adapter(error) => error.coded(),
+            Self::Adapter(error) => error.code_of_c(),
             Self::Cycle(error) => (cycle_code(error), 0),
             Self::NotReady { .. } => (ECAN_ERR_VERIFICATION, 0),
-            Self::Address(error) => error.coded(),
+            Self::Address(error) => error.code_of_c(),
             _ => (ECAN_ERR_INTERNAL, 0),
         }
     }
 }
 
 impl Coded for AddressError {
-    fn coded(&self) -> (ecan_result_t, u32) {
+    fn code_of_c(&self) -> (ecan_result_t, u32) {
         match self {
             Self::Slave { .. } => (ECAN_ERR_SLAVE, 0),
             _ => (ECAN_ERR_CHANNEL, 0),
@@ -139,7 +139,7 @@ impl Coded for AddressError {
 }
 
 impl Coded for SendError {
-    fn coded(&self) -> (ecan_result_t, u32) {
+    fn code_of_c(&self) -> (ecan_result_t, u32) {
         let code = match self {
             Self::Backpressure { what: Backpressure::Image | Backpressure::Phase, .. } => {
                 ECAN_ERR_NO_ROOM
@@ -147,7 +147,7 @@ impl Coded for SendError {
             Self::Backpressure { what: Backpressure::Queue, .. } => ECAN_ERR_QUEUE_FULL,
             Self::Backpressure { what: Backpressure::BusOff, .. } => ECAN_ERR_BUS_OFF,
             Self::NotReady { .. } => ECAN_ERR_NOT_READY,
-            Self::Address(error) => return error.coded(),
+            Self::Address(error) => return error.code_of_c(),
             Self::ReceiveOnly { .. } => ECAN_ERR_CHANNEL,
             Self::NotFd { .. } => ECAN_ERR_NOT_FD,
             Self::NotSchedulable { .. } => ECAN_ERR_SCHEDULE,
@@ -159,7 +159,7 @@ impl Coded for SendError {
 }
 
 impl Coded for CommandError {
-    fn coded(&self) -> (ecan_result_t, u32) {
+    fn code_of_c(&self) -> (ecan_result_t, u32) {
         match self {
             Self::NoSuchAxis { .. } => (ECAN_ERR_AXIS, 0),
             Self::Unit { .. } => (ECAN_ERR_ARGUMENT, 0),
@@ -170,7 +170,7 @@ impl Coded for CommandError {
 }
 
 impl Coded for ScheduleError {
-    fn coded(&self) -> (ecan_result_t, u32) {
+    fn code_of_c(&self) -> (ecan_result_t, u32) {
         match self {
             Self::NotSchedulable { .. } => (ECAN_ERR_SCHEDULE, 0),
             Self::Active { .. } => (ECAN_ERR_AXIS_STATE, 0),
@@ -180,24 +180,24 @@ impl Coded for ScheduleError {
 }
 
 impl Coded for NmtError {
-    fn coded(&self) -> (ecan_result_t, u32) {
+    fn code_of_c(&self) -> (ecan_result_t, u32) {
         (ECAN_ERR_CANOPEN, 0)
     }
 }
 
 impl Coded for WaitError {
-    fn coded(&self) -> (ecan_result_t, u32) {
+    fn code_of_c(&self) -> (ecan_result_t, u32) {
         match self {
             Self::Sdo(SdoFailure { fault, .. }) => match fault {
                 SdoFault::Aborted(code) | SdoFault::Violated(code) => (ECAN_ERR_SDO, code.0),
                 SdoFault::TimedOut { .. } => (ECAN_ERR_TIMEOUT, 0),
                 SdoFault::TooLong { .. } => (ECAN_ERR_BUFFER, 0),
                 SdoFault::GatewayLost => (ECAN_ERR_NOT_READY, 0),
-                SdoFault::Rejected(error) => error.coded(),
+                SdoFault::Rejected(error) => error.code_of_c(),
                 _ => (ECAN_ERR_CANOPEN, 0),
             },
-            Self::Lss(failure) => failure.coded(),
-            Self::LssStart(error) => error.coded(),
+            Self::Lss(failure) => failure.code_of_c(),
+            Self::LssStart(error) => error.code_of_c(),
             Self::TimedOut { .. } => (ECAN_ERR_TIMEOUT, 0),
             Self::Stopped => (ECAN_ERR_STOPPED, 0),
             Self::Cycle(error) => (cycle_code(error), 0),
@@ -207,18 +207,18 @@ impl Coded for WaitError {
 }
 
 impl Coded for LssFailure {
-    fn coded(&self) -> (ecan_result_t, u32) {
+    fn code_of_c(&self) -> (ecan_result_t, u32) {
         match self.fault {
             LssFault::TimedOut { .. } | LssFault::NotSelected { .. } => (ECAN_ERR_TIMEOUT, 0),
             LssFault::GatewayLost => (ECAN_ERR_NOT_READY, 0),
-            LssFault::Rejected(error) => error.coded(),
+            LssFault::Rejected(error) => error.code_of_c(),
             _ => (ECAN_ERR_CANOPEN, 0),
         }
     }
 }
 
 impl Coded for LssStartError {
-    fn coded(&self) -> (ecan_result_t, u32) {
+    fn code_of_c(&self) -> (ecan_result_t, u32) {
         match self {
             Self::Busy { .. } => (ECAN_ERR_ORDER, 0),
             Self::UnknownChannel { .. } => (ECAN_ERR_CHANNEL, 0),
@@ -227,7 +227,7 @@ impl Coded for LssStartError {
 }
 
 impl Coded for NetworkError {
-    fn coded(&self) -> (ecan_result_t, u32) {
+    fn code_of_c(&self) -> (ecan_result_t, u32) {
         match self {
             Self::Channel { .. } | Self::NoChannel { .. } => (ECAN_ERR_CHANNEL, 0),
             Self::Guarding { .. } | Self::TimeReference { .. } => (ECAN_ERR_ARGUMENT, 0),
@@ -237,18 +237,18 @@ impl Coded for NetworkError {
 }
 
 impl Coded for Cia402Error {
-    fn coded(&self) -> (ecan_result_t, u32) {
+    fn code_of_c(&self) -> (ecan_result_t, u32) {
         match self {
-            Self::Command(error) => error.coded(),
-            Self::Nmt(error) => error.coded(),
+            Self::Command(error) => error.code_of_c(),
+            Self::Nmt(error) => error.code_of_c(),
             // The text names the axes, too.
             Self::AxisTimeout(AxisTimeout {
                 cycle_error: Some(error @ CycleError::NotActive { .. }),
                 ..
-            }) => error.coded(),
+            }) => error.code_of_c(),
             Self::AxisTimeout(_) => (ECAN_ERR_AXES, 0),
             Self::BootTimeout(_) => (ECAN_ERR_BOOT, 0),
-            Self::Wait(error) => error.coded(),
+            Self::Wait(error) => error.code_of_c(),
             Self::Axes(AxisFaults { faults }) => (faults_code(faults), 0),
             _ => (ECAN_ERR_CONFIG, 0),
         }
@@ -290,7 +290,7 @@ pub(crate) fn no_slave(call: Call, slave: usize, count: usize) -> ecan_result_t 
 
 /// A call that runs the cycle, on a master of another owner.
 #[cold]
-pub(crate) fn attached(call: Call) -> ecan_result_t {
+pub(crate) fn reject_attached(call: Call) -> ecan_result_t {
     let text = format_args!(
         "this context is attached to its owner's master: run the cycle around ecan_igh_receive and \
          ecan_igh_send, and poll"

@@ -284,18 +284,18 @@ impl RobustMutex {
     pub(crate) fn try_lock(&self) -> Locked {
         // SAFETY: the mutex is initialised.
         let code = unsafe { libc::pthread_mutex_trylock(self.pointer()) };
-        self.locked(code)
+        self.note_lock(code)
     }
 
     /// Waits for the mutex. Fails in a signal handler that interrupts the lock itself.
     pub(crate) fn lock(&self) -> Locked {
         // SAFETY: the mutex is initialised.
         let code = unsafe { libc::pthread_mutex_lock(self.pointer()) };
-        self.locked(code)
+        self.note_lock(code)
     }
 
     #[inline]
-    fn locked(&self, code: c_int) -> Locked {
+    fn note_lock(&self, code: c_int) -> Locked {
         match code {
             0 => Locked::Yes,
             libc::EOWNERDEAD => {

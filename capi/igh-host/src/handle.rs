@@ -51,7 +51,7 @@ impl Words {
     /// A number that depends on everything, the context's own address included. Bytes that happen
     /// to lie there have it once in 2^64 times.
     #[inline]
-    fn sealed(&self, address: usize, kind: Kind) -> u64 {
+    fn seal_at(&self, address: usize, kind: Kind) -> u64 {
         let kind = 0x6563_616e_5f69_6768 ^ (kind as u64) << 56;
         kind ^ address as u64 ^ self.slot as u64 ^ self.generation ^ self.serial.rotate_left(32)
     }
@@ -191,7 +191,7 @@ pub(crate) unsafe fn write(
     serial: u64,
 ) {
     let mut words = Words { slot, generation, serial, seal: 0 };
-    words.seal = words.sealed(context.addr(), kind);
+    words.seal = words.seal_at(context.addr(), kind);
     // SAFETY: the caller's promise.
     unsafe { context.write(words) };
 }
@@ -204,7 +204,7 @@ pub(crate) unsafe fn write(
 pub(crate) unsafe fn sealed_words(context: *const Words, kind: Kind) -> Option<Words> {
     // SAFETY: the caller's promise; any bytes are good for integers.
     let words = unsafe { context.read() };
-    (words.seal == words.sealed(context.addr(), kind)).then_some(words)
+    (words.seal == words.seal_at(context.addr(), kind)).then_some(words)
 }
 
 /// Slot that a context names, if any.
@@ -239,7 +239,7 @@ pub(crate) unsafe fn init<T: Pooled>(
     if let Some((_, slot)) = found {
         // SAFETY: the caller's promise. Only memory that was a context is read.
         if unsafe { find::<T>(context, kind) }.is_some() {
-            return Err(living(call));
+            return Err(reject_living(call));
         }
         slot.guard.enter(Access::Long).map_err(|reason| busy(call, reason))?;
         Entered { slot, serial: 0 }.leave();
@@ -285,7 +285,7 @@ pub(crate) unsafe fn clear(context: *mut Words) {
 
 /// The error of a context that names a living object already.
 #[cold]
-pub(crate) fn living(call: Call) -> ecan_result_t {
+pub(crate) fn reject_living(call: Call) -> ecan_result_t {
     let text = format_args!("the context is initialised already: deinit it first");
     call.fail(ecan_result_t::ECAN_ERR_ORDER, text)
 }

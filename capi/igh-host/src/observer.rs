@@ -528,7 +528,7 @@ pub(crate) unsafe fn init(
         // SAFETY: the caller's promise. Only memory that was a handle is read.
         let named = unsafe { find(handle) };
         if named.is_some_and(|(other, number)| std::ptr::eq(other, slot) && number == generation) {
-            return Err(handle::living(call));
+            return Err(handle::reject_living(call));
         }
         // The handle was overwritten.
         end(slot, generation);

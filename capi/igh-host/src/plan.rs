@@ -91,7 +91,7 @@ pub(crate) fn plan(
     text: OutText,
 ) -> Result<(), ecan_result_t> {
     let config = configured_port(port, adapter.slave_count);
-    let adapter = adapter.configured();
+    let adapter = adapter.adapter_config();
     let plan = PortPlan::of(&adapter, &config, traffic);
     let stored = text.put(call, &ecan_lite::plan_table(&plan, &adapter, traffic));
     Faults::check(plan.faults(&adapter, &config))

@@ -185,12 +185,12 @@ impl IghConfig {
     }
 
     /// The gateways' configuration of igh_mcan_port_apply_config().
-    pub(crate) fn applied(&self) -> Option<PortConfig> {
+    pub(crate) fn applied_port(&self) -> Option<PortConfig> {
         self.port.as_ref().map(|port| configured_port(port, self.slave_count))
     }
 
     /// The Adapter's configuration, with the configured slaves.
-    pub(crate) fn configured(&self) -> AdapterConfig {
+    pub(crate) fn adapter_config(&self) -> AdapterConfig {
         let slaves = self.adapter.slaves.into_iter().take(self.slave_count);
         AdapterConfig { slaves: List::collect(slaves).unwrap_or_default(), ..self.adapter }
     }
@@ -207,7 +207,9 @@ impl IghConfig {
     }
 
     pub(crate) fn startup_plan(&self) -> StartupPlan {
-        self.applied().map(|port| port.startup_plan(&self.configured())).unwrap_or_default()
+        self.applied_port()
+            .map(|port| port.startup_plan(&self.adapter_config()))
+            .unwrap_or_default()
     }
 }
 
@@ -231,7 +233,7 @@ pub fn ecan_igh_default_config(config: *mut ecan_igh_config_t) {
 #[export(call)]
 pub fn ecan_igh_check_config(config: *const ecan_igh_config_t) {
     pointers!(call, encoded(config));
-    config.configured().check().map_err(Error::from).or_code(call)
+    config.adapter_config().check().map_err(Error::from).or_code(call)
 }
 
 /// Gets the setting `ecrt` of a configuration, which selects the EtherCAT master library.
@@ -440,7 +442,7 @@ pub fn ecan_igh_config_set_dc_sync0(config: *mut ecan_igh_config_t, cycle_us: u3
 pub fn ecan_igh_config_set_dc_sync0_planned(config: *mut ecan_igh_config_t, cycle_us: u32) {
     let cycle = duration(call, "cycle_us", cycle_us)?;
     let times = |slave| config.image_times(slave);
-    let DcSync { shift, .. } = DcSync::planned_with(cycle, &config.configured(), times);
+    let DcSync { shift, .. } = DcSync::planned_with(cycle, &config.adapter_config(), times);
     let before = config.adapter.dc.unwrap_or(DcSync::new(cycle, shift));
     config.adapter.dc = (!cycle.is_zero()).then_some(DcSync { cycle, shift, ..before });
 }
@@ -463,7 +465,7 @@ pub fn ecan_igh_config_get_dc_margin(
     let Some(dc) = config.adapter.dc else {
         return Err(call.fail(ECAN_ERR_ORDER, format_args!("distributed clocks are off")));
     };
-    let plan = Plan::with_times(&config.configured(), |slave| config.image_times(slave));
+    let plan = Plan::with_times(&config.adapter_config(), |slave| config.image_times(slave));
     let arrivals = plan.output_arrivals();
     shift_ns.set(dc.shift_ns());
     margin_ns.set(arrivals.map_or(0, |arrivals| arrivals.margin_ns(dc.shift_ns())));

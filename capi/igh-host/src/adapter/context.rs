@@ -53,12 +53,12 @@ fn open(
     make: impl FnOnce(&Ecrt, AdapterConfig) -> Result<Adapter, ecan_result_t>,
 ) -> Result<(), ecan_result_t> {
     let bus = || {
-        let rust = config.configured();
+        let rust = config.adapter_config();
         // A faulty configuration is reported before the library is loaded.
         rust.check().map_err(Error::from).or_code(call)?;
         let library = library(call, config)?;
         let adapter = make(&library.ecrt, rust)?;
-        Ok(Bus::new(adapter, config.applied(), library.is_stepped))
+        Ok(Bus::new(adapter, config.applied_port(), library.is_stepped))
     };
     // SAFETY: `out` was promised that the pointer is valid for writing.
     unsafe { handle::init(call, context.as_ptr().cast(), Kind::Adapter, bus) }
@@ -251,7 +251,7 @@ pub fn ecan_igh_reconfigure(context: *mut ecan_igh_context_t, config: *const eca
         let text = format_args!("there is a Port on it: call igh_mcan_port_reconfigure");
         return Err(call.fail(ecan_result_t::ECAN_ERR_ORDER, text));
     }
-    let (startup, config) = (config.startup_plan(), config.configured());
+    let (startup, config) = (config.startup_plan(), config.adapter_config());
     let reconfigured = bus.need_adapter(call)?.reconfigure(config, startup);
     if reconfigured.as_ref().err().is_none_or(errors::has_changed) {
         bus.forget_configuration();
@@ -397,7 +397,7 @@ fn ecrt_options(config: &IghConfig) -> EcrtOptions {
 fn simulation_options(config: &IghConfig) -> ecan_lite::sim::SimOptions {
     use ecan_lite::sim::{ClockKind, SimOptions};
 
-    let last_position = config.configured().slaves.iter().map(|slave| slave.position).max();
+    let last_position = config.adapter_config().slaves.iter().map(|slave| slave.position).max();
     SimOptions {
         suggested: config.scenario.get().map(str::to_owned),
         clock: Some(if config.is_stepped { ClockKind::Stepped } else { ClockKind::Real }),

@@ -73,7 +73,7 @@ pub fn igh_mcan_port_apply_config(
     config: *const igh_mcan_port_config_t,
 ) {
     pointers!(call, encoded(config));
-    let checked = configured_port(&config, adapter.slave_count).check(&adapter.configured());
+    let checked = configured_port(&config, adapter.slave_count).check(&adapter.adapter_config());
     checked.map_err(PortError::from).or_code(call)?;
     adapter.port = Some(*config);
 }
@@ -90,7 +90,8 @@ pub fn igh_mcan_port_check_config(
     config: *const igh_mcan_port_config_t,
 ) {
     pointers!(call, encoded(igh_config), encoded(config));
-    let checked = configured_port(&config, igh_config.slave_count).check(&igh_config.configured());
+    let checked =
+        configured_port(&config, igh_config.slave_count).check(&igh_config.adapter_config());
     checked.map_err(PortError::from).or_code(call)
 }
 
@@ -655,7 +656,7 @@ pub(crate) fn enabled_channel(
     channel: u8,
 ) -> Result<&mut ChannelConfig, ecan_result_t> {
     let entry = channel_entry(call, config, slave, channel)?;
-    entry.as_mut().ok_or_else(|| not_enabled(call, slave, channel))
+    entry.as_mut().ok_or_else(|| reject_disabled(call, slave, channel))
 }
 
 pub(crate) fn channel_of(
@@ -666,11 +667,11 @@ pub(crate) fn channel_of(
 ) -> Result<&ChannelConfig, ecan_result_t> {
     let gateway = config.gateways.get(slave).ok_or_else(|| no_slave(call, slave, MAX_GATEWAYS))?;
     let entry = gateway.channels.get(usize::from(channel)).and_then(Option::as_ref);
-    entry.ok_or_else(|| not_enabled(call, slave, channel))
+    entry.ok_or_else(|| reject_disabled(call, slave, channel))
 }
 
 #[cold]
-fn not_enabled(call: Call, slave: usize, channel: u8) -> ecan_result_t {
+fn reject_disabled(call: Call, slave: usize, channel: u8) -> ecan_result_t {
     let text = format_args!("channel {channel} of slave {slave} is not enabled");
     call.fail(ECAN_ERR_CHANNEL, text)
 }

@@ -280,7 +280,8 @@ mod tests {
             let code = call("to_rust", |call| {
                 let (adapter, port) = (self.adapter.as_ptr(), self.port.as_ptr());
                 pointers!(call, encoded(adapter), encoded(port));
-                found = Some((adapter.configured(), configured_port(&port, adapter.slave_count)));
+                found =
+                    Some((adapter.adapter_config(), configured_port(&port, adapter.slave_count)));
                 Ok(())
             });
             assert_eq!(code, 0);

@@ -109,7 +109,7 @@ pub fn igh_mcan_port_reconfigure(
 ) {
     pointers!(call, encoded(igh_config), encoded(config));
     let (igh_config, config) =
-        (igh_config.configured(), configured_port(&config, igh_config.slave_count));
+        (igh_config.adapter_config(), configured_port(&config, igh_config.slave_count));
     let reconfigured = bus.need_port(call)?.reconfigure((igh_config, config));
     if reconfigured.as_ref().err().is_none_or(errors::port_has_changed) {
         bus.forget_configuration();
