@@ -12,7 +12,7 @@
 #![allow(clippy::missing_safety_doc, reason = "the header states the rules for all pointers")]
 
 mod bus;
-#[cfg(test)]
+#[cfg(all(test, feature = "sim"))]
 mod c_caller;
 mod callback;
 mod encoded;

@@ -6,8 +6,6 @@
 //! scripts/regenerate-headers.sh --check   reports stale or missing parts
 //! ```
 
-mod audit;
-mod cpp;
 mod expand;
 mod manifest;
 mod null_calls;
@@ -60,7 +58,7 @@ fn run(arguments: &Arguments) -> Result<Vec<String>, String> {
         let path = root.join(format!("capi/lib{}.map", library.name));
         files.push((path, symbols::version_script(root, library)?));
     }
-    files.push((root.join(cpp::HEADER), cpp::error_header(root)?));
+    files.push((root.join(render::CPP_HEADER), render::cpp_header(root)?));
     let path = root.join("capi/tests/every_function/null_pointers.c");
     files.push((path, null_calls::test(root)?));
     for (path, text) in files {
@@ -77,7 +75,7 @@ fn run(arguments: &Arguments) -> Result<Vec<String>, String> {
             println!("{} written", path.display());
         }
     }
-    audit::audit(root, &mut faults)?;
+    sources::audit(root, &mut faults)?;
     Ok(faults)
 }
 

@@ -1,4 +1,4 @@
-//! Rendering of a header from its template and its sections.
+//! Rendering of a C header from its template and its sections, and of the codes in the C++ header.
 
 use std::fmt::{Display, Write};
 use std::path::Path;
@@ -145,6 +145,33 @@ fn declarations(section: &Section) -> Result<String, String> {
     let mut text = Vec::new();
     bindings.map_err(|error| fault(&error))?.write(&mut text);
     String::from_utf8(text).map_err(|error| fault(&error))
+}
+
+pub const CPP_HEADER: &str = "include/ecan_lite/error.hpp";
+const CODES: &str = "capi/boundary/src/result.rs";
+const ENUMERATION: &str = "enum class errc : int {\n";
+
+/// Renders the C++ header, of which only the enumeration of the codes is generated.
+pub fn cpp_header(root: &Path) -> Result<String, String> {
+    let header = read(&root.join(CPP_HEADER))?;
+    let parts = header.split_once(ENUMERATION);
+    let parts = parts.and_then(|(before, rest)| Some((before, &rest[rest.find("};")?..])));
+    let (before, after) = parts.ok_or_else(|| format!("{CPP_HEADER}: no enumeration `errc`"))?;
+    let mut values = String::new();
+    for line in read(&root.join(CODES))?.lines() {
+        let Some((code, _)) = line.trim().split_once(" = ").filter(|(_, rest)| rest.contains("=>"))
+        else {
+            continue;
+        };
+        let name = match code.strip_prefix("ECAN_ERR_").or(code.strip_prefix("ECAN_")) {
+            // C defines NULL as a macro, and a variable may be called null.
+            Some("NULL") => "null_pointer".to_owned(),
+            Some(name) => name.to_lowercase(),
+            None => continue,
+        };
+        let _ = writeln!(values, "    {name} = {code},");
+    }
+    Ok(format!("{before}{ENUMERATION}{values}{after}"))
 }
 
 #[cfg(test)]
