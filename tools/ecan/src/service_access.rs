@@ -51,7 +51,7 @@ impl ServiceConnection {
         self.hello().access_reason.as_deref().unwrap_or("it is read-only")
     }
 
-    fn failed(&self, call: &'static str) -> impl FnOnce(ClientError) -> Error {
+    fn failure_of(&self, call: &'static str) -> impl FnOnce(ClientError) -> Error {
         move |error| self.error(call, &error)
     }
 
@@ -102,7 +102,7 @@ impl ServiceConnection {
     }
 
     fn download(&self, params: &DownloadParams) -> Result<(), Error> {
-        self.client.sdo_download(params).map_err(self.failed("ecrt_master_sdo_download"))
+        self.client.sdo_download(params).map_err(self.failure_of("ecrt_master_sdo_download"))
     }
 }
 
@@ -124,7 +124,7 @@ impl SlaveAccess for ServiceConnection {
     }
 
     fn master_info(&self) -> Result<MasterInfo, Error> {
-        let state = self.client.bus_state().map_err(self.failed("ecrt_master"))?;
+        let state = self.client.bus_state().map_err(self.failure_of("ecrt_master"))?;
         Ok(MasterInfo {
             slave_count: state.slave_count,
             link_up: state.main_link_up,
@@ -134,7 +134,7 @@ impl SlaveAccess for ServiceConnection {
     }
 
     fn master_state(&self) -> Result<MasterState, Error> {
-        let state = self.client.bus_state().map_err(self.failed("ecrt_master_state"))?;
+        let state = self.client.bus_state().map_err(self.failure_of("ecrt_master_state"))?;
         Ok(MasterState {
             slaves_responding: state.slaves_responding,
             al_states: state.al_states,
@@ -143,7 +143,7 @@ impl SlaveAccess for ServiceConnection {
     }
 
     fn link_state(&self, device: u32) -> Result<LinkState, Error> {
-        let link = self.client.link(device).map_err(self.failed("ecrt_master_link_state"))?;
+        let link = self.client.link(device).map_err(self.failure_of("ecrt_master_link_state"))?;
         Ok(LinkState {
             slaves_responding: link.slaves_responding,
             al_states: link.al_states,
@@ -153,12 +153,12 @@ impl SlaveAccess for ServiceConnection {
 
     fn slave_info(&self, position: u16) -> Result<SlaveInfo, Error> {
         let slave = self.client.slave(position);
-        slave.map(slave_info).map_err(self.failed("ecrt_master_get_slave"))
+        slave.map(slave_info).map_err(self.failure_of("ecrt_master_get_slave"))
     }
 
     fn assigned_pdos(&self, position: u16, sync: u8) -> Result<Vec<AssignedPdo>, Error> {
         let assigned = self.client.assigned_pdos(position, sync);
-        let assigned = assigned.map_err(self.failed("ecrt_master_get_sync_manager"))?;
+        let assigned = assigned.map_err(self.failure_of("ecrt_master_get_sync_manager"))?;
         let pdos = assigned.into_iter().map(|pdo| AssignedPdo {
             index: pdo.index,
             entries: pdo
@@ -189,7 +189,7 @@ impl SlaveAccess for ServiceConnection {
             once: true,
         };
         let call = "ecrt_master_sdo_upload";
-        let read = self.client.sdo_upload(&params).map_err(self.failed(call))?;
+        let read = self.client.sdo_upload(&params).map_err(self.failure_of(call))?;
         data.fill(0);
         match data.get_mut(..read.len()) {
             Some(part) => part.copy_from_slice(&read),

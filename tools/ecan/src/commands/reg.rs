@@ -208,7 +208,7 @@ impl Service<'_> {
         match self.command(1)? {
             Answer::Done => self.reading(offset),
             Answer::Denied => self.in_engineering_mode(|| {
-                self.permitted(1)?;
+                self.check_permitted(1)?;
                 self.reading(offset)
             }),
         }
@@ -218,7 +218,7 @@ impl Service<'_> {
         self.in_engineering_mode(|| {
             self.set(1, offset.into())?;
             self.set(4, value)?;
-            self.permitted(2)?;
+            self.check_permitted(2)?;
             self.read(offset)
         })
     }
@@ -242,20 +242,20 @@ impl Service<'_> {
             self.set(2, command)?;
             match self.get(3)? {
                 0 => return Ok(Answer::Done),
-                1 => return Err(rejected("unknown offset")),
-                2 => return Err(rejected("register not in the whitelist of the gateway")),
+                1 => return Err(rejection("unknown offset")),
+                2 => return Err(rejection("register not in the whitelist of the gateway")),
                 3 => self.bus.sleep_ns(PAUSE_NS),
                 4 => return Ok(Answer::Denied),
-                other => return Err(rejected(&format!("unknown status {other}"))),
+                other => return Err(rejection(&format!("unknown status {other}"))),
             }
         }
-        Err(rejected("still busy"))
+        Err(rejection("still busy"))
     }
 
-    fn permitted(&self, command: u32) -> Result {
+    fn check_permitted(&self, command: u32) -> Result {
         match self.command(command)? {
             Answer::Done => Ok(()),
-            Answer::Denied => Err(rejected("access denied in engineering mode (0xB000:01)")),
+            Answer::Denied => Err(rejection("access denied in engineering mode (0xB000:01)")),
         }
     }
 
@@ -266,7 +266,7 @@ impl Service<'_> {
     }
 }
 
-fn rejected(reason: &str) -> Failure {
+fn rejection(reason: &str) -> Failure {
     Failure::Rejected(format!("register service: {reason}"))
 }
 

@@ -343,7 +343,7 @@ fn list_entries(index: u16, object: &Object, entries: &[&Entry], output: &Output
 mod tests {
     use super::*;
 
-    fn written(index: u16, subindex: u8, written: u64, found: u64) -> (bool, String) {
+    fn compare_written(index: u16, subindex: u8, written: u64, found: u64) -> (bool, String) {
         let path = ObjectPath { index, subindex };
         let entry = entry_of(path);
         let value = Value::Unsigned(found);
@@ -359,13 +359,13 @@ mod tests {
     fn setting_that_the_gateway_changes_is_reported() {
         let name = "0x8001:19 (MCAN Channel Config 0, Nominal bitrate)";
         let kept = format!("{name} = 250000 bit/s (0x3D090)\n");
-        assert_eq!(written(0x8001, 19, 250_000, 250_000), (false, kept));
-        let (is_changed, text) = written(0x8001, 19, 250_000, 500_000);
+        assert_eq!(compare_written(0x8001, 19, 250_000, 250_000), (false, kept));
+        let (is_changed, text) = compare_written(0x8001, 19, 250_000, 500_000);
         assert!(is_changed);
         let expected =
             format!("{name}: 250000 bit/s (0x3D090) written\n{name} = 500000 bit/s (0x7A120)\n");
         assert_eq!(text, expected);
         // The gateway answers a request in its own time.
-        assert!(!written(0xB000, 1, 1, 0).0);
+        assert!(!compare_written(0xB000, 1, 1, 0).0);
     }
 }

@@ -132,7 +132,13 @@ impl fmt::Display for SessionState {
     }
 }
 
-/// Gateways with a running cycle.
+/// Gateways with a running cycle, of this program or of the program that holds the master.
+///
+/// A program without a service runs the cycle itself, and no server in its own process. Measured with 10,000
+/// frames at 1 ms on the simulator: the transmit result and the echo of a frame arrive 2 and 3 cycles later,
+/// always. On two busy cores, through a server on another thread they arrive 3 and 4 cycles later in the median and up to 32 and
+/// 34 later, and in stepped time, where the cycle does not wait for the server, 76 later in the median. The
+/// protocol also has neither the time stamps of a gateway nor the cause of a failed verification.
 pub trait FrameLink: fmt::Debug {
     fn adapter_config(&self) -> &AdapterConfig;
 

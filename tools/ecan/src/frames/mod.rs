@@ -19,6 +19,7 @@ pub use channels::{
 };
 pub use link::{BusFrame, Event, FrameLink, Outcome, SessionState, Ticket};
 pub use options::{FrameOptions, GatewayOptions, SetupOptions, WATCHDOG};
+pub use port_link::wait_ready;
 pub use prepared::Prepared;
 pub use printer::{Destination, Printer, Screen, Style, TimedFrame};
 pub use sender::{Due, Record, Sender, TransmitTracker};

@@ -4,7 +4,7 @@ use std::time::SystemTime;
 
 use ecan_host::{AdapterConfig, Clock, Ecrt};
 use ecan_mcan_port::{
-    Port, PortConfig, PortError, Received, ReceivedView, SendError, Session, SlaveStatistics,
+    Cycle, Port, PortConfig, PortError, Received, ReceivedView, SendError, Session, SlaveStatistics,
 };
 use ecan_protocol::can::CanFrame;
 use ecan_protocol::image::ChannelStatus;
@@ -41,24 +41,39 @@ impl PortLink {
         port.profile_warnings().iter().for_each(|warning| note(format_args!("warning: {warning}")));
         let clock = port.adapter().ecrt().clock().clone();
         let mut startup = Vec::with_capacity(ARRIVALS);
-        // `None` if the user stops.
-        let ready: Result<(), Option<PortError>> =
-            port.wait_ready_with(port.startup_timeout(), |port| {
-                // Single cycles may fail; the timeout ends it all.
-                let mut cycle = port.begin_cycle();
+        let is_ready = wait_ready(
+            &mut port,
+            || interrupt.is_set(),
+            |cycle| {
                 let time_ns = clock.now_ns();
                 startup.extend(cycle.received().map(|item| arrival(time_ns, item)));
-                drop(cycle);
-                if interrupt.is_set() { Err(None) } else { Ok(()) }
-            });
-        match ready {
-            Ok(()) => {}
-            Err(None) => return Ok(None),
-            Err(Some(error)) => return Err(error),
+            },
+        )?;
+        if !is_ready {
+            return Ok(None);
         }
         real_time.set_timing(port.adapter_mut());
         let since_1970_ns = since_1970_ns(port.adapter().clock());
         Ok(Some(Self { port, startup, since_1970_ns }))
+    }
+}
+
+/// Runs cycles until the gateways are ready. Returns whether they are; `false` if the user stops first.
+pub fn wait_ready(
+    port: &mut Port,
+    is_stopped: impl Fn() -> bool,
+    mut observe: impl FnMut(&mut Cycle<'_>),
+) -> Result<bool, PortError> {
+    let ready: Result<(), Option<PortError>> =
+        port.wait_ready_with(port.startup_timeout(), |port| {
+            // Single cycles may fail; the timeout ends the startup.
+            observe(&mut port.begin_cycle());
+            if is_stopped() { Err(None) } else { Ok(()) }
+        });
+    match ready {
+        Ok(()) => Ok(true),
+        Err(None) => Ok(false),
+        Err(Some(error)) => Err(error),
     }
 }
 

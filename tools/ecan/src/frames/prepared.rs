@@ -113,12 +113,13 @@ impl<'a> Prepared<'a> {
             Some(ServiceSetup { connection, gateways }) => {
                 let has_images = options.capture.has_images();
                 let channels = planned.requested;
-                ServiceLink::start(connection, config, &gateways, channels, has_images).map(boxed)
+                ServiceLink::start(connection, config, &gateways, channels, has_images)
+                    .map(box_link)
             }
             None => real_time.apply(|line| note(line)).map_err(Failure::from).and_then(|()| {
                 let link = PortLink::start(bus.ecrt()?, config, real_time, &interrupt);
                 let link = link.map_err(|error| planned.failure(error))?;
-                Ok(link.and_then(boxed))
+                Ok(link.and_then(box_link))
             }),
         };
         let Ok(Some(link)) = started else {
@@ -133,6 +134,6 @@ impl<'a> Prepared<'a> {
     }
 }
 
-fn boxed(link: impl FrameLink + 'static) -> Option<Box<dyn FrameLink>> {
+fn box_link(link: impl FrameLink + 'static) -> Option<Box<dyn FrameLink>> {
     Some(Box::new(link))
 }

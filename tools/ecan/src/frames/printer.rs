@@ -112,7 +112,7 @@ impl Printer {
             if self.interrupt.is_set() {
                 looks += 1;
                 if looks > MAX_LOOKS {
-                    return Err(stalled(self.log));
+                    return Err(stall_failure(self.log));
                 }
             }
         }
@@ -128,7 +128,7 @@ impl Printer {
     }
 }
 
-fn stalled(log: Option<PathBuf>) -> Failure {
+fn stall_failure(log: Option<PathBuf>) -> Failure {
     let error = std::io::Error::new(ErrorKind::TimedOut, "output is stalled; frames were dropped");
     match log.filter(|path| !is_standard_stream(path)) {
         Some(path) => LogFileError::Write(path, error).into(),

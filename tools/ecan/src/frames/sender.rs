@@ -48,7 +48,7 @@ impl Record {
         self.printer().is_some_and(|printer| printer.is_over())
     }
 
-    fn sent(&mut self, due: Due, service: &Service) {
+    fn print_sent(&mut self, due: Due, service: &Service) {
         if let Self::Sent(printer) = self {
             let Due { channel, frame, .. } = due;
             let frame =
@@ -58,7 +58,7 @@ impl Record {
         }
     }
 
-    fn received(&mut self, cycle: &Cycle, service: &Service) {
+    fn print_received(&mut self, cycle: &Cycle, service: &Service) {
         let Self::Received(printer) = self else { return };
         for arrival in &cycle.arrivals {
             if let Event::Frame(frame) = arrival.event
@@ -134,15 +134,15 @@ impl Sender {
         while next.is_some() && !service.is_interrupted() && !self.record.is_over() {
             let cycle = service.begin();
             tracker.look(&cycle, service);
-            self.record.received(&cycle, service);
+            self.record.print_received(&cycle, service);
             let mut has_space = true;
             while let Some(due) = next.filter(|due| due.after_ns <= cycle.now_ns - start_ns)
                 && has_space
             {
                 match service.send(0, due.channel, &due.frame)? {
                     Some(ticket) => {
-                        tracker.taken(ticket, service);
-                        self.record.sent(due, service);
+                        tracker.add(ticket, service);
+                        self.record.print_sent(due, service);
                         next = frames.next().transpose()?;
                     }
                     // The frame and all after it wait for the next cycle, in order.
@@ -167,7 +167,7 @@ impl Sender {
         while !tracker.are_settled(service) || !tracker.controllers_are_empty(service) {
             let cycle = service.begin();
             tracker.look(&cycle, service);
-            self.record.received(&cycle, service);
+            self.record.print_received(&cycle, service);
             service.end(cycle)?;
             if service.is_interrupted() {
                 grace_ns += cycle_ns;
@@ -215,7 +215,7 @@ impl Summary {
         Self {
             frames: tracker.count(),
             sent: outcome.sent,
-            lost: outcome.lost(),
+            lost: outcome.lost_frames(),
             under_way: outcome.under_way,
             not_tried: expected.saturating_sub(tracker.count()),
             received,
@@ -320,13 +320,13 @@ impl Departures {
         is_less
     }
 
-    fn possibly_held(&self) -> u64 {
+    fn count_possibly_held(&self) -> u64 {
         (self.accepted - self.departed).min(self.capacity)
     }
 
     /// Drops the frames in the channels, as a lost gateway does. Returns how many it may have held.
     fn drop_held(&mut self) -> u64 {
-        let held = self.possibly_held();
+        let held = self.count_possibly_held();
         self.departed = self.accepted;
         held
     }
@@ -352,7 +352,7 @@ impl TransmitTracker {
     }
 
     /// Adds a frame; numbers count from 0.
-    pub fn taken(&mut self, ticket: Ticket, service: &Service) {
+    pub fn add(&mut self, ticket: Ticket, service: &Service) {
         self.open.insert(ticket, self.taken);
         self.taken += 1;
         (self.quiet_cycles, self.last_progress_ns) = (0, service.observed_ns());
@@ -448,7 +448,7 @@ impl TransmitTracker {
     pub fn close(&mut self, service: &mut Service, has_answers: bool) {
         self.is_stopped = service.is_interrupted();
         if !has_answers || !self.is_ready {
-            self.doubtful += self.departures.possibly_held();
+            self.doubtful += self.departures.count_possibly_held();
             return;
         }
         if self.departures.pending < SATURATED {
@@ -460,7 +460,7 @@ impl TransmitTracker {
         let mut count = |channel: u8| service.upload(GATEWAY, 0x9000 + u16::from(channel), 11);
         match self.channels.iter().map(&mut count).sum::<Result<u32, _>>() {
             Ok(count) => self.waiting = count.into(),
-            Err(_) => self.doubtful += self.departures.possibly_held(),
+            Err(_) => self.doubtful += self.departures.count_possibly_held(),
         }
     }
 
@@ -558,7 +558,7 @@ pub struct TransmitCounts {
 
 impl TransmitCounts {
     /// Frames not confirmed as sent.
-    pub fn lost(&self) -> u64 {
+    pub fn lost_frames(&self) -> u64 {
         self.rejected + self.waiting + self.unknown
     }
 }

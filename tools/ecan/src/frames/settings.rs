@@ -404,14 +404,14 @@ fn check(
     requirements: GatewayRequirements,
     options: &SetupOptions,
 ) -> Result {
-    let rejected = |option: &str, active: String| {
+    let rejection = |option: &str, active: String| {
         Err(Failure::Usage(format!(
             "{option} contradicts the configuration of {program}: {active}; remove the option, or \
              change the configuration of the service"
         )))
     };
     if options.config.is_some() {
-        return rejected("--config", "it has configured the gateways".to_owned());
+        return rejection("--config", "it has configured the gateways".to_owned());
     }
     if requirements.has_device_time {
         let message = format!("{program} does not carry the gateway's time stamps");
@@ -442,17 +442,17 @@ fn check(
             let Some(can) = can_config(&planned.config, gateway, channel) else { continue };
             let McanChannelConfig { nominal_bitrate, data_bitrate, fd, node_mode, .. } = can;
             if options.bitrate.is_some_and(|bitrate| bitrate != *nominal_bitrate) {
-                return rejected("--bitrate", format!("{nominal_bitrate} bit/s on can{channel}"));
+                return rejection("--bitrate", format!("{nominal_bitrate} bit/s on can{channel}"));
             }
             if options.data_bitrate.is_some_and(|rate| !fd || rate != *data_bitrate) {
                 let active = match fd {
                     true => format!("{data_bitrate} bit/s on can{channel}"),
                     false => format!("classic CAN on can{channel}"),
                 };
-                return rejected("--data-bitrate", active);
+                return rejection("--data-bitrate", active);
             }
             if requirements.is_listening && *node_mode != NodeMode::Listen {
-                return rejected("--listen-only", format!("can{channel} acknowledges frames"));
+                return rejection("--listen-only", format!("can{channel} acknowledges frames"));
             }
         }
     }

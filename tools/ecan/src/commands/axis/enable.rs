@@ -97,7 +97,7 @@ pub fn prepare(session: &mut AxisSession, permission: &PermissionArguments) -> R
     }
     if session.axis().map(AxisRef::phase) == Some(AxisPhase::Fault) {
         let failure = format!("{}: fault", session.label());
-        return Err(explained(session, &failure)?);
+        return Err(explain(session, &failure)?);
     }
     read_position(session)
 }
@@ -110,7 +110,7 @@ pub fn prepare_within(
     envelope: &Envelope,
 ) -> Result<(f64, Envelope)> {
     let start = prepare(session, permission)?;
-    let envelope = session.narrowed(envelope);
+    let envelope = session.narrow(envelope);
     let units = session.units();
     match envelope.admits(start) {
         true => Ok((start, envelope)),
@@ -128,7 +128,7 @@ pub fn enable(session: &mut AxisSession) -> Result {
     await_key(session)?;
     match begin(session) {
         // A stop by the operator needs no explanation.
-        Err(Failure::Rejected(failure)) => Err(explained(session, &failure)?),
+        Err(Failure::Rejected(failure)) => Err(explain(session, &failure)?),
         result => result,
     }
 }
@@ -219,7 +219,7 @@ pub fn await_key(session: &mut AxisSession) -> Result {
 }
 
 /// Adds the obstacles that the drive reports.
-fn explained(session: &mut AxisSession, failure: &str) -> Result<Failure> {
+fn explain(session: &mut AxisSession, failure: &str) -> Result<Failure> {
     let (label, units) = (session.label().to_owned(), session.units());
     let read = &mut |index, subindex| Ok(session.number(index, subindex));
     let report = DriveReport::read(label, units, None, read)?;

@@ -298,7 +298,7 @@ impl PositionProfile {
 
     /// The profile at rest at its position, after an interruption.
     #[must_use]
-    pub fn interrupted(&self) -> Self {
+    pub fn at_standstill(&self) -> Self {
         Self::at_rest(self.position)
     }
 }

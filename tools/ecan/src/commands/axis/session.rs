@@ -7,7 +7,7 @@ use ecan_cia402::{
     AxisCommand, AxisError, AxisPhase, AxisRef, Cia402, Cia402Config, Cia402Error, Decision,
     HomingState, InputObject, Takeover, TargetRejection, WaitReason,
 };
-use ecan_mcan_port::{Port, PortError};
+use ecan_mcan_port::Port;
 use ecan_protocol::mapping::Direction;
 use ecan_sim::ClockKind;
 use serde::Serialize;
@@ -18,7 +18,7 @@ use super::motion_watch::MotionWatch;
 use super::operator::{Operator, StopRequest};
 use super::unit::{AxisUnits, LiveOutput, LivePosition};
 use crate::context::{Context, Failure, Result, note};
-use crate::frames::{Channels, GatewayOptions, GatewayRequirements, Planned, Settings};
+use crate::frames::{Channels, GatewayOptions, GatewayRequirements, Planned, Settings, wait_ready};
 
 /// The only axis of a session.
 const AXIS: usize = 0;
@@ -133,16 +133,10 @@ impl AxisSession {
         let mut port = Port::open(bus.ecrt()?, (adapter, port_config))
             .map_err(|error| planned.failure(error))?;
         port.profile_warnings().iter().for_each(|warning| note(format_args!("warning: {warning}")));
-        let ready: Result<(), Option<PortError>> =
-            port.wait_ready_with(port.startup_timeout(), |port| {
-                // Single cycles may fail; the timeout ends it all.
-                drop(port.begin_cycle());
-                if is_stopped() { Err(None) } else { Ok(()) }
-            });
-        ready.map_err(|error| match error {
-            Some(error) => planned.failure(error),
-            None => Failure::Incomplete("stopped before the gateway was ready".to_owned()),
-        })?;
+        let is_ready = wait_ready(&mut port, is_stopped, |_| ());
+        if !is_ready.map_err(|error| planned.failure(error))? {
+            return Err(Failure::Incomplete("stopped before the gateway was ready".to_owned()));
+        }
         settings.options.real_time.set_timing(port.adapter_mut());
         let mut cia402 = Cia402::new(&port, vec![config], table)
             .map_err(|error| Failure::Usage(error.to_string()))?;
@@ -213,7 +207,7 @@ impl AxisSession {
     /// Fails if the operator pressed a key, or released the one that has to be held.
     pub fn check_key(&self) -> Result {
         let request = self.operator.as_ref().and_then(Operator::motion_request);
-        request.map_or(Ok(()), |request| Err(stopped(request)))
+        request.map_or(Ok(()), |request| Err(stop_failure(request)))
     }
 
     /// Returns whether the operator ended the command by a signal, and is not lost.
@@ -223,7 +217,7 @@ impl AxisSession {
     }
 
     /// The limits of a motion within those of the drive, which are read by the configuration.
-    pub fn narrowed(&self, envelope: &Envelope) -> Envelope {
+    pub fn narrow(&self, envelope: &Envelope) -> Envelope {
         self.axis().map_or(*envelope, |axis| {
             let period = self.cia402.target_period();
             envelope.within(axis.guard().limits(), period, velocity_factor(axis.config()))
@@ -256,16 +250,16 @@ impl AxisSession {
         let end = self.run_cycle(target)?;
         self.show(end.now_ns);
         if let Some(request) = self.operator.as_ref().and_then(Operator::stop_request) {
-            return Err(stopped(request));
+            return Err(stop_failure(request));
         }
         if let Decision::Reject(rejection) = end.decision {
-            return Err(self.rejected(rejection));
+            return Err(self.rejection(rejection));
         }
         self.check_motion(end.now_ns)?;
         Ok(end)
     }
 
-    fn rejected(&self, rejection: TargetRejection) -> Failure {
+    fn rejection(&self, rejection: TargetRejection) -> Failure {
         Failure::Rejected(format!(
             "{}: the motion guard rejected a target: {rejection}",
             self.label
@@ -361,7 +355,7 @@ impl AxisSession {
         }
     }
 
-    fn failed(&self, what: &str) -> Failure {
+    fn failure(&self, what: &str) -> Failure {
         // The command switches the drive off.
         let next = match self.axis().map(AxisRef::phase) {
             Some(AxisPhase::Holding(reason)) => match reason.remedy() {
@@ -377,7 +371,7 @@ impl AxisSession {
     pub fn check_running(&self) -> Result {
         match self.axis().map(AxisRef::phase) {
             Some(AxisPhase::Running | AxisPhase::Halted) => Ok(()),
-            _ => Err(self.failed("the motion ended")),
+            _ => Err(self.failure("the motion ended")),
         }
     }
 
@@ -387,7 +381,7 @@ impl AxisSession {
         let (node, index) = (axis.node(), axis.config().object_index(index));
         let mut waiting = self.cia402.blocking(&mut self.port, Duration::from_millis(500));
         let read = waiting.upload(node, (index, subindex));
-        read.ok().map(|data| crate::commands::node::node_client::unsigned(&data))
+        read.ok().map(|data| crate::commands::node::node_client::decode_unsigned(&data))
     }
 
     /// Stops the drive by quick stop, and waits until it is off.
@@ -504,7 +498,7 @@ impl Drop for AxisSession {
 }
 
 /// End of a motion by the operator.
-pub fn stopped(request: StopRequest) -> Failure {
+pub fn stop_failure(request: StopRequest) -> Failure {
     Failure::Incomplete(format!("stopped: {}", request.text()))
 }
 
@@ -555,7 +549,7 @@ impl Motion {
                 self.missed += 1;
                 if self.missed > PAUSE {
                     // Without targets the drive is at rest.
-                    self.profile = self.profile.interrupted();
+                    self.profile = self.profile.at_standstill();
                 }
             }
         }

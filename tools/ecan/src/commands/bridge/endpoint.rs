@@ -245,11 +245,11 @@ pub struct TransmitGate {
 }
 
 impl TransmitGate {
-    pub fn closed(lane: LaneId, endpoints: &[Endpoint]) -> Self {
+    pub fn new(lane: LaneId, endpoints: &[Endpoint]) -> Self {
         for endpoint in endpoints {
             endpoint.clients().set_accepting(false, 0);
         }
-        Self { lane, is_open: false, rejected_before: rejected(endpoints) }
+        Self { lane, is_open: false, rejected_before: count_rejected(endpoints) }
     }
 
     /// Opens or closes the gate and reports lost frames, also to their clients. `held` pending frames
@@ -266,7 +266,7 @@ impl TransmitGate {
         self.is_open = is_open;
         let lane = self.lane;
         // Before the first endpoint is closed: from then on its frames are rejected.
-        let rejected_before = rejected(endpoints);
+        let rejected_before = count_rejected(endpoints);
         let waiting: usize = endpoints
             .iter()
             .map(|endpoint| endpoint.clients().set_accepting(is_open, time_ns))
@@ -281,7 +281,7 @@ impl TransmitGate {
             }
             return;
         }
-        let rejected = rejected(endpoints) - self.rejected_before;
+        let rejected = count_rejected(endpoints) - self.rejected_before;
         if rejected > 0 {
             note(format_args!(
                 "# {lane}: {rejected} client frames rejected: channel not available"
@@ -290,7 +290,7 @@ impl TransmitGate {
     }
 }
 
-fn rejected(endpoints: &[Endpoint]) -> u64 {
+fn count_rejected(endpoints: &[Endpoint]) -> u64 {
     endpoints.iter().map(|endpoint| endpoint.clients().statistics().discarded).sum()
 }
 

@@ -46,7 +46,7 @@ impl Lane {
             is_listening,
             waiting: None,
             turns: RoundRobin::default(),
-            gate: TransmitGate::closed(id, &endpoints),
+            gate: TransmitGate::new(id, &endpoints),
             events: ChannelEvents::default(),
             lost_connections: endpoints.iter().map(|_| Default::default()).collect(),
             moved_ns: 0,

@@ -97,7 +97,7 @@ pub fn run(arguments: &InfoArguments, context: &Context) -> Result {
 
 fn read(client: &mut NodeClient, names: &ObjectNames) -> Result<Info> {
     // Mandatory: without it the node is not reached.
-    let device_type = super::node_client::unsigned(&client.upload(object::DEVICE_TYPE, 0)?);
+    let device_type = super::node_client::decode_unsigned(&client.upload(object::DEVICE_TYPE, 0)?);
     let (vendor_id, product_code) =
         (client.number(object::IDENTITY, 1)?, client.number(object::IDENTITY, 2)?);
     let mut consumed = Vec::new();

@@ -218,7 +218,7 @@ fn command_one(command: Command, client: &mut NodeClient, timeout: Duration) -> 
     // A node in the state stopped answers none of these.
     let period = client.try_upload(object::PRODUCER_HEARTBEAT, 0)?.ok();
     let answers = period.is_some();
-    let period_ms = period.map_or(0, |data| super::node_client::unsigned(&data));
+    let period_ms = period.map_or(0, |data| super::node_client::decode_unsigned(&data));
     let may_guard = answers && period_ms == 0 && !has_life_guarding(client)?;
     client.forget_state();
     let request = NmtRequest { command: command.command(), node: Some(target.node) };

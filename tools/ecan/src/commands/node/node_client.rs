@@ -130,7 +130,7 @@ impl NodeClient {
                     self.cycle(|_| ())?;
                     let place = (self.request.gateway, self.request.target.channel);
                     if self.link.is_stalled(place) {
-                        return Err(self.link.stalled(place));
+                        return Err(self.link.stall_failure(place));
                     }
                 }
                 Sdo::Done { .. } => return Ok(Ok(self.request.client.data().to_vec())),
@@ -178,7 +178,7 @@ impl NodeClient {
     /// # Errors
     /// The node does not answer.
     pub fn number(&mut self, index: u16, subindex: u8) -> Result<Option<u64>> {
-        Ok(self.upload_optional(index, subindex)?.map(|data| unsigned(&data)))
+        Ok(self.upload_optional(index, subindex)?.map(|data| decode_unsigned(&data)))
     }
 
     /// Writes an object.
@@ -216,6 +216,6 @@ pub fn note_state(observed: &Observed, node: NodeId, state: &mut Option<NmtState
 }
 
 /// The little-endian number of these bytes; those beyond 8 are left out.
-pub fn unsigned(data: &[u8]) -> u64 {
+pub fn decode_unsigned(data: &[u8]) -> u64 {
     data.iter().take(8).rev().fold(0, |number, byte| number << 8 | u64::from(*byte))
 }

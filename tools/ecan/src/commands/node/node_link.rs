@@ -300,7 +300,7 @@ impl NodeLink {
     }
 
     /// Error of a channel that accepts no frame.
-    pub fn stalled(&self, (gateway, channel): Place) -> Failure {
+    pub fn stall_failure(&self, (gateway, channel): Place) -> Failure {
         let position = self.service.position(gateway);
         Failure::Rejected(format!(
             "slave {position} accepts no more frames for can{channel}: no node acknowledges them; \

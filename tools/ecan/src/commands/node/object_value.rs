@@ -8,7 +8,7 @@ use ecan_canopen::{
 };
 use serde_json::Value;
 
-use super::node_client::unsigned;
+use super::node_client::decode_unsigned;
 use super::objects::ObjectKey;
 
 /// Bytes of an object, with its type if it is known.
@@ -24,7 +24,7 @@ impl ObjectValue {
     pub fn new(bytes: Vec<u8>, data_type: Option<DataType>) -> Self {
         let typed = data_type.and_then(|data_type| data_type.decode(&bytes).ok());
         let value = typed.unwrap_or_else(|| match bytes.len() {
-            1..=8 => DataValue::Unsigned(unsigned(&bytes)),
+            1..=8 => DataValue::Unsigned(decode_unsigned(&bytes)),
             _ => DataValue::Bytes(bytes.clone()),
         });
         Self { bytes, value }
@@ -57,7 +57,7 @@ impl ObjectValue {
     /// Meaning of the value of an object of CiA 301 or CiA 402; of drives with several axes also of
     /// the second and further ones (offset 0x800).
     pub fn meaning(&self, (index, subindex): ObjectKey) -> Option<String> {
-        let number = unsigned(&self.bytes);
+        let number = decode_unsigned(&self.bytes);
         let index = match index {
             0x6800..=0x9FFF => 0x6000 + (index - 0x6000) % 0x800,
             index => index,

@@ -11,7 +11,7 @@ use ecan_canopen::{NmtState, NodeId, Sdo, SdoFault, object};
 use serde::Serialize;
 
 use super::bit_rate_search;
-use super::node_client::{requirements, unsigned};
+use super::node_client::{decode_unsigned, requirements};
 use super::node_link::{NodeLink, SdoRequest};
 use super::node_target::NodeTarget;
 use super::object_value::DeviceType;
@@ -357,7 +357,7 @@ fn take_value(found: &mut FoundNode, stage: usize, data: &[u8]) {
     if data.is_empty() {
         return;
     }
-    let number = Some(unsigned(data) as u32);
+    let number = Some(decode_unsigned(data) as u32);
     match INQUIRY.get(stage) {
         Some((object::DEVICE_TYPE, _)) => found.device_type = number,
         Some((object::IDENTITY, 1)) => found.vendor_id = number,

@@ -11,7 +11,7 @@ use ecan_canopen::{
 };
 use serde::Serialize;
 
-use crate::commands::node::node_client::{NodeClient, start, unsigned};
+use crate::commands::node::node_client::{NodeClient, decode_unsigned, start};
 use crate::commands::node::node_link::NodeLink;
 use crate::commands::node::node_target::NodeTarget;
 use crate::context::{Context, Failure, Result};
@@ -132,7 +132,7 @@ impl LssClient {
                     self.node.link.cycle_lss(self.channel, &mut self.master)?;
                     let place = (0, self.channel);
                     if self.link().is_stalled(place) {
-                        return Err(self.node.link.stalled(place));
+                        return Err(self.node.link.stall_failure(place));
                     }
                 }
                 Lss::Done(result) => return Ok(Ok(result)),
@@ -175,7 +175,7 @@ impl LssClient {
         let place = (0, self.channel);
         match self.link().check_alive(place) {
             true => Ok(()),
-            false => Err(self.node.link.stalled(place)),
+            false => Err(self.node.link.stall_failure(place)),
         }
     }
 
@@ -258,7 +258,7 @@ fn read_address(client: &mut LssClient, node: NodeId) -> Result<LssAddress> {
     client.node.set_target(NodeTarget { channel, node });
     let mut part = |subindex| -> Result<u32> {
         let data = client.node.upload(object::IDENTITY, subindex)?;
-        Ok(unsigned(&data) as u32)
+        Ok(decode_unsigned(&data) as u32)
     };
     Ok(LssAddress { vendor: part(1)?, product: part(2)?, revision: part(3)?, serial: part(4)? })
 }
