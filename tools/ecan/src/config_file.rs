@@ -46,6 +46,13 @@ pub fn resolve(file: &Config, bus: &Bus) -> Result<Vec<ResolvedGateway>> {
     Ok(resolved)
 }
 
+/// Opens the bus of a file and finds its gateways: all, or the selected one.
+pub fn open_gateways(file: &Config, context: &Context) -> Result<(Bus, Vec<ResolvedGateway>)> {
+    let bus = open_bus(file, context, ClockKind::Stepped)?;
+    let resolved = resolve(file, &bus)?;
+    Ok((bus, resolved))
+}
+
 pub fn resolve_failure(fault: ResolveError) -> Failure {
     match fault {
         ResolveError::Device(error) => Failure::Device(error),

@@ -36,6 +36,11 @@ pub fn print_with_titles<T, const N: usize>(
     print(out, titles.into_iter().chain(items.into_iter().map(row)), |row| row)
 }
 
+/// Text of a value in a table, `-` without one.
+pub fn or_dash(value: Option<impl ToString>) -> String {
+    value.map_or_else(|| "-".to_owned(), |value| value.to_string())
+}
+
 #[cfg(test)]
 mod tests {
     #[test]

@@ -1,4 +1,4 @@
-//! The program `ecan` run as a user runs it, on simulated buses.
+//! The programs `ecan` and `ecan-sim` run as a user runs them, on simulated buses.
 #![allow(missing_docs, clippy::disallowed_macros, clippy::disallowed_methods)]
 
 mod support;
@@ -14,6 +14,8 @@ mod config_schema;
 mod crowd;
 mod diagnosis;
 mod dump;
+#[path = "../ecan_sim/mod.rs"]
+mod ecan_sim;
 mod every_command;
 mod fake_ethercat;
 mod firmware;

@@ -1,3 +1,8 @@
+//! Errors of `ecan-sim` with their exit statuses, and its output.
+
+use std::fmt::Display;
+use std::io;
+use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use ecan_host::RealTimeError;
@@ -5,9 +10,11 @@ use ecan_protocol::text::Printable;
 use ecan_sim::BackendError;
 use ecan_tool_support::command_line::interrupt::InterruptError;
 use ecan_tool_support::command_line::log_file::LogFileError;
+use ecan_tool_support::command_line::screen::{CleanWriter, Stream};
+use ecan_tool_support::{print_error_line, print_line};
 use thiserror::Error;
 
-use crate::wire::{InterfaceError, SocketError};
+use crate::packet_socket::{InterfaceError, SocketError};
 
 /// Exit statuses, with the numbers of `ecan`.
 pub const EXIT_STATUS: &str = "\
@@ -61,5 +68,35 @@ impl Failure {
             | Self::Json(_) => 6,
             Self::Interrupt(_) | Self::RealTime(_) => 7,
         }
+    }
+}
+
+/// Stream of the messages: standard output, or standard error if standard output carries data.
+/// Write errors are ignored, so that a closed pipe does not end the program.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Screen {
+    Output,
+    OutputIsData,
+}
+
+impl Screen {
+    pub fn line(self, line: impl Display) {
+        match self {
+            Self::Output => print_line!("{line}"),
+            Self::OutputIsData => print_error_line!("{line}"),
+        }
+    }
+
+    pub fn error(error: &dyn Display) {
+        print_error_line!("ecan-sim: {error}");
+    }
+}
+
+/// Prints data on standard output. A closed pipe is not an error.
+pub fn print(data: &[u8]) -> Result<(), Failure> {
+    let mut output = CleanWriter::new(Stream::Output);
+    match output.write_all(data).and_then(|()| output.flush()) {
+        Err(error) if error.kind() != io::ErrorKind::BrokenPipe => Err(Failure::Output(error)),
+        _ => Ok(()),
     }
 }

@@ -7,11 +7,12 @@
 //! ```
 #![forbid(unsafe_code)]
 
-mod documents;
 mod failure;
-mod firmware;
-mod screen;
-mod variants;
+mod frame_prediction;
+mod offline;
+mod packet_socket;
+mod report;
+mod server;
 mod wire;
 
 use std::path::PathBuf;
@@ -35,9 +36,9 @@ struct Arguments {
 #[derive(Debug, Subcommand)]
 enum Command {
     /// Simulate gateways on a network interface for any EtherCAT master.
-    Wire(wire::WireArguments),
-    Firmware(firmware::FirmwareArguments),
-    Variants(variants::VariantsArguments),
+    Wire(server::WireArguments),
+    Firmware(offline::FirmwareArguments),
+    Variants(offline::VariantsArguments),
     /// Print a completion script for a shell
     Completions {
         /// Shell
@@ -55,19 +56,15 @@ fn main() -> ExitCode {
     arguments.log.start();
     let outcome = match &arguments.command {
         Command::Wire(arguments) => wire::run(arguments),
-        Command::Firmware(arguments) => firmware::run(arguments),
-        Command::Variants(arguments) => variants::run(arguments),
-        Command::Completions { shell } => {
-            documents::print_completions(Arguments::command(), *shell)
-        }
-        Command::Man { directory } => {
-            documents::write_manual_pages(Arguments::command(), directory)
-        }
+        Command::Firmware(arguments) => offline::write_firmware(arguments),
+        Command::Variants(arguments) => offline::list_variants(arguments),
+        Command::Completions { shell } => offline::print_completions(Arguments::command(), *shell),
+        Command::Man { directory } => offline::write_manual_pages(Arguments::command(), directory),
     };
     match outcome {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            screen::Screen::error(&error);
+            failure::Screen::error(&error);
             ExitCode::from(error.status())
         }
     }

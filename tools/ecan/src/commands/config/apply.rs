@@ -12,10 +12,10 @@ use ecan_protocol::text::Printable;
 use ecan_sim::ClockKind;
 use serde::Serialize;
 
-use crate::config_file;
 use crate::context::{Context, Failure, Output, Result, Tone};
-use crate::reconfiguration::{self, ConfigText, ReadyGateway, Report};
+use crate::reconfiguration::{ConfigText, ReadyGateway, Report};
 use crate::service_access::ServiceConnection;
+use crate::{config_file, reconfiguration};
 
 #[derive(Debug, Serialize)]
 struct Applied {
@@ -52,11 +52,11 @@ pub fn run(path: &Path, with_steps: bool, context: &Context) -> Result {
     let mut applied: Vec<_> = resolved.into_iter().map(Applied::nothing).collect();
     let failed = write_all(bus.diagnostics(), &file, &mut applied).err();
     context.output.data(&applied, |out| {
-        applied.iter().try_for_each(|it| it.print(path, with_steps, &context.output, out))
+        applied.iter().try_for_each(|applied| applied.print(path, with_steps, &context.output, out))
     })?;
     match failed {
         Some(failure) => Err(failure),
-        None if applied.iter().all(|it| it.lacking.is_empty()) => Ok(()),
+        None if applied.iter().all(|applied| applied.lacking.is_empty()) => Ok(()),
         None => Err(Failure::ProblemsFound),
     }
 }

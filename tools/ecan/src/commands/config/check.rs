@@ -7,8 +7,7 @@ use std::path::Path;
 use ecan_lite::config::{
     ConfigFileError, DeviceProfile, FileFault, IncludedProfile, load, load_profiles,
 };
-use ecan_mcan_port::Config;
-use ecan_mcan_port::{ChannelConfig, GatewayConfig, PortPlan};
+use ecan_mcan_port::{ChannelConfig, Config, GatewayConfig, PortPlan};
 use ecan_protocol::can::{
     BitTiming, MCAN_CLOCK_HZ, Phase, SamplePoint, sample_point_range, vendor_driver_timing,
 };
@@ -207,7 +206,7 @@ fn of_file(file: &Config, profiles: &[IncludedProfile]) -> Checked {
             .map(|(index, (slave, gateway))| Gateway {
                 alias: slave.alias,
                 position: slave.position,
-                profile: profiles.iter().find(|it| it.gateway == index).map(Profile::of),
+                profile: profiles.iter().find(|profile| profile.gateway == index).map(Profile::of),
                 channel_mask: gateway.channel_mask(),
                 images: vec![
                     image(gateway, Direction::RxPdo, slave.rx_multiplier),

@@ -1,14 +1,18 @@
-//! `ecan config export`: startup list for other masters (manual 5.4.3, 5.4.5).
+//! `ecan config export` and `ecan config diff`: startup list for other masters (manual 5.4.3, 5.4.5), and comparison
+//! of the gateways with a file.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueEnum};
-use ecan_host::StartupStep;
+use ecan_host::{Expectation, StartupStep};
 use ecan_lite::config::export::{Format, SlaveAddress, export};
+use ecan_lite::config::{Difference, Expected, ResolvedGateway, differences};
 use serde::Serialize;
 
+use crate::commands::serve;
 use crate::config_file;
-use crate::context::{Context, Failure, Result};
+use crate::context::{Context, Failure, Result, Tone, note};
+use crate::frames::GatewayRequirements;
 
 #[derive(Debug, Args)]
 pub struct ExportArguments {
@@ -68,7 +72,7 @@ impl From<&StartupStep> for Step {
     }
 }
 
-pub fn run(arguments: &ExportArguments, context: &Context) -> Result {
+pub fn export_steps(arguments: &ExportArguments, context: &Context) -> Result {
     context.global.without_slave("use --gateway to select a gateway of the file")?;
     if context.global.json && arguments.format.is_some() {
         return Err(Failure::Usage("--json and --format exclude each other".to_owned()));
@@ -96,4 +100,111 @@ pub fn run(arguments: &ExportArguments, context: &Context) -> Result {
         let list = export(arguments.format.unwrap_or(ListFormat::Csv).into(), &steps, address);
         out.write_all(list.as_bytes())
     })
+}
+
+#[derive(Debug, Serialize)]
+struct Compared {
+    position: usize,
+    gateway: usize,
+    /// `None` if not read because this or another gateway failed.
+    differences: Option<Vec<Differing>>,
+    error: Option<String>,
+}
+
+/// A value, or the condition of a readback.
+#[derive(Debug, Serialize)]
+#[serde(untagged)]
+enum FileValue {
+    Value(u64),
+    Condition(String),
+}
+
+impl From<Expected> for FileValue {
+    fn from(expected: Expected) -> Self {
+        match expected {
+            Expected::Value(value) => Self::Value(value.into()),
+            Expected::Readback(Expectation::Equals(value)) => Self::Value(value),
+            Expected::Readback(_) | Expected::Loaded => Self::Condition(expected.to_string()),
+        }
+    }
+}
+
+#[derive(Debug, Serialize)]
+struct Differing {
+    index: u16,
+    subindex: u8,
+    filter: Option<u8>,
+    file: FileValue,
+    /// `None` if the device lacks the entry.
+    device: Option<u32>,
+    is_set_at_start: bool,
+    #[serde(skip)]
+    words: String,
+}
+
+impl From<Difference> for Differing {
+    fn from(difference: Difference) -> Self {
+        let words = difference.to_string();
+        let Difference { index, subindex, filter, expected, found, is_set_at_start } = difference;
+        let file = expected.into();
+        Self { index, subindex, filter, file, device: found, is_set_at_start, words }
+    }
+}
+
+pub fn compare(path: &Path, counts_active: bool, context: &Context) -> Result {
+    let mut file = config_file::read(path)?;
+    let (bus, resolved) = config_file::open_gateways(&file, context)?;
+    if bus.service().is_some_and(|connection| serve::keeps_gateways(connection.hello())) {
+        let requirements = GatewayRequirements::of_service();
+        file.port.gateways.iter_mut().for_each(|gateway| requirements.apply(gateway));
+    }
+    let mut compared = Vec::new();
+    let mut failed = None;
+    for ResolvedGateway { gateway, slave: position } in resolved {
+        let mut comparison = Compared { position, gateway, differences: None, error: None };
+        if failed.is_none() {
+            match differences(
+                bus.diagnostics(),
+                position,
+                &ecan_lite::config::startup(&file, gateway),
+            ) {
+                Ok(found) => {
+                    comparison.differences = Some(found.into_iter().map(Differing::from).collect());
+                }
+                Err(error) => {
+                    comparison.error = Some(error.to_string());
+                    failed = Some(Failure::Device(error));
+                }
+            }
+        }
+        compared.push(comparison);
+    }
+    let counts = |differing: &&Differing| counts_active || !differing.is_set_at_start;
+    context.output.data(&compared, |out| {
+        for Compared { position, differences, error, .. } in &compared {
+            let Some(differences) = differences else {
+                let why = error.as_deref().unwrap_or("skipped");
+                let words = context.output.toned(Tone::Bad, format_args!("not compared: {why}"));
+                writeln!(out, "slave {position}: {words}")?;
+                continue;
+            };
+            for Differing { words, .. } in differences.iter().filter(counts) {
+                writeln!(out, "slave {position}: {}", context.output.toned(Tone::Bad, words))?;
+            }
+        }
+        Ok(())
+    })?;
+    let all = || compared.iter().filter_map(|compared| compared.differences.as_ref()).flatten();
+    let (counted, total) = (all().filter(counts).count(), all().count());
+    if total > counted {
+        note(format_args!(
+            "{} entries that the master writes at each start differ too (shown with --active)",
+            total - counted
+        ));
+    }
+    match failed {
+        Some(failure) => Err(failure),
+        None if counted == 0 => Ok(()),
+        None => Err(Failure::ProblemsFound),
+    }
 }

@@ -77,8 +77,8 @@ pub fn run(
 
 fn gateways(arguments: &FlashArguments, context: &Context) -> Result<(Bus, Vec<usize>)> {
     if let Some(path) = &arguments.file {
-        let (bus, resolved) = super::open_gateways(&config_file::read(path)?, context)?;
-        return Ok((bus, resolved.into_iter().map(|it| it.slave).collect()));
+        let (bus, resolved) = config_file::open_gateways(&config_file::read(path)?, context)?;
+        return Ok((bus, resolved.into_iter().map(|resolved| resolved.slave).collect()));
     }
     let bus = context.bus()?;
     let Recognised { gateways, unknown } = bus.one_or_all(arguments.all.all)?;
@@ -89,7 +89,7 @@ fn gateways(arguments: &FlashArguments, context: &Context) -> Result<(Bus, Vec<u
 }
 
 fn failure(error: MaintenanceError, position: usize, bus: &Bus) -> Failure {
-    let cycle = bus.service().filter(|it| it.hello().cycle_ns.is_some());
+    let cycle = bus.service().filter(|connection| connection.hello().cycle_ns.is_some());
     match (error, cycle) {
         (MaintenanceError::Device(error), _) => Failure::Device(error),
         (error @ MaintenanceError::Status(MaintenanceStatus::Denied), Some(connection)) => {

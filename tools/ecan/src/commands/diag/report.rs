@@ -1,19 +1,28 @@
+//! Report of a gateway, and its text.
+
+use std::collections::BTreeMap;
+use std::fmt::Display;
+use std::io::Write;
+
 use ecan_protocol::device::AlStatusCode;
 use ecan_protocol::image::{ChannelState, ChannelStatus};
 use ecan_protocol::mapping::CHANNELS;
 use ecan_protocol::object::lookup;
+use ecan_protocol::text::Printable;
 use ecan_tool_support::diagnosis::registers::{
     ErrorCounters, EventFifoStatus, HighPriorityStatus, Interrupts, ProtocolStatus,
     ReceiveFifoStatus, TransmitQueueStatus,
 };
-use ecan_tool_support::diagnosis::{Finding, Snapshot, findings, flag_names};
+use ecan_tool_support::diagnosis::{Finding, ObjectKey, Severity, Snapshot, findings, flag_names};
 use serde::Serialize;
 
 use super::bundle::Bundle;
+use crate::context::{Output, Tone};
+use crate::table;
 
-/// Report of a gateway. A missing value is `None`, not zero.
+/// DiagnosisReport of a gateway. A missing value is `None`, not zero.
 #[derive(Debug, Serialize)]
-pub(super) struct Report<'a> {
+pub(super) struct DiagnosisReport<'a> {
     pub(super) position: u16,
     pub(super) state: String,
     pub(super) has_error_flag: bool,
@@ -93,18 +102,19 @@ impl Channel {
         state == Some(ChannelState::Disabled)
             && !self.has_rejected
             && counts.into_iter().flatten().all(|count| count == 0)
-            && self.error_counters.is_none_or(|it| it == ErrorCounters::from_raw(0))
+            && self.error_counters.is_none_or(|counters| counters == ErrorCounters::from_raw(0))
     }
 }
 
-impl<'a> Report<'a> {
+impl<'a> DiagnosisReport<'a> {
     pub(super) fn new(bundle: &'a Bundle) -> Self {
         let snapshot = &bundle.snapshot;
         Self {
             position: snapshot.position,
-            state: snapshot
-                .state()
-                .map_or_else(|| format!("state 0x{:02X}", snapshot.al_state), |it| it.to_string()),
+            state: snapshot.state().map_or_else(
+                || format!("state 0x{:02X}", snapshot.al_state),
+                |state| state.to_string(),
+            ),
             has_error_flag: snapshot.has_error_flag,
             al_status: snapshot.al_status_code.map(|code| AlStatusCode(code).to_string()),
             directions: [("TxPDO", 0x8010, 0x1C13), ("RxPDO", 0x8011, 0x1C12)]
@@ -124,10 +134,10 @@ impl<'a> Report<'a> {
     }
 }
 
-impl Report<'_> {
+impl DiagnosisReport<'_> {
     /// Returns whether no profile is active in either direction.
     pub(super) fn has_no_profile(&self) -> bool {
-        let is_inactive = |it: &Direction| it.active_bytes == Some(0);
+        let is_inactive = |direction: &Direction| direction.active_bytes == Some(0);
         !self.directions.is_empty() && self.directions.iter().all(is_inactive)
     }
 }
@@ -204,4 +214,186 @@ fn performance(snapshot: &Snapshot) -> Vec<Measured> {
         Some(Measured { subindex, name: entry.name, value, us })
     };
     (1..=13).filter_map(measured).collect()
+}
+
+type Written = std::io::Result<()>;
+
+pub(super) fn print(
+    report: &DiagnosisReport,
+    is_brief: bool,
+    output: &Output,
+    out: &mut dyn Write,
+) -> Written {
+    heading(report, out)?;
+    let rejected = &report.bundle.snapshot.rejected;
+    if !is_brief {
+        print_directions(report, out)?;
+        if report.channels.is_empty() {
+            writeln!(out, "\nchannels: {NOT_READ}")?;
+        }
+        // Unused channels take one line each, without gaps.
+        let mut follows_quiet = false;
+        for channel in &report.channels {
+            if !(follows_quiet && channel.is_quiet()) {
+                writeln!(out)?;
+            }
+            follows_quiet = channel.is_quiet();
+            print_channel(channel, out)?;
+        }
+        print_performance(report, out)?;
+        print_rejected(rejected, out)?;
+        writeln!(out)?;
+    }
+    if report.findings.is_empty() {
+        write!(out, "{}", output.toned(Tone::Good, "no findings"))?;
+        return match rejected.len() {
+            0 => writeln!(out),
+            1 => writeln!(out, "; 1 entry was not read"),
+            more => writeln!(out, "; {more} entries were not read"),
+        };
+    }
+    report.findings.iter().try_for_each(|finding| print_finding(finding, output, out))
+}
+
+fn heading(report: &DiagnosisReport, out: &mut dyn Write) -> Written {
+    let gateway = &report.bundle.gateway;
+    write!(out, "slave {}, {}", report.position, report.state)?;
+    if report.has_error_flag {
+        write!(out, " with error flag")?;
+    }
+    let firmware = gateway.firmware.as_deref().filter(|text| !text.is_empty());
+    let (firmware, serial) = (or_not_read(firmware.map(Printable)), or_not_read(gateway.serial));
+    writeln!(out, ", {}, firmware {firmware}, serial {serial}", Printable(&gateway.name))?;
+    writeln!(out, "AL status code: {}", or_not_read(report.al_status.as_deref()))?;
+    writeln!(out, "diagnostic flags: {}", listed(report.flags.as_deref()))
+}
+
+const NOT_READ: &str = "not read";
+
+fn or_not_read(value: Option<impl Display>) -> String {
+    value.map_or_else(|| NOT_READ.to_owned(), |value| value.to_string())
+}
+
+fn listed(names: Option<&[&str]>) -> String {
+    match names {
+        None => NOT_READ.to_owned(),
+        Some([]) => "none".to_owned(),
+        Some(names) => names.join(", "),
+    }
+}
+
+fn print_directions(report: &DiagnosisReport, out: &mut dyn Write) -> Written {
+    if report.directions.is_empty() {
+        return writeln!(out, "\nprocess data: {NOT_READ}");
+    }
+    let titles = ["", "BYTES", "ASSIGNED", "STATUS", "LAST ERROR", "ERRORS", "OVERFLOWS"];
+    let status = |raw: Option<u32>, name: Option<&str>| {
+        or_not_read(raw.zip(name).map(|(raw, name)| format!("{raw} {name}")))
+    };
+    writeln!(out)?;
+    table::print_with_titles(out, titles, &report.directions, |direction| {
+        [
+            direction.name.to_owned(),
+            match direction.active_bytes {
+                Some(0) => "not active".to_owned(),
+                bytes => or_not_read(bytes),
+            },
+            or_not_read(direction.assigned_chunks.map(|chunks| format!("{chunks} chunks"))),
+            status(direction.status, direction.status_words),
+            status(direction.last_error, direction.last_error_words),
+            or_not_read(direction.errors),
+            or_not_read(direction.overflows),
+        ]
+    })
+}
+
+/// A count, its text, and its name for a missing value.
+type Count<'a> = (Option<u32>, &'a dyn Fn(u32) -> String, &'a str);
+
+fn counts<const N: usize>(counts: [Count<'_>; N]) -> String {
+    let texts =
+        counts.map(|(count, text, name)| count.map_or_else(|| format!("{name} {NOT_READ}"), text));
+    texts.join(", ")
+}
+
+fn print_channel(channel: &Channel, out: &mut dyn Write) -> Written {
+    let status = match &channel.status_words {
+        Some(text) => text.clone(),
+        None => format!("status {NOT_READ}"),
+    };
+    writeln!(out, "CAN{}  {status}", channel.channel)?;
+    if channel.is_quiet() {
+        return Ok(());
+    }
+    let interrupts = listed(channel.interrupts.as_deref());
+    let counters = counts([
+        (channel.rx_dropped, &|n| format!("{n} received dropped"), "received dropped"),
+        (channel.tx_backpressure, &|n| format!("{n} TX backpressure"), "TX backpressure"),
+        (channel.bus_off_count, &|n| format!("{n} bus-off"), "bus-off"),
+    ]);
+    let path = [
+        counts([
+            (channel.cache_dropped, &|n| format!("RX cache dropped {n}"), "RX cache dropped"),
+            (channel.cache_watermark, &|n| format!("peak {n}"), "peak"),
+        ]),
+        counts([
+            (channel.tx_fifo_full, &|n| format!("TX FIFO full {n} times"), "TX FIFO full"),
+            (channel.tx_stale, &|n| format!("{n} stale"), "stale"),
+        ]),
+        counts([
+            (channel.degraded, &|n| format!("degraded 0x{n:X}"), "degraded"),
+            (channel.last_error, &|n| format!("last error {n}"), "last error"),
+        ]),
+    ];
+    let rows = [
+        ["  ECR", &or_not_read(channel.error_counters)],
+        ["  PSR", &or_not_read(channel.protocol)],
+        ["  IR", &interrupts],
+        ["  RXF0S", &or_not_read(channel.fifo0)],
+        ["  RXF1S", &or_not_read(channel.fifo1)],
+        ["  TXFQS", &or_not_read(channel.transmit)],
+        ["  TXEFS", &or_not_read(channel.events)],
+        ["  HPMS", &or_not_read(channel.high_priority)],
+        ["  counters", &counters],
+        ["  data path", &path.join("; ")],
+    ];
+    table::print(out, rows, |row| row.map(str::to_owned))
+}
+
+fn print_performance(report: &DiagnosisReport, out: &mut dyn Write) -> Written {
+    if report.performance.is_empty() && report.has_no_profile() {
+        return writeln!(out, "\ncycle performance (0x9011): no profile is active");
+    }
+    if report.performance.is_empty() {
+        return writeln!(out, "\ncycle performance (0x9011): {NOT_READ}");
+    }
+    writeln!(out, "\ncycle performance (0x9011)")?;
+    table::print(out, &report.performance, |measured| {
+        let us = measured.us.map_or_else(String::new, |us| format!("{us:.1} us"));
+        [format!("  {}", measured.name), measured.value.to_string(), us]
+    })
+}
+
+/// Entries that this firmware does not have.
+fn print_rejected(rejected: &BTreeMap<ObjectKey, String>, out: &mut dyn Write) -> Written {
+    if rejected.is_empty() {
+        return Ok(());
+    }
+    writeln!(out, "\n{NOT_READ}")?;
+    rejected.iter().try_for_each(|(key, why)| writeln!(out, "  {key}  {why}"))
+}
+
+fn print_finding(finding: &Finding, output: &Output, out: &mut dyn Write) -> Written {
+    let (tone, word) = match finding.severity {
+        Severity::Fault => (Tone::Bad, "fault"),
+        Severity::Warning => (Tone::Warning, "warning"),
+    };
+    let word = output.toned(tone, word);
+    writeln!(out, "{word} [{}] {}: {}", finding.id, finding.location, finding.what)?;
+    for (number, cause) in (1..).zip(&finding.causes) {
+        let label = if number == 1 { "causes" } else { "      " };
+        writeln!(out, "  {label} {number}. {cause}")?;
+    }
+    writeln!(out, "  next   {}", finding.next)?;
+    writeln!(out, "  {}", output.toned(Tone::Faint, format!("manual {}", finding.chapter)))
 }

@@ -2,10 +2,9 @@
 
 use ecan_sim::{Backend, ClockKind, SimOptions};
 
+use super::channel_filters::{ChannelFilters, Kind, RawFilter};
 use crate::bus::Bus;
 use crate::failure::Failure;
-
-use super::channel_filters::{ChannelFilters, Kind, RawFilter};
 
 fn simulated() -> (Backend, Bus) {
     let options = SimOptions { clock: Some(ClockKind::Stepped), ..SimOptions::default() };

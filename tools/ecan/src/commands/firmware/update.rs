@@ -5,9 +5,8 @@ use std::time::Duration;
 use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
 
-use super::gateways::{Gateways, Running, reason_against};
-use super::package::FirmwareFile;
-use super::rejection::{Cause, Rejection};
+use super::access::{Gateways, Running, reason_against};
+use super::package::{Cause, FirmwareFile, Rejection};
 use crate::context::{Failure, Result};
 use crate::ethercat_tool::SlaveEntry;
 
@@ -46,7 +45,7 @@ pub enum Outcome {
 }
 
 #[derive(Clone, Debug, Serialize)]
-pub struct Report {
+pub struct GatewayUpdate {
     pub position: usize,
     pub before: Option<Running>,
     pub after: Option<Running>,
@@ -54,7 +53,7 @@ pub struct Report {
     pub outcome: Outcome,
 }
 
-impl Report {
+impl GatewayUpdate {
     pub fn is_good(&self) -> bool {
         matches!(self.outcome, Outcome::Updated | Outcome::Reinstalled)
     }
@@ -136,13 +135,13 @@ pub struct Update<'a> {
 impl Update<'_> {
     /// Updates one gateway. `is_first`: no gateway has restarted before, so it must respond at
     /// once.
-    pub fn run(&self, slave: &SlaveEntry, is_first: bool) -> Report {
+    pub fn run(&self, slave: &SlaveEntry, is_first: bool) -> GatewayUpdate {
         let position = slave.position;
-        let report = |before, after, outcome| Report { position, before, after, outcome };
+        let report = |before, after, outcome| GatewayUpdate { position, before, after, outcome };
         let before = match self.read_before(position, is_first) {
             Ok(before) => before,
             Err(error) => {
-                return Report::not_tried(position, error.to_string(), true);
+                return GatewayUpdate::not_tried(position, error.to_string(), true);
             }
         };
         if let Some(reason) = reason_against(self.gateways, slave) {

@@ -7,9 +7,8 @@ use std::time::Duration;
 use ecan_host::Identity;
 use ecan_protocol::device::AlState;
 
-use super::gateways::{Gateways, POLL_INTERVAL};
-use super::package::FirmwareFile;
-use super::rejection::Rejection;
+use super::access::{Gateways, POLL_INTERVAL};
+use super::package::{FirmwareFile, Rejection};
 use super::update::{Outcome, Update};
 use crate::ethercat_tool::SlaveEntry;
 use crate::failure::{Failure, Result};

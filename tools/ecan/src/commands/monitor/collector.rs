@@ -12,15 +12,14 @@ use ecan_service::protocol::{AxisState, ServiceStats};
 
 use super::cycle_times::CycleTimes;
 use super::id_table::IdTable;
-use super::mailbox::GatewayErrors;
 use super::observation::{
-    FrameItem, GatewayObservation, Layout, LayoutGateway, Observation, ObservedFrame,
+    FrameItem, GatewayErrors, GatewayObservation, Layout, LayoutGateway, Observation,
+    ObservedFrame, Origin,
 };
 use super::snapshot::{
     AxesView, ChannelView, Direction, Errors, Event, GatewayState, GatewayView, Head, IdsView,
     Snapshot,
 };
-use super::source::Origin;
 use crate::frames::SessionState;
 
 const EVENTS: usize = 200;
@@ -168,7 +167,9 @@ impl Collector {
 
     /// Takes the error counters of the gateway at a position.
     pub fn take_errors(&mut self, position: usize, errors: GatewayErrors) {
-        if let Some(gateway) = self.gateways.iter_mut().find(|it| it.layout.position == position) {
+        if let Some(gateway) =
+            self.gateways.iter_mut().find(|gateway| gateway.layout.position == position)
+        {
             gateway.errors = errors;
         }
     }
@@ -245,9 +246,9 @@ impl Collector {
     fn report_axis_errors(&mut self, axes: &[AxisState]) {
         let address = |axis: &AxisState| (axis.gateway, axis.channel, axis.node_id);
         for axis in axes {
-            let before = self.axes.iter().find(|it| address(it) == address(axis));
+            let before = self.axes.iter().find(|known| address(known) == address(axis));
             if let (Some(error), false) =
-                (&axis.error, before.is_some_and(|it| it.error == axis.error))
+                (&axis.error, before.is_some_and(|before| before.error == axis.error))
             {
                 let (gateway, channel, node) = address(axis);
                 self.add_event(format!("gateway {gateway} can{channel} node {node}: {error}"));
@@ -256,7 +257,8 @@ impl Collector {
     }
 
     pub fn snapshot(&self) -> Snapshot {
-        let positions: Vec<_> = self.gateways.iter().map(|it| it.layout.position).collect();
+        let positions: Vec<_> =
+            self.gateways.iter().map(|gateway| gateway.layout.position).collect();
         let has_axes = !self.axes.is_empty();
         Snapshot {
             head: Head {
@@ -268,7 +270,10 @@ impl Collector {
             },
             service: self.service.clone(),
             cycle: self.cycle.view(),
-            gateways: (0..).zip(&self.gateways).map(|(at, it)| self.gateway(at, it)).collect(),
+            gateways: (0..)
+                .zip(&self.gateways)
+                .map(|(at, memory)| self.gateway(at, memory))
+                .collect(),
             events: self.events.iter().cloned().collect(),
             ids: IdsView {
                 not_listed: self.ids.not_listed(),
@@ -303,12 +308,12 @@ impl Collector {
             reason,
             working_counter: memory.now.working_counter,
             expected_working_counter: memory.now.expected_working_counter,
-            incomplete_cycles: since(|it| it.incomplete_cycles),
-            lost_images: since(|it| it.txpdo_lost),
-            unknown_images: since(|it| it.txpdo_unknown),
-            faulty_images: since(|it| it.parse_errors),
-            times_lost: since(|it| it.sessions_lost),
-            times_in_service: since(|it| it.sessions),
+            incomplete_cycles: since(|statistics| statistics.incomplete_cycles),
+            lost_images: since(|statistics| statistics.txpdo_lost),
+            unknown_images: since(|statistics| statistics.txpdo_unknown),
+            faulty_images: since(|statistics| statistics.parse_errors),
+            times_lost: since(|statistics| statistics.sessions_lost),
+            times_in_service: since(|statistics| statistics.sessions),
             channels: std::array::from_fn(|channel| self.channel(at, memory, state, channel)),
         }
     }
@@ -321,11 +326,12 @@ impl Collector {
         channel: usize,
     ) -> ChannelView {
         let received = |statistics: &SlaveStatistics| {
-            statistics.channels.get(channel).map_or(0, |it| it.frames_received)
+            statistics.channels.get(channel).map_or(0, |channel| channel.frames_received)
         };
         let total = received(&memory.now.statistics).saturating_sub(received(&memory.base));
         let (rx_per_second, load) = self.rates(at, channel);
-        let of = |errors: &GatewayErrors| errors.and_then(|it| it.get(channel).copied());
+        let of =
+            |errors: &GatewayErrors| errors.and_then(|channels| channels.get(channel).copied());
         let errors = of(&memory.errors).map(|now| {
             let base = of(&memory.errors_base).unwrap_or_default();
             Errors {

@@ -1,7 +1,7 @@
 use ecan_mcan_port::{ChannelConfig, GatewayConfig};
 use ecan_protocol::can::{CanFrame, CanId};
 
-use super::super::bus_time::ChannelRates;
+use super::super::observation::ChannelRates;
 use super::*;
 
 fn collector(position: usize, window_ns: u64) -> Collector {
@@ -33,7 +33,7 @@ fn loss_and_recovery_between_observations_is_reported() {
     observe(&mut collector, 0, ready(0));
     observe(&mut collector, 500_000_000, ready(1));
     let snapshot = collector.snapshot();
-    let words: Vec<_> = snapshot.events.iter().map(|it| it.words.as_str()).collect();
+    let words: Vec<_> = snapshot.events.iter().map(|event| event.words.as_str()).collect();
     let expected = ["gateway 4: ready", "gateway 4: lost", "gateway 4: ready again"];
     assert_eq!(words.len(), 3);
     assert!(words.iter().zip(expected).all(|(is, begin)| is.starts_with(begin)), "{words:?}");
@@ -97,12 +97,12 @@ fn new_layout_counts_again_and_is_an_event() {
     let gateways = vec![gateway(8), gateway(9)];
     let mut observation = Observation::new(2);
     observation.layout = Some(Layout { gateways, event, ..Layout::default() });
-    observation.gateways.iter_mut().for_each(|it| it.statistics.sessions_lost = 5);
+    observation.gateways.iter_mut().for_each(|gateway| gateway.statistics.sessions_lost = 5);
     observation.frames.lose(4);
     collector.take(&observation);
     let snapshot = collector.snapshot();
     let gateways: Vec<_> =
-        snapshot.gateways.iter().map(|it| (it.position, it.times_lost)).collect();
+        snapshot.gateways.iter().map(|gateway| (gateway.position, gateway.times_lost)).collect();
     assert_eq!(gateways, [(8, 0), (9, 0)]);
     assert_eq!(snapshot.events.last().unwrap().words, "configured again");
     assert_eq!(snapshot.head.frames_lost, 4);
@@ -111,13 +111,13 @@ fn new_layout_counts_again_and_is_an_event() {
 #[test]
 fn axis_error_is_an_event_once() {
     let mut collector = collector(0, u64::MAX);
-    let axes = super::super::screen::fixtures::axes().axes.axes;
+    let axes = super::super::test_snapshots::axes().axes.axes;
     let mut observation = Observation { axes, ..Observation::new(1) };
     collector.take(&observation);
     collector.take(&observation);
     observation.axes[1].error = None;
     collector.take(&observation);
-    let words: Vec<_> = collector.events.iter().map(|it| it.words.as_str()).collect();
+    let words: Vec<_> = collector.events.iter().map(|event| event.words.as_str()).collect();
     assert_eq!(words, ["gateway 0 can1 node 4: the drive is in fault"]);
     assert_eq!(collector.snapshot().axes.without_axes, None);
 }

@@ -35,7 +35,7 @@ impl CycleTimes {
         self.cycles.clear();
         self.histogram = [0; CLASSES];
         (self.unmeasured, self.last_begin_ns) = (0, None);
-        self.base = self.sampled.as_ref().map_or(self.base, |it| it.cycle);
+        self.base = self.sampled.as_ref().map_or(self.base, |sampled| sampled.cycle);
     }
 
     pub fn take(&mut self, observation: &Observation) {

@@ -104,7 +104,9 @@ impl IdTable {
                 period_ns: entry.period_ns,
                 mean_period_ns: entry.periods_ns.checked_div(entry.periods),
                 age_ns: now_ns.saturating_sub(entry.last_ns),
-                changed: bytes.filter(|it| is_recent(it.1)).fold(0, |set, (at, _)| set | 1 << at),
+                changed: bytes
+                    .filter(|numbered| is_recent(numbered.1))
+                    .fold(0, |set, (at, _)| set | 1 << at),
             }
         };
         self.entries.iter().map(row).collect()
@@ -160,7 +162,7 @@ mod tests {
         table.add(&frame(2, 0x123, &[]));
         table.add(&ObservedFrame { direction: Direction::Sent, ..frame(3, 0x123, &[]) });
         let rows = table.rows(&[0], 3, 0);
-        let rows: Vec<_> = rows.iter().map(|it| (it.frame.id().raw(), it.direction)).collect();
+        let rows: Vec<_> = rows.iter().map(|row| (row.frame.id().raw(), row.direction)).collect();
         let (received, sent) = (Direction::Received, Direction::Sent);
         assert_eq!(rows, [(0x123, received), (0x123, sent), (0x1234_5678, received)]);
     }

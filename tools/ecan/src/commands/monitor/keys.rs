@@ -1,6 +1,7 @@
+//! Keys of the full-screen mode, and what they select.
+
 use clap::ValueEnum;
 use crossterm::event::{KeyCode, KeyEvent, KeyEventKind, KeyModifiers};
-
 use ecan_protocol::mapping::CHANNELS;
 
 use super::snapshot::{IdView, Snapshot};
@@ -82,13 +83,13 @@ pub enum Action {
 impl Choice {
     /// Shown CAN IDs in their order.
     pub fn ids<'a>(&self, snapshot: &'a Snapshot) -> Vec<&'a IdView> {
-        let ids = snapshot.ids.ids.iter().filter(|it| self.filter.contains(it.channel));
+        let ids = snapshot.ids.ids.iter().filter(|id| self.filter.contains(id.channel));
         let mut ids: Vec<_> = ids.collect();
         match self.sort {
             Sort::Id => {}
-            Sort::Count => ids.sort_by_key(|it| std::cmp::Reverse(it.count)),
-            Sort::Period => ids.sort_by_key(|it| it.mean_period_ns.unwrap_or(u64::MAX)),
-            Sort::Age => ids.sort_by_key(|it| it.age_ns),
+            Sort::Count => ids.sort_by_key(|id| std::cmp::Reverse(id.count)),
+            Sort::Period => ids.sort_by_key(|id| id.mean_period_ns.unwrap_or(u64::MAX)),
+            Sort::Age => ids.sort_by_key(|id| id.age_ns),
         }
         ids
     }
@@ -144,7 +145,7 @@ impl Choice {
         let (at, count) = match self.view {
             View::Overview => (self.channel, CHANNELS),
             View::Ids => {
-                let at = filters.iter().position(|it| *it == self.filter);
+                let at = filters.iter().position(|filter| *filter == self.filter);
                 (at.unwrap_or(0), filters.len())
             }
             View::Axes => return,
@@ -159,8 +160,8 @@ impl Choice {
 
 #[cfg(test)]
 mod tests {
-    use super::super::screen::fixtures::{axes, ids};
     use super::super::snapshot::GatewayView;
+    use super::super::test_snapshots::{axes, ids};
     use super::*;
 
     fn key(code: KeyCode) -> KeyEvent {
@@ -207,7 +208,7 @@ mod tests {
         assert_eq!(choice.id, bus.ids.ids.len() - 1 - PAGE);
         press(&mut choice, &[KeyCode::Right, KeyCode::Right], &bus);
         assert_eq!((choice.filter, choice.id), (Channels::only(1), 0));
-        assert!(choice.ids(&bus).iter().all(|it| it.channel == 1));
+        assert!(choice.ids(&bus).iter().all(|id| id.channel == 1));
         press(&mut choice, &[KeyCode::Left, KeyCode::Left, KeyCode::Left], &bus);
         assert_eq!((choice.filter, choice.gateway, choice.channel), (Channels::ALL, 0, 0));
         let mut shown = |sort| {
@@ -217,9 +218,9 @@ mod tests {
         };
         assert!(shown(Sort::Count).is_sorted_by(|a, b| a.count >= b.count));
         let by_period = shown(Sort::Period);
-        assert!(by_period.iter().filter_map(|it| it.mean_period_ns).is_sorted());
+        assert!(by_period.iter().filter_map(|row| row.mean_period_ns).is_sorted());
         assert_eq!(by_period.last().unwrap().mean_period_ns, None);
-        assert!(shown(Sort::Age).is_sorted_by_key(|it| it.age_ns));
+        assert!(shown(Sort::Age).is_sorted_by_key(|row| row.age_ns));
         assert_eq!(shown(Sort::Id), bus.ids.ids);
         let bus = axes();
         press(&mut choice, &[KeyCode::Char('3'), KeyCode::End, KeyCode::Right], &bus);

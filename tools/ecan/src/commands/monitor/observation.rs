@@ -1,15 +1,23 @@
-//! Values of the bus at one time, in memory that is passed back and forth.
+//! What a source observes of the bus, in memory that is passed back and forth: cycles, gateways, frames, and the
+//! error counters from the mailbox. A source is a cycle of this program, or the service of another one.
 
-use ecan_host::CycleStart;
-use ecan_mcan_port::{PendingStep, SlaveStatistics};
-use ecan_protocol::can::CanFrame;
+use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
+use std::time::Duration;
+
+use ecan_host::{CycleStart, Diagnostics};
+use ecan_mcan_port::{ChannelConfig, GatewayConfig, PendingStep, SlaveStatistics};
+use ecan_protocol::can::{CanFrame, FrameBits};
 use ecan_protocol::image::ChannelStatus;
 use ecan_protocol::mapping::CHANNELS;
 use ecan_service::protocol::{AxisState, CycleState, SampledTimes, ServiceStats};
+use ecan_tool_support::diagnosis::registers::ErrorCounters;
 
-use super::bus_time::ChannelRates;
-use super::snapshot::Direction;
+use super::snapshot::{Direction, Errors};
+use crate::context::{Failure, Result};
 use crate::frames::SessionState;
+
+/// Interval of looking at the state of the gateways, in ns.
+pub const LOOK_NS: u64 = 100_000_000;
 
 const MARKS: usize = 4096;
 const FRAMES: usize = 16_384;
@@ -190,6 +198,140 @@ impl Observation {
             self.unmeasured += 1;
         }
     }
+}
+
+/// Bit rates of a channel in bit/s; 0 for a channel that is not enabled.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct ChannelRates {
+    nominal: u32,
+    data: u32,
+}
+
+impl ChannelRates {
+    pub fn of(gateway: &GatewayConfig) -> [Self; CHANNELS] {
+        let channel = |channel: &Option<ChannelConfig>| {
+            let Some(ChannelConfig { can, .. }) = channel else { return Self::default() };
+            let nominal = can.nominal_bitrate;
+            Self { nominal, data: if can.fd { can.data_bitrate } else { nominal } }
+        };
+        gateway.channels.each_ref().map(channel)
+    }
+
+    /// Shortest time of a frame on the bus, in seconds.
+    pub fn seconds(self, frame: &CanFrame) -> f64 {
+        if self.nominal == 0 {
+            return 0.0;
+        }
+        FrameBits::least(frame.as_ref()).seconds(self.nominal, self.data)
+    }
+}
+
+/// Error counters of one gateway; `None` if it does not respond.
+pub type GatewayErrors = Option<[Errors; CHANNELS]>;
+
+const PAUSE: Duration = Duration::from_millis(1000);
+
+/// Objects of a channel (manual 13.5).
+const INFORMATION: u16 = 0x9000;
+const ERROR_COUNTERS: u8 = 1;
+const DROPPED: u8 = 13;
+const BUS_OFFS: u8 = 15;
+
+/// Reads the error counters of a gateway's channels; `None` without a response. Blocks.
+pub fn read_errors(diagnostics: &Diagnostics, slave: usize) -> GatewayErrors {
+    let mut errors = [Errors::default(); CHANNELS];
+    for (channel, index) in errors.iter_mut().zip(INFORMATION..) {
+        let read = |subindex| diagnostics.sdo_upload_u32(slave, index, subindex).ok();
+        let counters = ErrorCounters::from_raw(read(ERROR_COUNTERS)?);
+        *channel = Errors {
+            transmit: counters.transmit,
+            receive: if counters.is_receive_passive { 128 } else { counters.receive },
+            dropped: read(DROPPED)?.into(),
+            bus_offs: read(BUS_OFFS)?.into(),
+        };
+    }
+    Some(errors)
+}
+
+/// Reads the error counters of some gateways.
+#[derive(Debug)]
+pub struct ErrorReader {
+    pub diagnostics: Diagnostics,
+    /// Slave index of the handle and position of each gateway.
+    pub slaves: Vec<(usize, usize)>,
+}
+
+impl ErrorReader {
+    pub fn read(&self) -> impl Iterator<Item = (usize, GatewayErrors)> {
+        let read = |(slave, position): &(usize, usize)| {
+            (*position, read_errors(&self.diagnostics, *slave))
+        };
+        self.slaves.iter().map(read)
+    }
+}
+
+/// Reads the error counters periodically. Not joined at the end: a lost slave may block the master.
+pub struct Mailbox {
+    _stop: Sender<()>,
+}
+
+impl Mailbox {
+    pub fn start(reader: ErrorReader, errors: Sender<(usize, GatewayErrors)>) -> Result<Self> {
+        let (stop, stopped) = channel::<()>();
+        std::thread::Builder::new()
+            .name("mailbox".to_owned())
+            .spawn(move || {
+                while stopped.recv_timeout(PAUSE) == Err(RecvTimeoutError::Timeout) {
+                    if reader.read().any(|read| errors.send(read).is_err()) {
+                        return;
+                    }
+                }
+            })
+            .map_err(Failure::of_thread)?;
+        Ok(Self { _stop: stop })
+    }
+}
+
+/// Origin of the observations.
+#[derive(Clone, Debug, Default)]
+pub struct Origin {
+    pub is_simulated: bool,
+    /// Program of the service, with version and process.
+    pub program: Option<String>,
+    /// Explanation for a bus without axes.
+    pub without_axes: String,
+}
+
+/// Source of observations.
+pub trait Source {
+    fn origin(&self) -> Origin;
+
+    /// Creates an observation for this source.
+    fn observation(&self) -> Observation;
+
+    /// Opens a reader of the error counters, for another thread.
+    fn error_reader(&self) -> Result<ErrorReader>;
+
+    /// Applies the settings of this thread, before the others have started.
+    fn enter_thread(&mut self) -> Result;
+
+    /// Starts; from now on [`observe`](Self::observe) must be called.
+    fn start(&mut self) -> Result;
+
+    /// Returns whether to wait longer for the gateways.
+    fn is_starting(&self) -> bool;
+
+    /// Waits for a short time and records what happens.
+    fn observe(&mut self, observation: &mut Observation) -> Result;
+
+    /// Records the state of the gateways.
+    fn look(&mut self, observation: &mut Observation) -> Result;
+
+    /// Clock for intervals.
+    fn now_ns(&self) -> u64;
+
+    /// Reads the error counters of all gateways, by position.
+    fn read_errors(&mut self) -> Vec<(usize, GatewayErrors)>;
 }
 
 #[cfg(test)]

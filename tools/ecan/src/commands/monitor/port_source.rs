@@ -3,14 +3,11 @@
 use ecan_host::OpWait;
 use ecan_mcan_port::{Port, PortError, Received};
 
-use super::MonitorArguments;
-use super::bus_time::ChannelRates;
-use super::mailbox::{ErrorReader, GatewayErrors, read_errors};
 use super::observation::{
-    GatewayObservation, Layout, LayoutGateway, Mark, Observation, ObservedFrame, WaitingFor,
+    ChannelRates, ErrorReader, GatewayErrors, GatewayObservation, Layout, LayoutGateway, Mark,
+    Observation, ObservedFrame, Origin, Source, WaitingFor, read_errors,
 };
 use super::snapshot::Direction;
-use super::source::{Origin, Source};
 use crate::context::{Bus, Failure, GlobalOptions, Result, note};
 use crate::frames::{
     GatewayOptions, GatewayRequirements, Planned, SessionState, Settings, failure,
@@ -33,7 +30,7 @@ impl<'a> PortSource<'a> {
         bus: &Bus,
         settings: &Settings<'_>,
         requirements: GatewayRequirements,
-        arguments: &'a MonitorArguments,
+        options: &'a GatewayOptions,
         global: &GlobalOptions,
     ) -> Result<Self> {
         let planned = settings.for_all(bus, requirements, global)?;
@@ -56,7 +53,7 @@ impl<'a> PortSource<'a> {
             port,
             positions: planned.positions,
             layout: Some(layout),
-            options: &arguments.options,
+            options,
             startup_end_ns: 0,
         })
     }

@@ -12,13 +12,11 @@ use ecan_service::protocol::{
 };
 use serde_json::Value;
 
-use super::bus_time::ChannelRates;
-use super::mailbox::{ErrorReader, GatewayErrors};
 use super::observation::{
-    GatewayObservation, Layout, LayoutGateway, Observation, ObservedFrame, SampledCycle, WaitingFor,
+    ChannelRates, ErrorReader, GatewayErrors, GatewayObservation, Layout, LayoutGateway,
+    Observation, ObservedFrame, Origin, SampledCycle, Source, WaitingFor,
 };
 use super::snapshot::Direction;
-use super::source::{Origin, Source};
 use crate::context::{Bus, Failure, Result};
 use crate::frames::{GatewayRequirements, SetupOptions, of_service};
 use crate::service_access::ServiceConnection;
@@ -145,7 +143,7 @@ impl ServiceSource {
             event,
         });
         self.gateways = found.gateways;
-        let gateways = self.gateways.iter().map(|it| it.0).collect();
+        let gateways = self.gateways.iter().map(|gateway| gateway.0).collect();
         let subscription = Subscription { gateways, ..Subscription::default() };
         let subscribed = self.client.subscribe(&subscription);
         subscribed.map_err(|error| failure(&self.connection, &error))
@@ -160,7 +158,7 @@ impl ServiceSource {
     }
 
     fn take_frame(&self, report: &FrameReport, observation: &mut Observation) {
-        let gateway = self.gateways.iter().position(|it| it.0 == report.gateway);
+        let gateway = self.gateways.iter().position(|gateway| gateway.0 == report.gateway);
         let direction = match report.event {
             FrameEvent::Received => Direction::Received,
             FrameEvent::Transmitted | FrameEvent::Published => Direction::Sent,
@@ -193,14 +191,14 @@ impl ServiceSource {
         let state = self.client.state()?;
         self.take_state(state, observation);
         let axes = self.client.axes()?.axes.into_iter();
-        observation.axes = axes.filter_map(|it| self.axis(it)).collect();
+        observation.axes = axes.filter_map(|axis| self.axis(axis)).collect();
         observation.service = Some(self.client.service_stats()?);
         Ok(self.time.is_stalled().then_some(NO_CYCLE))
     }
 
     /// The axis with the position of its gateway.
     fn axis(&self, axis: AxisState) -> Option<AxisState> {
-        let (_, gateway) = *self.gateways.iter().find(|it| it.0 == axis.gateway)?;
+        let (_, gateway) = *self.gateways.iter().find(|gateway| gateway.0 == axis.gateway)?;
         Some(AxisState { gateway, ..axis })
     }
 }
@@ -222,7 +220,8 @@ impl Source for ServiceSource {
     fn error_reader(&self) -> Result<ErrorReader> {
         let access = Box::new(self.connection.clone());
         let diagnostics = Diagnostics::of_access(access).map_err(Failure::master)?;
-        let slaves = self.gateways.iter().map(|it| (it.1.into(), it.1.into())).collect();
+        let slaves =
+            self.gateways.iter().map(|gateway| (gateway.1.into(), gateway.1.into())).collect();
         Ok(ErrorReader { diagnostics, slaves })
     }
 
@@ -282,7 +281,9 @@ impl Source for ServiceSource {
         observation.interruption = match read {
             Ok(interruption) => interruption,
             Err(ClientError::Timeout { .. }) => Some(NO_RESPONSE),
-            Err(error) if error.rpc().is_some_and(|it| it.code == NOT_AVAILABLE) => Some(NO_CYCLE),
+            Err(error) if error.rpc().is_some_and(|error| error.code == NOT_AVAILABLE) => {
+                Some(NO_CYCLE)
+            }
             Err(error) => return Err(failure(&self.connection, &error)),
         };
         observation.now_ns = self.time.now_ns();

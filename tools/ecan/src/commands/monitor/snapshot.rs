@@ -1,3 +1,5 @@
+//! Displayed values at one time, and their JSON form.
+
 use std::fmt::Write as _;
 use std::sync::Arc;
 
@@ -276,7 +278,7 @@ pub struct AxesView {
 
 /// JSON form of one view.
 #[derive(Debug, Serialize)]
-pub struct Report<'a, T> {
+pub struct ViewReport<'a, T> {
     #[serde(flatten)]
     pub head: &'a Head,
     #[serde(flatten)]

@@ -1,29 +1,29 @@
-//! Full-screen mode: the source on the main thread, drawing and mailbox on other threads.
+//! Full-screen mode: the source on the main thread, drawing and mailbox on other threads, and the detection of a
+//! closed terminal.
 
+use std::io::IsTerminal;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, TryRecvError, channel, sync_channel};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-use crossterm::event::{self, Event};
+use crossterm::event;
+use crossterm::event::Event;
 use ecan_protocol::text::is_control;
 use ecan_tool_support::command_line::interrupt::Interrupt;
 use ratatui::Frame;
 use ratatui::buffer::Buffer;
+use rustix::event::{PollFd, PollFlags, poll};
+use rustix::io::Errno;
 
-use crate::context::{Failure, FullScreen, Output, Result};
-use crate::frames::Signals;
-
-use super::LOOK_NS;
 use super::collector::Collector;
-use super::hang_up::HangUp;
 use super::keys::{Action, Choice};
-use super::mailbox::{GatewayErrors, Mailbox};
-use super::observation::Observation;
+use super::observation::{GatewayErrors, LOOK_NS, Mailbox, Observation, Source};
 use super::screen;
 use super::snapshot::Snapshot;
-use super::source::Source;
+use crate::context::{Failure, FullScreen, Output, Result};
+use crate::frames::Signals;
 
 /// Number of observations passed between the source and the drawing.
 const OBSERVATIONS: usize = 3;
@@ -268,6 +268,40 @@ impl Drawing {
             }
         }
     }
+}
+
+/// Set when the terminal is closed. A program may not get SIGHUP then, and reading from such a
+/// terminal does not block.
+#[derive(Clone, Debug, Default)]
+pub struct HangUp(Arc<AtomicBool>);
+
+impl HangUp {
+    /// Watches standard output, and standard input if it is a terminal, on a detached thread.
+    pub fn watch() -> std::io::Result<Self> {
+        let hang_up = Self::default();
+        let flag = hang_up.0.clone();
+        std::thread::Builder::new().name("hang-up".to_owned()).spawn(move || {
+            wait_for_hang_up();
+            flag.store(true, Ordering::Relaxed);
+        })?;
+        Ok(hang_up)
+    }
+
+    pub fn is_set(&self) -> bool {
+        self.0.load(Ordering::Relaxed)
+    }
+}
+
+/// Returns when one of the terminals is closed or cannot be polled.
+#[allow(clippy::disallowed_methods)] // Nothing is printed.
+fn wait_for_hang_up() {
+    let (input, output) = (std::io::stdin(), std::io::stdout());
+    // A hang-up is always reported; no other events are requested.
+    let mut ends = vec![PollFd::new(&output, PollFlags::empty())];
+    if input.is_terminal() {
+        ends.push(PollFd::new(&input, PollFlags::empty()));
+    }
+    while poll(&mut ends, None) == Err(Errno::INTR) {}
 }
 
 #[cfg(test)]

@@ -4,8 +4,9 @@
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use super::super::observation::{Layout, LayoutGateway};
-use super::super::source::Origin;
+use terminal::{ENTER, OnTerminal};
+
+use super::super::observation::{Layout, LayoutGateway, Origin};
 use super::*;
 
 #[allow(dead_code)]
@@ -14,8 +15,6 @@ mod terminal;
 #[allow(dead_code)]
 #[path = "../../../tests/cli/support/timed_reader.rs"]
 mod timed_reader;
-
-use terminal::{ENTER, OnTerminal};
 
 /// Path of the file that triggers the panic.
 const SIGN: &str = "ECAN_TEST_PANIC_SIGN";

@@ -1,30 +1,23 @@
-//! Sends the frames of a test and compares the received frames.
+//! Sends the frames of a test, compares the received frames, and judges the counts of a route. The CAN ID of a
+//! frame contains its sender and its number.
 
 use std::collections::BTreeMap;
 use std::fmt::Display;
 
-use ecan_host::Error;
+use ecan_host::{Diagnostics, Error};
 use ecan_mcan_port::ChannelHandle;
-use ecan_protocol::can::CanFrame;
+use ecan_protocol::can::{CanFrame, CanId, FrameError, FrameKind};
 use ecan_tool_support::diagnosis::registers::{ErrorCounters, LastErrorCode, ProtocolStatus};
 use serde::Serialize;
 
-use crate::context::{Failure, Result};
-
-use super::frames::{difference, frame, origin};
+use super::plan::{Route, TestPath};
 use super::test_bus::TestBus;
+use crate::context::{Failure, Result};
 
 /// Time without progress that ends a test, in ns; a frame of 64 bytes takes 6 ms at 125 kbit/s.
 const STANDSTILL_NS: u64 = 500_000_000;
 /// Cycles to wait for further frames after the last one.
 const QUIET_CYCLES: u64 = 20;
-
-/// Route from one channel to another, or to itself.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Route {
-    pub(super) from: u8,
-    pub(super) to: u8,
-}
 
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
 pub(super) struct Counts {
@@ -59,21 +52,15 @@ pub(super) struct ChannelCounters {
 }
 
 impl ChannelCounters {
-    pub(super) fn read(
-        upload: impl Fn(u16, u8) -> Result<u32, Error>,
-        channel: u8,
-    ) -> Result<Self, Error> {
-        let get = |subindex| upload(0x9000 + u16::from(channel), subindex);
+    pub(super) fn read(bus: &Diagnostics, slave: usize, channel: u8) -> Result<Self, Error> {
+        let get = |subindex| bus.sdo_upload_u32(slave, 0x9000 + u16::from(channel), subindex);
         Ok(Self { dropped: get(13)?, bus_off_count: get(15)? })
     }
 }
 
 impl ChannelState {
-    pub(super) fn read(
-        upload: impl Fn(u16, u8) -> Result<u32, Error>,
-        channel: u8,
-    ) -> Result<Self, Error> {
-        let get = |subindex| upload(0x9000 + u16::from(channel), subindex);
+    pub(super) fn read(bus: &Diagnostics, slave: usize, channel: u8) -> Result<Self, Error> {
+        let get = |subindex| bus.sdo_upload_u32(slave, 0x9000 + u16::from(channel), subindex);
         Ok(Self {
             channel,
             counters: ErrorCounters::from_raw(get(1)?),
@@ -213,7 +200,7 @@ impl GatewayTraffic {
         now_ns: u64,
         mut send: impl FnMut(usize, u8, &CanFrame) -> Result<bool>,
     ) -> Result {
-        for (_, channel, frame) in received.iter().filter(|it| it.0 == self.gateway) {
+        for (_, channel, frame) in received.iter().filter(|arrival| arrival.0 == self.gateway) {
             let on_channel = |traffic: &&mut Traffic| traffic.route.to == *channel;
             let Some(traffic) = self.routes.iter_mut().find(on_channel) else { continue };
             if traffic.take(frame) {
@@ -263,7 +250,9 @@ pub(super) fn exchange(
         |gateway: &usize| GatewayTraffic::new(*gateway, routes, count, is_fd, now_ns, waits);
     let mut traffics = gateways.iter().map(start).collect::<Result<Vec<_>>>()?;
     let mut handles = BTreeMap::<(usize, u8), ChannelHandle>::new();
-    for (gateway, route) in gateways.iter().flat_map(|it| routes.iter().map(move |at| (it, at))) {
+    for (gateway, route) in
+        gateways.iter().flat_map(|gateway| routes.iter().map(move |at| (gateway, at)))
+    {
         let handle = bus.port().channel(*gateway, route.from).map_err(usage)?;
         handles.insert((*gateway, route.from), handle);
     }
@@ -274,7 +263,8 @@ pub(super) fn exchange(
         bus.cycle(|cycle| {
             let now_ns = cycle.adapter().clock().now_ns();
             let frames = cycle.received().filter_map(|item| item.to_owned().frame().copied());
-            let received: Vec<_> = frames.map(|it| (it.slave, it.channel, it.frame)).collect();
+            let received: Vec<_> =
+                frames.map(|frame| (frame.slave, frame.channel, frame.frame)).collect();
             let mut send = |gateway, channel, frame: &CanFrame| {
                 let Some(handle) = handles.get(&(gateway, channel)) else { return Ok(false) };
                 match cycle.send(*handle, frame) {
@@ -288,4 +278,163 @@ pub(super) fn exchange(
         })??;
     }
     Ok(Some(traffics.into_iter().map(GatewayTraffic::into_counts).collect()))
+}
+
+const EXTENDED: u32 = 0x1555_0000;
+const CLASSIC_LENGTHS: [usize; 9] = [8, 0, 1, 2, 3, 4, 5, 6, 7];
+const FD_LENGTHS: [usize; 16] = [64, 0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 48];
+
+/// Frame `number` of a channel: all lengths, both kinds of CAN IDs and, with CAN FD, classic and
+/// CAN FD frames with and without bit rate switch.
+pub(super) fn frame(channel: u8, number: u16, is_fd: bool) -> Result<CanFrame, FrameError> {
+    let raw = u16::from(channel) << 8 | number & 0xFF;
+    let id = match number % 2 {
+        0 => CanId::standard(raw),
+        _ => CanId::extended(EXTENDED | u32::from(raw)),
+    };
+    let kind = if is_fd { number / 2 % 3 } else { 0 };
+    let step = usize::from(if is_fd { number / 6 } else { number / 2 });
+    let lengths = if kind == 0 { &CLASSIC_LENGTHS[..] } else { &FD_LENGTHS[..] };
+    let length = lengths.get(step % lengths.len()).copied().unwrap_or_default();
+    let mut data = [0; 64];
+    let bytes = data.get_mut(..length).unwrap_or_default();
+    for (at, byte) in bytes.iter_mut().enumerate() {
+        *byte = pattern(channel, number, at);
+    }
+    match kind {
+        0 => CanFrame::classic(id?, bytes),
+        kind => CanFrame::fd(id?, bytes, kind == 1, false),
+    }
+}
+
+/// The data alternate between bit patterns that stress stuffing and transceivers, and patterns that
+/// make each byte of each frame unique.
+fn pattern(channel: u8, number: u16, at: usize) -> u8 {
+    match number / 2 % 5 {
+        0 => 0x00,
+        1 => 0xFF,
+        2 => [0x55, 0xAA][at % 2],
+        _ => {
+            let seed = u32::from(channel) << 16 | u32::from(number) << 8 | at as u32 & 0xFF;
+            (seed.wrapping_mul(0x9E37_79B1) >> 24) as u8
+        }
+    }
+}
+
+/// Sender and number of a frame; `None` for a frame that is not from a test.
+pub(super) fn origin(frame: &CanFrame) -> Option<(u8, u16)> {
+    let (id, is_extended) = (frame.id().raw(), frame.id().is_extended());
+    let raw = if is_extended { id.checked_sub(EXTENDED)? } else { id };
+    let channel = u8::try_from(raw >> 8)
+        .ok()
+        .filter(|channel| usize::from(*channel) < ecan_protocol::mapping::CHANNELS);
+    let number = (raw & 0xFF) as u16;
+    let is_kind = is_extended == (number % 2 == 1);
+    channel.filter(|_| is_kind).map(|channel| (channel, number))
+}
+
+/// Returns the difference between a sent and a received frame. Ignores the ESI bit, because the
+/// error counters show error states.
+pub(super) fn difference(sent: &CanFrame, came: &CanFrame) -> Option<String> {
+    let kind = |frame: &CanFrame| match frame.kind() {
+        FrameKind::Data => "a classic frame",
+        FrameKind::Remote => "a remote frame",
+        FrameKind::Fd { brs: true, .. } => "a CAN FD frame with bit rate switch",
+        FrameKind::Fd { brs: false, .. } => "a CAN FD frame without bit rate switch",
+    };
+    if kind(sent) != kind(came) {
+        return Some(format!("sent {}, received {}", kind(sent), kind(came)));
+    }
+    let (sent, came) = (sent.data(), came.data());
+    if sent.len() != came.len() {
+        return Some(format!("sent {} bytes, received {}", sent.len(), came.len()));
+    }
+    let (at, (sent, came)) = sent.iter().zip(came).enumerate().find(|(_, (a, b))| a != b)?;
+    Some(format!("byte {at}: sent 0x{sent:02X}, received 0x{came:02X}"))
+}
+
+/// Result of a route; `states` are those of its channels before and after.
+pub(super) fn check_counts(
+    path: TestPath,
+    route: Route,
+    counts: &Counts,
+    expected: u16,
+    states: &[&(ChannelCounters, ChannelState)],
+) -> Result<String, String> {
+    let mut faults = Vec::new();
+    let came = counts.received + counts.wrong;
+    if came < u32::from(expected) {
+        let why = missing(path, route, states).map_or_else(String::new, |why| format!(" ({why})"));
+        faults.push(format!("{came} of {expected} frames received{why}"));
+    }
+    if let Some(first) = &counts.first_wrong {
+        faults.push(format!("{} frames received with errors, the first: {first}", counts.wrong));
+    }
+    if counts.repeated > 0 {
+        faults.push(format!("{} frames received twice", counts.repeated));
+    }
+    if counts.strange > 0 {
+        let (to, strange) = (route.to, counts.strange);
+        let detail = "from another sender; check for other nodes on its bus";
+        faults.push(format!("channel {to} received {strange} frames {detail}"));
+    }
+    faults.extend(states.iter().flat_map(|(before, after)| after.faults(before)));
+    match faults.is_empty() {
+        true if came == 1 => Ok("1 frame, no errors".to_owned()),
+        true => Ok(format!("{came} frames, no errors")),
+        false => Err(faults.join("; ")),
+    }
+}
+
+fn missing(
+    path: TestPath,
+    Route { from, to }: Route,
+    states: &[&(ChannelCounters, ChannelState)],
+) -> Option<String> {
+    let (_, sender) = states.iter().find(|(_, state)| state.channel == from)?;
+    (path == TestPath::Wire && sender.is_unheard()).then(|| {
+        format!("no acknowledgement; check the wiring from channel {from} to channel {to} and its termination")
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::HashSet;
+
+    use super::super::plan::MOST_FRAMES;
+    use super::*;
+
+    #[test]
+    fn frames_cover_every_kind_and_identify_the_sender() {
+        let mut kinds = HashSet::new();
+        for (channel, number) in
+            (0..4).flat_map(|channel| (0..MOST_FRAMES).map(move |number| (channel, number)))
+        {
+            let classic = frame(channel, number, false).unwrap();
+            assert_eq!(origin(&classic), Some((channel, number)));
+            assert!(!classic.is_fd());
+            let fd = frame(channel, number, true).unwrap();
+            assert_eq!(origin(&fd), Some((channel, number)));
+            kinds.insert((fd.kind(), fd.data().len(), fd.id().is_extended()));
+        }
+        // Two kinds of CAN IDs; 9 lengths of classic frames, 16 of each kind of CAN FD.
+        assert_eq!(kinds.len(), 2 * (9 + 16 + 16));
+    }
+
+    #[test]
+    fn differences_are_described() {
+        let id = CanId::standard(0x100).unwrap();
+        let one = CanFrame::classic(id, &[1, 2]).unwrap();
+        let says = |other: CanFrame| difference(&one, &other);
+        assert_eq!(says(one), None);
+        let message = "byte 1: sent 0x02, received 0x06";
+        assert_eq!(says(CanFrame::classic(id, &[1, 6]).unwrap()).as_deref(), Some(message));
+        let message = "sent 2 bytes, received 1";
+        assert_eq!(says(CanFrame::classic(id, &[1]).unwrap()).as_deref(), Some(message));
+        let message = "sent a classic frame, received a CAN FD frame without bit rate switch";
+        assert_eq!(
+            says(CanFrame::fd(id, &[1, 2], false, false).unwrap()).as_deref(),
+            Some(message)
+        );
+    }
 }

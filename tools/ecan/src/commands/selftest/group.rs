@@ -7,18 +7,14 @@ use ecan_protocol::device::ControllerMode;
 use ecan_protocol::mapping::CHANNELS;
 use ecan_tool_support::command_line::interrupt::Interrupt;
 
+use super::exchange::{ChannelCounters, ChannelState, check_counts, exchange};
+use super::observation::{FramesReceived, Traffic, require_no_traffic};
+use super::plan::{ChannelSetup, TestPath, TestPlan, TestStep};
+use super::report::{Check, GatewayReport};
+use super::test_bus::{StartFailure, TestBus, start_failures};
 use crate::commands::saved_config::wait_present;
 use crate::context::{Bus, Failure, Result};
 use crate::frames::{WATCHDOG, failure};
-
-use super::channel_setup::ChannelSetup;
-use super::check_counts::check_counts;
-use super::exchange::{ChannelCounters, ChannelState, exchange};
-use super::observation::{FramesReceived, Traffic, require_no_traffic};
-use super::report::{Check, Report};
-use super::start_failure::{StartFailure, start_failures};
-use super::steps::{TestPath, TestPlan, TestStep};
-use super::test_bus::TestBus;
 
 /// Cycle time in ns that may trigger the watchdog of a gateway.
 const PAUSE_NS: u64 = WATCHDOG.as_nanos() as u64 / 2;
@@ -33,7 +29,7 @@ pub(super) enum GroupEnd {
 /// A gateway in a test.
 pub(super) struct Member<'r> {
     pub(super) position: usize,
-    pub(super) report: &'r mut Report,
+    pub(super) report: &'r mut GatewayReport,
     /// Set if the test configures the gateway.
     pub(super) is_changed: &'r mut bool,
     /// Set if the gateway was lost, so that it may have restarted.
@@ -158,19 +154,19 @@ impl GroupTest<'_> {
         }
         let steps = self.plan.steps();
         for (number, step) in (1..).zip(&steps) {
-            let present: Vec<_> = active.iter_mut().filter(|it| !it.is_out).collect();
+            let present: Vec<_> = active.iter_mut().filter(|active| !active.is_out).collect();
             if present.is_empty() {
                 break;
             }
-            let positions: Vec<_> = present.iter().map(|it| it.member.position).collect();
+            let positions: Vec<_> = present.iter().map(|gateway| gateway.member.position).collect();
             (self.progress)(&positions, &step.name(), number, steps.len());
             match self.run_step(&mut bus, present, step) {
                 Ok(GroupEnd::Complete) => {}
                 Ok(GroupEnd::Stopped) => return Ok(GroupEnd::Stopped),
                 // An error of the link or of the master concerns all.
                 Err(error) => {
-                    for it in active.iter_mut().filter(|it| !it.is_out) {
-                        it.fail(step.name(), error.to_string());
+                    for member in active.iter_mut().filter(|active| !active.is_out) {
+                        member.fail(step.name(), error.to_string());
                     }
                 }
             }
@@ -183,9 +179,10 @@ impl GroupTest<'_> {
     /// # Errors
     /// [`Failure::Rejected`] if there is traffic on a bus.
     fn observe(&self, bus: &mut TestBus, active: &[Active<'_, '_>]) -> Result<GroupEnd> {
-        let gateways: Vec<_> = active.iter().map(|it| it.gateway).collect();
+        let gateways: Vec<_> = active.iter().map(|active| active.gateway).collect();
         let tested = self.plan.tested();
-        let channels: Vec<u8> = (0..).zip(tested).filter(|it| it.1).map(|it| it.0).collect();
+        let channels: Vec<u8> =
+            (0..).zip(tested).filter(|numbered| numbered.1).map(|numbered| numbered.0).collect();
         let observe_ms = self.plan.arguments().observe;
         let mut received = vec![[FramesReceived::default(); CHANNELS]; active.len()];
         let end_ns = bus.now_ns().saturating_add(u64::from(observe_ms) * 1_000_000);
@@ -198,8 +195,8 @@ impl GroupTest<'_> {
                     let item = item.to_owned();
                     let Some(frame) = item.frame() else { continue };
                     let of_gateway = received.get_mut(frame.slave);
-                    let of_channel =
-                        of_gateway.and_then(|it| it.get_mut(usize::from(frame.channel)));
+                    let of_channel = of_gateway
+                        .and_then(|channels| channels.get_mut(usize::from(frame.channel)));
                     if let Some(received) = of_channel {
                         received.add(frame.frame.id());
                     }
@@ -208,16 +205,18 @@ impl GroupTest<'_> {
         }
         let read =
             |diagnostics: &Diagnostics, gateway: usize| -> Result<Vec<ChannelState>, Error> {
-                let upload = |index, subindex| diagnostics.sdo_upload_u32(gateway, index, subindex);
-                channels.iter().map(|it| ChannelState::read(upload, *it)).collect()
+                channels
+                    .iter()
+                    .map(|channel| ChannelState::read(diagnostics, gateway, *channel))
+                    .collect()
             };
         let mut traffic = Vec::new();
-        for (it, states) in active.iter().zip(bus.on_each(&gateways, read)?) {
-            let Some(received) = received.get(it.gateway) else { continue };
+        for (member, states) in active.iter().zip(bus.on_each(&gateways, read)?) {
+            let Some(received) = received.get(member.gateway) else { continue };
             for state in states.iter().flatten() {
                 let received = received.get(usize::from(state.channel));
                 if let Some(seen) = received.and_then(|received| received.traffic(state)) {
-                    let (position, channel) = (it.member.position, state.channel);
+                    let (position, channel) = (member.member.position, state.channel);
                     traffic.push(Traffic { position, channel, seen });
                 }
             }
@@ -232,37 +231,42 @@ impl GroupTest<'_> {
         step: &TestStep<'_>,
     ) -> Result<GroupEnd> {
         let gateways = |active: &[&mut Active<'_, '_>]| -> Vec<_> {
-            active.iter().map(|it| it.gateway).collect()
+            active.iter().map(|active| active.gateway).collect()
         };
         if !bus.wait_ready(&gateways(&active))? {
             return Ok(GroupEnd::Stopped);
         }
-        active.retain_mut(|it| {
-            let is_ready = bus.is_ready(it.gateway);
+        active.retain_mut(|active| {
+            let is_ready = bus.is_ready(active.gateway);
             if !is_ready {
-                it.fail(step.name(), bus.reason(it.gateway));
+                active.fail(step.name(), bus.reason(active.gateway));
             }
             is_ready
         });
-        for it in &mut active {
+        for member in &mut active {
             // The master has configured a gateway that returned as at the start.
-            if bus.losses(it.gateway) != it.losses {
-                it.setup = ChannelSetup::started(started_channels(bus.port().config()));
-                it.is_loopback_verified = false;
+            if bus.losses(member.gateway) != member.losses {
+                member.setup = ChannelSetup::started(started_channels(bus.port().config()));
+                member.is_loopback_verified = false;
             }
         }
         let changes: Vec<_> =
-            active.iter().map(|it| (it.gateway, it.setup.changes(step))).collect();
+            active.iter().map(|active| (active.gateway, active.setup.changes(step))).collect();
         let channels = step.channels();
         let configure = |diagnostics: &Diagnostics, gateway: usize| {
-            let steps = changes.iter().find(|it| it.0 == gateway).map_or(&[][..], |it| &it.1);
+            let steps = changes
+                .iter()
+                .find(|change| change.0 == gateway)
+                .map_or(&[][..], |change| &change.1);
             diagnostics.run_startup(gateway, steps, |_| ())?;
-            let upload = |index, subindex| diagnostics.sdo_upload_u32(gateway, index, subindex);
-            channels.iter().map(|it| ChannelCounters::read(upload, *it)).collect()
+            channels
+                .iter()
+                .map(|channel| ChannelCounters::read(diagnostics, gateway, *channel))
+                .collect()
         };
         let configured = bus.on_each(&gateways(&active), configure)?;
         let before: Counters = keep(&mut active, configured, step);
-        active.iter_mut().for_each(|it| it.setup.set(step));
+        active.iter_mut().for_each(|active| active.setup.set(step));
         let before = match step.path {
             TestPath::Loopback => verify_loopback(bus, &mut active, before, step)?,
             TestPath::Wire => before,
@@ -275,8 +279,10 @@ impl GroupTest<'_> {
         let Some(counts) = exchanged else { return Ok(GroupEnd::Stopped) };
         let mut results: Vec<_> = counts.into_iter().zip(before).collect();
         let read = |diagnostics: &Diagnostics, gateway: usize| {
-            let upload = |index, subindex| diagnostics.sdo_upload_u32(gateway, index, subindex);
-            channels.iter().map(|it| ChannelState::read(upload, *it)).collect()
+            channels
+                .iter()
+                .map(|channel| ChannelState::read(diagnostics, gateway, *channel))
+                .collect()
         };
         let read = bus.on_each(&gateways(&active), read)?;
         let is_read: Vec<_> = read.iter().map(Result::is_ok).collect();
@@ -284,17 +290,17 @@ impl GroupTest<'_> {
         results.retain(|_| flags.next().unwrap_or_default());
         let after: Vec<Vec<ChannelState>> = keep(&mut active, read, step);
         let pause = pause(bus);
-        for ((it, after), (counts, before)) in active.iter_mut().zip(after).zip(results) {
-            it.note_losses(bus, step, &pause);
+        for ((member, after), (counts, before)) in active.iter_mut().zip(after).zip(results) {
+            member.note_losses(bus, step, &pause);
             let states: Vec<_> = before.into_iter().zip(after).collect();
             for (route, counts) in step.routes.iter().zip(counts) {
                 let is_concerned = |channel| channel == route.from || channel == route.to;
                 let concerned: Vec<_> =
-                    states.iter().filter(|(_, it)| is_concerned(it.channel)).collect();
+                    states.iter().filter(|(_, state)| is_concerned(state.channel)).collect();
                 let found = check_counts(step.path, *route, &counts, count, &concerned);
                 let found = found.map_err(|faults| faults + &pause);
                 let check = Check::of_route(step, *route, counts, &concerned, found);
-                it.member.report.checks.push(check);
+                member.member.report.checks.push(check);
             }
         }
         Ok(GroupEnd::Complete)
@@ -309,15 +315,15 @@ fn verify_loopback(
     mut before: Counters,
     step: &TestStep<'_>,
 ) -> Result<Counters> {
-    let unverified = active.iter().filter(|it| !it.is_loopback_verified);
-    let gateways: Vec<_> = unverified.map(|it| it.gateway).collect();
+    let unverified = active.iter().filter(|active| !active.is_loopback_verified);
+    let gateways: Vec<_> = unverified.map(|member| member.gateway).collect();
     let channels = step.channels();
     let read = |diagnostics: &Diagnostics, gateway: usize| {
-        Ok(channels.iter().find_map(|it| wrong_mode(diagnostics, gateway, *it)))
+        Ok(channels.iter().find_map(|channel| wrong_mode(diagnostics, gateway, *channel)))
     };
     let read = bus.on_each(&gateways, read)?;
     for (gateway, fault) in gateways.into_iter().zip(read) {
-        let Some(at) = active.iter().position(|it| it.gateway == gateway) else { continue };
+        let Some(at) = active.iter().position(|active| active.gateway == gateway) else { continue };
         match fault.unwrap_or_else(|error| Some(error.to_string())) {
             None => active[at].is_loopback_verified = true,
             Some(fault) => {
@@ -379,13 +385,13 @@ fn keep<T>(
     step: &TestStep<'_>,
 ) -> Vec<T> {
     let (mut kept, mut results) = (Vec::new(), results.into_iter());
-    active.retain_mut(|it| match results.next() {
+    active.retain_mut(|active| match results.next() {
         Some(Ok(value)) => {
             kept.push(value);
             true
         }
         Some(Err(error)) => {
-            it.fail(step.name(), error.to_string());
+            active.fail(step.name(), error.to_string());
             false
         }
         None => false,

@@ -8,21 +8,18 @@ use ecan_protocol::mapping::{CHANNELS, Direction};
 use ecan_service::client::Access;
 use ecan_tool_support::command_line::interrupt::Interrupt;
 
+use super::exchange::{
+    ChannelCounters, ChannelState, Counts, GatewayTraffic, Received, Waits, check_counts,
+};
+use super::group::GroupEnd;
+use super::observation::FramesReceived;
+use super::plan::{Rate, Route, TestPath, TestPlan, TestStep};
+use super::report::{Check, GatewayReport};
 use crate::context::{Bus, Result};
 use crate::frames::{
     Channels, Event, FrameLink, Planned, ServiceLink, ServiceSetup, can_config, gateways_of_service,
 };
 use crate::service_access::ServiceConnection;
-
-use super::check_counts::check_counts;
-use super::exchange::{
-    ChannelCounters, ChannelState, Counts, GatewayTraffic, Received, Route, Waits,
-};
-use super::group::GroupEnd;
-use super::observation::FramesReceived;
-use super::rates::Rate;
-use super::report::{Check, Report};
-use super::steps::{TestPath, TestPlan, TestStep};
 
 /// The frames pass another program, which may be busy.
 const WAITS: Waits = Waits { quiet_ns: 100_000_000, standstill_ns: 3_000_000_000 };
@@ -50,10 +47,10 @@ pub(super) fn test(
     plan: &TestPlan<'_>,
     slaves: &[usize],
     interrupt: &Interrupt,
-) -> Result<(Result<GroupEnd>, Vec<Report>)> {
+) -> Result<(Result<GroupEnd>, Vec<GatewayReport>)> {
     let program = connection.program();
     let running = Running::of(connection, bus)?;
-    let read = super::read_with(bus, slaves, plan.arguments(), |bus, slave, report| {
+    let read = super::gateways::read_with(bus, slaves, plan.arguments(), |bus, slave, report| {
         report.add("state", state(bus, slave, running.as_ref()));
         for channel in plan.arguments().channels.iter() {
             report.add(format!("channel {channel}"), channel_state(bus, slave, channel));
@@ -68,7 +65,7 @@ pub(super) fn test(
             Ok(GroupEnd::Complete)
         }
     };
-    for (report, _) in reports.iter_mut().filter(|it| it.1) {
+    for (report, _) in reports.iter_mut().filter(|entry| entry.1) {
         let reason = format!("it takes the channels off their bus, which {program} holds");
         report.leave_out("loopback", reason);
         report.leave_out("bit rates", format!("the configuration belongs to {program}"));
@@ -76,18 +73,20 @@ pub(super) fn test(
             report.stop();
         }
     }
-    Ok((run, reports.into_iter().map(|it| it.0).collect()))
+    Ok((run, reports.into_iter().map(|entry| entry.0).collect()))
 }
 
 /// AL state, and the session of a gateway of the cycle.
 fn state(bus: &Bus, slave: usize, running: Option<&Running>) -> Result<String, String> {
     let info = bus.diagnostics().slave_info(slave).map_err(|error| error.to_string())?;
     let state = AlState::from_status(info.al_state.into());
-    let state = state.map_or_else(|| format!("{:#04x}", info.al_state), |it| it.to_string());
+    let state = state.map_or_else(|| format!("{:#04x}", info.al_state), |state| state.to_string());
     if info.error_flag {
         return Err(format!("{state} with error flag; see `ecan diag`"));
     }
-    let Some((running, gateway)) = running.and_then(|it| Some((it, it.index(slave)?))) else {
+    let Some((running, gateway)) =
+        running.and_then(|running| Some((running, running.index(slave)?)))
+    else {
         return Ok(state);
     };
     let session = running.link.session(gateway);
@@ -101,13 +100,13 @@ fn state(bus: &Bus, slave: usize, running: Option<&Running>) -> Result<String, S
 /// Status and error counters of a channel.
 fn channel_state(bus: &Bus, slave: usize, channel: u8) -> Result<String, String> {
     let read = || -> Result<_, Error> {
-        let upload = |index, subindex| bus.diagnostics().sdo_upload_u32(slave, index, subindex);
-        let raw = upload(0x9000 + u16::from(channel), 9)?;
-        let counters = ChannelCounters::read(upload, channel)?;
+        let bus = bus.diagnostics();
+        let raw = bus.sdo_upload_u32(slave, 0x9000 + u16::from(channel), 9)?;
+        let counters = ChannelCounters::read(bus, slave, channel)?;
         Ok((
             ChannelStatus::from_raw(raw as u16).state(),
             counters,
-            ChannelState::read(upload, channel)?,
+            ChannelState::read(bus, slave, channel)?,
         ))
     };
     let (status, counters, state) = read().map_err(|error| error.to_string())?;
@@ -121,8 +120,8 @@ fn channel_state(bus: &Bus, slave: usize, channel: u8) -> Result<String, String>
     }
 }
 
-fn leave_out_wires(plan: &TestPlan<'_>, reports: &mut [(Report, bool)], reason: &str) {
-    for (report, _) in reports.iter_mut().filter(|it| it.1) {
+fn leave_out_wires(plan: &TestPlan<'_>, reports: &mut [(GatewayReport, bool)], reason: &str) {
+    for (report, _) in reports.iter_mut().filter(|entry| entry.1) {
         for (first, second) in plan.pairs() {
             report.leave_out(wire(*first, *second), reason);
         }
@@ -155,11 +154,11 @@ impl Running {
         mut self,
         bus: &Bus,
         plan: &TestPlan<'_>,
-        reports: &mut [(Report, bool)],
+        reports: &mut [(GatewayReport, bool)],
         interrupt: &Interrupt,
     ) -> Result<GroupEnd> {
         let mut pairs = Vec::new();
-        for (number, (report, _)) in reports.iter_mut().enumerate().filter(|(_, it)| it.1) {
+        for (number, (report, _)) in reports.iter_mut().enumerate().filter(|(_, entry)| entry.1) {
             for (first, second) in plan.pairs() {
                 let routes = [(first, second), (second, first)];
                 let routes = routes.map(|(from, to)| Route { from: *from, to: *to });
@@ -229,8 +228,8 @@ impl Running {
             }
             found = Some(*can);
         }
-        let upload = |index, subindex| bus.diagnostics().sdo_upload_u32(slave, index, subindex);
-        let before = routes.iter().map(|route| ChannelCounters::read(upload, route.from));
+        let read = |route: &Route| ChannelCounters::read(bus.diagnostics(), slave, route.from);
+        let before = routes.iter().map(read);
         let before = before.collect::<Result<_, _>>().map_err(|error| error.to_string())?;
         Ok((gateway, Rate::of_channel(&found.unwrap_or_default()), before))
     }
@@ -255,8 +254,9 @@ impl Running {
             self.cycle(|_, received, _| {
                 for (gateway, channel, frame) in received {
                     let of_gateway = seen.get_mut(*gateway);
-                    let of_channel = of_gateway.and_then(|it| it.get_mut(usize::from(*channel)));
-                    of_channel.into_iter().for_each(|it| it.add(frame.id()));
+                    let of_channel =
+                        of_gateway.and_then(|channels| channels.get_mut(usize::from(*channel)));
+                    of_channel.into_iter().for_each(|received| received.add(frame.id()));
                 }
                 Ok(())
             })?;
@@ -264,9 +264,7 @@ impl Running {
         let traffic = |pair: &WiredPair| {
             let slave = self.planned.positions.get(pair.gateway).copied()?;
             pair.routes.iter().find_map(|Route { from: channel, .. }| {
-                let upload =
-                    |index, subindex| bus.diagnostics().sdo_upload_u32(slave, index, subindex);
-                let state = ChannelState::read(upload, *channel).ok()?;
+                let state = ChannelState::read(bus.diagnostics(), slave, *channel).ok()?;
                 seen.get(pair.gateway)?.get(usize::from(*channel))?.traffic(&state)
             })
         };
@@ -278,7 +276,9 @@ impl Running {
         let mut arrivals = Vec::new();
         let now_ns = self.link.begin(&mut arrivals);
         let frames = arrivals.iter().filter_map(|arrival| match &arrival.event {
-            Event::Frame(it) if !it.is_sent => Some((it.gateway, it.channel, it.frame)),
+            Event::Frame(arrived) if !arrived.is_sent => {
+                Some((arrived.gateway, arrived.channel, arrived.frame))
+            }
             _ => None,
         });
         let received: Vec<Received> = frames.collect();
@@ -315,11 +315,16 @@ impl Running {
 }
 
 impl WiredPair {
-    fn report(self, bus: &Diagnostics, counts: Vec<Counts>, count: u16, report: &mut Report) {
+    fn report(
+        self,
+        bus: &Diagnostics,
+        counts: Vec<Counts>,
+        count: u16,
+        report: &mut GatewayReport,
+    ) {
         let slave = report.position;
         let step = TestStep { path: TestPath::Wire, rate: &self.rate, routes: &self.routes };
-        let upload = |index, subindex| bus.sdo_upload_u32(slave, index, subindex);
-        let after = self.routes.iter().map(|route| ChannelState::read(upload, route.from));
+        let after = self.routes.iter().map(|route| ChannelState::read(bus, slave, route.from));
         let after: Vec<_> = match after.collect::<Result<_, _>>() {
             Ok(after) => after,
             Err(error) => return report.add(step.name(), Err(error.to_string())),

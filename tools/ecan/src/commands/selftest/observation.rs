@@ -10,9 +10,8 @@ use ecan_tool_support::diagnosis::registers::{
     ErrorCounters, LastErrorCode, ProtocolStatus, ReceiveFifoStatus,
 };
 
-use crate::context::{Bus, Failure, Result};
-
 use super::exchange;
+use crate::context::{Bus, Failure, Result};
 
 /// Traffic on the bus of a channel.
 #[derive(Debug, PartialEq, Eq)]
@@ -30,7 +29,9 @@ pub(super) fn require_no_traffic(traffic: &[Traffic], observe_ms: u32) -> Result
     }
     let channels: Vec<_> = traffic
         .iter()
-        .map(|it| format!("channel {} of slave {}: {}", it.channel, it.position, it.seen))
+        .map(|traffic| {
+            format!("channel {} of slave {}: {}", traffic.channel, traffic.position, traffic.seen)
+        })
         .collect();
     Err(Failure::Rejected(format!(
         "traffic on the bus within {observe_ms} ms: {}; the test would disturb it: disconnect the bus or stop \
@@ -102,7 +103,7 @@ pub(super) fn of_active_channels(
 ) -> Vec<Traffic> {
     let read = |bus: &Bus, slave: usize| -> Result<BTreeMap<u8, ActiveChannel>> {
         let mut active = BTreeMap::new();
-        for channel in (0..).zip(tested).filter(|it| it.1).map(|it| it.0) {
+        for channel in (0..).zip(tested).filter(|numbered| numbered.1).map(|numbered| numbered.0) {
             let raw = bus.read(slave, 0x9000 + u16::from(channel), 9)?;
             let status = ChannelStatus::from_raw(raw as u16);
             let is_off = matches!(status.state(), ChannelState::Disabled | ChannelState::Init);

@@ -1,13 +1,14 @@
+//! Report of a gateway: its checks, as text and as a file.
+
 use std::io::{ErrorKind, Write};
 use std::path::{Path, PathBuf};
 
 use ecan_tool_support::command_line::new_file::{Existing, WholeFile};
 use serde::Serialize;
 
+use super::exchange::{ChannelCounters, ChannelState, Counts};
+use super::plan::{Route, TestStep};
 use crate::context::{Failure, Output, Result, Tone};
-
-use super::exchange::{ChannelCounters, ChannelState, Counts, Route};
-use super::steps::TestStep;
 
 #[derive(Debug, Serialize)]
 pub(super) struct Check {
@@ -51,7 +52,7 @@ pub(super) struct Figures {
 }
 
 #[derive(Debug, Default, Serialize)]
-pub(super) struct Report {
+pub(super) struct GatewayReport {
     /// No check failed.
     pub(super) is_good: bool,
     /// Nothing was left out.
@@ -71,7 +72,7 @@ pub(super) struct Report {
     pub(super) file: Option<String>,
 }
 
-impl Report {
+impl GatewayReport {
     pub(super) fn add(&mut self, name: impl Into<String>, found: Result<String, String>) {
         let is_good = Some(found.is_ok());
         let (Ok(detail) | Err(detail)) = found;

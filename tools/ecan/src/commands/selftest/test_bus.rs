@@ -1,7 +1,8 @@
-//! Gateways in operation during a test.
+//! Gateways in operation during a test, and the gateways that prevented its start.
 
 use std::panic::resume_unwind;
-use std::thread::{self, ScopedJoinHandle};
+use std::thread;
+use std::thread::ScopedJoinHandle;
 
 use ecan_host::{AdapterConfig, Diagnostics, Ecrt, Error};
 use ecan_mcan_port::{Cycle, Port, PortConfig, PortError};
@@ -59,7 +60,7 @@ impl TestBus {
 
     /// Longest period of this computer since [`measure_cycles`](Self::measure_cycles), in ns.
     pub(super) fn longest_period_ns(&self) -> u64 {
-        self.port.adapter().cycle_statistics().map_or(0, |it| it.period().max_ns)
+        self.port.adapter().cycle_statistics().map_or(0, |statistics| statistics.period().max_ns)
     }
 
     /// Runs one cycle with `run` in it.
@@ -131,5 +132,72 @@ impl TestBus {
             })
         });
         done.map_err(|error| Failure::Rejected(error.to_string()))
+    }
+}
+
+/// A gateway that did not start.
+#[derive(Debug)]
+pub(super) struct StartFailure {
+    /// Index in the configuration.
+    pub(super) gateway: usize,
+    pub(super) reason: String,
+    /// The cause may pass, so that another attempt is sensible.
+    pub(super) is_temporary: bool,
+}
+
+/// Failures in ascending order of the gateways, at least one; all `count` gateways if the error names
+/// none.
+pub(super) fn start_failures(error: &PortError, count: usize) -> Vec<StartFailure> {
+    let named = named_failures(error);
+    if !named.is_empty() {
+        return named;
+    }
+    let failure = |gateway| StartFailure { gateway, reason: error.to_string(), is_temporary: true };
+    (0..count).map(failure).collect()
+}
+
+fn named_failures(error: &PortError) -> Vec<StartFailure> {
+    let one = |gateway, is_temporary| {
+        vec![StartFailure { gateway, reason: error.to_string(), is_temporary }]
+    };
+    match error {
+        PortError::NotReady { slave, .. } => one(*slave, error.is_temporary()),
+        PortError::Adapter(Error::NotOperational(report)) => {
+            let failures = report.slaves.iter().map(|slave| StartFailure {
+                gateway: slave.slave,
+                reason: slave.to_string(),
+                is_temporary: slave.cause.as_ref().is_none_or(|cause| cause.is_temporary()),
+            });
+            failures.collect()
+        }
+        PortError::Adapter(
+            Error::NoSuchSlave { slave, .. }
+            | Error::IdentityMismatch { slave, .. }
+            | Error::NotAnEcanLite { slave, .. }
+            | Error::Unrecognised { slave, .. }
+            | Error::Mapping { slave, .. }
+            | Error::MappingCount { slave, .. }
+            | Error::Layout { slave, .. }
+            | Error::NotInPreop { slave, .. }
+            | Error::Sdo { slave, .. }
+            | Error::Readback { slave, .. },
+        ) => one(*slave, error.is_temporary()),
+        _ => Vec::new(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use ecan_host::NotOperational;
+
+    use super::*;
+
+    #[test]
+    fn error_without_gateway_concerns_all() {
+        let empty = NotOperational { waited_ms: 1, slaves: Vec::new() };
+        let error = PortError::Adapter(Error::NotOperational(Box::new(empty)));
+        let gateways: Vec<_> =
+            start_failures(&error, 2).iter().map(|failure| failure.gateway).collect();
+        assert_eq!(gateways, [0, 1]);
     }
 }

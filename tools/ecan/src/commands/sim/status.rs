@@ -1,6 +1,7 @@
 //! State of a simulated machine as the service reports it.
 
-use std::io::{self, Write};
+use std::io;
+use std::io::Write;
 
 use ecan_protocol::device::AlStatusCode;
 use ecan_sim::{Gateway, Simulation, World};
@@ -82,14 +83,14 @@ impl SimulationStatus {
         let time = seconds(*time_ns);
         writeln!(out, "scenario {scenario}, seed {seed}: {time:.3} s, {cycle} cycles, {op}")?;
         let titles = ["GATEWAY", "POS", "SUPPLY", "CABLE", "REACHED", "STATE"];
-        table::print_with_titles(out, titles, gateways, |it| {
+        table::print_with_titles(out, titles, gateways, |gateway| {
             [
-                it.gateway.to_string(),
-                it.position.map_or_else(|| "-".to_owned(), |position| position.to_string()),
-                if it.is_powered { "on" } else { "off" }.to_owned(),
-                if it.is_cable_open { "open" } else { "closed" }.to_owned(),
-                if it.is_reachable { "yes" } else { "no" }.to_owned(),
-                it.state(),
+                gateway.gateway.to_string(),
+                table::or_dash(gateway.position),
+                if gateway.is_powered { "on" } else { "off" }.to_owned(),
+                if gateway.is_cable_open { "open" } else { "closed" }.to_owned(),
+                if gateway.is_reachable { "yes" } else { "no" }.to_owned(),
+                gateway.state(),
             ]
         })?;
         if nodes.is_empty() {

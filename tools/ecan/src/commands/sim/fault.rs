@@ -1,0 +1,319 @@
+//! Faults of a simulation: a subcommand per kind with an option per key, and their report.
+
+use std::io;
+use std::io::Write;
+
+use clap::error::ErrorKind;
+use clap::{Arg, ArgGroup, ArgMatches, Command, Error, FromArgMatches, Subcommand};
+use ecan_sim::{
+    FaultDescription, FaultEffect, FaultKey, FaultKind, FaultRecord, FaultValue, ScriptedFault,
+    Simulation, When,
+};
+use serde::{Deserialize, Serialize};
+use serde_json::{Map, Value};
+
+use crate::value::parse_unsigned;
+
+/// A `[[fault]]` that is not checked against a scenario.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct FaultRequest(Map<String, Value>);
+
+impl FaultRequest {
+    pub fn new(kind: FaultKind, keys: impl IntoIterator<Item = (&'static str, Value)>) -> Self {
+        let kind = ("kind", Value::from(kind.name()));
+        let keys = std::iter::once(kind).chain(keys);
+        Self(keys.map(|(name, value)| (name.to_owned(), value)).collect())
+    }
+
+    pub fn into_params(self) -> Value {
+        Value::Object(self.0)
+    }
+}
+
+/// The keys of a kind, with those of the time.
+fn keys_of(kind: FaultKind) -> impl Iterator<Item = &'static FaultKey> {
+    let is_own = move |name| kind.keys().contains(&name) || is_time(name);
+    FaultDescription::KEYS.iter().filter(move |key| is_own(key.name))
+}
+
+fn is_time(key: &str) -> bool {
+    FaultDescription::TIMES.contains(&key)
+}
+
+/// `for_ms` is `--for`, `after_op_ms` is `--after-op`.
+fn option_name(key: &str) -> String {
+    key.strip_suffix("_ms").unwrap_or(key).replace('_', "-")
+}
+
+fn command(kind: FaultKind) -> Command {
+    let times =
+        ArgGroup::new("time").args(keys_of(kind).map(|key| key.name).filter(|name| is_time(name)));
+    let command = Command::new(option_name(kind.name())).about(kind.help()).group(times);
+    keys_of(kind).fold(command, |command, key| command.arg(option(key)))
+}
+
+fn option(key: &FaultKey) -> Arg {
+    let name = option_name(key.name);
+    let arg = Arg::new(key.name).long(name.clone()).help(key.help).allow_negative_numbers(true);
+    let arg = match key.value {
+        _ if key.name.ends_with("_ms") => arg.value_name("TIME").value_parser(parse_time),
+        FaultValue::Number => arg.value_name("N").value_parser(parse_number),
+        FaultValue::Text => arg.value_name(name.to_uppercase()).value_parser(parse_text),
+        FaultValue::NumberOrText => {
+            let parse_value = |text: &str| parse_number(text).or_else(|_| parse_text(text));
+            arg.value_name(name.to_uppercase()).value_parser(parse_value)
+        }
+    };
+    match is_time(key.name) {
+        true => arg.help_heading("Time [default: now]"),
+        false => arg.required(key.is_required()),
+    }
+}
+
+fn parse_text(text: &str) -> Result<Value, String> {
+    Ok(Value::from(text))
+}
+
+fn parse_number(text: &str) -> Result<Value, String> {
+    let number = parse_unsigned(text).map(Value::from);
+    let number = number.or_else(|| text.parse::<i64>().ok().map(Value::from));
+    number.ok_or_else(|| "expected an integer, decimal or hexadecimal with 0x".to_owned())
+}
+
+impl FromArgMatches for FaultRequest {
+    fn from_arg_matches(matches: &ArgMatches) -> Result<Self, Error> {
+        let chosen = matches.subcommand().and_then(|(name, matches)| {
+            let kind = FaultKind::ALL.iter().find(|kind| option_name(kind.name()) == name)?;
+            Some((*kind, matches))
+        });
+        let (kind, matches) = chosen.ok_or_else(|| Error::new(ErrorKind::MissingSubcommand))?;
+        let given =
+            |key: &'static FaultKey| Some((key.name, matches.get_one::<Value>(key.name)?.clone()));
+        Ok(Self::new(kind, keys_of(kind).filter_map(given)))
+    }
+
+    fn update_from_arg_matches(&mut self, matches: &ArgMatches) -> Result<(), Error> {
+        *self = Self::from_arg_matches(matches)?;
+        Ok(())
+    }
+}
+
+impl Subcommand for FaultRequest {
+    fn augment_subcommands(parent: Command) -> Command {
+        let parent = parent.subcommand_required(true).arg_required_else_help(true);
+        parent
+            .subcommand_value_name("KIND")
+            .subcommands(FaultKind::ALL.iter().copied().map(command))
+    }
+
+    fn augment_subcommands_for_update(parent: Command) -> Command {
+        Self::augment_subcommands(parent)
+    }
+
+    fn has_subcommand(name: &str) -> bool {
+        FaultKind::ALL.iter().any(|kind| option_name(kind.name()) == name)
+    }
+}
+
+/// Units and their length in milliseconds; a unit that is the end of another one follows it.
+const UNITS: [(&str, f64); 3] = [("ms", 1.0), ("s", 1e3), ("min", 6e4)];
+/// About 49 days, as in scenario files.
+const MAX_MS: f64 = u32::MAX as f64;
+
+/// Parses a time with its unit, as a number of milliseconds.
+pub fn parse_time(text: &str) -> Result<Value, String> {
+    let (number, ms) = UNITS
+        .iter()
+        .find_map(|(unit, ms)| Some((text.strip_suffix(unit)?, ms)))
+        .ok_or("expected a time with its unit, for example 300ms, 1.5s or 1min")?;
+    let number: f64 = number.parse().map_err(|_| format!("\"{number}\" is not a number"))?;
+    // Rounded to 1 ns: 1.1 s are 1100 ms.
+    let ms = (number * ms * 1e6).round() / 1e6;
+    match ms.fract() == 0.0 && (0.0..=MAX_MS).contains(&ms) {
+        true => Ok(Value::from(ms as u64)),
+        false => Err(format!("expected 0 to {MAX_MS} whole milliseconds")),
+    }
+}
+
+/// What has become of a fault, or will.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum FaultState {
+    Injected,
+    Pending,
+    NoEffect,
+}
+
+/// A fault with its time.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct FaultReport {
+    pub state: FaultState,
+    /// Time since the start of the simulation, in ns.
+    #[serde(skip_serializing_if = "Option::is_none", default)]
+    pub time_ns: Option<u64>,
+    /// Number of sends with process data.
+    #[serde(skip_serializing_if = "Option::is_none", default)]
+    pub cycle: Option<u64>,
+    /// Time after all gateways are in OP for the first time, in ns.
+    #[serde(skip_serializing_if = "Option::is_none", default)]
+    pub after_op_ns: Option<u64>,
+    /// Time after the program has all gateways ready for the first time, in ns.
+    #[serde(skip_serializing_if = "Option::is_none", default)]
+    pub after_ready_ns: Option<u64>,
+    /// The fault.
+    pub fault: String,
+    /// The fault with its time, as a line for users.
+    pub text: String,
+}
+
+impl FaultReport {
+    fn new(state: FaultState, fault: String, text: String) -> Self {
+        Self {
+            state,
+            time_ns: None,
+            cycle: None,
+            after_op_ns: None,
+            after_ready_ns: None,
+            fault,
+            text,
+        }
+    }
+
+    pub fn print(&self, out: &mut dyn Write) -> io::Result<()> {
+        writeln!(out, "{}", self.text)
+    }
+}
+
+impl From<&FaultRecord> for FaultReport {
+    fn from(record: &FaultRecord) -> Self {
+        let (time_ns, cycle) = (Some(record.time_ns), Some(record.cycle));
+        let new = Self::new(FaultState::Injected, record.fault.to_string(), record.to_string());
+        Self { time_ns, cycle, ..new }
+    }
+}
+
+impl From<&ScriptedFault> for FaultReport {
+    fn from(scripted: &ScriptedFault) -> Self {
+        let text = format!("pending {scripted}");
+        let new = Self::new(FaultState::Pending, scripted.fault.to_string(), text);
+        match scripted.when {
+            When::At(ns) => Self { time_ns: Some(ns), ..new },
+            When::Cycle(cycle) => Self { cycle: Some(cycle), ..new },
+            When::AfterOp(ns) => Self { after_op_ns: Some(ns), ..new },
+            When::AfterReady(ns) => Self { after_ready_ns: Some(ns), ..new },
+        }
+    }
+}
+
+impl From<&FaultEffect> for FaultReport {
+    fn from(effect: &FaultEffect) -> Self {
+        match effect {
+            FaultEffect::Injected(record) => record.into(),
+            FaultEffect::Scheduled(scripted) => scripted.into(),
+            FaultEffect::Nothing(fault) => {
+                Self::new(FaultState::NoEffect, fault.to_string(), effect.to_string())
+            }
+        }
+    }
+}
+
+/// The last faults that took effect, oldest first, and the pending ones.
+#[derive(Debug, Serialize, Deserialize)]
+pub struct FaultList {
+    pub injected: Vec<FaultReport>,
+    pub pending: Vec<FaultReport>,
+}
+
+impl FaultList {
+    pub fn of(simulation: &Simulation) -> Self {
+        // Copied only: the cycle waits for the world.
+        let (injected, pending): (Vec<_>, Vec<_>) = simulation.with_world(|world| {
+            (world.faults().cloned().collect(), world.pending_faults().collect())
+        });
+        let injected = injected.iter().map(FaultReport::from).collect();
+        Self { injected, pending: pending.iter().map(FaultReport::from).collect() }
+    }
+
+    pub fn print(&self, out: &mut dyn Write) -> io::Result<()> {
+        if self.injected.is_empty() && self.pending.is_empty() {
+            return writeln!(out, "no faults");
+        }
+        let mut all = self.injected.iter().chain(&self.pending);
+        all.try_for_each(|fault| fault.print(out))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use serde_json::json;
+
+    use super::*;
+
+    fn parse_command(arguments: &[&str]) -> Result<Value, String> {
+        let parent = FaultRequest::augment_subcommands(Command::new("fault").no_binary_name(true));
+        let matches = parent.try_get_matches_from(arguments).map_err(|error| error.to_string())?;
+        Ok(FaultRequest::from_arg_matches(&matches).unwrap().into_params())
+    }
+
+    #[test]
+    fn options_become_keys_of_the_fault() {
+        let cases: [(&[&str], Value); 6] = [
+            (&["link-loss", "--for", "300ms"], json!({ "kind": "link_loss", "for_ms": 300 })),
+            (
+                &["power-cycle", "--gateway", "1", "--off", "2s", "--after", "1min"],
+                json!({ "kind": "power_cycle", "gateway": 1, "off_ms": 2000, "after_ms": 60000 }),
+            ),
+            (
+                &["sdo-abort", "--index", "0x8010", "--code", "0x06090030"],
+                json!({ "kind": "sdo_abort", "index": 0x8010, "code": 0x0609_0030 }),
+            ),
+            (&["clock-jump", "--ns", "-100"], json!({ "kind": "clock_jump", "ns": -100 })),
+            (
+                &["library-error", "--call", "send", "--errno", "EINTR", "--cycle", "7"],
+                json!({ "kind": "library_error", "call": "send", "errno": "EINTR", "cycle": 7 }),
+            ),
+            (
+                &["drive-blocked", "--node", "5", "--for", "1s"],
+                json!({ "kind": "drive_blocked", "node": "5", "for_ms": 1000 }),
+            ),
+        ];
+        for (arguments, params) in cases {
+            assert_eq!(parse_command(arguments).as_ref(), Ok(&params), "{arguments:?}");
+            serde_json::from_value::<FaultDescription>(params).unwrap();
+        }
+    }
+
+    #[test]
+    fn wrong_options_are_rejected() {
+        let cases: [(&[&str], &str); 5] = [
+            (&["link-loss"], "--for <TIME>"),
+            (&["link-loss", "--for", "300"], "expected a time with its unit"),
+            (&["power-off", "--for", "1s"], "unexpected argument '--for'"),
+            (&["bus-off", "--channel", "one"], "expected an integer"),
+            (&["crc-error", "--at", "1s", "--after", "1s"], "cannot be used with"),
+        ];
+        for (arguments, words) in cases {
+            let message = parse_command(arguments).unwrap_err();
+            assert!(message.contains(words), "{arguments:?}: {message}");
+        }
+        assert!(parse_command(&["meteor"]).unwrap_err().contains("unrecognized subcommand"));
+    }
+
+    #[test]
+    fn every_kind_has_a_valid_command() {
+        for kind in FaultKind::ALL {
+            command(*kind).debug_assert();
+            assert!(FaultRequest::has_subcommand(&option_name(kind.name())));
+        }
+    }
+
+    #[test]
+    fn times_have_a_unit() {
+        for (text, ms) in [("300ms", 300), ("1.1s", 1100), ("2min", 120_000), ("0s", 0)] {
+            assert_eq!(parse_time(text), Ok(Value::from(ms)), "{text}");
+        }
+        for wrong in ["300", "ms", "0.5ms", "-1s", "2h", "nans", "80000min", ""] {
+            assert!(parse_time(wrong).is_err(), "{wrong}");
+        }
+    }
+}
