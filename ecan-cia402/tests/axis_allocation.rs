@@ -73,9 +73,9 @@ fn forty_axes_allocate_nothing() {
     };
     let mut table: Vec<AxisConfig> = axes(40).into_iter().map(jerk_limited).collect();
     let extended = &mut table[0];
-    extended.outputs =
+    extended.pdos.outputs =
         vec![OutputObject::VelocityOffset, OutputObject::TorqueOffset, OutputObject::ProbeFunction];
-    extended.inputs =
+    extended.pdos.inputs =
         vec![InputObject::Velocity, InputObject::ProbeStatus, InputObject::Probe1Positive];
     extended.feed_forward =
         FeedForwardLimits { velocity: 10_000, velocity_change: 100, torque: 10, torque_change: 1 };

@@ -263,7 +263,7 @@ fn targets_lost_without_a_report_hold_the_axis() {
 
 fn hold_after_bus_off_behind_damaged_images(images: u32) -> HoldReason {
     let mut table = moving(1);
-    table[0].tpdo_timeout = 30;
+    table[0].tolerances.tpdo_timeout = 30;
     let mut fixture = Fixture::single(table).started();
     fixture.steps(100);
     fixture.inject(Fault::BusOff { gateway: 0, channel: 0 });

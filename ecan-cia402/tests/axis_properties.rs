@@ -143,11 +143,11 @@ fn table() -> Vec<AxisConfig> {
 /// The same with a feed-forward of the first axis, the second one in IP, and further inputs.
 fn extended_table() -> Vec<AxisConfig> {
     let mut table = table();
-    table[0].outputs = vec![OutputObject::VelocityOffset, OutputObject::TorqueOffset];
+    table[0].pdos.outputs = vec![OutputObject::VelocityOffset, OutputObject::TorqueOffset];
     table[0].feed_forward = LIMITS;
     table[1].mode = OperatingMode::InterpolatedPosition;
     table[1].drive.interpolation_buffer = Some(2);
-    table[2].inputs = vec![InputObject::Velocity, InputObject::FollowingError];
+    table[2].pdos.inputs = vec![InputObject::Velocity, InputObject::FollowingError];
     table
 }
 

@@ -22,7 +22,7 @@ fn forward(velocity: i32, torque: i16) -> FeedForward {
 
 fn config() -> AxisConfig {
     let mut axis = axis(0, 0, 1).with_step_limit(STEP as u32);
-    axis.outputs = vec![OutputObject::VelocityOffset, OutputObject::TorqueOffset];
+    axis.pdos.outputs = vec![OutputObject::VelocityOffset, OutputObject::TorqueOffset];
     axis.feed_forward = FeedForwardLimits {
         velocity: VELOCITY as u32,
         velocity_change: 5_000,
@@ -238,7 +238,7 @@ fn configuration_clears_offsets_of_an_earlier_owner() {
 #[test]
 fn torque_feed_forward_accelerates_a_velocity_axis() {
     let mut config = config().with_mode(OperatingMode::CyclicVelocity);
-    config.outputs = vec![OutputObject::TorqueOffset];
+    config.pdos.outputs = vec![OutputObject::TorqueOffset];
     let mut fixture = fixture(config);
     travel(&mut fixture, 100, 0, Some(forward(77, 100)));
     assert_eq!(offsets(&fixture), (0, 100), "the velocity offset is not mapped");

@@ -68,8 +68,8 @@ fn pdos_above_four_have_configured_cob_ids() {
     let id = |raw| CanId::standard(raw).unwrap();
     let mut table = table();
     for (axis, rpdo, tpdo) in [(1, 0x301, 0x281), (3, 0x510, 0x490)] {
-        table[axis].pdo_number = 65;
-        table[axis].cob_ids = PdoCobIds { rpdos: vec![id(rpdo)], tpdos: vec![id(tpdo)] };
+        table[axis].pdos.number = 65;
+        table[axis].pdos.cob_ids = PdoCobIds { rpdos: vec![id(rpdo)], tpdos: vec![id(tpdo)] };
     }
     let mut fixture = Fixture::with(two_axes(), table).started();
     fixture.steps(200);
@@ -259,7 +259,7 @@ fn axes_of_a_node_must_fit_together() {
     let address = axis(0, 0, 1).address;
     let id = |raw| CanId::standard(raw).unwrap();
     let same = AxisFault::SameCobId { cob_id: id(0x201), other: 0 };
-    assert_eq!(faults(|axis| axis.pdo_number = 1), [(1, same)]);
+    assert_eq!(faults(|axis| axis.pdos.number = 1), [(1, same)]);
     let other = AxisFault::NodeSettings { address, other: 0 };
     assert_eq!(faults(|axis| axis.drive.heartbeat_ms = 50), [(1, other)]);
     let guarding = GuardingConfig { guard_time: Duration::from_millis(20), life_time_factor: 5 };
@@ -267,18 +267,18 @@ fn axes_of_a_node_must_fit_together() {
     assert_eq!(faults(|axis| axis.node_axis = 8), [(1, AxisFault::NodeAxis { node_axis: 8 })]);
     let node = AxisFault::SameNode { address, other: 0 };
     assert_eq!(faults(|axis| axis.node_axis = 0), [(1, node)]);
-    assert_eq!(faults(|axis| axis.pdo_number = 65), [(1, AxisFault::PdoNumber { number: 65 })]);
+    assert_eq!(faults(|axis| axis.pdos.number = 65), [(1, AxisFault::PdoNumber { number: 65 })]);
     let cob_ids = |rpdos: &[u16]| {
         let rpdos = rpdos.iter().map(|raw| id(*raw)).collect();
-        faults(|axis| axis.cob_ids = PdoCobIds { rpdos, tpdos: Vec::new() })
+        faults(|axis| axis.pdos.cob_ids = PdoCobIds { rpdos, tpdos: Vec::new() })
     };
     assert_eq!(cob_ids(&[0x581]), [(1, AxisFault::CobId { cob_id: id(0x581) })]);
     let count = AxisFault::CobIdCount { found: 2, count: 1 };
     assert_eq!(cob_ids(&[0x301, 0x302]), [(1, count)]);
     assert_eq!(cob_ids(&[0x181]), [(1, AxisFault::SameCobId { cob_id: id(0x181), other: 0 })]);
     let same_pdo = faults(|axis| {
-        axis.cob_ids = PdoCobIds { rpdos: vec![id(0x501)], tpdos: vec![id(0x481)] };
-        axis.pdo_number = 1;
+        axis.pdos.cob_ids = PdoCobIds { rpdos: vec![id(0x501)], tpdos: vec![id(0x481)] };
+        axis.pdos.number = 1;
     });
     assert_eq!(same_pdo, [(1, AxisFault::SamePdo { number: 1, other: 0 })]);
 }

@@ -12,7 +12,7 @@ use ecan_sim::{DriveFault, Fault};
 
 fn with_inputs(inputs: &[InputObject]) -> AxisConfig {
     let mut axis = axis(0, 0, 1).with_step_limit(400);
-    axis.inputs = inputs.to_vec();
+    axis.pdos.inputs = inputs.to_vec();
     axis
 }
 
@@ -52,7 +52,7 @@ fn inputs_arrive_with_the_status_and_the_snapshot() {
 fn further_pdos_are_mapped_and_verified() {
     use InputObject as I;
     let mut config = with_inputs(&[I::Velocity, I::FollowingError, I::DigitalInputs]);
-    config.outputs = vec![OutputObject::DigitalOutputs, OutputObject::Mode];
+    config.pdos.outputs = vec![OutputObject::DigitalOutputs, OutputObject::Mode];
     let mut fixture = Fixture::single(vec![config]).started();
     let mapping = |fixture: &Fixture, index, subindex| {
         fixture.drive(0, |drive| drive.object(index, subindex).unwrap() as u32)
@@ -85,7 +85,7 @@ fn further_pdos_are_mapped_and_verified() {
 #[test]
 fn digital_outputs_are_set_in_every_state() {
     let mut config = axis(0, 0, 1);
-    config.outputs = vec![OutputObject::DigitalOutputs];
+    config.pdos.outputs = vec![OutputObject::DigitalOutputs];
     config.drive.output_mask = Some(0x00FF_0000);
     let mut fixture = Fixture::single(vec![config, axis(0, 0, 2)]).started();
     let output = |fixture: &Fixture, subindex| {
@@ -122,7 +122,7 @@ fn probing(source: ProbeSource) -> (Fixture, Probe) {
         I::Probe2Negative,
     ])
     .with_target_step(100);
-    config.outputs = vec![OutputObject::ProbeFunction];
+    config.pdos.outputs = vec![OutputObject::ProbeFunction];
     let scenario = scenario(1, |drive| {
         drive.motor.start_position = 60_000;
         drive.motor.probes = [64_321, 150_000];
@@ -182,10 +182,10 @@ fn invalid_process_data_is_rejected() {
     use InputObject as I;
     let mut config = with_inputs(&[I::Velocity, I::FollowingError, I::DigitalInputs]);
     assert_eq!(faults(&config), []);
-    config.pdo_number = 3;
+    config.pdos.number = 3;
     assert_eq!(faults(&config), [AxisFault::PdoCount { first: 3, count: 3 }]);
     let mut config = with_inputs(&[]).with_mode(OperatingMode::ProfilePosition);
-    config.outputs = vec![OutputObject::VelocityOffset, OutputObject::ProbeFunction];
+    config.pdos.outputs = vec![OutputObject::VelocityOffset, OutputObject::ProbeFunction];
     let texts: Vec<String> = faults(&config).iter().map(ToString::to_string).collect();
     assert_eq!(
         texts,

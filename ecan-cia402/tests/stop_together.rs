@@ -485,8 +485,8 @@ fn lost_path_leaves_no_axis_moving() {
 fn axis_without_targets_does_not_start_to_move_again() {
     for (cycles, continues) in [(1, true), (6, false)] {
         let mut table = limited(vec![axis(0, 0, 1)], &[Limits(4.0, 0.25)]);
-        table[0].wc_misses = 10;
-        table[0].tpdo_timeout = 20;
+        table[0].tolerances.wc_misses = 10;
+        table[0].tolerances.tpdo_timeout = 20;
         let mut fixture = moving(table, &[100]);
         fixture.axis_mut(0).halt();
         fixture.idle(3);

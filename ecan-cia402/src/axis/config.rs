@@ -66,31 +66,16 @@ pub struct AxisConfig {
     /// Limits in units of the machine. One that is set replaces `step_limit`, `ramp` or `bounds`, as
     /// its documentation says; none by default.
     pub limits: MotionLimits,
-    /// Tolerated SYNC periods in a row without a usable TPDO.
-    pub tpdo_timeout: u16,
-    /// Tolerated cycles in a row with an incomplete working counter; in these the Port repeats the
-    /// last image, and no target is sent.
-    pub wc_misses: u16,
-    /// Fewest new images that must be received while old targets drain.
-    pub drain_images: u16,
+    /// Faults of the path to the drive that do not make the axis hold.
+    pub tolerances: PathTolerances,
     /// Activates the axis again after it held for a reason on the path to a drive that stayed
     /// enabled; in CSP only, in which the drive rests until then. Otherwise only the application
     /// activates it. A drive that left Operation Enabled is never enabled automatically.
     pub auto_resume: bool,
     /// Longest time for enabling: brake and power stage.
     pub enable_timeout: Duration,
-    /// Number of the first RPDO and of the first TPDO, 1 to 512. Further ones have the next numbers.
-    /// Numbers above 4 need [`cob_ids`](Self::cob_ids). (CiA 301 begins with 64 n + 1 for axis n of a node.)
-    pub pdo_number: u16,
-    /// COB-IDs of the PDOs; by default those of the predefined connection set.
-    pub cob_ids: PdoCobIds,
-    /// Objects that the RPDOs carry beyond controlword and target, none by default. See
-    /// [`PdoLayout`] for their places. A feed-forward object needs its limits in
-    /// [`feed_forward`](Self::feed_forward).
-    pub outputs: Vec<OutputObject>,
-    /// Objects that the TPDOs carry beyond statusword and actual position, none by default;
-    /// [`AxisStatus::inputs`](crate::AxisStatus::inputs) has their values.
-    pub inputs: Vec<InputObject>,
+    /// PDOs and the objects that they carry.
+    pub pdos: PdoConfig,
     /// Limits of the feed-forward that
     /// [`set_target_with`](crate::Target::with_feed_forward) gives.
     pub feed_forward: FeedForwardLimits,
@@ -115,15 +100,10 @@ impl AxisConfig {
             target_step: 0,
             ramp: 20,
             limits: MotionLimits::default(),
-            tpdo_timeout: 5,
-            wc_misses: 3,
-            drain_images: 3,
+            tolerances: PathTolerances::default(),
             auto_resume: false,
             enable_timeout: Duration::from_secs(5),
-            pdo_number: 1,
-            cob_ids: PdoCobIds::default(),
-            outputs: Vec::new(),
-            inputs: Vec::new(),
+            pdos: PdoConfig::default(),
             feed_forward: FeedForwardLimits::default(),
             drive: DriveConfig::default(),
         }
@@ -155,14 +135,14 @@ impl AxisConfig {
 
     /// Process data of the mode, with further objects. Allocates.
     pub fn layout(&self) -> PdoLayout {
-        PdoLayout::new(TargetObject::of_mode(self.mode), &self.outputs, &self.inputs)
+        PdoLayout::new(TargetObject::of_mode(self.mode), &self.pdos.outputs, &self.pdos.inputs)
             .on_node_axis(self.node_axis)
     }
 
     /// Sets the axis of the node, and the number of its first PDOs.
     #[must_use]
     pub fn with_node_axis(mut self, axis: u8, pdo_number: u16) -> Self {
-        (self.node_axis, self.pdo_number) = (axis, pdo_number);
+        (self.node_axis, self.pdos.number) = (axis, pdo_number);
         self
     }
 
@@ -175,18 +155,18 @@ impl AxisConfig {
     /// CAN ID of an RPDO of the axis, 0 is the first.
     pub fn rpdo_id(&self, nth: usize) -> CanId {
         let predefined = || CobId::rpdo(self.address.node, self.predefined_number(nth)).can_id();
-        self.cob_ids.rpdos.get(nth).copied().unwrap_or_else(predefined)
+        self.pdos.cob_ids.rpdos.get(nth).copied().unwrap_or_else(predefined)
     }
 
     /// CAN ID of a TPDO of the axis, 0 is the first.
     pub fn tpdo_id(&self, nth: usize) -> CanId {
         let predefined = || CobId::tpdo(self.address.node, self.predefined_number(nth)).can_id();
-        self.cob_ids.tpdos.get(nth).copied().unwrap_or_else(predefined)
+        self.pdos.cob_ids.tpdos.get(nth).copied().unwrap_or_else(predefined)
     }
 
     /// Number of a PDO in the predefined connection set; a larger one is a fault of the configuration.
     fn predefined_number(&self, nth: usize) -> u8 {
-        u8::try_from(usize::from(self.pdo_number) + nth).unwrap_or(u8::MAX)
+        u8::try_from(usize::from(self.pdos.number) + nth).unwrap_or(u8::MAX)
     }
 
     /// The PDOs of the axis as they are mapped. Allocates.
@@ -194,7 +174,7 @@ impl AxisConfig {
         let layout = self.layout();
         let pdo = |direction, nth, cob_id, entries| PdoMapping {
             direction,
-            number: self.pdo_number.saturating_add(nth as u16),
+            number: self.pdos.number.saturating_add(nth as u16),
             cob_id,
             transmission: TransmissionType::Synchronous(1),
             inhibit_time: None,
@@ -225,9 +205,9 @@ impl AxisConfig {
             window: self.following_window,
             bounds: if kind == TargetKind::None { None } else { self.bounds },
             standstill: self.standstill,
-            tpdo_timeout: self.tpdo_timeout.saturating_mul(cycles),
-            wc_misses: self.wc_misses,
-            drain_images: self.drain_images,
+            tpdo_timeout: self.tolerances.tpdo_timeout.saturating_mul(cycles),
+            wc_misses: self.tolerances.wc_misses,
+            drain_images: self.tolerances.drain_images,
         }
     }
 
@@ -301,17 +281,17 @@ impl AxisConfig {
         {
             report(AxisFault::Range { min, max });
         }
-        if self.tpdo_timeout == 0 {
+        if self.tolerances.tpdo_timeout == 0 {
             report(AxisFault::TpdoTimeout);
         }
     }
 
     fn check_process_data(&self, report: &mut dyn FnMut(AxisFault)) {
         let layout = self.layout();
-        let first = self.pdo_number;
+        let first = self.pdos.number;
         let directions = [
-            (layout.rpdo_count(), self.cob_ids.rpdos.len()),
-            (layout.tpdo_count(), self.cob_ids.tpdos.len()),
+            (layout.rpdo_count(), self.pdos.cob_ids.rpdos.len()),
+            (layout.tpdo_count(), self.pdos.cob_ids.tpdos.len()),
         ];
         let ends_in = |count, most| usize::from(first) + count - 1 <= usize::from(most);
         let is_in = |most| first > 0 && ends_in(1, most);
@@ -326,11 +306,11 @@ impl AxisConfig {
                 report(AxisFault::CobIdCount { found: ids, count });
             }
         }
-        for cob_id in self.cob_ids.invalid() {
+        for cob_id in self.pdos.cob_ids.invalid() {
             report(AxisFault::CobId { cob_id });
         }
         let mode = self.mode;
-        for output in self.outputs.iter().copied() {
+        for output in self.pdos.outputs.iter().copied() {
             if !output.serves(mode) {
                 report(AxisFault::OutputMode { output, mode });
             }
@@ -514,6 +494,49 @@ impl Default for DriveConfig {
     }
 }
 
+/// Faults of the path to a drive that an axis tolerates.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct PathTolerances {
+    /// Tolerated SYNC periods in a row without a usable TPDO; 5 by default.
+    pub tpdo_timeout: u16,
+    /// Tolerated cycles in a row with an incomplete working counter; in these the Port repeats the
+    /// last image, and no target is sent. 3 by default.
+    pub wc_misses: u16,
+    /// Fewest new images that must be received while old targets drain; 3 by default.
+    pub drain_images: u16,
+}
+
+impl Default for PathTolerances {
+    fn default() -> Self {
+        Self { tpdo_timeout: 5, wc_misses: 3, drain_images: 3 }
+    }
+}
+
+/// PDOs of an axis.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct PdoConfig {
+    /// Number of the first RPDO and of the first TPDO, 1 to 512; 1 by default. Further ones have the next
+    /// numbers. Numbers above 4 need [`cob_ids`](Self::cob_ids). (CiA 301 begins with 64 n + 1 for axis n of a
+    /// node.)
+    pub number: u16,
+    /// COB-IDs of the PDOs; by default those of the predefined connection set.
+    pub cob_ids: PdoCobIds,
+    /// Objects that the RPDOs carry beyond controlword and target, none by default. See
+    /// [`PdoLayout`] for their places. A feed-forward object needs its limits in
+    /// [`AxisConfig::feed_forward`].
+    pub outputs: Vec<OutputObject>,
+    /// Objects that the TPDOs carry beyond statusword and actual position, none by default;
+    /// [`AxisStatus::inputs`](crate::AxisStatus::inputs) has their values.
+    pub inputs: Vec<InputObject>,
+}
+
+impl Default for PdoConfig {
+    fn default() -> Self {
+        let cob_ids = PdoCobIds::default();
+        Self { number: 1, cob_ids, outputs: Vec::new(), inputs: Vec::new() }
+    }
+}
+
 /// COB-IDs of the PDOs of an axis, in the order of their numbers. An empty list stands for those of the
 /// predefined connection set (CiA 301, 7.3.3), which has PDOs 1 to 4 of a node.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
@@ -582,15 +605,15 @@ mod tests {
     fn check_reports_every_fault() {
         let mut bad = config();
         bad.address.channel = 4;
-        bad.outputs = vec![OutputObject::TorqueOffset];
-        bad.pdo_number = 0;
+        bad.pdos.outputs = vec![OutputObject::TorqueOffset];
+        bad.pdos.number = 0;
         bad.scale = Scale::steps_per_turn(0.0);
         bad.step_limit = 0;
         bad.target_step = 1;
         bad.following_window = 0;
         bad.bounds = Some((1, 0));
         bad.range = PositionRange::Modulo { min: 0, max: 0 };
-        bad.tpdo_timeout = 0;
+        bad.tolerances.tpdo_timeout = 0;
         assert_eq!(faults(&bad).len(), 10, "{:?}", faults(&bad));
         bad.bounds = Some((1, 2));
         bad.mode = OperatingMode::CyclicVelocity;

@@ -28,7 +28,9 @@ pub(crate) mod task;
 pub(crate) mod units;
 
 pub use axis::{AxisCommand, StopKind};
-pub use config::{AxisConfig, DriveConfig, NodeReset, PdoCobIds, Takeover, VlConfig};
+pub use config::{
+    AxisConfig, DriveConfig, NodeReset, PathTolerances, PdoCobIds, PdoConfig, Takeover, VlConfig,
+};
 pub use error::{AxisFault, CommandError};
 pub use host_loss::{HostLoss, HostLossReaction, HostWatch, StopOptions, StopRamp};
 pub use limits::DriveLimits;

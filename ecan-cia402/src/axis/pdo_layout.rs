@@ -72,8 +72,8 @@ impl TargetObject {
 /// Statusword and actual position come in one frame, so that they are of one instant: the guard
 /// relies on that when it begins at the actual position of an enabled drive.
 ///
-/// Further objects by choice, [`AxisConfig::outputs`](crate::AxisConfig::outputs) and
-/// [`AxisConfig::inputs`](crate::AxisConfig::inputs), follow in the order of their lists, each in
+/// Further objects by choice, [`PdoConfig::outputs`](crate::PdoConfig::outputs) and
+/// [`PdoConfig::inputs`](crate::PdoConfig::inputs), follow in the order of their lists, each in
 /// the first PDO of 8 bytes that has space for it; a PDO is added if none has. Of the outputs only
 /// the mode is in the first RPDO. The others have RPDOs without a target, so that a feed-forward can
 /// be zeroed, and an output be set, without one.
@@ -323,7 +323,7 @@ fn fill(to: &mut [u8], from: &[u8]) -> usize {
 
 ecan_protocol::text_enum! {
     /// Object that the TPDOs of an axis carry, beyond statusword and actual position, see
-    /// [`AxisConfig::inputs`](crate::AxisConfig::inputs).
+    /// [`PdoConfig::inputs`](crate::PdoConfig::inputs).
     pub enum InputObject: u8;
     /// Actual velocity 0x606C, I32, in units of the drive's velocity.
     Velocity = 0, "actual velocity 0x606C";
@@ -386,7 +386,7 @@ impl InputObject {
 }
 
 /// Values of the last TPDOs of a drive. A value is `None` if its object is not in
-/// [`AxisConfig::inputs`](crate::AxisConfig::inputs), or if no TPDO with it has arrived since the
+/// [`PdoConfig::inputs`](crate::PdoConfig::inputs), or if no TPDO with it has arrived since the
 /// configuration.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct AxisInputs {
@@ -457,7 +457,7 @@ impl AxisInputs {
 
 ecan_protocol::text_enum! {
     /// Object that the RPDOs of an axis carry, beyond controlword and target, see
-    /// [`AxisConfig::outputs`](crate::AxisConfig::outputs).
+    /// [`PdoConfig::outputs`](crate::PdoConfig::outputs).
     pub enum OutputObject: u8;
     /// Velocity offset 0x60B1, I32, in units of the drive's velocity: feed-forward in CSP.
     VelocityOffset = 0, "velocity offset 0x60B1";

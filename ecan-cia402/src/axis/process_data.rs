@@ -17,13 +17,13 @@ const CLEARED_CYCLES: u32 = 4;
 pub enum Output {
     /// Digital outputs 0x60FE:01. Needs
     /// [`OutputObject::DigitalOutputs`](crate::OutputObject::DigitalOutputs) in the
-    /// [outputs](crate::AxisConfig::outputs), and the mask
+    /// [outputs](crate::PdoConfig::outputs), and the mask
     /// [`DriveConfig::output_mask`](crate::DriveConfig::output_mask).
     Digital(u32),
     /// Touch probe, armed or (`None`) disabled: it samples the actual position at edges of a signal. A probe
     /// that is armed already is disabled first. [`AxisRef::probe`](crate::AxisRef::probe) returns the positions.
     /// Needs [`OutputObject::ProbeFunction`](crate::OutputObject::ProbeFunction) in the
-    /// [outputs](crate::AxisConfig::outputs); status and positions in the [inputs](crate::AxisConfig::inputs).
+    /// [outputs](crate::PdoConfig::outputs); status and positions in the [inputs](crate::PdoConfig::inputs).
     Probe(Probe, Option<ProbeTrigger>),
 }
 
@@ -216,10 +216,10 @@ pub struct ProbeState {
     /// The drive reports the probe as enabled, after the last command.
     pub is_armed: bool,
     /// Position at a positive edge since the probe was armed, in steps; `None` if none was stored, or
-    /// its object is not in the [inputs](crate::AxisConfig::inputs).
+    /// its object is not in the [inputs](crate::PdoConfig::inputs).
     pub positive: Option<i32>,
     /// Position at a negative edge since the probe was armed, in steps; `None` if none was stored, or
-    /// its object is not in the [inputs](crate::AxisConfig::inputs).
+    /// its object is not in the [inputs](crate::PdoConfig::inputs).
     pub negative: Option<i32>,
 }
 

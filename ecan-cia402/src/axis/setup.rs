@@ -593,7 +593,7 @@ impl AxisSetup {
     /// first stage heartbeat or guard time, and mode.
     fn verification_script(&self, plan: &AxisPlan, mode: OperatingMode) -> Script {
         let (axis, stage) = (plan.config.node_axis, self.verified_pdos);
-        let nth = plan.config.pdo_number.saturating_sub(1) + stage as u16;
+        let nth = plan.config.pdos.number.saturating_sub(1) + stage as u16;
         let has_rpdo = stage < plan.layout.rpdo_count();
         let has_tpdo = stage < plan.layout.tpdo_count();
         let rpdo = has_rpdo.then(|| {

@@ -178,7 +178,7 @@ fn push_other_tpdos(steps: &mut Vec<Step>, axes: &[&AxisConfig]) -> Result<(), P
     }
     let is_used = |number: u16| {
         axes.iter().any(|axis| {
-            (axis.pdo_number..).take(axis.layout().tpdo_count()).any(|used| used == number)
+            (axis.pdos.number..).take(axis.layout().tpdo_count()).any(|used| used == number)
         })
     };
     for other in (1..=LAST_PDO).filter(|other| !is_used(*other)) {

@@ -86,7 +86,7 @@ axis_status! {
         pub target: Option<i32> =
             axis.path.target(), words.has(HAS_TARGET).then_some(unpair(words.positions).1);
         /// Values of the further objects in the last TPDOs, see
-        /// [`AxisConfig::inputs`](crate::AxisConfig::inputs).
+        /// [`PdoConfig::inputs`](crate::PdoConfig::inputs).
         pub inputs: AxisInputs = *axis.data.inputs(), extension_of(words.extension).0;
         /// The feed-forward that was sent last.
         pub feed_forward: FeedForward = axis.data.feed_forward(), extension_of(words.extension).1;

@@ -330,7 +330,7 @@ impl Target {
 
     /// Adds a feed-forward for this target, which the drive adds to the demand of its controllers. Needs
     /// [`OutputObject::VelocityOffset`](crate::OutputObject::VelocityOffset) or
-    /// [`TorqueOffset`](crate::OutputObject::TorqueOffset) in the [outputs](AxisConfig::outputs); the value of
+    /// [`TorqueOffset`](crate::OutputObject::TorqueOffset) in the [outputs](crate::PdoConfig::outputs); the value of
     /// an object that is not mapped has no effect.
     ///
     /// The feed-forward is limited, and changes by at most its limit per target

@@ -224,13 +224,13 @@ pub fn axis_conflicts(
 
 /// Numbers of the RPDOs of an axis, from the first to one beyond the last.
 fn rpdos(axis: &AxisConfig) -> Range<usize> {
-    let first = usize::from(axis.pdo_number);
+    let first = usize::from(axis.pdos.number);
     first..first + axis.layout().rpdo_count()
 }
 
 /// As [`rpdos`], of the TPDOs.
 fn tpdos(axis: &AxisConfig) -> Range<usize> {
-    let first = usize::from(axis.pdo_number);
+    let first = usize::from(axis.pdos.number);
     first..first + axis.layout().tpdo_count()
 }
 

@@ -104,7 +104,7 @@ impl Bounds {
             service_ns: variants::service_period_ns(&plan.variants),
             response_ns: u64::from(drive.sdo_delay_us) * 1_000,
             node_axes: plan.axes_of_node(axis).count() as u64,
-            tpdo_timeout: config.tpdo_timeout.into(),
+            tpdo_timeout: config.tolerances.tpdo_timeout.into(),
             ignores_quick_stop: drive.quirks.ignores_quick_stop,
             brake_ns: u64::from(drive.enable_ms) * MS,
             step_limit: config.step_limit.into(),
@@ -278,7 +278,7 @@ pub fn range(config: &AxisConfig) -> Option<(i32, i32)> {
 /// so with the targets. An offset of torque acts for one controller period.
 fn feed_forward_deviation(config: &AxisConfig, target_ns: f64) -> f64 {
     let limits = &config.feed_forward;
-    let has = |output| config.outputs.contains(&output);
+    let has = |output| config.pdos.outputs.contains(&output);
     let mut deviation = 0.0;
     if has(OutputObject::VelocityOffset) {
         let kept = (-POSITION_GAIN * target_ns / 1e9).exp();
@@ -299,7 +299,7 @@ fn feed_forward_distance(config: &AxisConfig) -> f64 {
         return 0.0;
     }
     let limits = &config.feed_forward;
-    let has = |output| config.outputs.contains(&output);
+    let has = |output| config.pdos.outputs.contains(&output);
     let mut added = 0.0;
     if has(OutputObject::VelocityOffset) {
         added += f64::from(limits.velocity);

@@ -210,7 +210,7 @@ impl Plan {
                 let mut axis = AxisPlan::draw(r, axes.len(), address, target_ms);
                 let most = if cycle_ms == 1 { 3 } else { MOST_RPDOS };
                 if rpdos + axis.config.layout().rpdo_count() > most {
-                    axis.config.outputs.clear();
+                    axis.config.pdos.outputs.clear();
                 }
                 axes.push(axis);
             }
@@ -398,7 +398,7 @@ fn draw_feed_forward(r: &mut Random, config: &mut AxisConfig, target_ms: u64) {
         OperatingMode::CyclicVelocity => &[OutputObject::TorqueOffset],
         _ => return,
     };
-    config.outputs = objects.to_vec();
+    config.pdos.outputs = objects.to_vec();
     let velocity = config.step_limit.saturating_mul(1_000) / target_ms as u32;
     let torque = r.range(5, 20) as u16;
     config.feed_forward = FeedForwardLimits {

@@ -600,7 +600,7 @@ impl Trial {
             return Path::Blocked;
         }
         let (powered, nmt, valid) = self.on_drive(n, |drive| {
-            let number = self.plan.axes[n].config.pdo_number - 1;
+            let number = self.plan.axes[n].config.pdos.number - 1;
             let id = drive.object(object::RPDO_COMMUNICATION + number, 1).unwrap_or(0);
             (drive.is_powered(), drive.nmt_state(), id & 0x8000_0000 == 0)
         });

@@ -127,9 +127,9 @@ fn read_tolerances(table: &mut Table<'_, '_>, axis: &mut AxisConfig) {
             table.fault(key, format!("`{key}` needs `position_range` = \"modulo\""));
         }
     }
-    store(&mut axis.tpdo_timeout, table.unsigned("tpdo_timeout", (1, 0xFFFF)));
-    store(&mut axis.wc_misses, table.unsigned("wc_misses", (0, 0xFFFF)));
-    store(&mut axis.drain_images, table.unsigned("drain_images", (0, 0xFFFF)));
+    store(&mut axis.tolerances.tpdo_timeout, table.unsigned("tpdo_timeout", (1, 0xFFFF)));
+    store(&mut axis.tolerances.wc_misses, table.unsigned("wc_misses", (0, 0xFFFF)));
+    store(&mut axis.tolerances.drain_images, table.unsigned("drain_images", (0, 0xFFFF)));
 }
 
 fn read_scale(table: &mut Table<'_, '_>, axis: &mut AxisConfig) {
@@ -212,16 +212,16 @@ fn keys(fault: &AxisFault, axis: &AxisConfig) -> &'static [&'static str] {
         AxisFault::PdoNumber { .. } | AxisFault::SamePdo { .. } => {
             &["pdo_number", "rpdo_cob_ids", "tpdo_cob_ids"]
         }
-        AxisFault::CobIdCount { found, .. } if *found == axis.cob_ids.rpdos.len() => {
+        AxisFault::CobIdCount { found, .. } if *found == axis.pdos.cob_ids.rpdos.len() => {
             &["rpdo_cob_ids"]
         }
         AxisFault::CobId { cob_id } | AxisFault::SameCobId { cob_id, .. }
-            if axis.cob_ids.rpdos.contains(cob_id) =>
+            if axis.pdos.cob_ids.rpdos.contains(cob_id) =>
         {
             &["rpdo_cob_ids"]
         }
         AxisFault::CobIdCount { .. } | AxisFault::CobId { .. } => &["tpdo_cob_ids"],
-        AxisFault::SameCobId { cob_id, .. } if axis.cob_ids.tpdos.contains(cob_id) => {
+        AxisFault::SameCobId { cob_id, .. } if axis.pdos.cob_ids.tpdos.contains(cob_id) => {
             &["tpdo_cob_ids"]
         }
         AxisFault::SameCobId { .. } => &["pdo_number", "node", "rpdo_cob_ids", "tpdo_cob_ids"],
@@ -391,11 +391,11 @@ pub(crate) const OUTPUTS: [(&str, OutputObject); 5] = [
 
 /// Reads the PDOs with their objects, and the limits of the feed-forward.
 pub(crate) fn read_process_data(table: &mut Table<'_, '_>, axis: &mut AxisConfig) {
-    store(&mut axis.pdo_number, table.unsigned("pdo_number", (1, 512)));
-    axis.cob_ids.rpdos = read_cob_ids(table, "rpdo_cob_ids");
-    axis.cob_ids.tpdos = read_cob_ids(table, "tpdo_cob_ids");
-    axis.inputs = read_objects(table, "inputs", &INPUTS);
-    axis.outputs = read_objects(table, "outputs", &OUTPUTS);
+    store(&mut axis.pdos.number, table.unsigned("pdo_number", (1, 512)));
+    axis.pdos.cob_ids.rpdos = read_cob_ids(table, "rpdo_cob_ids");
+    axis.pdos.cob_ids.tpdos = read_cob_ids(table, "tpdo_cob_ids");
+    axis.pdos.inputs = read_objects(table, "inputs", &INPUTS);
+    axis.pdos.outputs = read_objects(table, "outputs", &OUTPUTS);
     if let Some(mut limits) = table.table("feed_forward") {
         let target = &mut axis.feed_forward;
         store(&mut target.velocity, limits.unsigned("velocity", (0, i32::MAX.unsigned_abs())));

@@ -8,7 +8,7 @@ use ecan_canopen::{
 };
 use ecan_cia402::{
     AxisConfig, DriveConfig, FeedForwardLimits, InputObject, MotionLimits, NodeReset, OutputObject,
-    PdoCobIds, PositionRange, Scale, ScaleSource, VlConfig,
+    PathTolerances, PdoCobIds, PdoConfig, PositionRange, Scale, ScaleSource, VlConfig,
 };
 use ecan_lite::config::{EXAMPLE, load_axes, parse, parse_axes};
 use ecan_protocol::can::CanId;
@@ -237,12 +237,21 @@ fn axes_have_their_process_data_and_drives() {
     let expected = AxisConfig {
         scale_source: ScaleSource::Checked,
         range: PositionRange::Modulo { min: -100, max: 99 },
-        tpdo_timeout: 7,
-        wc_misses: 2,
-        drain_images: 4,
-        pdo_number: 2,
-        inputs: vec![InputObject::Velocity, InputObject::ProbeStatus, InputObject::DigitalInputs],
-        outputs: vec![OutputObject::TorqueOffset, OutputObject::ProbeFunction, OutputObject::Mode],
+        tolerances: PathTolerances { tpdo_timeout: 7, wc_misses: 2, drain_images: 4 },
+        pdos: PdoConfig {
+            number: 2,
+            inputs: vec![
+                InputObject::Velocity,
+                InputObject::ProbeStatus,
+                InputObject::DigitalInputs,
+            ],
+            outputs: vec![
+                OutputObject::TorqueOffset,
+                OutputObject::ProbeFunction,
+                OutputObject::Mode,
+            ],
+            ..PdoConfig::default()
+        },
         feed_forward: FeedForwardLimits {
             velocity: 9,
             velocity_change: 2,
@@ -342,11 +351,9 @@ fn axes_of_a_drive_have_their_own_pdos() {
     let first =
         AxisConfig::new(NodeAddress { slave: 0, channel: 1, node: NodeId::new(7).unwrap() });
     let id = |raw| CanId::standard(raw).unwrap();
-    let second = AxisConfig {
-        inputs: vec![InputObject::Velocity, InputObject::Torque],
-        cob_ids: PdoCobIds { rpdos: vec![id(0x301)], tpdos: vec![id(0x281), id(0x381)] },
-        ..first.clone().with_node_axis(1, 65)
-    };
+    let mut second = first.clone().with_node_axis(1, 65);
+    second.pdos.inputs = vec![InputObject::Velocity, InputObject::Torque];
+    second.pdos.cob_ids = PdoCobIds { rpdos: vec![id(0x301)], tpdos: vec![id(0x281), id(0x381)] };
     assert_eq!(axes, [first, second]);
 }
 

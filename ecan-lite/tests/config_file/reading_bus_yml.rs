@@ -200,8 +200,8 @@ fn drives_of_ros2_canopen_are_axes() {
     assert_eq!((first.address, second.address), (address(0, 2), address(0, 3)));
     assert_eq!(first.mode, OperatingMode::ProfilePosition);
     assert_eq!(second.mode, OperatingMode::CyclicPosition);
-    assert_eq!(first.inputs, [InputObject::ModeDisplay, InputObject::Velocity]);
-    assert_eq!(first.outputs, [OutputObject::Mode]);
+    assert_eq!(first.pdos.inputs, [InputObject::ModeDisplay, InputObject::Velocity]);
+    assert_eq!(first.pdos.outputs, [OutputObject::Mode]);
     let turn = std::f64::consts::TAU;
     let scale = Scale::steps_per_turn(2000.0 * turn).with_origin(12);
     assert_eq!(first.scale, scale.with_velocity_units(500.0 * turn));

@@ -197,7 +197,7 @@ fn axes_of_a_node_share_its_settings() {
     let path = directory.path().join("cell.toml");
     let axes = load_axes(&path).unwrap_or_else(|error| panic!("{error}"));
     let [first, second] = &axes[..] else { panic!("{axes:?}") };
-    assert_eq!((first.node_axis, first.pdo_number), (0, 1));
+    assert_eq!((first.node_axis, first.pdos.number), (0, 1));
     assert_eq!((first.mode, first.drive.heartbeat_ms), (OperatingMode::CyclicVelocity, 70));
     assert!(!first.drive.further.is_empty(), "the PDO of the node is mapped once");
     let mut expected = AxisConfig::new(address(1, 2)).with_node_axis(1, 2).with_step_limit(88);

@@ -324,9 +324,9 @@ pub(super) fn apply(
         report("inputs", axis.inputs.into());
     }
     let outputs = OutputObject::ALL.iter().copied();
-    config.outputs = outputs.filter(|output| chosen(axis.outputs, output.raw())).collect();
+    config.pdos.outputs = outputs.filter(|output| chosen(axis.outputs, output.raw())).collect();
     let inputs = InputObject::ALL.iter().copied();
-    config.inputs = inputs.filter(|input| chosen(axis.inputs, input.raw())).collect();
+    config.pdos.inputs = inputs.filter(|input| chosen(axis.inputs, input.raw())).collect();
     config.feed_forward = FeedForwardLimits {
         velocity: axis.feed_forward_velocity,
         velocity_change: axis.feed_forward_velocity_change,
@@ -337,7 +337,7 @@ pub(super) fn apply(
         Some(source) => config.scale_source = source,
         None => report("scale_source", axis.scale_source.into()),
     }
-    config.cob_ids = PdoCobIds {
+    config.pdos.cob_ids = PdoCobIds {
         rpdos: cob_ids("rpdo_cob_ids", &axis.rpdo_cob_ids, report),
         tpdos: cob_ids("tpdo_cob_ids", &axis.tpdo_cob_ids, report),
     };
@@ -462,12 +462,12 @@ mod tests {
         axis.rpdo_cob_ids[0] = 0x301;
         axis.tpdo_cob_ids[..2].copy_from_slice(&[0x381, 0x382]);
         let mut expected = config();
-        expected.outputs = vec![OutputObject::TorqueOffset, OutputObject::DigitalOutputs];
-        expected.inputs = vec![InputObject::Velocity, InputObject::VlVelocity];
+        expected.pdos.outputs = vec![OutputObject::TorqueOffset, OutputObject::DigitalOutputs];
+        expected.pdos.inputs = vec![InputObject::Velocity, InputObject::VlVelocity];
         expected.feed_forward =
             FeedForwardLimits { velocity: 1, velocity_change: 2, torque: 3, torque_change: 4 };
         expected.scale_source = ScaleSource::Drive;
-        expected.cob_ids = PdoCobIds {
+        expected.pdos.cob_ids = PdoCobIds {
             rpdos: vec![CanId::standard(0x301).unwrap()],
             tpdos: [0x381, 0x382].map(|id| CanId::standard(id).unwrap()).to_vec(),
         };
@@ -501,11 +501,9 @@ mod tests {
 
     #[test]
     fn cob_ids_of_all_objects_fit() {
-        let config = AxisConfig {
-            outputs: OutputObject::ALL.to_vec(),
-            inputs: InputObject::ALL.to_vec(),
-            ..config()
-        };
+        let mut config = config();
+        config.pdos.outputs = OutputObject::ALL.to_vec();
+        config.pdos.inputs = InputObject::ALL.to_vec();
         let layout = config.layout();
         assert!(layout.rpdo_count() <= IGH_CIA402_MAX_PDOS);
         assert!(layout.tpdo_count() <= IGH_CIA402_MAX_PDOS);

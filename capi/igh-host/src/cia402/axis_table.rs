@@ -9,7 +9,8 @@ use ecan_canopen::{
     QuickStopOption, SdoValue, Step, StopOption,
 };
 use ecan_cia402::{
-    AxisConfig, AxisFault, AxisFaults, Cia402Error, DriveConfig, MotionLimits, PositionRange, Scale,
+    AxisConfig, AxisFault, AxisFaults, Cia402Error, DriveConfig, MotionLimits, PathTolerances,
+    PdoConfig, PositionRange, Scale,
 };
 
 use super::axis;
@@ -125,9 +126,9 @@ impl igh_cia402_axis_t {
             bound_max: bounds.map_or(0, |(_, max)| max),
             has_bounds: bounds.is_some().into(),
             write_position_limits: drive.write_position_limits.into(),
-            tpdo_timeout: settings.tpdo_timeout,
-            wc_misses: settings.wc_misses,
-            drain_images: settings.drain_images,
+            tpdo_timeout: settings.tolerances.tpdo_timeout,
+            wc_misses: settings.tolerances.wc_misses,
+            drain_images: settings.tolerances.drain_images,
             enable_timeout_ms: milliseconds(settings.enable_timeout),
             boot_timeout_ms: milliseconds(drive.boot_timeout),
             reset: drive.reset as u8,
@@ -178,7 +179,7 @@ impl igh_cia402_axis_t {
             life_time_factor: 0,
             padding: 0,
             guard_time_ms: 0,
-            pdo_number: settings.pdo_number,
+            pdo_number: settings.pdos.number,
             rpdo_cob_ids: [0; IGH_CIA402_MAX_PDOS],
             tpdo_cob_ids: [0; IGH_CIA402_MAX_PDOS],
             reserved: [0; 8],
@@ -247,13 +248,15 @@ impl igh_cia402_axis_t {
             target_step: self.target_step,
             ramp: self.ramp,
             limits: self.limits(),
-            tpdo_timeout: self.tpdo_timeout,
-            wc_misses: self.wc_misses,
-            drain_images: self.drain_images,
+            tolerances: PathTolerances {
+                tpdo_timeout: self.tpdo_timeout,
+                wc_misses: self.wc_misses,
+                drain_images: self.drain_images,
+            },
             auto_resume: self.auto_resume != 0,
             enable_timeout: duration(self.enable_timeout_ms),
             node_axis: self.node_axis,
-            pdo_number: self.pdo_number,
+            pdos: PdoConfig { number: self.pdo_number, ..PdoConfig::default() },
             drive,
             ..AxisConfig::new(NodeAddress { slave, channel, node: node? })
         }
@@ -424,7 +427,7 @@ mod tests {
         let expected = AxisConfig {
             node_axis: 2,
             mode: OperatingMode::CyclicVelocity,
-            pdo_number: 300,
+            pdos: PdoConfig { number: 300, ..PdoConfig::default() },
             range: PositionRange::Modulo { min: -5, max: 7 },
             bounds: Some((-3, 3)),
             scale: Scale::steps_per_turn(4096.0).with_origin(11),

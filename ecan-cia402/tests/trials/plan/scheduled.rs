@@ -56,7 +56,7 @@ impl Plan {
             let mut axis = AxisPlan::draw(r, index, address, target_ms);
             let further = count - index - 1;
             if rpdos + axis.config.layout().rpdo_count() + further > most {
-                axis.config.outputs.clear();
+                axis.config.pdos.outputs.clear();
             }
             rpdos += axis.config.layout().rpdo_count();
             self.axes.push(axis);

@@ -47,7 +47,7 @@ impl Plan {
             }
             _ => (low, high),
         });
-        axis.config = axis.config.clone().with_node_axis(1, node.pdo_number + pdos);
+        axis.config = axis.config.clone().with_node_axis(1, node.pdos.number + pdos);
         axis.config.address = node.address;
         axis.config.drive.host_heartbeat_ms = node.drive.host_heartbeat_ms;
         axis.drive = drive;

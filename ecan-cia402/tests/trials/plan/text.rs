@@ -52,7 +52,7 @@ impl fmt::Display for Plan {
                 config.following_window,
                 config.ramp,
                 axis.style,
-                config.outputs,
+                config.pdos.outputs,
                 config.feed_forward,
                 config.drive.interpolation_buffer,
                 config.drive.quick_stop,

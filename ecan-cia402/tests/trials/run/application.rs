@@ -164,7 +164,7 @@ impl Trial {
                 _ => target,
             };
             let limits = axis.config.feed_forward;
-            if axis.config.outputs.is_empty() || r.below(20) == 0 {
+            if axis.config.pdos.outputs.is_empty() || r.below(20) == 0 {
                 let _ = cia402.axis_mut(n).unwrap().set_target(target);
                 continue;
             }

@@ -492,7 +492,7 @@ fn add_output(entry: &MappingEntry, axis: &mut AxisConfig) -> Result<(), &'stati
             Err("a feed-forward needs limits; use `[[node]]` with `[node.axis.feed_forward]`")
         }
         Some(object) => {
-            axis.outputs.push(object);
+            axis.pdos.outputs.push(object);
             Ok(())
         }
         None if entry.index == object::CONTROLWORD || TARGETS.contains(&entry.index) => Ok(()),
@@ -506,7 +506,7 @@ fn add_output(entry: &MappingEntry, axis: &mut AxisConfig) -> Result<(), &'stati
 fn add_input(entry: &MappingEntry, axis: &mut AxisConfig) -> Result<(), &'static str> {
     match InputObject::ALL.iter().copied().find(|object| object.entry() == *entry) {
         Some(object) => {
-            axis.inputs.push(object);
+            axis.pdos.inputs.push(object);
             Ok(())
         }
         None if matches!(entry.index, object::STATUSWORD | object::POSITION_ACTUAL) => Ok(()),

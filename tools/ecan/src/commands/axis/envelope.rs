@@ -73,7 +73,7 @@ impl Envelope {
     /// Configures CSP with these limits.
     pub fn apply_csp(&self, config: &mut AxisConfig, target_period: Duration) {
         config.mode = OperatingMode::CyclicPosition;
-        config.outputs.clear();
+        config.pdos.outputs.clear();
         config.bounds = Some((self.min, self.max));
         let radians = TAU / config.scale.steps().abs();
         config.limits = MotionLimits {
@@ -90,7 +90,7 @@ impl Envelope {
     /// Configures PP with these limits in the objects of the drive.
     pub fn apply_pp(&self, config: &mut AxisConfig) {
         config.mode = OperatingMode::ProfilePosition;
-        config.outputs.clear();
+        config.pdos.outputs.clear();
         config.bounds = Some((self.min, self.max));
         config.limits = MotionLimits::default();
         config.target_step = 0;
@@ -109,7 +109,7 @@ impl Envelope {
     /// watched.
     pub fn apply_csv(&self, config: &mut AxisConfig, target_period: Duration) {
         config.mode = OperatingMode::CyclicVelocity;
-        config.outputs.clear();
+        config.pdos.outputs.clear();
         config.limits = MotionLimits::default();
         config.target_step = 0;
         let velocity = self.drive_units(config, self.velocity);

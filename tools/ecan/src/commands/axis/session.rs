@@ -122,7 +122,7 @@ impl AxisSession {
                 _ => envelope.apply_csp(&mut config, target_period),
             }
             if mode == OperatingMode::CyclicVelocity {
-                config.inputs = vec![InputObject::Velocity];
+                config.pdos.inputs = vec![InputObject::Velocity];
             }
         }
         let output = LiveOutput::start(chosen.units, !context.output.has_progress())?;
