@@ -187,7 +187,8 @@ fn channel_fault(
     let text = if !gateway.channels.get(usize::from(channel)).is_some_and(Option::is_some) {
         format!("is not enabled; add its table can{channel}")
     } else {
-        let direction = Direction::ALL.into_iter().find(|it| !gateway.carries(*it, channel))?;
+        let direction =
+            Direction::ALL.into_iter().find(|other| !gateway.carries(*other, channel))?;
         format!("is not among the `channels` of the {direction}; an axis needs both directions")
     };
     Some(("channel", format!("axis {at}: channel {channel} of gateway {slave} {text}")))

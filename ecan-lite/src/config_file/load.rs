@@ -65,7 +65,7 @@ pub fn parse_with(bytes: &[u8], texts: BTreeMap<String, String>) -> Result<Confi
 /// # Errors
 /// Every fault of the file, with line and column.
 pub fn parse_axes(bytes: &[u8]) -> Result<Vec<AxisConfig>, FileFaults> {
-    Ok(read(bytes, Includes::None)?.axes.into_iter().flatten().map(|it| it.config).collect())
+    Ok(read(bytes, Includes::None)?.axes.into_iter().flatten().map(|axis| axis.config).collect())
 }
 
 /// Reads a configuration from a file of at most 16 MiB, like the functions below. The path `-` is standard
@@ -83,7 +83,7 @@ pub fn load(path: impl AsRef<Path>) -> Result<Config, ConfigFileError> {
 /// # Errors
 /// [`ConfigFileError`]: the file cannot be read, or every fault of it, with line and column.
 pub fn load_axes(path: impl AsRef<Path>) -> Result<Vec<AxisConfig>, ConfigFileError> {
-    Ok(load_bus(path.as_ref())?.axes.into_iter().flatten().map(|it| it.config).collect())
+    Ok(load_bus(path.as_ref())?.axes.into_iter().flatten().map(|axis| axis.config).collect())
 }
 
 /// Reads the names of the axes of [`load_axes`], in the same order: those of their nodes. `None` for an
@@ -94,11 +94,11 @@ pub fn load_axes(path: impl AsRef<Path>) -> Result<Vec<AxisConfig>, ConfigFileEr
 /// [`ConfigFileError`]: the file cannot be read, or every fault of it, with line and column.
 pub fn load_axis_names(path: impl AsRef<Path>) -> Result<Vec<Option<String>>, ConfigFileError> {
     let Bus { axes, nodes, .. } = load_bus(path.as_ref())?;
-    let axes: Vec<AxisConfig> = axes.into_iter().flatten().map(|it| it.config).collect();
+    let axes: Vec<AxisConfig> = axes.into_iter().flatten().map(|axis| axis.config).collect();
     let name = |axis: &AxisConfig| {
-        let mut nodes = nodes.iter().map(|it| &it.node.description);
+        let mut nodes = nodes.iter().map(|node| &node.node.description);
         let name = &nodes.find(|node| node.address == axis.address)?.name;
-        let is_shared = axes.iter().filter(|it| it.address == axis.address).count() > 1;
+        let is_shared = axes.iter().filter(|other| other.address == axis.address).count() > 1;
         match name.as_str() {
             "" => None,
             name if is_shared => Some(format!("{name}/{}", axis.node_axis)),
@@ -117,7 +117,7 @@ pub fn load_axis_names(path: impl AsRef<Path>) -> Result<Vec<Option<String>>, Co
 /// [`ConfigFileError`]: the file cannot be read, or every fault of it, with line and column.
 pub fn load_nodes(path: impl AsRef<Path>) -> Result<Vec<NodeDescription>, ConfigFileError> {
     let Bus { nodes, network, .. } = load_bus(path.as_ref())?;
-    let nodes = nodes.into_iter().filter(|it| !it.has_axis).map(|it| it.node.description);
+    let nodes = nodes.into_iter().filter(|node| !node.has_axis).map(|node| node.node.description);
     Ok(nodes.map(|node| network.complete(node)).collect())
 }
 

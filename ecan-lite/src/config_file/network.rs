@@ -62,7 +62,7 @@ impl NetworkTable {
         if counter == Some(1) {
             table.fault("sync_counter", COUNTER);
         }
-        config.sync.counter_overflow = counter.filter(|it| *it > 1);
+        config.sync.counter_overflow = counter.filter(|overflow| *overflow > 1);
         store(&mut config.motion_div, table.unsigned("target_cycles", (1, 0xFFFF)));
         store(&mut config.takeover, table.word("takeover", &TAKEOVERS));
         let time_ms = table.unsigned("time_ms", (0, 3_600_000)).filter(|ms| *ms > 0);
@@ -102,8 +102,9 @@ impl NetworkTable {
         report: &mut dyn FnMut(usize, String),
     ) {
         let config = &mut self.settings.cia402;
-        let period = master.sync_period_us.as_ref().filter(|it| it.value > 0 && !self.has_sync);
-        if let (Some(period), Some(cycle_ns)) = (period, cycle_ns.filter(|it| *it > 0)) {
+        let period =
+            master.sync_period_us.as_ref().filter(|period| period.value > 0 && !self.has_sync);
+        if let (Some(period), Some(cycle_ns)) = (period, cycle_ns.filter(|cycle| *cycle > 0)) {
             let period_ns = u64::from(period.value) * 1_000;
             match period_ns % u64::from(cycle_ns) {
                 0 => {
@@ -127,7 +128,7 @@ impl NetworkTable {
             if overflow.value == 1 {
                 report(overflow.at, COUNTER.replace("sync_counter", "sync_overflow"));
             }
-            config.sync.counter_overflow = Some(overflow.value).filter(|it| *it > 1);
+            config.sync.counter_overflow = Some(overflow.value).filter(|overflow| *overflow > 1);
             self.has_counter = true;
         }
         let host = master.node.filter(|_| !self.has_host);

@@ -168,8 +168,9 @@ fn descriptions(example: &str) -> Descriptions {
             continue;
         }
         let Some((key, rest)) = line.split_once(" = ") else { continue };
-        let is_key =
-            key.bytes().all(|it| it.is_ascii_lowercase() || it.is_ascii_digit() || it == b'_');
+        let is_key = key
+            .bytes()
+            .all(|byte| byte.is_ascii_lowercase() || byte.is_ascii_digit() || byte == b'_');
         if let (true, Some((_, text))) = (is_key, rest.split_once(" # ")) {
             let path = join(&table, key);
             found.entry(path.clone()).or_insert_with(|| text.trim().to_owned());

@@ -56,13 +56,14 @@ pub fn changes(before: &Config, after: &Config) -> Vec<Change> {
 /// Takes a list whose entries have the index of a gateway, by their settings.
 fn of_gateways(name: &str, side: &mut Value) -> BTreeMap<String, Value> {
     let mut lists = BTreeMap::new();
-    let entries = side.as_object_mut().and_then(|it| it.remove(name)).unwrap_or_default();
+    let entries = side.as_object_mut().and_then(|object| object.remove(name)).unwrap_or_default();
     for entry in entries.as_array().into_iter().flatten() {
         let number = |key| entry.get(key).and_then(Value::as_u64);
-        let channel = number("channel").map_or_else(String::new, |it| format!(".can{it}"));
+        let channel =
+            number("channel").map_or_else(String::new, |channel| format!(".can{channel}"));
         let setting = format!("gateway[{}]{channel}.{name}", number("slave").unwrap_or_default());
         let list = lists.entry(setting).or_insert_with(|| Value::Array(Vec::new()));
-        list.as_array_mut().into_iter().for_each(|it| it.push(entry.clone()));
+        list.as_array_mut().into_iter().for_each(|entries| entries.push(entry.clone()));
     }
     lists
 }
@@ -79,7 +80,7 @@ fn compare(path: &str, before: &Value, after: &Value, found: &mut Vec<Change>) {
         }
         // A list of filters or SDOs is one setting, those of gateways and channels are not.
         (Value::Array(one), Value::Array(other))
-            if one.iter().chain(other).all(|it| it.is_object() || it.is_null())
+            if one.iter().chain(other).all(|entry| entry.is_object() || entry.is_null())
                 && !path.ends_with(".filters")
                 && !path.ends_with(".startup") =>
         {
@@ -128,7 +129,7 @@ fn text(value: &Value) -> String {
 }
 
 fn duration_us(value: &Value) -> Option<f64> {
-    let object = value.as_object().filter(|it| it.len() == 2)?;
+    let object = value.as_object().filter(|object| object.len() == 2)?;
     Some(object.get("secs")?.as_f64()? * 1e6 + object.get("nanos")?.as_f64()? / 1e3)
 }
 

@@ -38,7 +38,7 @@ pub fn resolve(file: &Config, bus: &Bus) -> Result<Vec<ResolvedGateway>> {
     let mut resolved = find(bus.diagnostics(), &file.adapter.slaves).map_err(resolve_failure)?;
     if bus.is_chosen() {
         let chosen = bus.slave()?;
-        resolved.retain(|it| it.slave == chosen);
+        resolved.retain(|entry| entry.slave == chosen);
         if resolved.is_empty() {
             return Err(Failure::Slave(format!("slave {chosen} is not a gateway of the file")));
         }

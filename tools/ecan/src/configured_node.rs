@@ -45,7 +45,8 @@ impl ConfiguredNodes {
     /// No node or several nodes have the name.
     pub fn named(&self, name: &str) -> Result<&NodeDescription> {
         let nodes = &self.network.nodes;
-        let found: Vec<_> = nodes.iter().filter(|it| it.name.eq_ignore_ascii_case(name)).collect();
+        let found: Vec<_> =
+            nodes.iter().filter(|node| node.name.eq_ignore_ascii_case(name)).collect();
         let path = Printable(self.path.display());
         match found[..] {
             [node] => Ok(node),
@@ -59,7 +60,7 @@ impl ConfiguredNodes {
                 Err(Failure::Usage(format!("{path} has no node \"{name}\"; {allowed}")))
             }
             _ => {
-                let addresses: Vec<_> = found.iter().map(|it| it.address.to_string()).collect();
+                let addresses: Vec<_> = found.iter().map(|node| node.address.to_string()).collect();
                 Err(Failure::Usage(format!(
                     "{path} has several nodes \"{name}\": {}; change their names",
                     addresses.join(", ")

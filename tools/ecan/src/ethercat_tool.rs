@@ -382,7 +382,8 @@ mod tests {
 
     #[test]
     fn slave_list_is_parsed_with_aliases() {
-        let read = |line: &str| read_slave(line).map(|it| (it.position, it.alias, it.state));
+        let read =
+            |line: &str| read_slave(line).map(|slave| (slave.position, slave.alias, slave.state));
         assert_eq!(read("0     0:0  PREOP  +  ECAN-Lite"), Ok((0, None, "PREOP".to_owned())));
         assert_eq!(read("11  5:0   OP      +  a name"), Ok((11, Some(5), "OP".to_owned())));
         assert_eq!(read("12  5:1   SAFEOP  E  a name"), Ok((12, None, "SAFEOP".to_owned())));
@@ -430,7 +431,7 @@ mod tests {
     fn foe_write_without_position_option_is_rejected() {
         let of_1_6 = "foe_write [OPTIONS] <FILENAME> [<PASSWORD>]\n  --position    -p <pos>";
         let of_1_5 = "foe_write [OPTIONS] <FILENAME>\n  --position    -p <pos>";
-        let read = |help| FoeArguments::read(help).map(|it| it.has_password_argument);
+        let read = |help| FoeArguments::read(help).map(|arguments| arguments.has_password_argument);
         assert_eq!((read(of_1_6), read(of_1_5)), (Ok(true), Ok(false)));
         assert_eq!(read("foe_write FILE\n  -p <password>"), Err(ToolError::NoPosition));
     }

@@ -69,6 +69,6 @@ mod tests {
     fn serial_number_combines_two_halves() {
         let halves = |subindex| if subindex == 7 { Ok(2) } else { Err(subindex) };
         assert_eq!(serial_number(halves), Err(8));
-        assert_eq!(serial_number(|it| Ok::<_, ()>(it.into())), Ok(0x8_0000_0007));
+        assert_eq!(serial_number(|subindex| Ok::<_, ()>(subindex.into())), Ok(0x8_0000_0007));
     }
 }

@@ -24,8 +24,9 @@ fn find<T: Copy>(
     text: &str,
 ) -> Result<T, Vec<T>> {
     let text = plain(text);
-    let found: Vec<_> = items.into_iter().filter(|it| plain(name(*it)).contains(&text)).collect();
-    let exact = found.iter().find(|it| plain(name(**it)) == text);
+    let found: Vec<_> =
+        items.into_iter().filter(|candidate| plain(name(*candidate)).contains(&text)).collect();
+    let exact = found.iter().find(|candidate| plain(name(**candidate)) == text);
     match (exact, &found[..]) {
         (Some(item), _) | (None, [item]) => Ok(*item),
         _ => Err(found),
@@ -80,7 +81,9 @@ fn index_of(object: &Object, nth: Option<u16>) -> Result<u16, String> {
 /// Finds an entry by its name without that of its object, if only one has it.
 fn find_entry(text: &str) -> Result<ObjectPath, String> {
     let (name, nth) = split_number(text)?;
-    let entries = || objects().iter().flat_map(|it| it.entries.iter().map(move |e| (*it, e)));
+    let entries = || {
+        objects().iter().flat_map(|object| object.entries.iter().map(move |entry| (*object, entry)))
+    };
     let full_name = |(object, entry): (&Object, &Entry)| format!("{}:{}", object.name, entry.name);
     let wanted = plain(name);
     let all: Vec<_> = entries().filter(|(_, it)| plain(it.name).contains(&wanted)).collect();
@@ -90,8 +93,10 @@ fn find_entry(text: &str) -> Result<ObjectPath, String> {
             Ok(ObjectPath { index: index_of(object, nth)?, subindex: entry.subindex })
         }
         [] => {
-            let names =
-                objects().iter().map(|it| it.name.to_owned()).chain(entries().map(full_name));
+            let names = objects()
+                .iter()
+                .map(|object| object.name.to_owned())
+                .chain(entries().map(full_name));
             let near = similar(name, names);
             Err(format!("unknown object \"{name}\"{near}; see `ecan sdo list`"))
         }
@@ -113,7 +118,7 @@ fn find_index(text: &str) -> Result<Option<u16>, String> {
             .map_err(|_| format!("invalid object index {text}; allowed: 0 to 0xFFFF"));
     }
     let (name, nth) = split_number(text)?;
-    match find(objects().iter().copied(), |it| it.name, name) {
+    match find(objects().iter().copied(), |object| object.name, name) {
         Ok(object) => index_of(object, nth).map(Some),
         Err(several) if several.is_empty() => Ok(None),
         Err(several) => {
@@ -135,7 +140,7 @@ fn find_subindex(index: u16, text: &str) -> Result<u8, String> {
         let names: Vec<_> = several.iter().map(name).collect();
         match names.is_empty() {
             true => {
-                let near = similar(text, object.entries.iter().map(|it| it.name.to_owned()));
+                let near = similar(text, object.entries.iter().map(|entry| entry.name.to_owned()));
                 format!("{} has no entry \"{text}\"{near}", object.name)
             }
             false => {
@@ -157,7 +162,8 @@ impl FromStr for ObjectPath {
             },
             Some((object, entry)) => {
                 let index = find_index(object)?.ok_or_else(|| {
-                    let near = similar(object, objects().iter().map(|it| it.name.to_owned()));
+                    let near =
+                        similar(object, objects().iter().map(|object| object.name.to_owned()));
                     format!("unknown object \"{object}\"{near}; see `ecan sdo list`")
                 })?;
                 Ok(Self { index, subindex: find_subindex(index, entry)? })

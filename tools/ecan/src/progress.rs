@@ -51,7 +51,8 @@ pub fn step() {
     let mut line = lock();
     let Some(line) = &mut *line else { return };
     line.transfers += 1;
-    if line.started.elapsed() < PATIENCE || line.drawn.is_some_and(|it| it.elapsed() < REDRAW) {
+    if line.started.elapsed() < PATIENCE || line.drawn.is_some_and(|drawn| drawn.elapsed() < REDRAW)
+    {
         return;
     }
     line.drawn = Some(Instant::now());

@@ -14,7 +14,7 @@ pub fn parse_unsigned(text: &str) -> Option<u64> {
 
 /// Rejects an index without 0x that is a known object only as a hexadecimal number: `8010`.
 pub fn reject_without_prefix(text: &str, is_known: impl Fn(u16) -> bool) -> Result<(), String> {
-    let Some(meant) = u16::from_str_radix(text, 16).ok().filter(|it| is_known(*it)) else {
+    let Some(meant) = u16::from_str_radix(text, 16).ok().filter(|value| is_known(*value)) else {
         return Ok(());
     };
     match text.parse::<u16>() {
@@ -92,7 +92,9 @@ impl Value {
         let bits: Vec<_> = entry
             .bits
             .iter()
-            .filter(|(bit, _)| value.checked_shr((*bit).into()).is_some_and(|it| it & 1 == 1))
+            .filter(|(bit, _)| {
+                value.checked_shr((*bit).into()).is_some_and(|shifted| shifted & 1 == 1)
+            })
             .map(|(_, word)| *word)
             .collect();
         (!bits.is_empty()).then(|| bits.join(", "))
@@ -121,7 +123,7 @@ pub fn encode(
             });
             let value = parse_unsigned(text).or(word).ok_or_else(|| {
                 let names: Vec<_> =
-                    entry.iter().flat_map(|it| it.values).map(|(_, name)| *name).collect();
+                    entry.iter().flat_map(|object| object.values).map(|(_, name)| *name).collect();
                 match &names[..] {
                     [] => format!("invalid number \"{text}\""),
                     names => format!(

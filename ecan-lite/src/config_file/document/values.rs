@@ -331,8 +331,8 @@ fn integer(number: &DeInteger<'_>) -> Option<i64> {
 
 /// The integers of an array; `None` for another value, or with an integer out of range.
 fn integers(value: &DeValue<'_>, (min, max): (u32, u32)) -> Option<Vec<u32>> {
-    let numbers = value.as_array()?.iter().map(|it| integer(it.get_ref().as_integer()?));
+    let numbers = value.as_array()?.iter().map(|number| integer(number.get_ref().as_integer()?));
     numbers
-        .map(|number| u32::try_from(number?).ok().filter(|it| (min..=max).contains(it)))
+        .map(|number| u32::try_from(number?).ok().filter(|number| (min..=max).contains(number)))
         .collect()
 }

@@ -61,13 +61,13 @@ pub(crate) fn read(
     match documents.first() {
         Some(root) => {
             let root = reader.mapping(root, "the file");
-            master = root.get("master").map(|it| reader.master(it)).unwrap_or_default();
-            let defaults = root.get("defaults").map(|it| reader.mapping(it, "`defaults`"));
+            master = root.get("master").map(|value| reader.master(value)).unwrap_or_default();
+            let defaults = root.get("defaults").map(|value| reader.mapping(value, "`defaults`"));
             let defaults = defaults.unwrap_or_default();
             let apart = root.pairs.iter().filter(|(name, _)| {
                 !SECTIONS.contains(&name.value.as_str()) && !name.value.starts_with('.')
             });
-            let listed = root.get("nodes").map(|it| reader.listed(it)).unwrap_or_default();
+            let listed = root.get("nodes").map(|value| reader.listed(value)).unwrap_or_default();
             for (name, value) in apart.cloned().chain(listed) {
                 let own = reader.mapping(value, &format!("`{}`", name.value));
                 let mut node = NodeSource::new(name.at, slave, channel);
@@ -202,11 +202,13 @@ impl Reader<'_> {
                 }
                 "sync_period" => {
                     let period = self.integer("sync_period", value, (0, u32::MAX.into()));
-                    master.sync_period_us = period.map(|it| Located::new(it, self.at(value)));
+                    master.sync_period_us =
+                        period.map(|period| Located::new(period, self.at(value)));
                 }
                 "sync_overflow" => {
                     let overflow = self.integer("sync_overflow", value, (0, 240));
-                    master.sync_overflow = overflow.map(|it| Located::new(it, self.at(value)));
+                    master.sync_overflow =
+                        overflow.map(|overflow| Located::new(overflow, self.at(value)));
                 }
                 "heartbeat_multiplier" => {
                     master.heartbeat_multiplier = self.number("heartbeat_multiplier", value);
@@ -233,7 +235,7 @@ impl Reader<'_> {
             match name {
                 "node_id" => {
                     let raw: Option<u8> = self.integer(name, value, (1, 127));
-                    node.node = raw.and_then(NodeId::new).map(|it| Located::new(it, at));
+                    node.node = raw.and_then(NodeId::new).map(|node| Located::new(node, at));
                 }
                 "dcf" => match text_of(value) {
                     Some(path) => node.device_file = Some(Located::new(path.into(), at)),
@@ -254,13 +256,14 @@ impl Reader<'_> {
                     revision => node.revision_number = revision,
                 },
                 "serial_number" => {
-                    node.serial_number = self.integer(name, value, U32).filter(|it| *it != 0);
+                    node.serial_number =
+                        self.integer(name, value, U32).filter(|serial| *serial != 0);
                 }
                 "software_version" => {
-                    node.software = self.integer(name, value, U32).filter(|it| *it != 0);
+                    node.software = self.integer(name, value, U32).filter(|version| *version != 0);
                 }
                 "restore_configuration" => {
-                    node.restores = self.integer(name, value, (0, 127)).filter(|it| *it != 0);
+                    node.restores = self.integer(name, value, (0, 127)).filter(|count| *count != 0);
                 }
                 "heartbeat_producer" => node.heartbeat_ms = self.integer(name, value, U16),
                 "sdo" => self.sdo(value, node),
@@ -272,7 +275,7 @@ impl Reader<'_> {
                 }
                 "life_time_factor" => {
                     node.life_time_factor =
-                        self.integer(name, value, (0, 0xFF)).filter(|it| *it > 0);
+                        self.integer(name, value, (0, 0xFF)).filter(|count| *count > 0);
                 }
                 "driver" => {
                     // Also that of lifecycle nodes.
@@ -286,7 +289,7 @@ impl Reader<'_> {
                 "scale_vel_to_dev" => node.ros_axis.velocity_units = self.number(name, value),
                 "offset_pos_to_dev" => node.ros_axis.origin = self.number(name, value),
                 "heartbeat_consumer" => {
-                    node.watches_master = self.flag(name, value).map(|it| Located::new(it, at));
+                    node.watches_master = self.flag(name, value).map(|flag| Located::new(flag, at));
                 }
                 "error_behavior" => self.error_behavior(value, node),
                 "num_channels" if matches!(value.data, YamlData::Value(Scalar::Integer(1))) => {}
@@ -308,7 +311,8 @@ impl Reader<'_> {
     /// Reaction to each class of errors: the entries of 0x1029.
     fn error_behavior(&mut self, classes: Node<'_>, node: &mut NodeSource) {
         for (class, value) in self.mapping(classes, "`error_behavior`").pairs {
-            let Some(subindex) = class.value.parse::<u8>().ok().filter(|it| *it > 0) else {
+            let Some(subindex) = class.value.parse::<u8>().ok().filter(|subindex| *subindex > 0)
+            else {
                 let text =
                     format!("error class {} is out of range; allowed: 1 to 255", class.value);
                 self.faults.push((class.at, text));
@@ -366,7 +370,9 @@ impl Reader<'_> {
 
     fn pdos(&mut self, pdos: Node<'_>, direction: PdoDirection, node: &mut NodeSource) {
         for (number, pdo) in self.mapping(pdos, "the PDOs").pairs {
-            let Some(number) = number.value.parse().ok().filter(|it| (1..=512).contains(it)) else {
+            let Some(number) =
+                number.value.parse().ok().filter(|number| (1..=512).contains(number))
+            else {
                 let text =
                     format!("PDO number {} is out of range; allowed: 1 to 512", number.value);
                 self.faults.push((number.at, text));
@@ -377,7 +383,7 @@ impl Reader<'_> {
                 let at = self.at(value);
                 match key.value.as_str() {
                     "enabled" => source.is_enabled = self.flag("enabled", value).unwrap_or(true),
-                    "cob_id" if text_of(value).is_some_and(|it| it == "auto") => {
+                    "cob_id" if text_of(value).is_some_and(|text| text == "auto") => {
                         source.is_predefined = true;
                     }
                     "cob_id" => {

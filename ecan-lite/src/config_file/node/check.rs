@@ -21,7 +21,7 @@ pub(crate) fn network(
     axes: &[Option<FileAxis>],
 ) -> NetworkDescription {
     let Cia402Config { network, sync, .. } = &settings.cia402;
-    let mut descriptions: Vec<_> = nodes.iter().map(|it| it.node.description.clone()).collect();
+    let mut descriptions: Vec<_> = nodes.iter().map(|node| node.node.description.clone()).collect();
     for FileAxis { config: axis, .. } in axes.iter().flatten() {
         let nth = descriptions.iter().position(|node| node.address == axis.address);
         let nth = nth.unwrap_or_else(|| {
@@ -35,7 +35,7 @@ pub(crate) fn network(
     let channels = config.port.gateways.iter().enumerate().flat_map(|(slave, gateway)| {
         let channels = gateway.channels.into_iter().zip(0..);
         channels.filter_map(move |(channel, number)| {
-            channel.map(|it| ChannelDescription { slave, channel: number, can: it.can })
+            channel.map(|channel| ChannelDescription { slave, channel: number, can: channel.can })
         })
     });
     NetworkDescription {
@@ -93,7 +93,7 @@ fn is_of_axes(kind: &NetworkFaultKind, node: &NodeDescription, axes: &[Option<Fi
                 channel(axis.address) == channel(node.address)
                     && (0..axis.layout().tpdo_count()).any(|nth| axis.tpdo_id(nth) == *id)
             };
-            axes.iter().flatten().filter(|it| sends(&it.config)).count() > 1
+            axes.iter().flatten().filter(|axis| sends(&axis.config)).count() > 1
         }
         _ => false,
     }

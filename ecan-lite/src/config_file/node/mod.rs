@@ -77,11 +77,11 @@ pub(crate) fn read_all(
                 table.fault_at(at, reason);
             }
         });
-        let address = node.as_ref().map(|it| it.description.address);
+        let address = node.as_ref().map(|node| node.description.address);
         let own = table.one_or_more("axis").into_iter().zip(0..=u8::MAX);
         let mut own: Vec<_> = own.map(|(axis, nth)| axis::read_at(axis, address, nth)).collect();
         // An invalid PDO or value is a fault of the check.
-        if let Some(mut boot) = node.as_ref().and_then(|it| it.description.boot_config().ok()) {
+        if let Some(mut boot) = node.as_ref().and_then(|node| node.description.boot_config().ok()) {
             for axis in own.iter_mut().flatten() {
                 configure_drive(&mut axis.config.drive, &boot);
                 // Once for the node.
@@ -272,7 +272,7 @@ pub fn parse_bus_yml(
     let (nodes, faults) =
         read_bus_text(text, bus, Path::new(""), &mut files, (&mut network, None))?;
     TextLines::new(text).finish(faults)?;
-    Ok(nodes.into_iter().map(|it| it.node.description).collect())
+    Ok(nodes.into_iter().map(|node| node.node.description).collect())
 }
 
 const RESETS: [(&str, BootReset); 3] = [

@@ -137,7 +137,8 @@ fn parameter_value(
             return None;
         }
     };
-    let encoded = entry.data_type.parse(&value.value).and_then(|it| entry.data_type.encode(&it));
+    let encoded =
+        entry.data_type.parse(&value.value).and_then(|parsed| entry.data_type.encode(&parsed));
     match (encoded, file) {
         (Ok(data), Some(file)) => Some(Parameter {
             name: file.label(entry).into(),
@@ -217,7 +218,7 @@ fn cob_id(
     if let Some(raw) = &pdo.cob_id {
         return CanId::standard(raw.value).ok();
     }
-    let by_file = || PdoCobId::from_raw(communication(pdo, file, node, 1)?).map(|it| it.id);
+    let by_file = || PdoCobId::from_raw(communication(pdo, file, node, 1)?).map(|cob_id| cob_id.id);
     let by_file = by_file().filter(|id| !pdo.is_predefined && id.raw() != 0);
     let predefined = || {
         let number = u8::try_from(pdo.number).ok().filter(|number| (1..=4).contains(number))?;
