@@ -171,8 +171,11 @@ pub struct Object {
     pub chapter: &'static str,
     /// Apply command and status, if the object has them.
     pub apply: Option<Apply>,
-    /// The gateway saves its writable values in the Flash, except commands and editing windows.
+    /// The gateway saves its writable values in the Flash, except commands and editing windows;
+    /// [`saved_entries`](Self::saved_entries) lists them.
     pub is_saved: bool,
+    /// Writable entries of a saved object that are commands or editing windows, without the apply command.
+    not_saved: &'static [u8],
     /// The entries in ascending order of subindex, subindex 0 included.
     pub entries: &'static [Entry],
 }
@@ -195,7 +198,17 @@ impl Object {
         chapter: &'static str,
         entries: &'static [Entry],
     ) -> Self {
-        Self { first, count, stride, name, chapter, apply: None, is_saved: false, entries }
+        Self {
+            first,
+            count,
+            stride,
+            name,
+            chapter,
+            apply: None,
+            is_saved: false,
+            not_saved: &[],
+            entries,
+        }
     }
 
     pub(super) const fn applied_by(mut self, command: u8, status: u8) -> Self {
@@ -203,9 +216,27 @@ impl Object {
         self
     }
 
-    pub(super) const fn saved(mut self) -> Self {
-        self.is_saved = true;
+    pub(super) const fn saved(self) -> Self {
+        self.saved_except(&[])
+    }
+
+    /// `not_saved` are the subindices of further commands and of editing windows.
+    pub(super) const fn saved_except(mut self, not_saved: &'static [u8]) -> Self {
+        (self.is_saved, self.not_saved) = (true, not_saved);
         self
+    }
+
+    /// The entries whose values the gateway saves in the Flash, and that belong to a configuration.
+    pub fn saved_entries(&self) -> impl Iterator<Item = &'static Entry> + use<> {
+        let Self { apply, is_saved, not_saved, entries, .. } = *self;
+        entries.iter().filter(move |entry| {
+            let is_command = apply.is_some_and(|apply| apply.command == entry.subindex);
+            is_saved
+                && entry.access == Access::Rw
+                && entry.ty.is_integer()
+                && !is_command
+                && !not_saved.contains(&entry.subindex)
+        })
     }
 
     /// Index of each member.

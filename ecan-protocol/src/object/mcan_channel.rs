@@ -108,7 +108,7 @@ object! {
     const MCAN_CHANNEL =
         Object::family(0x8001, 4, 1, "MCAN Channel Config", "13.4", McanChannelConfig::ENTRIES)
             .applied_by(1, 2)
-            .saved();
+            .saved_except(&[43, 44, 45, 46, 50, 51, 52, 53, 54, 56, 57, 58, 59, 60]);
     entries {
         entry(Entry::highest(87));
         entry(Entry::wo(1, "Apply command", U8).default(0).values(&[(0, "no-op"), (1, "apply")])

@@ -170,6 +170,9 @@ const LAST_ERROR: &[(u32, &str)] = &[
     (16, "bad schedule"),
 ];
 
+/// Subindex of the command for the session.
+const SESSION_COMMAND: u8 = 8;
+
 object! {
     /// PDO profile of one direction: the fields of 0x8010 or 0x8011 (manual 13.2).
     ///
@@ -179,11 +182,11 @@ object! {
     const TX_PDO_PROFILE =
         Object::single(0x8010, "TxPDO Profile Control", "13.2", PdoProfile::ENTRIES)
             .applied_by(1, 2)
-            .saved();
+            .saved_except(&[SESSION_COMMAND]);
     const RX_PDO_PROFILE =
         Object::single(0x8011, "RxPDO Profile Control", "13.2", PdoProfile::ENTRIES)
             .applied_by(1, 2)
-            .saved();
+            .saved_except(&[SESSION_COMMAND]);
     entries {
         entry(Entry::highest(16));
         entry(Entry::rw(1, "Apply command", U8).default(0).values(&[(0, "no-op"), (1, "apply")]));
@@ -199,7 +202,7 @@ object! {
         6 "Budget policy" budget: BudgetPolicy = BudgetPolicy::Balanced;
         /// Options (:07).
         7 "Option flags" options: OptionFlags = OptionFlags::NONE;
-        entry(Entry::rw(8, "Command", U8).default(0).range(0, 3)
+        entry(Entry::rw(SESSION_COMMAND, "Command", U8).default(0).range(0, 3)
             .bits(&[(0, "reset session"), (1, "clear errors")]));
         entry(Entry::ro(9, "Active PDO bytes", U16).default(0).unit("bytes"));
         entry(Entry::ro(10, "Active frame area bytes", U16).default(0).unit("bytes"));
@@ -238,7 +241,7 @@ pub enum SessionCommand {
 
 /// The download of a [`SessionCommand`] to a direction.
 pub const fn session_command_write(direction: Direction, command: SessionCommand) -> SdoWrite {
-    SdoWrite::new(direction.profile_object(), 8, ObjectType::U8, command as u32)
+    SdoWrite::new(direction.profile_object(), SESSION_COMMAND, ObjectType::U8, command as u32)
 }
 
 /// Channels that exist, as a mask.

@@ -7,7 +7,7 @@
 //! a load.
 
 use ecan_protocol::mapping::CHANNELS;
-use ecan_protocol::object::{Access, Entry, object, objects};
+use ecan_protocol::object::{Entry, Object, object, objects};
 
 use super::channel_control::{FIRST_CHANNEL_OBJECT, FilterLists};
 use super::dictionary_values::DictionaryValues;
@@ -33,17 +33,7 @@ pub(super) struct ConfigurationImage {
 }
 
 fn saved_entries(index: u16) -> impl Iterator<Item = &'static Entry> {
-    let entries = object(index).map_or(&[][..], |object| object.entries);
-    entries.iter().filter(move |entry| {
-        let is_saved = match index {
-            // commands and editing windows of the filters
-            0x8001..=0x8004 => !matches!(entry.subindex, 1..=6 | 43..=48 | 50..=54 | 56..=60),
-            0x8010 | 0x8011 => (3..=7).contains(&entry.subindex),
-            0x8020..=0x8024 => entry.subindex != 2,
-            _ => true,
-        };
-        is_saved && entry.access == Access::Rw && entry.ty.is_integer()
-    })
+    object(index).into_iter().flat_map(Object::saved_entries)
 }
 
 fn save_object(index: u16, values: &DictionaryValues, out: &mut Vec<u8>) {

@@ -2,11 +2,11 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use ecan_protocol::config::{DataPathConfig, FilterWindow, McanChannelConfig};
+use ecan_protocol::config::{DataPathConfig, McanChannelConfig};
 use ecan_protocol::device::AlState;
 use ecan_protocol::image::{ChannelState, ChannelStatus, PdoProfile};
 use ecan_protocol::mapping::{CHANNELS, Direction, assignment_index};
-use ecan_protocol::object::{Access, SdoWrite, objects};
+use ecan_protocol::object::{SdoWrite, objects};
 
 use super::filter::{ChannelFilters, FilterKind, RawFilter};
 use super::reboot;
@@ -197,26 +197,12 @@ impl Saved {
     }
 }
 
-/// Entries of the configuration: writable, but not a command or editing window.
+/// Entries of the configuration.
 fn entries() -> impl Iterator<Item = (u16, u8)> {
-    let is_value = |index: u16, subindex: u8| match index {
-        0x8001..=0x8004 => !FilterWindow::BOTH.iter().any(|window| {
-            [window.index, window.command].contains(&subindex)
-                || window.fields().contains(&subindex)
-        }),
-        0x8010 | 0x8011 => !matches!(subindex, 1 | 8),
-        0x8020..=0x8024 => subindex != 2,
-        _ => true,
-    };
-    let saved = objects().iter().filter(|object| object.is_saved);
-    let saved = saved.flat_map(|object| object.indices().map(|index| (index, object.entries)));
-    saved.flat_map(move |(index, entries)| {
-        entries
-            .iter()
-            .filter(|entry| entry.access == Access::Rw && entry.ty.is_integer())
-            .map(|entry| entry.subindex)
-            .filter(move |subindex| is_value(index, *subindex))
-            .map(move |subindex| (index, subindex))
+    objects().iter().flat_map(|object| {
+        object
+            .indices()
+            .flat_map(|index| object.saved_entries().map(move |entry| (index, entry.subindex)))
     })
 }
 
