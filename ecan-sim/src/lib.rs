@@ -9,10 +9,8 @@ mod gateway;
 pub use gateway::{
     FirmwarePackage, FirmwarePackageError, FirmwareProgress, FirmwareUpdateError, Gateway,
     GatewayCounters, GatewayModelConfig, ReceiveLosses, Sync0, Sync0Window, SyncManagerConfig,
-    TransmitLosses,
+    TransmitLosses, variant,
 };
-
-pub use gateway::variant;
 
 mod io_slave;
 
@@ -45,7 +43,6 @@ mod backend;
 mod backend_error;
 #[cfg(feature = "bridge")]
 pub mod bridge;
-mod clock;
 mod ecrt;
 mod esc;
 mod event_queue;
@@ -79,8 +76,6 @@ pub use backend::{
     Backend, ScenarioChoice, SimOptions, load_scenario, open, open_scenario, simulate,
 };
 pub use backend_error::BackendError;
-pub use clock::SimClock;
-pub use clock::{RealTimeRunner, RunnerError};
 pub use ecrt_sys::{ECRT_VARIABLE, EcrtSetting};
 pub use esc::{ETHERCAT_ETHERTYPE, Wire, WireStatistics};
 pub use fault::{
@@ -92,5 +87,5 @@ pub use scenario::{
     BUILTIN_SCENARIOS, ClockKind, DriveSpec, EcrtVersion, GatewaySpec, IoBehaviour, IoSpec,
     MasterBehaviour, NodeKind, NodeSpec, Scenario, ScenarioError, Topology, drives, echo, jitter,
 };
-pub use simulation::{AttachedNode, Simulation, UnknownBus};
+pub use simulation::{AttachedNode, RealTimeRunner, RunnerError, SimClock, Simulation, UnknownBus};
 pub use world::{BusFrame, World};

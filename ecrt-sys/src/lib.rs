@@ -56,6 +56,6 @@ pub use ecrt::{Ecrt, Origin};
 pub use errno::Errno;
 pub use functions::{Functions, Status};
 pub use library::{DEFAULT_LIBRARY, symbols};
-pub use load_error::{LoadError, RELEASES};
+pub use load_error::{ECRT_VARIABLE, LoadError, RELEASES};
 pub use open_master::OpenMaster;
-pub use setting::{ECRT_VARIABLE, EcrtSetting, EnvironmentError};
+pub use setting::{EcrtSetting, EnvironmentError};

@@ -3,6 +3,9 @@ use std::path::PathBuf;
 use ecan_protocol::text::Printable;
 use thiserror::Error;
 
+/// Environment variable of the setting `ecrt`.
+pub const ECRT_VARIABLE: &str = "ECAN_ECRT";
+
 /// Supported releases: 1.5 and 1.6.
 pub const RELEASES: [(u8, u8); 2] = [(1, 5), (1, 6)];
 
@@ -54,7 +57,7 @@ pub enum LoadError {
          libethercat, whose scenario is {}; select the scenario with {} alone",
         Printable(requested),
         Printable(loaded),
-        crate::ECRT_VARIABLE
+        ECRT_VARIABLE
     )]
     OtherScenario {
         /// Scenario of the setting.
@@ -67,7 +70,7 @@ pub enum LoadError {
         "the simulated libethercat {} cannot open the scenario that {} selects; its message on \
          standard error states the reason",
         Printable(path.display()),
-        crate::ECRT_VARIABLE
+        ECRT_VARIABLE
     )]
     NoWorld {
         /// Path of the library.

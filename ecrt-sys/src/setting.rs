@@ -1,10 +1,7 @@
 use std::ffi::OsString;
 use std::path::PathBuf;
 
-use crate::{Ecrt, LoadError, Origin};
-
-/// Environment variable of the setting `ecrt`.
-pub const ECRT_VARIABLE: &str = "ECAN_ECRT";
+use crate::{ECRT_VARIABLE, Ecrt, LoadError, Origin};
 
 /// The environment variable `ECAN_ECRT` is not valid UTF-8.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]

@@ -10,9 +10,8 @@ use ecan_protocol::can::CanId;
 
 use super::axis_unit::AxisUnit;
 use super::config::{DriveConfig, SdoRule};
-use super::lss::{LssAction, LssSlave, lss_address};
 use super::model::ObjectModel;
-use super::network::{Guarding, Network, send};
+use super::network::{Guarding, LssAction, LssSlave, Network, lss_address, send};
 use super::objects::ObjectSource;
 use super::pdo::valid_pdo_id;
 use super::process_data::ProcessData;

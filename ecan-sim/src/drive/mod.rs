@@ -13,7 +13,6 @@ mod config;
 mod device;
 mod dictionary;
 mod homing;
-mod lss;
 mod model;
 mod motion;
 mod motor;
@@ -27,9 +26,10 @@ mod process_data;
 mod sdo_server;
 mod trace;
 
-pub use bus_node::Drive;
-pub use bus_node::DriveAxis;
+pub use bus_node::{Drive, DriveAxis};
 pub use config::{DriveConfig, DriveQuirks, MotorConfig, SdoDirection, SdoEffect, SdoRule};
 pub(crate) use pdo::StandardIds;
-pub use trace::{CommandSource, DriveTrace, MotionSample, TraceCause, TraceEvent, TraceRecord};
-pub use trace::{TargetHistory, TargetKind, TargetRecord, TargetSums};
+pub use trace::{
+    CommandSource, DriveTrace, MotionSample, TargetHistory, TargetKind, TargetRecord, TargetSums,
+    TraceCause, TraceEvent, TraceRecord,
+};

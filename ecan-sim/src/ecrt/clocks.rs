@@ -1,8 +1,7 @@
 //! Distributed clocks of the bus: the application's time, the clock datagrams, and the times of the slaves.
 
 use super::domain::{DatagramState, Queued};
-use super::slave_config::{Configs, DcConfig};
-use super::slave_view::SlaveView;
+use super::slaves::{Configs, DcConfig, SlaveView};
 use super::timing::SYNC0_AHEAD_NS;
 use crate::fault::LossDirection;
 use crate::gateway::Sync0;

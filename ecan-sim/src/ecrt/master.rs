@@ -3,27 +3,23 @@
 mod activity;
 mod dictionary;
 mod polling;
-mod requests;
 mod startup;
 mod transfers;
 mod transport;
 
+use activity::{BusScan, Pacing, Requests, Reservation};
+use dictionary::DictionaryReader;
+pub(crate) use dictionary::{dictionary_ns, object_count};
 use ecan_protocol::device::AlState;
+use startup::SlaveStartup;
+use transport::{Contents, Transport};
 
 use super::clocks::Clocks;
 use super::domain::Queued;
 use super::kernel_log::KernelLog;
-use super::slave_config::{Configs, SlaveConfig};
-use super::slave_view::{SlaveView, is_any_configured};
+use super::slaves::{Configs, SlaveConfig, SlaveView, is_any_configured};
 use crate::scenario::{EcrtVersion, MasterBehaviour, Scenario};
 use crate::world::{Slot, World};
-use activity::{BusScan, Pacing, Reservation};
-use dictionary::DictionaryReader;
-use requests::Requests;
-use startup::SlaveStartup;
-use transport::{Contents, Transport};
-
-pub(crate) use dictionary::{dictionary_ns, object_count};
 
 /// The master with its state machines.
 #[derive(Debug)]

@@ -11,11 +11,8 @@ mod shared;
 #[allow(missing_docs, clippy::missing_safety_doc)]
 pub(crate) mod functions;
 mod master;
-mod pdo;
 mod sdo_transfer;
-mod slave_config;
-mod slave_view;
-mod threads;
+mod slaves;
 mod timing;
 
 pub(crate) use functions::simulated_library;

@@ -1,19 +1,16 @@
 //! EtherCAT front end: a slave controller (ESC, ETG.1000.4) before each gateway, driven by Ethernet
 //! frames. It drives the same firmware as the simulated libethercat, [`crate::gateway`].
 
-mod buffers;
-mod clock;
 mod controller;
 mod eeprom;
 mod frame;
 mod registers;
 mod sync_manager;
-mod wire;
+
+pub use controller::{Wire, WireStatistics};
+pub use frame::ETHERCAT_ETHERTYPE;
 
 use crate::gateway::Gateway;
-
-pub use frame::ETHERCAT_ETHERTYPE;
-pub use wire::{Wire, WireStatistics};
 
 /// Context of a frame in one slave controller.
 struct Context<'a> {

@@ -5,8 +5,9 @@ use ecan_protocol::config::{BusOffRecovery, DataPathConfig};
 use ecan_protocol::image::{ChannelState, ChannelStatus, ResultCode};
 
 use super::config::GatewayModelConfig;
-use super::controller::{CanController, ControllerConfig, Rejection, STATUS_REGISTERS};
+use super::controller::{CanController, ControllerConfig, Rejection};
 use super::diagnostics::{GatewayCounters, ReceiveLosses, TransmitLosses};
+use super::mcan_registers::STATUS_REGISTERS;
 use super::receive_path::{ReceiveCounters, ReceivePath};
 use super::transmit_path::{TransmitCounters, TransmitPath};
 use super::variant::{BusOffWait, CriticalSet, RxDrain, TxPending};

@@ -2,25 +2,22 @@
 //! registers of 0x9000..0x9003 (manual 13.4, 13.5).
 
 mod register_access;
-mod registers;
 
 use std::collections::VecDeque;
 
 use ecan_protocol::can::{BitTiming, CanFrame, FrameKind, Phase, TDC_MAX_PRESCALER};
 use ecan_protocol::config::{MessageRamLayout, TxMode};
 
+use super::diagnostics::GatewayCounters;
+use super::mcan_registers::WrittenRegisters;
+use super::message_ram::{
+    Destination, FilterTable, RX_ELEMENTS_MAX, ReceiveFifo, Received, wrap_increment,
+};
 use crate::bus::{
     BusError, DelayCompensation, DetectedError, ErrorState, PhysicalLayer, StationConfig,
     StationMode, arbitration_key,
 };
 use crate::event_queue::take_first;
-
-use super::diagnostics::GatewayCounters;
-use super::message_ram::{Destination, FilterTable};
-use super::message_ram::{RX_ELEMENTS_MAX, ReceiveFifo, Received, wrap_increment};
-use registers::WrittenRegisters;
-
-pub(super) use registers::{FramesDropped, STATUS_REGISTERS};
 
 const TX_ELEMENTS_MAX: usize = 32;
 /// The field TDCV has seven bits.

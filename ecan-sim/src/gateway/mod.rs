@@ -34,6 +34,7 @@ mod ethercat_side;
 mod fault;
 mod firmware_update;
 mod maintenance;
+mod mcan_registers;
 mod message_ram;
 mod model;
 mod object_access;

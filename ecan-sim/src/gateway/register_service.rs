@@ -7,10 +7,10 @@
 
 use ecan_protocol::object::WRITABLE_REGISTERS;
 
-use super::controller::FramesDropped;
 use super::data_path::DataPath;
 use super::dictionary_values::DictionaryValues;
 use super::maintenance::SYSTEM;
+use super::mcan_registers::FramesDropped;
 use super::variant::ProtectedRegister;
 
 const FIRST_SERVICE: u16 = 0xA000;

@@ -39,7 +39,8 @@ fn three_slaves_carry_traffic_on_all_twelve_channels() {
     program.received.sort_by_key(|(slave, channel, _)| (*slave, *channel));
     assert_eq!(program.received, sent);
     let recorded = program.simulation().with_world(World::take_recorded);
-    let of_channel = |it: &BusFrame| it.channel.map(|(slave, at)| (slave, at as u8, it.frame));
+    let of_channel =
+        |frame: &BusFrame| frame.channel.map(|(slave, at)| (slave, at as u8, frame.frame));
     let mut of_channels: Vec<_> = recorded.iter().filter_map(of_channel).collect();
     of_channels.sort_by_key(|(slave, channel, _)| (*slave, *channel));
     assert_eq!((of_channels, recorded.len()), (sent, 24), "frames and echoes");

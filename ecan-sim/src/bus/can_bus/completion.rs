@@ -2,8 +2,7 @@
 
 use ecan_protocol::can::Phase;
 
-use super::{Broadcast, BusEvent, CanBus};
-use crate::bus::can_bus::transmission::{Transmission, TransmissionResult};
+use super::{Broadcast, BusEvent, CanBus, Transmission, TransmissionResult};
 use crate::bus::station::{BusError, DetectedError, ErrorState, Mismatch, StationId, StationMode};
 use crate::bus::timing::INTERMISSION_BITS;
 

@@ -2,8 +2,7 @@
 
 use ecan_protocol::can::Phase;
 
-use super::transmission::{Sampling, Transmission, TransmissionResult, mismatch_ns};
-use super::{CanBus, Undisturbed};
+use super::{CanBus, Sampling, Transmission, TransmissionResult, Undisturbed, mismatch_ns};
 use crate::bus::station::{ErrorCounters, ErrorState, Station, StationConfig, StationMode};
 use crate::bus::timing::{BitRates, Draw, FrameTiming};
 use crate::event_queue::earliest;

@@ -11,10 +11,10 @@ use ecrt_sys::{
 };
 use libc::{c_int, size_t};
 
-use crate::ecrt::pdo::SyncConfig;
+use crate::ecrt::domain::SyncConfig;
 use crate::ecrt::sdo_transfer::RequestId;
 use crate::ecrt::shared::{Shared, State};
-use crate::ecrt::slave_config::{RegRequest, SdoRequest, SlaveConfig};
+use crate::ecrt::slaves::{RegRequest, SdoRequest, SlaveConfig};
 
 pub(super) fn pointer<T>(address: usize) -> *mut T {
     std::ptr::without_provenance_mut(address)

@@ -17,9 +17,9 @@ use super::boundary::{
     CallResult, Target, bytes, change_config, change_sync, guarded, handle_or_null, on_config,
     on_domain, on_master, pointer, status, store,
 };
-use crate::ecrt::pdo::{Pdo, PdoEntry, SyncWatchdog};
+use crate::ecrt::domain::{Pdo, PdoEntry, SyncWatchdog};
 use crate::ecrt::sdo_transfer::{RequestId, SdoObject};
-use crate::ecrt::slave_config::{DcConfig, EntrySelector, SdoRequest, StartupSdo};
+use crate::ecrt::slaves::{DcConfig, EntrySelector, SdoRequest, StartupSdo};
 use crate::ecrt::timing::ACTIVATE_NS;
 use crate::world::ProcessDirection;
 

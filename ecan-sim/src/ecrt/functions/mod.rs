@@ -9,14 +9,12 @@
 
 #[macro_use]
 mod boundary;
-mod bus;
 mod configuration;
-mod opening;
+mod masters;
 mod process_data;
 #[cfg(test)]
 mod tests;
 
-pub use bus::*;
 pub use configuration::*;
-pub use opening::*;
+pub use masters::*;
 pub use process_data::*;

@@ -14,7 +14,7 @@ use super::boundary::{
 use crate::ecrt::domain::Queued;
 use crate::ecrt::sdo_transfer::{RequestId, SdoObject};
 use crate::ecrt::shared::State;
-use crate::ecrt::slave_config::{RegRequest, RequestProgress, SdoRequest};
+use crate::ecrt::slaves::{RegRequest, RequestProgress, SdoRequest};
 use crate::fault::LibraryCall;
 
 pub unsafe extern "C" fn domain_size(domain: *const ec_domain_t) -> size_t {

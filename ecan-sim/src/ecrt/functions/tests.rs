@@ -6,7 +6,7 @@ use ecrt_sys::{Errno, Functions, OpenMaster as _, Status, ec_master_t};
 use libc::c_int;
 
 use super::boundary::{data_or_null, guarded, handle_or_null, status};
-use super::opening::SimulatedMasters;
+use super::masters::SimulatedMasters;
 use super::*;
 use crate::scenario::{ClockKind, EcrtVersion, echo};
 use crate::simulation::Simulation;

@@ -6,8 +6,7 @@
 use ecan_protocol::device::AlState;
 use ecan_protocol::object::objects;
 
-use crate::ecrt::slave_config::{Configs, RequestProgress};
-use crate::ecrt::slave_view::{SlaveView, is_any_configured};
+use crate::ecrt::slaves::{Configs, RequestProgress, SlaveView, is_any_configured};
 use crate::ecrt::timing::{DICTIONARY_STEP_NS, DICTIONARY_TIMEOUT_NS, DICTIONARY_WAIT_NS};
 use crate::random::Random;
 use crate::world::World;

@@ -5,9 +5,7 @@ use ecan_protocol::mapping::{Direction, UNITS_PER_CHUNK};
 
 use super::MasterModel;
 use super::activity::{Phase, Scan, polling_round_ns};
-use crate::ecrt::slave_view::{
-    AL_ERROR, SlaveView, Startup, al_status, assigned_count, find_slave,
-};
+use crate::ecrt::slaves::{AL_ERROR, SlaveView, Startup, al_status, assigned_count, find_slave};
 use crate::ecrt::timing::{ACTIVE_POLL_NS, IDLE_POLL_NS, SCAN_BASE_NS, SCAN_SLAVE_NS};
 use crate::world::{Slot, World};
 

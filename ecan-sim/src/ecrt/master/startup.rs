@@ -7,13 +7,12 @@ use ecan_protocol::device::{AlState, AlStatusCode};
 use ecan_protocol::mapping::{Direction, sync_manager};
 
 use crate::ecrt::clocks::Clocks;
+use crate::ecrt::domain::{AssignmentWrite, SyncWatchdog, assignment_writes, pdo_bytes};
 use crate::ecrt::kernel_log::KernelLog;
-use crate::ecrt::pdo::{AssignmentWrite, SyncWatchdog, assignment_writes, pdo_bytes};
 use crate::ecrt::sdo_transfer::{
     MailboxTransfer, Pace, Payload, Progress, Receiver, SdoFailure, SdoObject, proceed,
 };
-use crate::ecrt::slave_config::{Configs, SlaveConfig};
-use crate::ecrt::slave_view::{AL_ERROR, SlaveView, Startup, al_status};
+use crate::ecrt::slaves::{AL_ERROR, Configs, SlaveConfig, SlaveView, Startup, al_status};
 use crate::ecrt::timing::{
     CLOCK_NEAR_NS, CLOCK_SETTLE_NS, CLOCK_TIMEOUT_NS, REGISTER_NS, STATE_POLL_NS, STATE_TIMEOUT_NS,
 };

@@ -9,8 +9,7 @@ use super::activity::polling_round_ns;
 use crate::ecrt::sdo_transfer::{
     Payload, Progress, Receiver, RequestId, SdoFailure, SdoObject, Transfer, TransferOwner, proceed,
 };
-use crate::ecrt::slave_config::RequestProgress;
-use crate::ecrt::slave_view::{al_status, is_any_configured};
+use crate::ecrt::slaves::{RequestProgress, al_status, is_any_configured};
 use crate::ecrt::timing::REGISTER_NS;
 use crate::gateway::Gateway;
 use crate::world::{Slot, World};

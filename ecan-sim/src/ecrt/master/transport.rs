@@ -2,8 +2,7 @@
 
 use crate::ecrt::clocks::Clocks;
 use crate::ecrt::domain::{DatagramState, DomainDatagram, Queued};
-use crate::ecrt::slave_config::Configs;
-use crate::ecrt::slave_view::SlaveView;
+use crate::ecrt::slaves::{Configs, SlaveView};
 use crate::ecrt::timing::{BYTE_NS, DATAGRAM_TIMEOUT_NS, HOST_LATENCY_NS, SLAVE_LATENCY_NS};
 use crate::fault::{CycleFaults, LossDirection};
 use crate::world::{LogicalCommand, Slot, World};

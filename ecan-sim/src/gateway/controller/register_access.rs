@@ -13,11 +13,11 @@
 use ecan_protocol::can::Phase;
 use ecan_protocol::config::NonMatch;
 
-use super::registers::{
-    FramesDropped, TEST_LOOPBACK, cccr, offset, timing_register, written_timing,
-};
 use super::{CanController, ErrorCodes};
 use crate::bus::{ErrorState, StationMode};
+use crate::gateway::mcan_registers::{
+    FramesDropped, TEST_LOOPBACK, cccr, offset, timing_register, written_timing,
+};
 
 const DBTP_DELAY_COMPENSATION: u32 = 1 << 23;
 

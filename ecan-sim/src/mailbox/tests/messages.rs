@@ -1,11 +1,13 @@
-//! The mailbox itself: errors, counters, delay, silence, queue limit, repeats.
+//! The mailbox itself: errors, counters, delay, silence, queue limit, repeats, sizes, and alternatives of its services.
 
-use crate::mailbox::MailboxServer;
 use ecan_protocol::device::AlState;
+use ecan_protocol::object::AbortCode;
 
-use super::fixture::{Fixture, MAILBOX, MS, coe, message};
+use super::fixture::{Fixture, MAILBOX, MS, coe, info, message};
 use crate::fault::GatewayFault;
 use crate::gateway::GatewayModelConfig;
+use crate::gateway::variant::{Emergencies, GatewayVariant, MissingEntries, SdoInformation};
+use crate::mailbox::MailboxServer;
 
 /// An upload of 0xF000:2, CoE body.
 const UPLOAD: [u8; 10] = [0x00, 0x20, 0x40, 0x00, 0xF0, 0x02, 0, 0, 0, 0];
@@ -149,4 +151,77 @@ fn full_mailbox_queue_has_no_space() {
     assert!(!fixture.server.has_space());
     assert_eq!(error_detail(&fixture.read().unwrap()), None);
     assert!(fixture.server.has_space());
+}
+
+#[test]
+fn every_mailbox_size_moves_the_same_data() {
+    let data: Vec<u8> = (0..16).map(|byte| byte * 7 + 1).collect();
+    let whole = Fixture::with_complete_access(MAILBOX).upload(0x8001, 0, true).unwrap();
+    assert!(whole.len() > 120, "several segments even in a full mailbox");
+    for mailbox in 16..=200 {
+        let mut fixture = Fixture::with_complete_access(mailbox);
+        fixture.download(0x7020, 1, false, &data).unwrap();
+        assert_eq!(fixture.value(0x7020, 1), data, "down, {mailbox} bytes");
+        assert_eq!(
+            fixture.upload(0x7020, 1, false).as_deref(),
+            Ok(&data[..]),
+            "up, {mailbox} bytes"
+        );
+        assert_eq!(fixture.upload(0x8001, 0, true).as_deref(), Ok(&whole[..]), "{mailbox} bytes");
+    }
+}
+
+#[test]
+fn segmented_download_of_a_whole_object() {
+    let mut fixture = Fixture::with_complete_access(20);
+    let mut block = vec![24, 0];
+    for chunk in 0..24_u16 {
+        block.extend_from_slice(&(0x1A00 + chunk).to_le_bytes());
+    }
+    fixture.download(0x1C13, 0, true, &block).unwrap();
+    assert_eq!(fixture.upload(0x1C13, 0, true), Ok(block));
+}
+
+/// Object list, object and entry.
+const REQUESTS: [(u8, &[u8]); 3] = [(1, &[1, 0]), (3, &[0x00, 0xF0]), (5, &[0x00, 0xF0, 1, 0])];
+
+#[test]
+fn absent_sdo_information_is_a_mailbox_error() {
+    let variant =
+        GatewayVariant { sdo_information: SdoInformation::Absent, ..GatewayVariant::default() };
+    let mut fixture = Fixture::with_variant(variant);
+    for (opcode, parameters) in REQUESTS {
+        let answer = fixture.exchange(&coe(&info(opcode, parameters)));
+        assert_eq!(answer[5] & 0x0F, 0, "a mailbox error: {answer:02X?}");
+        assert_eq!(answer[6..10], [1, 0, 4, 0]);
+    }
+    assert_eq!(Fixture::preop().exchange(&coe(&info(3, &[0x00, 0xF0])))[5] & 0x0F, 3);
+}
+
+#[test]
+fn missing_entries_are_not_described() {
+    let missing_entries = MissingEntries::parse(["0xF000:26", "0x9011"]).unwrap();
+    let variant = GatewayVariant { missing_entries, ..GatewayVariant::default() };
+    let mut fixture = Fixture::with_variant(variant);
+    let code = |answer: &[u8]| answer.get(6..10).map(|code| code.to_vec());
+    let object = fixture.coe(&info(3, &[0x11, 0x90]));
+    assert_eq!(object[2] & 0x7F, 7, "an SDO information error");
+    assert_eq!(code(&object), Some(AbortCode::NO_OBJECT.0.to_le_bytes().to_vec()));
+    let entry = fixture.coe(&info(5, &[0x00, 0xF0, 26, 0]));
+    assert_eq!(entry[2] & 0x7F, 6);
+    assert!(entry.get(10..).is_none_or(|rest| rest.iter().all(|byte| *byte == 0)), "{entry:02X?}");
+    let entry = fixture.coe(&info(5, &[0x00, 0xF0, 25, 0]));
+    assert_eq!(entry[10..12], [7, 0], "an entry that exists");
+}
+
+#[test]
+fn emergencies_are_sent_or_absent() {
+    for (emergencies, expected) in [(Emergencies::Sent, true), (Emergencies::Absent, false)] {
+        let variant = GatewayVariant { emergencies, ..GatewayVariant::default() };
+        let mut fixture = Fixture::with_variant(variant);
+        let fault = crate::fault::GatewayFault::AlError { code: 0x1B };
+        fixture.gateway.inject(fixture.now, fault);
+        assert_eq!(fixture.gateway.al_state(), AlState::PreOp);
+        assert_eq!(fixture.read_now().is_some(), expected, "{emergencies:?}");
+    }
 }

@@ -8,5 +8,3 @@ mod golden;
 mod information;
 mod messages;
 mod properties;
-mod segments;
-mod variants;
