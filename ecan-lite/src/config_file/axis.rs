@@ -3,8 +3,8 @@
 use std::time::Duration;
 
 use ecan_canopen::{
-    FaultReaction, GuardingConfig, HaltOption, NodeAddress, NodeId, NodeLossReaction,
-    OperatingMode, QuickStopOption, StopOption,
+    BootReset, FaultReaction, HaltOption, NodeAddress, NodeId, NodeLossReaction, OperatingMode,
+    QuickStopOption, StopOption,
 };
 use ecan_cia402::{
     AxisConfig, AxisFault, DriveConfig, InputObject, MotionLimit, NodeReset, OutputObject,
@@ -15,6 +15,7 @@ use ecan_protocol::can::CanId;
 use ecan_protocol::mapping::{CHANNELS, Direction};
 
 use super::document::{Document, Table, store};
+use super::node::NodeSettings;
 
 const MODES: [(&str, OperatingMode); 8] = [
     ("csp", OperatingMode::CyclicPosition),
@@ -54,13 +55,16 @@ pub(crate) struct FileAxis {
 pub(crate) fn read(mut table: Table<'_, '_>) -> Option<FileAxis> {
     let address = read_address(&mut table);
     // In a node its keys are those of the node.
-    let mut network = DriveConfig::default();
-    read_network(&mut table, &mut network);
+    let network = NodeSettings::read_network(&mut table);
+    if let Some(fault) = network.guarding_fault() {
+        table.fault("guard_time_ms", fault);
+    }
     let mut axis = read_at(table, address, 0)?;
-    let DriveConfig { reset, boot_timeout, heartbeat_ms, guarding, .. } = network;
     let drive = &mut axis.config.drive;
-    (drive.reset, drive.boot_timeout) = (reset, boot_timeout);
-    (drive.heartbeat_ms, drive.guarding) = (heartbeat_ms, guarding);
+    store(&mut drive.reset, network.reset.map(node_reset));
+    store(&mut drive.boot_timeout, network.boot_timeout());
+    store(&mut drive.heartbeat_ms, network.heartbeat_ms);
+    drive.guarding = network.guarding();
     Some(axis)
 }
 
@@ -188,7 +192,7 @@ fn channel_fault(
         format!("is not enabled; add its table can{channel}")
     } else {
         let direction =
-            Direction::ALL.into_iter().find(|other| !gateway.carries(*other, channel))?;
+            Direction::ALL.into_iter().find(|direction| !gateway.carries(*direction, channel))?;
         format!("is not among the `channels` of the {direction}; an axis needs both directions")
     };
     Some(("channel", format!("axis {at}: channel {channel} of gateway {slave} {text}")))
@@ -241,13 +245,14 @@ fn keys(fault: &AxisFault, axis: &AxisConfig) -> &'static [&'static str] {
     }
 }
 
-const RESETS: [(&str, NodeReset); 3] = [
-    ("none", NodeReset::None),
-    ("communication", NodeReset::Communication),
-    ("node", NodeReset::Node),
-];
-/// Guarding requests without response that a node tolerates by default.
-pub(crate) const LIFE_TIME_FACTOR: u8 = 3;
+/// Reset of a drive that boots as a node with this reset.
+pub(crate) fn node_reset(reset: BootReset) -> NodeReset {
+    match reset {
+        BootReset::None => NodeReset::None,
+        BootReset::Communication => NodeReset::Communication,
+        BootReset::Node => NodeReset::Node,
+    }
+}
 
 // Option codes; `unchanged` does not write the object.
 
@@ -319,25 +324,6 @@ pub(crate) fn read_drive(table: &mut Table<'_, '_>, drive: &mut DriveConfig) {
     drive.max_motor_speed = table.unsigned("max_motor_speed", (0, u32::MAX));
     store(&mut drive.use_limits, table.flag("use_limits"));
     store(&mut drive.silence_other_tpdos, table.flag("silence_other_tpdos"));
-}
-
-/// Reads reset, heartbeat and node guarding.
-pub(crate) fn read_network(table: &mut Table<'_, '_>, drive: &mut DriveConfig) {
-    store(&mut drive.reset, table.word("reset", &RESETS));
-    let timeout_ms = table.unsigned("boot_timeout_ms", (1, 3_600_000));
-    store(&mut drive.boot_timeout, timeout_ms.map(Duration::from_millis));
-    let heartbeat_ms = table.unsigned("heartbeat_ms", (0, 0xFFFF));
-    store(&mut drive.heartbeat_ms, heartbeat_ms);
-    let guard_time_ms = table.unsigned("guard_time_ms", (1, 0xFFFF));
-    let life_time_factor = table.unsigned("life_time_factor", (1, 0xFF));
-    if guard_time_ms.is_some() && heartbeat_ms.is_some_and(|ms| ms > 0) {
-        let text = "`guard_time_ms` and `heartbeat_ms` exclude each other; set `heartbeat_ms` = 0";
-        table.fault("guard_time_ms", text);
-    }
-    drive.guarding = guard_time_ms.map(|ms| GuardingConfig {
-        guard_time: Duration::from_millis(ms),
-        life_time_factor: life_time_factor.unwrap_or(LIFE_TIME_FACTOR),
-    });
 }
 
 /// Window in steps, and time in milliseconds.

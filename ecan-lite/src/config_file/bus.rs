@@ -1,17 +1,16 @@
-//! The keys of a file outside its gateways.
+//! The keys of a file outside its gateways, and the table `[service]`: access to the service of a bus.
 
 use std::time::Duration;
 
 use ecan_host::{AdapterConfig, ClockSource, DcSync, MAX_SLAVES, MAX_STARTUP_STEPS};
 use ecan_mcan_port::{Config, MAX_FILTERS, PortConfig};
 
+use super::axis::FileAxis;
 use super::device_profile::IncludedProfile;
-use crate::config_file::axis::FileAxis;
-use crate::config_file::document::{Table, store};
-use crate::config_file::network::{NetworkSettings, NetworkTable};
-use crate::config_file::node::FileNode;
-use crate::config_file::service::ServiceSettings;
-use crate::config_file::{axis, gateway, node, service};
+use super::document::{Table, store};
+use super::network::{NetworkSettings, NetworkTable};
+use super::node::FileNode;
+use super::{axis, gateway, node};
 
 /// Largest index of a master or slave.
 const INDEX_MAX: u32 = 0xFFFF;
@@ -78,7 +77,7 @@ pub(crate) fn read(mut table: Table<'_, '_>) -> Bus {
     let mut network = table.table("network").map(NetworkTable::read).unwrap_or_default();
     let nodes = node::read_all(&mut table, &mut axes, &mut network, adapter.cycle_ns());
     let network = network.settings;
-    let service = table.table("service").map(service::read).unwrap_or_default();
+    let service = table.table("service").map(read_service).unwrap_or_default();
     Bus { config: (adapter, port).into(), axes, profiles, service, network, nodes }
 }
 
@@ -93,4 +92,28 @@ fn read_dc(mut table: Table<'_, '_>, cycle: Duration) -> (DcSync, Option<Duratio
     dc.reference = table.unsigned("reference", (0, INDEX_MAX));
     store(&mut dc.monitor_every, table.unsigned("monitor_every", (0, u32::MAX)));
     (dc, shift)
+}
+
+/// Settings of a service, by `ecan serve`. `None` for its default.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct ServiceSettings {
+    /// No client may send frames or change something.
+    pub read_only: Option<bool>,
+    /// Group whose members may.
+    pub control_group: Option<String>,
+    /// Most clients at a time.
+    pub max_clients: Option<u16>,
+}
+
+fn read_service(mut table: Table<'_, '_>) -> ServiceSettings {
+    let read_only = table.flag("read_only");
+    let control_group = table.text("control_group").map(str::to_owned);
+    if read_only == Some(true) && control_group.is_some() {
+        table.fault("control_group", "`control_group` and `read_only` exclude each other");
+    }
+    ServiceSettings {
+        read_only,
+        control_group,
+        max_clients: table.unsigned("max_clients", (1, 1000)),
+    }
 }

@@ -248,8 +248,8 @@ impl FilterList {
     /// Adds a write to a window.
     pub(crate) fn collect(lists: &mut Vec<Self>, write: SdoWrite) {
         let Some(window) = window_of(&write) else { return };
-        let is_it = |it: &Self| it.channel_object == write.index && it.window == window;
-        let at = lists.iter().position(is_it).unwrap_or_else(|| {
+        let is_same = |other: &Self| other.channel_object == write.index && other.window == window;
+        let at = lists.iter().position(is_same).unwrap_or_else(|| {
             let channel_object = write.index;
             lists.push(Self { channel_object, window, count: 0, filters: Vec::new() });
             lists.len() - 1

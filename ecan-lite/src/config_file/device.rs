@@ -83,7 +83,7 @@ pub fn find(
         let mut start = 0;
         if alias != 0 {
             let has_alias =
-                |slave: &usize| bus.slave_info(*slave).is_ok_and(|info| info.alias == alias);
+                |slave: &usize| bus.slave_info(*slave).is_ok_and(|slave| slave.alias == alias);
             start = (0..count).find(has_alias).ok_or(ResolveError::NoAlias { gateway, alias })?;
         }
         let slave = start + usize::from(position);

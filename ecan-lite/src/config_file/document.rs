@@ -6,8 +6,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
 use std::path::PathBuf;
 
-pub(crate) use form::{Form, Recorder};
-pub(crate) use table::Table;
+pub(crate) use table::{Form, Recorder, Table};
 use toml::Spanned;
 use toml::de::DeTable;
 pub(crate) use values::store;
@@ -15,7 +14,6 @@ pub(crate) use values::store;
 use super::fault::TextLines;
 use crate::config_file::fault::FileFaults;
 
-mod form;
 mod table;
 mod values;
 

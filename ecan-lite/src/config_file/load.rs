@@ -8,13 +8,13 @@ use ecan_cia402::AxisConfig;
 use ecan_host::{Expectation, StartupStep};
 use ecan_mcan_port::Config;
 
+use super::bus::ServiceSettings;
 use super::device_profile::IncludedProfile;
 use crate::config_file::bus::{self, Bus};
 use crate::config_file::document::{Document, Includes, Table};
 use crate::config_file::fault::{ConfigFileError, FileFaults};
 use crate::config_file::input::load_by;
 use crate::config_file::network::NetworkSettings;
-use crate::config_file::service::ServiceSettings;
 use crate::config_file::{axis, check, node};
 
 /// Returns the complete startup sequence of a gateway (manual 5.4.3, phases A to E, and 13.2.2):

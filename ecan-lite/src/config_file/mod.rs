@@ -42,8 +42,8 @@ mod load;
 mod network;
 mod node;
 mod schema;
-mod service;
 
+pub use bus::ServiceSettings;
 pub use compare::{Difference, Expected, differences, missing_entries};
 pub use device::{ConfigChecksums, FlashCommand, ResolveError, ResolvedGateway, apply, find};
 pub use device_profile::{DeviceProfile, IncludedProfile, ProfileEffect};
@@ -57,4 +57,3 @@ pub use load::{
 pub use network::NetworkSettings;
 pub use node::parse_bus_yml;
 pub use schema::{EXAMPLE, INIT, schema};
-pub use service::ServiceSettings;

@@ -62,7 +62,7 @@ impl NetworkTable {
         if counter == Some(1) {
             table.fault("sync_counter", COUNTER);
         }
-        config.sync.counter_overflow = counter.filter(|overflow| *overflow > 1);
+        config.sync.counter_overflow = counter.filter(|counter| *counter > 1);
         store(&mut config.motion_div, table.unsigned("target_cycles", (1, 0xFFFF)));
         store(&mut config.takeover, table.word("takeover", &TAKEOVERS));
         let time_ms = table.unsigned("time_ms", (0, 3_600_000)).filter(|ms| *ms > 0);
@@ -104,7 +104,8 @@ impl NetworkTable {
         let config = &mut self.settings.cia402;
         let period =
             master.sync_period_us.as_ref().filter(|period| period.value > 0 && !self.has_sync);
-        if let (Some(period), Some(cycle_ns)) = (period, cycle_ns.filter(|cycle| *cycle > 0)) {
+        if let (Some(period), Some(cycle_ns)) = (period, cycle_ns.filter(|cycle_ns| *cycle_ns > 0))
+        {
             let period_ns = u64::from(period.value) * 1_000;
             match period_ns % u64::from(cycle_ns) {
                 0 => {

@@ -1,10 +1,10 @@
 //! The values of a table's keys by their types.
 
+use ecan_canopen::ConfigurationDate;
 use toml::Spanned;
 use toml::de::{DeInteger, DeValue};
 
-use super::form::Form;
-use super::table::{Table, kind};
+use super::table::{Form, Table, kind};
 use crate::config_file::fault::Located;
 
 impl<'t> Table<'t, '_> {
@@ -82,6 +82,25 @@ impl<'t> Table<'t, '_> {
         }
         self.wrong(key, "a date and time, 2026-01-31T12:00:00", value);
         None
+    }
+
+    /// A date and time from 1984-01-01 on.
+    pub(crate) fn configuration_date(&mut self, key: &'static str) -> Option<ConfigurationDate> {
+        let date = self.datetime(key)?;
+        let days = date
+            .date
+            .map(|date| days_from_civil(date.year.into(), date.month.into(), date.day.into()));
+        let days = days.and_then(|days| u32::try_from(days - EPOCH_DAYS).ok());
+        let Some(days) = days else {
+            self.fault(key, format!("`{key}` must be a date and time from 1984-01-01 on"));
+            return None;
+        };
+        let milliseconds = date.time.map_or(0, |time| {
+            let seconds = u32::from(time.second.unwrap_or(0))
+                + 60 * (u32::from(time.minute) + 60 * u32::from(time.hour));
+            seconds * 1_000 + time.nanosecond.unwrap_or(0) / 1_000_000
+        });
+        Some(ConfigurationDate { days, milliseconds })
     }
 
     /// A list of strings with their locations.
@@ -331,8 +350,38 @@ fn integer(number: &DeInteger<'_>) -> Option<i64> {
 
 /// The integers of an array; `None` for another value, or with an integer out of range.
 fn integers(value: &DeValue<'_>, (min, max): (u32, u32)) -> Option<Vec<u32>> {
-    let numbers = value.as_array()?.iter().map(|number| integer(number.get_ref().as_integer()?));
+    let numbers = value.as_array()?.iter().map(|item| integer(item.get_ref().as_integer()?));
     numbers
         .map(|number| u32::try_from(number?).ok().filter(|number| (min..=max).contains(number)))
         .collect()
+}
+
+/// Days from 1984-01-01, the epoch of 0x1020, to 1970-01-01 are negative.
+const EPOCH_DAYS: i64 = 5_113;
+
+/// Days from 1970-01-01 of a date of the Gregorian calendar.
+fn days_from_civil(year: i64, month: i64, day: i64) -> i64 {
+    // Years begin with March, so that the leap day is the last one.
+    let year = if month <= 2 { year - 1 } else { year };
+    let era = year.div_euclid(400);
+    let of_era = year.rem_euclid(400);
+    let day_of_year = (153 * ((month + 9) % 12) + 2) / 5 + day - 1;
+    era * 146_097 + of_era * 365 + of_era / 4 - of_era / 100 + day_of_year - 719_468
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn dates_count_from_1984() {
+        let days = |year, month, day| days_from_civil(year, month, day) - EPOCH_DAYS;
+        assert_eq!(days_from_civil(1970, 1, 1), 0);
+        assert_eq!(days(1984, 1, 1), 0);
+        assert_eq!(days(1984, 3, 1), 60);
+        assert_eq!(days(1985, 1, 1), 366);
+        // 40 years with ten leap days, and 2024 is one.
+        assert_eq!(days(2024, 1, 1), 40 * 365 + 10);
+        assert_eq!(days(2026, 11, 24), 40 * 365 + 10 + 366 + 365 + 327);
+    }
 }

@@ -61,13 +61,13 @@ pub(crate) fn read(
     match documents.first() {
         Some(root) => {
             let root = reader.mapping(root, "the file");
-            master = root.get("master").map(|value| reader.master(value)).unwrap_or_default();
-            let defaults = root.get("defaults").map(|value| reader.mapping(value, "`defaults`"));
+            master = root.get("master").map(|node| reader.master(node)).unwrap_or_default();
+            let defaults = root.get("defaults").map(|node| reader.mapping(node, "`defaults`"));
             let defaults = defaults.unwrap_or_default();
             let apart = root.pairs.iter().filter(|(name, _)| {
                 !SECTIONS.contains(&name.value.as_str()) && !name.value.starts_with('.')
             });
-            let listed = root.get("nodes").map(|value| reader.listed(value)).unwrap_or_default();
+            let listed = root.get("nodes").map(|node| reader.listed(node)).unwrap_or_default();
             for (name, value) in apart.cloned().chain(listed) {
                 let own = reader.mapping(value, &format!("`{}`", name.value));
                 let mut node = NodeSource::new(name.at, slave, channel);
@@ -225,57 +225,60 @@ impl Reader<'_> {
     fn node(&mut self, keys: &Mapping<'_>, node: &mut NodeSource) {
         const U32: (i64, i64) = (0, 0xFFFF_FFFF);
         const U16: (i64, i64) = (0, 0xFFFF);
-        node.reset = Some(BootReset::Communication);
+        node.settings.reset = Some(BootReset::Communication);
         // As ros2_canopen: a node is optional unless the file states otherwise.
-        node.is_mandatory = Some(false);
-        node.heartbeat_ms = Some(0);
-        node.revision = RevisionRule::Exact;
+        node.settings.is_mandatory = Some(false);
+        node.settings.heartbeat_ms = Some(0);
+        node.settings.revision = Some(RevisionRule::Exact);
         for (key, value) in &keys.pairs {
             let (at, name) = (self.at(value), key.value.as_str());
             match name {
                 "node_id" => {
                     let raw: Option<u8> = self.integer(name, value, (1, 127));
-                    node.node = raw.and_then(NodeId::new).map(|node| Located::new(node, at));
+                    node.node = raw.and_then(NodeId::new).map(|value| Located::new(value, at));
                 }
                 "dcf" => match text_of(value) {
                     Some(path) => node.device_file = Some(Located::new(path.into(), at)),
                     None => self.fault(value, "`dcf` must be the name of a file".to_owned()),
                 },
-                "mandatory" => node.is_mandatory = self.flag(name, value),
+                "mandatory" => node.settings.is_mandatory = self.flag(name, value),
                 "reset_communication" => {
                     if self.flag(name, value) == Some(false) {
-                        node.reset = Some(BootReset::None);
+                        node.settings.reset = Some(BootReset::None);
                     }
                 }
                 "boot_timeout_ms" => {
-                    node.boot_timeout_ms = self.integer(name, value, (1, 3_600_000))
+                    node.settings.boot_timeout_ms = self.integer(name, value, (1, 3_600_000))
                 }
                 // 0 accepts every one.
                 "revision_number" => match self.integer(name, value, U32) {
-                    Some(0) => node.revision = RevisionRule::Any,
-                    revision => node.revision_number = revision,
+                    Some(0) => node.settings.revision = Some(RevisionRule::Any),
+                    revision => node.settings.revision_number = revision,
                 },
                 "serial_number" => {
-                    node.serial_number =
-                        self.integer(name, value, U32).filter(|serial| *serial != 0);
+                    node.settings.serial_number =
+                        self.integer(name, value, U32).filter(|number| *number != 0);
                 }
                 "software_version" => {
-                    node.software = self.integer(name, value, U32).filter(|version| *version != 0);
+                    node.settings.software =
+                        self.integer(name, value, U32).filter(|number| *number != 0);
                 }
                 "restore_configuration" => {
-                    node.restores = self.integer(name, value, (0, 127)).filter(|count| *count != 0);
+                    node.settings.restores =
+                        Some(self.integer(name, value, (0, 127)).filter(|group| *group != 0));
                 }
-                "heartbeat_producer" => node.heartbeat_ms = self.integer(name, value, U16),
+                "heartbeat_producer" => node.settings.heartbeat_ms = self.integer(name, value, U16),
                 "sdo" => self.sdo(value, node),
                 "rpdo" => self.pdos(value, PdoDirection::Receive, node),
                 "tpdo" => self.pdos(value, PdoDirection::Transmit, node),
                 "guard_time" => {
                     let ms: Option<u16> = self.integer(name, value, U16);
-                    node.guard_time_ms = ms.filter(|ms| *ms > 0).map(|ms| Located::new(ms, at));
+                    node.settings.guard_time_ms = ms.filter(|ms| *ms > 0);
+                    node.settings.guard_time_at = at;
                 }
                 "life_time_factor" => {
-                    node.life_time_factor =
-                        self.integer(name, value, (0, 0xFF)).filter(|count| *count > 0);
+                    node.settings.life_time_factor =
+                        self.integer(name, value, (0, 0xFF)).filter(|factor| *factor > 0);
                 }
                 "driver" => {
                     // Also that of lifecycle nodes.
@@ -289,7 +292,8 @@ impl Reader<'_> {
                 "scale_vel_to_dev" => node.ros_axis.velocity_units = self.number(name, value),
                 "offset_pos_to_dev" => node.ros_axis.origin = self.number(name, value),
                 "heartbeat_consumer" => {
-                    node.watches_master = self.flag(name, value).map(|flag| Located::new(flag, at));
+                    node.watches_master =
+                        self.flag(name, value).map(|value| Located::new(value, at));
                 }
                 "error_behavior" => self.error_behavior(value, node),
                 "num_channels" if matches!(value.data, YamlData::Value(Scalar::Integer(1))) => {}
@@ -311,8 +315,7 @@ impl Reader<'_> {
     /// Reaction to each class of errors: the entries of 0x1029.
     fn error_behavior(&mut self, classes: Node<'_>, node: &mut NodeSource) {
         for (class, value) in self.mapping(classes, "`error_behavior`").pairs {
-            let Some(subindex) = class.value.parse::<u8>().ok().filter(|subindex| *subindex > 0)
-            else {
+            let Some(subindex) = class.value.parse::<u8>().ok().filter(|factor| *factor > 0) else {
                 let text =
                     format!("error class {} is out of range; allowed: 1 to 255", class.value);
                 self.faults.push((class.at, text));

@@ -35,7 +35,7 @@ pub(crate) fn network(
     let channels = config.port.gateways.iter().enumerate().flat_map(|(slave, gateway)| {
         let channels = gateway.channels.into_iter().zip(0..);
         channels.filter_map(move |(channel, number)| {
-            channel.map(|channel| ChannelDescription { slave, channel: number, can: channel.can })
+            channel.map(|config| ChannelDescription { slave, channel: number, can: config.can })
         })
     });
     NetworkDescription {
@@ -84,8 +84,9 @@ pub(crate) fn check(
 fn is_of_axes(kind: &NetworkFaultKind, node: &NodeDescription, axes: &[Option<FileAxis>]) -> bool {
     match kind {
         NetworkFaultKind::DuplicatePdo { pdo } => {
-            let is_it = |it: &PdoMapping| (it.direction, it.number) == (pdo.direction, pdo.number);
-            !node.pdos.iter().any(is_it)
+            let is_same =
+                |other: &PdoMapping| (other.direction, other.number) == (pdo.direction, pdo.number);
+            !node.pdos.iter().any(is_same)
         }
         NetworkFaultKind::Collision { id, .. } => {
             let channel = |address: NodeAddress| (address.slave, address.channel);
@@ -111,12 +112,14 @@ fn channel_path(kind: &NetworkFaultKind) -> String {
 fn location(node: &FileNode, kind: &NetworkFaultKind) -> usize {
     let ResolvedNode { description, at, parameters, pdos } = &node.node;
     let of_pdo = |pdo: &PdoName| {
-        let is_it = |it: &PdoMapping| (it.direction, it.number) == (pdo.direction, pdo.number);
-        description.pdos.iter().rposition(is_it).and_then(|nth| pdos.get(nth))
+        let is_same =
+            |other: &PdoMapping| (other.direction, other.number) == (pdo.direction, pdo.number);
+        description.pdos.iter().rposition(is_same).and_then(|nth| pdos.get(nth))
     };
     let of_value = |subject: &Subject| {
-        let is_it = |it: &Parameter| (it.index, it.subindex) == (subject.index, subject.subindex);
-        description.overrides.iter().position(is_it).and_then(|nth| parameters.get(nth))
+        let is_same =
+            |other: &Parameter| (other.index, other.subindex) == (subject.index, subject.subindex);
+        description.overrides.iter().position(is_same).and_then(|nth| parameters.get(nth))
     };
     let part = match kind {
         NetworkFaultKind::Pdo { pdo, .. }

@@ -7,18 +7,18 @@ use std::sync::Arc;
 
 pub(crate) use check::{check, network};
 use ecan_canopen::{
-    BootConfig, BootReset, ConfigurationDate, HeartbeatConsumer, HostHeartbeat, NodeDescription,
-    NodeId, PdoDirection, object,
+    BootConfig, HeartbeatConsumer, HostHeartbeat, NodeDescription, NodeId, PdoDirection, object,
 };
-use ecan_cia402::{AxisConfig, DriveConfig, NodeReset};
+use ecan_cia402::{AxisConfig, DriveConfig};
 use ecan_protocol::mapping::CHANNELS;
 use ecan_protocol::text::Printable;
 use resolve::{ResolvedNode, resolve};
-use source::{DeviceFiles, NodeSource, ParameterSource, PdoSource, RevisionRule};
+pub(super) use source::NodeSettings;
+use source::{DeviceFiles, NodeSource, ParameterSource, PdoSource};
 
 use super::axis;
 use super::axis::FileAxis;
-use super::document::{Includes, Table, store};
+use super::document::{Includes, Table};
 use super::fault::{FileFaults, Located, TextLines};
 use super::network::NetworkTable;
 
@@ -100,11 +100,7 @@ pub(crate) fn read_all(
 
 /// The axis configures its drive as the boot-up of the node would.
 fn configure_drive(drive: &mut DriveConfig, boot: &BootConfig) {
-    drive.reset = match boot.reset {
-        BootReset::None => NodeReset::None,
-        BootReset::Communication => NodeReset::Communication,
-        BootReset::Node => NodeReset::Node,
-    };
+    drive.reset = axis::node_reset(boot.reset);
     drive.boot_timeout = boot.boot_timeout;
     drive.identity = boot.identity;
     drive.heartbeat_ms = boot.heartbeat_ms;
@@ -275,24 +271,8 @@ pub fn parse_bus_yml(
     Ok(nodes.into_iter().map(|node| node.node.description).collect())
 }
 
-const RESETS: [(&str, BootReset); 3] = [
-    ("none", BootReset::None),
-    ("communication", BootReset::Communication),
-    ("node", BootReset::Node),
-];
-const REVISIONS: [(&str, RevisionRule); 3] = [
-    ("any", RevisionRule::Any),
-    ("compatible", RevisionRule::Compatible),
-    ("exact", RevisionRule::Exact),
-];
-/// Subindices of 0x1011.
-const RESTORES: [(&str, Option<u8>); 4] =
-    [("none", None), ("all", Some(1)), ("communication", Some(2)), ("application", Some(3))];
 const PDOS: [(&str, PdoDirection); 2] =
     [("rpdo", PdoDirection::Receive), ("tpdo", PdoDirection::Transmit)];
-/// Days from 1984-01-01, the epoch of 0x1020, to 1970-01-01 are negative.
-const EPOCH_DAYS: i64 = 5_113;
-
 /// Reads a node. The tables of its axes remain for [`super::axis`].
 pub(crate) fn read(table: &mut Table<'_, '_>) -> NodeSource {
     let slave = table.required("gateway", "the index of its gateway in the file", (0, 0xFFFF));
@@ -307,28 +287,7 @@ pub(crate) fn read(table: &mut Table<'_, '_>) -> NodeSource {
     source.node = node.map(|node| Located::new(node, table.location("node")));
     let file = table.text("device_file").map(Into::into);
     source.device_file = file.map(|file| Located::new(file, table.location("device_file")));
-    source.is_mandatory = table.flag("mandatory");
-    source.order = table.unsigned("order", (0, 255));
-    source.reset = table.word("reset", &RESETS);
-    source.boot_timeout_ms = table.unsigned("boot_timeout_ms", (1, 3_600_000));
-    store(&mut source.checks_identity, table.flag("check_identity"));
-    source.device_type = table.unsigned("device_type", (0, u32::MAX));
-    source.vendor_id = table.unsigned("vendor_id", (0, u32::MAX));
-    source.product_code = table.unsigned("product_code", (0, u32::MAX));
-    store(&mut source.revision, table.word("revision", &REVISIONS));
-    source.revision_number = table.unsigned("revision_number", (0, u32::MAX));
-    source.serial_number = table.unsigned("serial_number", (0, u32::MAX));
-    source.software = table.unsigned("software", (0, u32::MAX));
-    source.restores = table.word("restore", &RESTORES).flatten();
-    source.date = date(table);
-    source.saves = table.flag("save");
-    source.heartbeat_ms = table.unsigned("heartbeat_ms", (0, 0xFFFF));
-    let guard_time = table.unsigned("guard_time_ms", (1, 0xFFFF));
-    source.guard_time_ms =
-        guard_time.map(|time| Located::new(time, table.location("guard_time_ms")));
-    source.life_time_factor = table.unsigned("life_time_factor", (1, 0xFF));
-    source.starts = table.flag("start");
-    source.reboots = table.flag("reboot");
+    source.settings = NodeSettings::read(table);
     if let Some(mut parameters) = table.table("parameters") {
         source.parameters = parameters
             .scalars()
@@ -347,34 +306,6 @@ pub(crate) fn read(table: &mut Table<'_, '_>) -> NodeSource {
     source
 }
 
-fn date(table: &mut Table<'_, '_>) -> Option<ConfigurationDate> {
-    const KEY: &str = "configuration_date";
-    let date = table.datetime(KEY)?;
-    let days =
-        date.date.map(|date| days_from_civil(date.year.into(), date.month.into(), date.day.into()));
-    let days = days.and_then(|days| u32::try_from(days - EPOCH_DAYS).ok());
-    let Some(days) = days else {
-        table.fault(KEY, format!("`{KEY}` must be a date and time from 1984-01-01 on"));
-        return None;
-    };
-    let milliseconds = date.time.map_or(0, |time| {
-        let seconds = u32::from(time.second.unwrap_or(0))
-            + 60 * (u32::from(time.minute) + 60 * u32::from(time.hour));
-        seconds * 1_000 + time.nanosecond.unwrap_or(0) / 1_000_000
-    });
-    Some(ConfigurationDate { days, milliseconds })
-}
-
-/// Days from 1970-01-01 of a date of the Gregorian calendar.
-fn days_from_civil(year: i64, month: i64, day: i64) -> i64 {
-    // Years begin with March, so that the leap day is the last one.
-    let year = if month <= 2 { year - 1 } else { year };
-    let era = year.div_euclid(400);
-    let of_era = year.rem_euclid(400);
-    let day_of_year = (153 * ((month + 9) % 12) + 2) / 5 + day - 1;
-    era * 146_097 + of_era * 365 + of_era / 4 - of_era / 100 + day_of_year - 719_468
-}
-
 fn read_pdo(mut table: Table<'_, '_>, direction: PdoDirection) -> PdoSource {
     let number = table.required("number", "1 to 512", (1, 512));
     let cob_id = table.unsigned("cob_id", (1, 0x7FF));
@@ -389,22 +320,5 @@ fn read_pdo(mut table: Table<'_, '_>, direction: PdoDirection) -> PdoSource {
         sync_start: table.unsigned("sync_start", (0, 240)),
         objects: table.texts("objects"),
         ..PdoSource::new(table.at(), direction, number)
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn dates_count_from_1984() {
-        let days = |year, month, day| days_from_civil(year, month, day) - EPOCH_DAYS;
-        assert_eq!(days_from_civil(1970, 1, 1), 0);
-        assert_eq!(days(1984, 1, 1), 0);
-        assert_eq!(days(1984, 3, 1), 60);
-        assert_eq!(days(1985, 1, 1), 366);
-        // 40 years with ten leap days, and 2024 is one.
-        assert_eq!(days(2024, 1, 1), 40 * 365 + 10);
-        assert_eq!(days(2026, 11, 24), 40 * 365 + 10 + 366 + 365 + 327);
     }
 }

@@ -1,18 +1,15 @@
 //! From a node of a file to its description: device file, names, values.
 
 use std::sync::Arc;
-use std::time::Duration;
 
 use ecan_canopen::{
-    BootConfig, CobId, DeviceFile, GuardingConfig, IdentityCheck, MappingEntry, NodeAddress,
-    NodeDescription, NodeId, ObjectEntry, Parameter, ParameterSet, PdoCobId, PdoDirection,
-    PdoMapping, RevisionCheck, TransmissionType, object,
+    CobId, DeviceFile, IdentityCheck, MappingEntry, NodeAddress, NodeDescription, NodeId,
+    ObjectEntry, Parameter, PdoCobId, PdoDirection, PdoMapping, RevisionCheck, TransmissionType,
+    object,
 };
 use ecan_protocol::can::CanId;
 
-use super::source::{NodeSource, ParameterSource, PdoSource, RevisionRule};
-use crate::config_file::axis::LIFE_TIME_FACTOR;
-use crate::config_file::document::store;
+use super::source::{NodeSettings, NodeSource, ParameterSource, PdoSource, RevisionRule};
 use crate::config_file::fault::Located;
 
 /// Receives a fault with its location.
@@ -41,13 +38,12 @@ pub(crate) fn resolve(
     };
     let address = NodeAddress { slave: source.slave, channel: source.channel, node };
     let file = device.as_deref();
-    if let (Some(guard_time), Some(1..)) = (&source.guard_time_ms, source.heartbeat_ms) {
-        let text = "`guard_time_ms` and `heartbeat_ms` exclude each other; set `heartbeat_ms` = 0";
-        report(guard_time.at, text.to_owned());
+    if let Some(fault) = source.settings.guarding_fault() {
+        report(source.settings.guard_time_at, fault.to_owned());
     }
     let mut description = NodeDescription {
         name: source.name.clone(),
-        boot: boot(source, file, node),
+        boot: source.settings.boot_config(&source.name, identity(&source.settings, file, node)),
         ..NodeDescription::new(address)
     };
     let (mut parameters, mut pdos) = (Vec::new(), Vec::new());
@@ -70,33 +66,10 @@ pub(crate) fn resolve(
     Some(ResolvedNode { description, at, parameters, pdos })
 }
 
-fn boot(source: &NodeSource, file: Option<&DeviceFile>, node: NodeId) -> BootConfig {
-    let mut boot = BootConfig {
-        name: source.name.as_str().into(),
-        identity: identity(source, file, node),
-        ..BootConfig::default()
-    };
-    store(&mut boot.is_mandatory, source.is_mandatory);
-    store(&mut boot.order, source.order);
-    store(&mut boot.reset, source.reset);
-    store(&mut boot.boot_timeout, source.boot_timeout_ms.map(Duration::from_millis));
-    store(&mut boot.heartbeat_ms, source.heartbeat_ms);
-    boot.guarding = source.guard_time_ms.as_ref().map(|ms| GuardingConfig {
-        guard_time: Duration::from_millis(ms.value.into()),
-        life_time_factor: source.life_time_factor.unwrap_or(LIFE_TIME_FACTOR),
-    });
-    store(&mut boot.starts, source.starts);
-    store(&mut boot.reboots, source.reboots);
-    boot.software = source.software;
-    boot.restores = source.restores;
-    let saves = source.saves.unwrap_or(false);
-    boot.parameters = Arc::new(ParameterSet { parameters: Vec::new(), date: source.date, saves });
-    boot
-}
-
 /// The identity of the device file, unless the node has another one.
-fn identity(source: &NodeSource, file: Option<&DeviceFile>, node: NodeId) -> IdentityCheck {
-    let info = file.filter(|_| source.checks_identity).map(|file| &file.device_info);
+fn identity(settings: &NodeSettings, file: Option<&DeviceFile>, node: NodeId) -> IdentityCheck {
+    let checks = settings.checks_identity.unwrap_or(true);
+    let info = file.filter(|_| checks).map(|file| &file.device_info);
     let number = |index, subindex| {
         let value = file?.entry(index, subindex)?.configured_value(node)?.to_integer()?;
         u32::try_from(value).ok().filter(|value| *value != 0)
@@ -104,23 +77,23 @@ fn identity(source: &NodeSource, file: Option<&DeviceFile>, node: NodeId) -> Ide
     let by_file = |stated: Option<u32>, subindex| {
         stated.filter(|value| *value != 0).or_else(|| number(object::IDENTITY, subindex))
     };
-    let checked = |value: Option<u32>| value.filter(|_| source.checks_identity);
+    let checked = |value: Option<u32>| value.filter(|_| checks);
     let revision =
-        source.revision_number.or_else(|| by_file(info.and_then(|info| info.revision_number), 3));
+        settings.revision_number.or_else(|| by_file(info.and_then(|info| info.revision_number), 3));
     IdentityCheck {
-        device_type: source.device_type.or_else(|| checked(number(object::DEVICE_TYPE, 0))),
-        vendor_id: source
+        device_type: settings.device_type.or_else(|| checked(number(object::DEVICE_TYPE, 0))),
+        vendor_id: settings
             .vendor_id
             .or_else(|| checked(by_file(info.and_then(|info| info.vendor_number), 1))),
-        product_code: source
+        product_code: settings
             .product_code
             .or_else(|| checked(by_file(info.and_then(|info| info.product_number), 2))),
-        revision: match (source.revision, revision) {
+        revision: match (settings.revision.unwrap_or_default(), revision) {
             (RevisionRule::Exact, Some(revision)) => RevisionCheck::Exactly(revision),
             (RevisionRule::Compatible, Some(revision)) => RevisionCheck::Compatible(revision),
             _ => RevisionCheck::Any,
         },
-        serial_number: source.serial_number,
+        serial_number: settings.serial_number,
     }
 }
 
@@ -138,7 +111,7 @@ fn parameter_value(
         }
     };
     let encoded =
-        entry.data_type.parse(&value.value).and_then(|parsed| entry.data_type.encode(&parsed));
+        entry.data_type.parse(&value.value).and_then(|value| entry.data_type.encode(&value));
     match (encoded, file) {
         (Ok(data), Some(file)) => Some(Parameter {
             name: file.label(entry).into(),

@@ -3,10 +3,15 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::time::Duration;
 
-use ecan_canopen::{BootReset, ConfigurationDate, DeviceFile, NodeId, PdoDirection};
+use ecan_canopen::{
+    BootConfig, BootReset, ConfigurationDate, DeviceFile, GuardingConfig, IdentityCheck, NodeId,
+    ParameterSet, PdoDirection,
+};
 use ecan_protocol::text::Printable;
 
+use crate::config_file::document::Table;
 use crate::config_file::fault::Located;
 
 /// How the revision number is compared with that of the device file.
@@ -79,6 +84,133 @@ pub(crate) struct RosAxis {
     pub(crate) velocity_units: Option<f64>,
 }
 
+/// Declares the settings of a node once: field with its type, key in a file and form of the value. An axis without a
+/// node has those that are marked with `network`, too.
+macro_rules! node_settings {
+    ($(
+        $(#[$attribute:meta])*
+        $field:ident: $type:ty = $key:literal, $form:ident $argument:tt $($network:ident)?;
+    )*) => {
+        /// Settings of a node that its file states; `None` is the default of the boot-up.
+        #[derive(Clone, Debug, Default)]
+        pub(crate) struct NodeSettings {
+            $($(#[$attribute])* pub(crate) $field: Option<$type>,)*
+            /// Location of the guard time.
+            pub(crate) guard_time_at: usize,
+        }
+
+        impl NodeSettings {
+            /// Reads the settings of a node.
+            pub(crate) fn read(table: &mut Table<'_, '_>) -> Self {
+                Self {
+                    $($field: node_settings!(@read table $form $key $argument),)*
+                    guard_time_at: table.location("guard_time_ms"),
+                }
+            }
+
+            /// Reads the settings of an axis without a node.
+            pub(crate) fn read_network(table: &mut Table<'_, '_>) -> Self {
+                let mut settings = Self::default();
+                $($(node_settings!(@$network settings.$field; table $form $key $argument);)?)*
+                settings.guard_time_at = table.location("guard_time_ms");
+                settings
+            }
+        }
+    };
+    (@network $target:expr; $table:ident $form:ident $key:literal $argument:tt) => {
+        $target = node_settings!(@read $table $form $key $argument)
+    };
+    (@read $table:ident $form:ident $key:literal ()) => { $table.$form($key) };
+    (@read $table:ident $form:ident $key:literal ($argument:expr)) => {
+        $table.$form($key, $argument)
+    };
+}
+
+node_settings! {
+    is_mandatory: bool = "mandatory", flag();
+    order: u8 = "order", unsigned((0, 255));
+    reset: BootReset = "reset", word(&RESETS) network;
+    boot_timeout_ms: u64 = "boot_timeout_ms", unsigned((1, 3_600_000)) network;
+    checks_identity: bool = "check_identity", flag();
+    device_type: u32 = "device_type", unsigned((0, u32::MAX));
+    vendor_id: u32 = "vendor_id", unsigned((0, u32::MAX));
+    product_code: u32 = "product_code", unsigned((0, u32::MAX));
+    revision: RevisionRule = "revision", word(&REVISIONS);
+    revision_number: u32 = "revision_number", unsigned((0, u32::MAX));
+    serial_number: u32 = "serial_number", unsigned((0, u32::MAX));
+    software: u32 = "software", unsigned((0, u32::MAX));
+    /// Subindex of 0x1011.
+    restores: Option<u8> = "restore", word(&RESTORES);
+    date: ConfigurationDate = "configuration_date", configuration_date();
+    saves: bool = "save", flag();
+    heartbeat_ms: u16 = "heartbeat_ms", unsigned((0, 0xFFFF)) network;
+    guard_time_ms: u16 = "guard_time_ms", unsigned((1, 0xFFFF)) network;
+    life_time_factor: u8 = "life_time_factor", unsigned((1, 0xFF)) network;
+    starts: bool = "start", flag();
+    reboots: bool = "reboot", flag();
+}
+
+const RESETS: [(&str, BootReset); 3] = [
+    ("none", BootReset::None),
+    ("communication", BootReset::Communication),
+    ("node", BootReset::Node),
+];
+const REVISIONS: [(&str, RevisionRule); 3] = [
+    ("any", RevisionRule::Any),
+    ("compatible", RevisionRule::Compatible),
+    ("exact", RevisionRule::Exact),
+];
+/// Subindices of 0x1011.
+const RESTORES: [(&str, Option<u8>); 4] =
+    [("none", None), ("all", Some(1)), ("communication", Some(2)), ("application", Some(3))];
+/// Guarding requests without response that a node tolerates by default.
+const LIFE_TIME_FACTOR: u8 = 3;
+
+impl NodeSettings {
+    pub(crate) fn boot_timeout(&self) -> Option<Duration> {
+        self.boot_timeout_ms.map(Duration::from_millis)
+    }
+
+    pub(crate) fn guarding(&self) -> Option<GuardingConfig> {
+        let guard_time = Duration::from_millis(self.guard_time_ms?.into());
+        let life_time_factor = self.life_time_factor.unwrap_or(LIFE_TIME_FACTOR);
+        Some(GuardingConfig { guard_time, life_time_factor })
+    }
+
+    /// Fault of a node that both sends a heartbeat and is guarded.
+    pub(crate) fn guarding_fault(&self) -> Option<&'static str> {
+        let is_both = self.guard_time_ms.is_some() && self.heartbeat_ms.is_some_and(|ms| ms > 0);
+        is_both.then_some(
+            "`guard_time_ms` and `heartbeat_ms` exclude each other; set `heartbeat_ms` = 0",
+        )
+    }
+
+    /// The boot-up of a node with these settings.
+    pub(crate) fn boot_config(&self, name: &str, identity: IdentityCheck) -> BootConfig {
+        let default = BootConfig::default();
+        BootConfig {
+            name: name.into(),
+            is_mandatory: self.is_mandatory.unwrap_or(default.is_mandatory),
+            order: self.order.unwrap_or(default.order),
+            reset: self.reset.unwrap_or(default.reset),
+            boot_timeout: self.boot_timeout().unwrap_or(default.boot_timeout),
+            identity,
+            software: self.software,
+            restores: self.restores.flatten(),
+            parameters: Arc::new(ParameterSet {
+                parameters: Vec::new(),
+                date: self.date,
+                saves: self.saves.unwrap_or(false),
+            }),
+            heartbeat_ms: self.heartbeat_ms.unwrap_or(default.heartbeat_ms),
+            guarding: self.guarding(),
+            starts: self.starts.unwrap_or(default.starts),
+            reboots: self.reboots.unwrap_or(default.reboots),
+            steps: default.steps,
+        }
+    }
+}
+
 /// A node.
 #[derive(Clone, Debug)]
 pub(crate) struct NodeSource {
@@ -88,27 +220,7 @@ pub(crate) struct NodeSource {
     pub(crate) channel: u8,
     pub(crate) node: Option<Located<NodeId>>,
     pub(crate) device_file: Option<Located<PathBuf>>,
-    pub(crate) is_mandatory: Option<bool>,
-    pub(crate) order: Option<u8>,
-    pub(crate) reset: Option<BootReset>,
-    pub(crate) boot_timeout_ms: Option<u64>,
-    pub(crate) checks_identity: bool,
-    pub(crate) device_type: Option<u32>,
-    pub(crate) vendor_id: Option<u32>,
-    pub(crate) product_code: Option<u32>,
-    pub(crate) revision: RevisionRule,
-    pub(crate) revision_number: Option<u32>,
-    pub(crate) serial_number: Option<u32>,
-    pub(crate) software: Option<u32>,
-    /// Subindex of 0x1011.
-    pub(crate) restores: Option<u8>,
-    pub(crate) date: Option<ConfigurationDate>,
-    pub(crate) saves: Option<bool>,
-    pub(crate) heartbeat_ms: Option<u16>,
-    pub(crate) guard_time_ms: Option<Located<u16>>,
-    pub(crate) life_time_factor: Option<u8>,
-    pub(crate) starts: Option<bool>,
-    pub(crate) reboots: Option<bool>,
+    pub(crate) settings: NodeSettings,
     pub(crate) parameters: Vec<ParameterSource>,
     pub(crate) pdos: Vec<PdoSource>,
     /// The node watches the heartbeat of the master (bus.yml).
@@ -126,26 +238,7 @@ impl NodeSource {
             channel,
             node: None,
             device_file: None,
-            is_mandatory: None,
-            order: None,
-            reset: None,
-            boot_timeout_ms: None,
-            checks_identity: true,
-            device_type: None,
-            vendor_id: None,
-            product_code: None,
-            revision: RevisionRule::Any,
-            revision_number: None,
-            serial_number: None,
-            software: None,
-            restores: None,
-            date: None,
-            saves: None,
-            heartbeat_ms: None,
-            guard_time_ms: None,
-            life_time_factor: None,
-            starts: None,
-            reboots: None,
+            settings: NodeSettings::default(),
             parameters: Vec::new(),
             pdos: Vec::new(),
             watches_master: None,
