@@ -2,20 +2,19 @@
 
 mod cob_id;
 mod emcy;
-mod mpdo;
 mod nmt;
 mod pdo;
 mod sdo;
 
 pub use cob_id::{CobId, Service};
 pub use emcy::{Emcy, EmcyClass, ErrorRegister, HistoryEntry, error_code_text};
-pub use mpdo::{DispatcherEntry, Mpdo, MpdoAddress, MpdoDecodeError, ScannerEntry};
 pub use nmt::{
     GuardResponse, HeartbeatConsumer, NmtCommand, NmtRequest, NmtState, NodeId, heartbeat_data,
     parse_heartbeat,
 };
 pub use pdo::{
-    MappingEntry, PdoCobId, SYNC_COB_ID, TimeOfDay, TransmissionType, parse_sync, sync_data,
+    DispatcherEntry, MappingEntry, Mpdo, MpdoAddress, MpdoDecodeError, PdoCobId, SYNC_COB_ID,
+    ScannerEntry, TimeOfDay, TransmissionType, parse_sync, sync_data,
 };
 pub use sdo::{
     BlockSegment, ClientFrame, Initiate, MAX_BLOCK_SIZE, SdoDecodeError, Segment, ServerFrame,

@@ -85,7 +85,7 @@ impl NodeDescription {
                 if let Some(entry) = device.entry(index, subindex).filter(|_| !is_handled) {
                     // An earlier write of the same object only prepares this one.
                     let key = (index, subindex);
-                    let same = |it: &&mut Parameter| it.key() == key;
+                    let same = |parameter: &&mut Parameter| parameter.key() == key;
                     parameters
                         .iter_mut()
                         .filter(same)
