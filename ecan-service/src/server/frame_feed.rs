@@ -232,7 +232,7 @@ impl Accounts {
     /// Gateways with open frames that are not ready in the last cycle, and the number of this cycle: the
     /// records up to it are written.
     fn lost_sessions(&self, view: &mut BusView) -> Vec<(usize, u64)> {
-        let open = self.gateways.iter().enumerate().filter(|(_, it)| it.open_frames > 0);
+        let open = self.gateways.iter().enumerate().filter(|(_, gateway)| gateway.open_frames > 0);
         open.filter_map(|(slave, _)| Some((slave, view.cycle_of_lost_session(slave)?))).collect()
     }
 

@@ -54,7 +54,7 @@ impl Keys {
 
     /// Keys under the default prefix, `ecan/<host>/master<N>`.
     pub fn of_host(host: &str, master: u32) -> Self {
-        let is_part = |it: &char| is_allowed(*it) && *it != '/';
+        let is_part = |character: &char| is_allowed(*character) && *character != '/';
         let host: String =
             host.chars().map(|found| if is_part(&found) { found } else { '-' }).collect();
         let host = if host.is_empty() { "localhost".to_owned() } else { host };

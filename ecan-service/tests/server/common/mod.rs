@@ -93,8 +93,8 @@ impl Fixture {
         let client = fixture.client();
         wait_for("a ready gateway", || {
             client.state().is_ok_and(|state| {
-                let is_ready = |it: &ecan_service::client::GatewayState| {
-                    it.session == ecan_service::client::SessionState::Ready
+                let is_ready = |gateway: &ecan_service::client::GatewayState| {
+                    gateway.session == ecan_service::client::SessionState::Ready
                 };
                 !state.gateways.is_empty() && state.gateways.iter().all(is_ready)
             })

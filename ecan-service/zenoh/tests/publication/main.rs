@@ -121,8 +121,11 @@ fn frames_are_sent_with_their_results_in_the_reply() {
         results.iter().map(|report| (report.tag, report.event, report.frame)).collect();
     let no_channel = FrameEvent::Rejected(RejectReason::NoSuchChannel);
     let events = [FrameEvent::Transmitted, no_channel, FrameEvent::Transmitted];
-    let expected: Vec<_> =
-        records.iter().zip(events).map(|(it, event)| (it.tag, event, it.frame)).collect();
+    let expected: Vec<_> = records
+        .iter()
+        .zip(events)
+        .map(|(record, event)| (record.tag, event, record.frame))
+        .collect();
     assert_eq!(results, expected);
     let mut seen = Vec::new();
     while seen.len() < 4 {

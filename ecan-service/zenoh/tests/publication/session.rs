@@ -139,12 +139,15 @@ impl Published {
     }
 
     /// Waits for an event; others before it are skipped.
-    pub fn wait_for_event(&self, is_it: impl Fn(&PublicationEvent) -> bool) -> PublicationEvent {
+    pub fn wait_for_event(
+        &self,
+        is_wanted: impl Fn(&PublicationEvent) -> bool,
+    ) -> PublicationEvent {
         let end = Instant::now() + PATIENCE;
         loop {
             let left = end.saturating_duration_since(Instant::now());
             let event = self.events.recv_timeout(left).expect("the event");
-            if is_it(&event) {
+            if is_wanted(&event) {
                 return event;
             }
         }
