@@ -13,12 +13,15 @@ peers=$PWD/target/python-peers
 unpacked=$PWD/target/debian-packages
 # Options of cargo for the workspace of the checks, which uses what the other one has compiled.
 checks=(--manifest-path checks/Cargo.toml --target-dir target)
+# The age of the package lists, and the lock of the installations.
+lists=$PWD/target/.lists
 mkdir -p target
 
 step() { printf -- '-- %s\n' "$1"; }
 
 # Runs a command alone: stages beside each other install packages.
-locked() { flock target/.packages.lock "$@"; }
+lock=$PWD/target/.packages.lock
+locked() { flock "$lock" "$@"; }
 
 # Installs the Debian packages whose tools are missing: pairs of tool and package.
 install_tools() {
@@ -35,8 +38,8 @@ install_tools() {
 
 # Updates the package lists, unless an earlier stage has within the hour.
 update_lists() {
-    [ -n "$(find target/.lists -mmin -60 2>/dev/null)" ] || locked apt-get update -qq
-    touch target/.lists
+    [ -n "$(find "$lists" -mmin -60 2>/dev/null)" ] || locked apt-get update -qq
+    touch "$lists"
 }
 
 # Unpacks Debian packages without their dependencies, which the programs in use do not need.

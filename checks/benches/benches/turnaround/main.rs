@@ -13,13 +13,10 @@
 //! other simulator before, with the same scheduling, and pass the sender's end of its veth pair.
 #![allow(missing_docs, clippy::disallowed_macros, clippy::disallowed_methods)]
 
-#[path = "../../../../tools/ecan/src/bin/ecan-sim/wire/interface.rs"]
-#[allow(dead_code)]
-mod interface;
 #[path = "../../../../tools/ecan/tests/ecan_sim/support/network.rs"]
 #[allow(dead_code)]
 mod network;
-#[path = "../../../../tools/ecan/src/bin/ecan-sim/wire/packet_socket.rs"]
+#[path = "../../../../tools/ecan/src/bin/ecan-sim/packet_socket.rs"]
 #[allow(dead_code)]
 mod packet_socket;
 #[path = "../../../../tools/ecan/tests/ecan_sim/support/program.rs"]
@@ -34,7 +31,7 @@ use ecan_bench::measure::{Row, median, print_rows, rounds};
 use ecan_tool_support::command_line::options::ThreadArguments;
 use nix::sys::signal::Signal;
 
-use interface::Interface;
+use packet_socket::Interface;
 use program::Running;
 use requester::{Kind, Requester, Sample};
 

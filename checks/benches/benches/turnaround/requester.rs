@@ -2,8 +2,7 @@
 
 use std::time::{Duration, Instant, SystemTime};
 
-use crate::interface::Interface;
-use crate::packet_socket::{PacketSocket, Received, SocketError};
+use crate::packet_socket::{Interface, PacketSocket, Received, SocketError};
 
 /// Time from one frame to the next, as in a master's cycle.
 const CYCLE: Duration = Duration::from_millis(1);
