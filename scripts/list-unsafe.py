@@ -113,7 +113,7 @@ def items(text):
                 found.append(Item(following[0], "::".join(filter(None, [path, name_of(rest)])), line))
             elif following[:1] == ["extern"] and following[2] == "{":
                 found.append(Item("extern", path, line))
-            elif "fn" in following:
+            elif "fn" in following[:3] and following[0] in ("fn", "extern"):
                 name = following[following.index("fn") + 1]
                 # a name, not the type of a pointer
                 if re.match(r"\w|\$", name):

@@ -513,9 +513,10 @@ mod last_error_of_tests {
         TEXT.take();
     }
 
+    // SAFETY: `text` points at `length` bytes.
     #[unsafe(no_mangle)]
     unsafe extern "C" fn ecan_private_extend_error(text: *const u8, length: usize) -> c_int {
-        // SAFETY: the caller passes a text.
+        // SAFETY: as the caller promises.
         let text = unsafe { std::slice::from_raw_parts(text, length) };
         TEXT.with_borrow_mut(|stored| stored.extend_from_slice(text));
         1
