@@ -34,7 +34,7 @@ def messages():
     """String literals with a blank between words, without documentation and tests, whitespace joined."""
     found = set()
     for text in sources():
-        text = text.split("#[cfg(test)]\nmod ")[0]
+        text = re.sub(r"^#\[cfg\(test\)\]\nmod \w+ \{.*?^\}", "", text, flags=re.M | re.S)
         text = re.sub(r"^\s*//.*$", "", text, flags=re.M)
         for match in LITERAL.finditer(text):
             literal = re.sub(r"\\\n\s*", "", match[2])

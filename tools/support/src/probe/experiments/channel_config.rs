@@ -88,7 +88,7 @@ pub(in crate::probe) fn timing_choice(probe: &mut Probe) -> Result<Outcome> {
     probe.profile.sample_point_permille = Some(nominal);
     let exact = apply(probe, rates.sample_point(875, 875))?;
     let detail = format!(
-        "500 kbit/s and 2 Mbit/s, 75 to 87.5 %: sample sample_points {} and {}; exactly 87.5 %: apply status {exact}",
+        "500 kbit/s and 2 Mbit/s, 75 to 87.5 %: sample points {} and {}; exactly 87.5 %: apply status {exact}",
         percent(nominal),
         percent(data)
     );
@@ -172,7 +172,7 @@ pub(in crate::probe) fn message_ram(probe: &mut Probe) -> Result<Outcome> {
     let assumed = apply(probe, ram_layout(ASSUMED_RAM_BYTES))?;
     let beyond = apply(probe, ram_layout(ASSUMED_RAM_BYTES + 8))?;
     let text = format!(
-        "ram_layout of {ASSUMED_RAM_BYTES} bytes: apply status {assumed}, of 8 bytes more: {beyond}"
+        "layout of {ASSUMED_RAM_BYTES} bytes: apply status {assumed}, of 8 bytes more: {beyond}"
     );
     if assumed == 0 && beyond != 0 {
         return Ok(Outcome::holds(text));

@@ -336,7 +336,7 @@ pub(in crate::probe) fn critical_frames(probe: &mut Probe) -> Result<Outcome> {
     let [heartbeat, sync] = [HEARTBEAT, SYNC_ID].map(|id| ids.contains(&id.into()));
     let text = |is_received: bool| if is_received { "received" } else { "dropped" };
     let detail = format!(
-        "{dropped} frames were dropped in a full cache, heartbeat {}, SYNC_ID {} (\"CANopen safety\")",
+        "{dropped} frames were dropped in a full cache, heartbeat {}, SYNC {} (\"CANopen safety\")",
         text(heartbeat),
         text(sync)
     );
