@@ -945,7 +945,7 @@ int ecan_igh_sdo_download(ecan_igh_context_t *context,
 
 /** State of an SDO request. */
 typedef enum {
-    /** Not used yet. */
+    /** The request was not used yet. */
     ECAN_IGH_REQUEST_UNUSED = 0,
     /** In progress. */
     ECAN_IGH_REQUEST_RUNNING = 1,

@@ -169,11 +169,11 @@ typedef enum {
 
 /** Phase of the boot-up of a node. */
 typedef enum {
-    /** It does not boot: its axis configures it, or it was added without a boot-up. */
+    /** The node does not boot: its axis configures it, or the node was added without a boot-up. */
     IGH_CANOPEN_BOOT_PHASE_NONE = 0,
     /** Nodes that boot before are not booted yet. */
     IGH_CANOPEN_BOOT_PHASE_WAITING = 1,
-    /** It has not responded yet. */
+    /** The node has not responded yet. */
     IGH_CANOPEN_BOOT_PHASE_CONTACT = 2,
     /** Device type, identity and software are compared. */
     IGH_CANOPEN_BOOT_PHASE_IDENTITY = 3,
@@ -185,9 +185,9 @@ typedef enum {
     IGH_CANOPEN_BOOT_PHASE_PDOS = 6,
     /** The heartbeat is configured, and the node started. */
     IGH_CANOPEN_BOOT_PHASE_START = 7,
-    /** It has its parameters and runs as configured. */
+    /** The node has its parameters and runs as configured. */
     IGH_CANOPEN_BOOT_PHASE_BOOTED = 8,
-    /** Its boot-up failed; see `status` and igh_canopen_get_boot_text(). */
+    /** The boot-up of the node failed; see `status` and igh_canopen_get_boot_text(). */
     IGH_CANOPEN_BOOT_PHASE_FAILED = 9
 } igh_canopen_boot_phase_t;
 

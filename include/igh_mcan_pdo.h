@@ -515,7 +515,7 @@ typedef enum {
     IGH_MCAN_PDO_TRUNCATED = 8,
     /** The encapsulation profile is not supported. */
     IGH_MCAN_PDO_UNSUPPORTED_PROFILE = 9,
-    /** The same image again. */
+    /** The image is the one before, received again. */
     IGH_MCAN_PDO_DUPLICATE_SEQUENCE = 10,
     /** An option is not supported. */
     IGH_MCAN_PDO_UNSUPPORTED_OPTION = 11,
@@ -703,7 +703,7 @@ int igh_mcan_pdo_sequence_observe(igh_mcan_pdo_sequence_t *sequence,
 
 /** State of a CAN channel (manual 7). The device may report other values. */
 typedef enum {
-    /** Not enabled. */
+    /** The channel is not enabled. */
     IGH_MCAN_STATE_DISABLED = 0,
     /** Being initialised. */
     IGH_MCAN_STATE_INIT = 1,

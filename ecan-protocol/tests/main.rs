@@ -1,4 +1,4 @@
-//! All tests of the crate in one program; those that need a process of their own are separate.
+//! Tests of the protocol.
 #![allow(missing_docs)]
 
 mod common;

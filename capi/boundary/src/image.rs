@@ -171,7 +171,7 @@ pub enum igh_mcan_pdo_error_t {
     IGH_MCAN_PDO_TRUNCATED = 8,
     /// The encapsulation profile is not supported.
     IGH_MCAN_PDO_UNSUPPORTED_PROFILE = 9,
-    /// The same image again.
+    /// The image is the one before, received again.
     IGH_MCAN_PDO_DUPLICATE_SEQUENCE = 10,
     /// An option is not supported.
     IGH_MCAN_PDO_UNSUPPORTED_OPTION = 11,
@@ -275,7 +275,7 @@ impl ToResult for ParseDiagnosis {
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum igh_mcan_state_t {
-    /// Not enabled.
+    /// The channel is not enabled.
     IGH_MCAN_STATE_DISABLED = 0,
     /// Being initialised.
     IGH_MCAN_STATE_INIT = 1,

@@ -1,5 +1,4 @@
 //! A client and the reference server on a wire that loses and delays what the test says.
-#![allow(dead_code)]
 
 use std::collections::VecDeque;
 use std::time::Duration;

@@ -1,5 +1,5 @@
 //! Programs in Python that take part in a test.
-#![allow(dead_code, missing_docs)]
+#![allow(missing_docs)]
 
 use std::fmt::Display;
 use std::io::{BufRead as _, BufReader, Write as _};

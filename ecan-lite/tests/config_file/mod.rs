@@ -1,4 +1,4 @@
-//! All tests of the crate in one program; those that need a process of their own are separate.
+//! Tests of the configuration file.
 
 mod common;
 mod network_files;

@@ -219,7 +219,7 @@ crate::open_enum! {
     /// State of a CAN channel, three bits of the status word (manual 7).
     #[derive(Default)]
     pub enum ChannelState: u8 else Unknown, "state";
-    /// Not enabled.
+    /// The channel is not enabled.
     #[default]
     Disabled = 0, "disabled";
     Init = 1, "init";

@@ -104,7 +104,7 @@ pub fn ecan_igh_sdo_download(
 mirror! {
     /// State of an SDO request.
     pub enum ecan_igh_request_state_t from RequestState {
-        /// Not used yet.
+        /// The request was not used yet.
         ECAN_IGH_REQUEST_UNUSED = 0 => RequestState::Unused,
         /// In progress.
         ECAN_IGH_REQUEST_RUNNING = 1 => RequestState::Busy,

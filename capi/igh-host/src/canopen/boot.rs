@@ -32,11 +32,11 @@ mirror! {
 mirror! {
     /// Phase of the boot-up of a node.
     pub enum igh_canopen_boot_phase_t from Option<BootPhase> {
-        /// It does not boot: its axis configures it, or it was added without a boot-up.
+        /// The node does not boot: its axis configures it, or the node was added without a boot-up.
         IGH_CANOPEN_BOOT_PHASE_NONE = 0 => None,
         /// Nodes that boot before are not booted yet.
         IGH_CANOPEN_BOOT_PHASE_WAITING = 1 => Some(BootPhase::Waiting),
-        /// It has not responded yet.
+        /// The node has not responded yet.
         IGH_CANOPEN_BOOT_PHASE_CONTACT = 2 => Some(BootPhase::Contact),
         /// Device type, identity and software are compared.
         IGH_CANOPEN_BOOT_PHASE_IDENTITY = 3 => Some(BootPhase::Identity),
@@ -48,9 +48,9 @@ mirror! {
         IGH_CANOPEN_BOOT_PHASE_PDOS = 6 => Some(BootPhase::Steps),
         /// The heartbeat is configured, and the node started.
         IGH_CANOPEN_BOOT_PHASE_START = 7 => Some(BootPhase::Start),
-        /// It has its parameters and runs as configured.
+        /// The node has its parameters and runs as configured.
         IGH_CANOPEN_BOOT_PHASE_BOOTED = 8 => Some(BootPhase::Booted),
-        /// Its boot-up failed; see `status` and igh_canopen_get_boot_text().
+        /// The boot-up of the node failed; see `status` and igh_canopen_get_boot_text().
         IGH_CANOPEN_BOOT_PHASE_FAILED = 9 => Some(BootPhase::Failed),
     }
 }
