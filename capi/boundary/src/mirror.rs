@@ -3,7 +3,8 @@
 /// Declares a type of C and its conversion in one place. The header generator expands it, too.
 ///
 /// A struct converts from a Rust struct. A field takes the value of the field of the same name; `=`
-/// gives another expression.
+/// gives another expression. With `set(c) to: Type` a field may also state, after `=>`, how it sets a
+/// value of that type: `set_plain` executes all of these.
 ///
 /// An enum `from` a Rust type converts from it by patterns. An enum `as` a Rust type lists its
 /// values with their counterparts: `PAIRS`, and `to_rust` for a number that C passes.
@@ -50,6 +51,30 @@ macro_rules! mirror {
         impl From<$rust> for $name {
             fn from($from: $rust) -> Self {
                 Self { $($field: $crate::mirror!(@value $from $field $($value)?),)* }
+            }
+        }
+    };
+    (
+        $(#[$meta:meta])*
+        pub struct $name:ident from $from:ident: $rust:ty, set($c:ident) $to:ident: $target:ty {
+            $(
+                $(#[$field_meta:meta])*
+                $field:ident: $ty:ty = $value:expr $(=> $set:expr)?
+            ),* $(,)?
+        }
+    ) => {
+        $crate::mirror! {
+            $(#[$meta])*
+            pub struct $name from $from: $rust {
+                $($(#[$field_meta])* $field: $ty = $value,)*
+            }
+        }
+
+        impl $name {
+            /// Sets what follows from a field without a check.
+            fn set_plain(&self, $to: &mut $target) {
+                let $c = self;
+                $($($set;)?)*
             }
         }
     };

@@ -11,16 +11,17 @@
 //! axes[1].steps_per_turn = 131072.0;
 //! ```
 
-use ecan_c_boundary::pointers;
+use ecan_c_boundary::{mirror, pointers};
 use ecan_c_export::export;
-use ecan_canopen::{GuardingConfig, IdentityCheck, NodeAddress, NodeId, RevisionCheck};
-use ecan_cia402::{
-    AxisConfig, FeedForwardLimits, InputObject, OutputObject, PdoCobIds, ScaleSource, VlConfig,
+use ecan_canopen::{
+    FaultReaction, GuardingConfig, HaltOption, IdentityCheck, NodeAddress, NodeId,
+    NodeLossReaction, QuickStopOption, RevisionCheck, StopOption,
 };
+use ecan_cia402::{AxisConfig, InputObject, OutputObject, PdoCobIds, Scale, ScaleSource};
 use ecan_protocol::can::CanId;
 
-use super::numbers::{igh_cia402_revision_t, igh_cia402_scale_source_t};
-use crate::callback::duration;
+use super::numbers::{igh_cia402_range_t, igh_cia402_revision_t, igh_cia402_scale_source_t};
+use crate::callback::{duration, milliseconds};
 
 /// Keeps an option code of the drive.
 pub const IGH_CIA402_UNCHANGED: i32 = 2_147_483_647;
@@ -52,225 +53,235 @@ pub struct igh_cia402_object_t {
     pub reserved: [u8; 3],
 }
 
-/// Configuration of an axis: its drive and the limits of its targets. Steps are those of the
-/// drive's position counter; a cycle is a cycle in which targets are sent.
-#[repr(C)]
-#[derive(Clone, Copy, Debug)]
-pub struct igh_cia402_axis_t {
-    /// Not for the application: marks a filled axis.
-    pub seal: u64,
+mirror! {
+    /// Configuration of an axis: its drive and the limits of its targets. Steps are those of the
+    /// drive's position counter; a cycle is a cycle in which targets are sent.
+    pub struct igh_cia402_axis_t from config: &AxisConfig, set(c) to: AxisConfig {
+        /// Not for the application: marks a filled axis.
+        seal: u64 = SEAL,
 
-    /// Slave index of the gateway.
-    pub slave: u16,
-    /// Channel of the gateway, 0 to 3.
-    pub channel: u8,
-    /// Node-ID of the drive, 1 to 127.
-    pub node_id: u8,
-    /// An igh_cia402_mode_t; it determines the process data. Default IGH_CIA402_MODE_CSP.
-    pub mode: i8,
-    /// Axis of the node, 0 to 7, for a drive with several: its objects are 0x800 further for each. The axes
-    /// of a node are rows of the table with the same address, each with PDOs of its own. reset,
-    /// boot_timeout_ms, the identity, expect_profile_402, the heartbeats, guarding and silence_other_tpdos
-    /// must be equal in all of them. Default 0.
-    pub node_axis: u8,
+        /// Slave index of the gateway.
+        slave: u16 = u16::try_from(config.address.slave).unwrap_or(u16::MAX),
+        /// Channel of the gateway, 0 to 3.
+        channel: u8 = config.address.channel,
+        /// Node-ID of the drive, 1 to 127.
+        node_id: u8 = config.address.node.get(),
+        /// An igh_cia402_mode_t; it determines the process data. Default IGH_CIA402_MODE_CSP.
+        mode: i8 = config.mode.raw(),
+        /// Axis of the node, 0 to 7, for a drive with several: its objects are 0x800 further for each. The axes
+        /// of a node are rows of the table with the same address, each with PDOs of its own. reset,
+        /// boot_timeout_ms, the identity, expect_profile_402, the heartbeats, guarding and silence_other_tpdos
+        /// must be equal in all of them. Default 0.
+        node_axis: u8 = config.node_axis => to.node_axis = c.node_axis,
 
-    /// 1: in CSP, the axis becomes active again automatically after a hold in which its drive
-    /// stayed enabled. Default 0: only igh_cia402_enable() does that. A drive that left Operation
-    /// enabled is never enabled automatically.
-    pub auto_resume: u8,
-    /// An igh_cia402_range_t: range of the position counter. Default IGH_CIA402_RANGE_LINEAR.
-    pub range: u8,
-    /// Smallest position of IGH_CIA402_RANGE_MODULO, 0x607B:01.
-    pub range_min: i32,
-    /// Largest position of IGH_CIA402_RANGE_MODULO, 0x607B:02.
-    pub range_max: i32,
-    /// Steps per turn of the axis, gear included; negative inverts the direction. For angles only.
-    /// Default 360, one step per degree.
-    pub steps_per_turn: f64,
-    /// Step at which the angle is 0. Default 0.
-    pub origin: i32,
+        /// 1: in CSP, the axis becomes active again automatically after a hold in which its drive
+        /// stayed enabled. Default 0: only igh_cia402_enable() does that. A drive that left Operation
+        /// enabled is never enabled automatically.
+        auto_resume: u8 = config.auto_resume.into() => to.auto_resume = c.auto_resume != 0,
+        /// An igh_cia402_range_t: range of the position counter. Default IGH_CIA402_RANGE_LINEAR.
+        range: u8 = igh_cia402_range_t::IGH_CIA402_RANGE_LINEAR as u8,
+        /// Smallest position of IGH_CIA402_RANGE_MODULO, 0x607B:01.
+        range_min: i32 = 0,
+        /// Largest position of IGH_CIA402_RANGE_MODULO, 0x607B:02.
+        range_max: i32 = 0,
+        /// Steps per turn of the axis, gear included; negative inverts the direction. For angles only.
+        /// Default 360, one step per degree.
+        steps_per_turn: f64 = config.scale.steps() => to.scale = scale(c),
+        /// Step at which the angle is 0. Default 0.
+        origin: i32 = 0,
 
-    /// Step per target that igh_cia402_send_target_step() makes.
-    pub target_step: i32,
-    /// Largest distance between consecutive targets, which take effect with a SYNC each: steps, or units of velocity or torque. Not
-    /// used in PP, PV and PT. Default 1000, or the target step if it is larger.
-    pub step_limit: u32,
-    /// Largest distance between a position target and the actual position, in steps; at least eight
-    /// step limits, because a moving axis lags by the transport times. Default 0: a value for the
-    /// step limit, at least 10000.
-    pub following_window: u32,
-    /// Largest distance between two actual positions of an axis at rest, in steps: noise. A faster
-    /// axis does not become active. The step limit if it is smaller. Default 20.
-    pub standstill: u32,
-    /// Largest change of the step per target for motion that the host generates: target step, halt,
-    /// shutdown. Default 20.
-    pub ramp: u32,
-    /// Largest velocity of the axis in rad/s, by steps_per_turn and the time from target to target: it
-    /// replaces step_limit, in CSV and PV it bounds the targets. Limits that cannot be kept in the mode
-    /// of the axis are rejected. Default 0: none.
-    pub max_velocity_rad_s: f64,
-    /// Largest acceleration in rad/s^2 of motion that the host generates: it replaces ramp. In CSV it
-    /// replaces step_limit. Default 0: none.
-    pub max_acceleration_rad_s2: f64,
-    /// Largest jerk in rad/s^3 of motion that the host generates. Default 0: none.
-    pub max_jerk_rad_s3: f64,
-    /// Value of 0x60FF for one turn of the axis per second; the limits in CSV and PV need it.
-    /// Default 0: unknown.
-    pub velocity_units: f64,
-    /// Smallest target, if has_bounds is 1; steps, or units of velocity or torque.
-    pub bound_min: i32,
-    /// Largest target, if has_bounds is 1.
-    pub bound_max: i32,
-    /// 1: targets outside bound_min and bound_max are rejected. Default 0.
-    pub has_bounds: u8,
-    /// 1: the bounds are also written to 0x607D, in position modes and if the drive has the object.
-    /// Default 0.
-    pub write_position_limits: u8,
+        /// Step per target that igh_cia402_send_target_step() makes.
+        target_step: i32 = config.target_step => to.target_step = c.target_step,
+        /// Largest distance between consecutive targets, which take effect with a SYNC each: steps, or units of velocity or torque. Not
+        /// used in PP, PV and PT. Default 1000, or the target step if it is larger.
+        step_limit: u32 = config.step_limit,
+        /// Largest distance between a position target and the actual position, in steps; at least eight
+        /// step limits, because a moving axis lags by the transport times. Default 0: a value for the
+        /// step limit, at least 10000.
+        following_window: u32 = 0,
+        /// Largest distance between two actual positions of an axis at rest, in steps: noise. A faster
+        /// axis does not become active. The step limit if it is smaller. Default 20.
+        standstill: u32 = config.standstill => to.standstill = c.standstill,
+        /// Largest change of the step per target for motion that the host generates: target step, halt,
+        /// shutdown. Default 20.
+        ramp: u32 = config.ramp => to.ramp = c.ramp,
+        /// Largest velocity of the axis in rad/s, by steps_per_turn and the time from target to target: it
+        /// replaces step_limit, in CSV and PV it bounds the targets. Limits that cannot be kept in the mode
+        /// of the axis are rejected. Default 0: none.
+        max_velocity_rad_s: f64 = 0.0 => to.limits.velocity = given(c.max_velocity_rad_s),
+        /// Largest acceleration in rad/s^2 of motion that the host generates: it replaces ramp. In CSV it
+        /// replaces step_limit. Default 0: none.
+        max_acceleration_rad_s2: f64 = 0.0 => to.limits.acceleration = given(c.max_acceleration_rad_s2),
+        /// Largest jerk in rad/s^3 of motion that the host generates. Default 0: none.
+        max_jerk_rad_s3: f64 = 0.0 => to.limits.jerk = given(c.max_jerk_rad_s3),
+        /// Value of 0x60FF for one turn of the axis per second; the limits in CSV and PV need it.
+        /// Default 0: unknown.
+        velocity_units: f64 = 0.0,
+        /// Smallest target, if has_bounds is 1; steps, or units of velocity or torque.
+        bound_min: i32 = config.bounds.map_or(0, |(min, _)| min),
+        /// Largest target, if has_bounds is 1.
+        bound_max: i32 = config.bounds.map_or(0, |(_, max)| max),
+        /// 1: targets outside bound_min and bound_max are rejected. Default 0.
+        has_bounds: u8 = config.bounds.is_some().into() => to.bounds = (c.has_bounds != 0).then_some((c.bound_min, c.bound_max)),
+        /// 1: the bounds are also written to 0x607D, in position modes and if the drive has the object.
+        /// Default 0.
+        write_position_limits: u8 = config.drive.write_position_limits.into() => to.drive.write_position_limits = c.write_position_limits != 0,
 
-    /// Tolerated consecutive SYNC periods without a usable TPDO. Default 5.
-    pub tpdo_timeout: u16,
-    /// Tolerated consecutive cycles with an incomplete working counter; no targets are sent in
-    /// them. Default 3.
-    pub wc_misses: u16,
-    /// Images after which earlier targets count as executed or lost. Default 3.
-    pub drain_images: u16,
-    /// Timeout for enabling, in milliseconds. Default 5000.
-    pub enable_timeout_ms: u32,
+        /// Tolerated consecutive SYNC periods without a usable TPDO. Default 5.
+        tpdo_timeout: u16 = config.tolerances.tpdo_timeout => to.tolerances.tpdo_timeout = c.tpdo_timeout,
+        /// Tolerated consecutive cycles with an incomplete working counter; no targets are sent in
+        /// them. Default 3.
+        wc_misses: u16 = config.tolerances.wc_misses => to.tolerances.wc_misses = c.wc_misses,
+        /// Images after which earlier targets count as executed or lost. Default 3.
+        drain_images: u16 = config.tolerances.drain_images => to.tolerances.drain_images = c.drain_images,
+        /// Timeout for enabling, in milliseconds. Default 5000.
+        enable_timeout_ms: u32 = milliseconds(config.enable_timeout) => to.enable_timeout = duration(c.enable_timeout_ms),
 
-    /// Timeout for the boot-up message after a reset, in milliseconds. Default 5000.
-    pub boot_timeout_ms: u32,
-    /// An igh_cia402_reset_t. Default IGH_CIA402_RESET_NONE.
-    pub reset: u8,
-    /// 1: the low half of 0x1000 must be 402. Default 1.
-    pub expect_profile_402: u8,
-    /// 1: 0x1018 must have this vendor and product. Default 0.
-    pub check_identity: u8,
-    /// 1: TPDO 2 to 4 are disabled if the drive has them, to save bus time. Default 1.
-    pub silence_other_tpdos: u8,
-    /// 0x1018:01, if check_identity is 1.
-    pub vendor_id: u32,
-    /// 0x1018:02, if check_identity is 1.
-    pub product_code: u32,
+        /// Timeout for the boot-up message after a reset, in milliseconds. Default 5000.
+        boot_timeout_ms: u32 = milliseconds(config.drive.boot_timeout) => to.drive.boot_timeout = duration(c.boot_timeout_ms),
+        /// An igh_cia402_reset_t. Default IGH_CIA402_RESET_NONE.
+        reset: u8 = config.drive.reset as u8,
+        /// 1: the low half of 0x1000 must be 402. Default 1.
+        expect_profile_402: u8 = config.drive.expect_profile_402.into() => to.drive.expect_profile_402 = c.expect_profile_402 != 0,
+        /// 1: 0x1018 must have this vendor and product. Default 0.
+        check_identity: u8 = config.drive.identity.vendor_id.is_some().into(),
+        /// 1: TPDO 2 to 4 are disabled if the drive has them, to save bus time. Default 1.
+        silence_other_tpdos: u8 = config.drive.silence_other_tpdos.into() => to.drive.silence_other_tpdos = c.silence_other_tpdos != 0,
+        /// 0x1018:01, if check_identity is 1.
+        vendor_id: u32 = config.drive.identity.vendor_id.unwrap_or(0),
+        /// 0x1018:02, if check_identity is 1.
+        product_code: u32 = config.drive.identity.product_code.unwrap_or(0),
 
-    /// Heartbeat of the drive, 0x1017, in milliseconds; the host counts it as lost after three and
-    /// a half periods. 0 disables it. Not used with guard_time_ms. Default 100.
-    pub heartbeat_ms: u16,
-    /// Time after which the drive counts the host as lost, 0x1016:01, in milliseconds; 0 does not
-    /// write the object. Default 250.
-    pub host_heartbeat_ms: u16,
-    /// Reaction of the drive to a lost host, 0x6007: an igh_cia402_host_loss_t, or
-    /// IGH_CIA402_UNCHANGED. Default IGH_CIA402_HOST_LOSS_QUICK_STOP.
-    pub host_loss: i32,
-    /// Kind of the quick stop, 0x605A: an igh_cia402_quick_stop_t, or IGH_CIA402_UNCHANGED. Default
-    /// IGH_CIA402_UNCHANGED.
-    pub quick_stop: i32,
-    /// Following error window of the drive, 0x6065, in steps, if write_following_error is 1. Should
-    /// not be less than following_window.
-    pub following_error_window: u32,
-    /// Time of the following error window, 0x6066, in milliseconds.
-    pub following_error_ms: u16,
-    /// 1: both are written if the drive has them. Default 0.
-    pub write_following_error: u8,
+        /// Heartbeat of the drive, 0x1017, in milliseconds; the host counts it as lost after three and
+        /// a half periods. 0 disables it. Not used with guard_time_ms. Default 100.
+        heartbeat_ms: u16 = config.drive.heartbeat_ms => to.drive.heartbeat_ms = c.heartbeat_ms,
+        /// Time after which the drive counts the host as lost, 0x1016:01, in milliseconds; 0 does not
+        /// write the object. Default 250.
+        host_heartbeat_ms: u16 = config.drive.host_heartbeat_ms => to.drive.host_heartbeat_ms = c.host_heartbeat_ms,
+        /// Reaction of the drive to a lost host, 0x6007: an igh_cia402_host_loss_t, or
+        /// IGH_CIA402_UNCHANGED. Default IGH_CIA402_HOST_LOSS_QUICK_STOP.
+        host_loss: i32 = option_code(config.drive.host_loss.map(NodeLossReaction::raw)),
+        /// Kind of the quick stop, 0x605A: an igh_cia402_quick_stop_t, or IGH_CIA402_UNCHANGED. Default
+        /// IGH_CIA402_UNCHANGED.
+        quick_stop: i32 = option_code(config.drive.quick_stop.map(QuickStopOption::raw)),
+        /// Following error window of the drive, 0x6065, in steps, if write_following_error is 1. Should
+        /// not be less than following_window.
+        following_error_window: u32 = config.drive.following_error.map_or(0, |(window, _)| window),
+        /// Time of the following error window, 0x6066, in milliseconds.
+        following_error_ms: u16 = config.drive.following_error.map_or(0, |(_, ms)| ms),
+        /// 1: both are written if the drive has them. Default 0.
+        write_following_error: u8 = config.drive.following_error.is_some().into() => to.drive.following_error = (c.write_following_error != 0).then_some((c.following_error_window, c.following_error_ms)),
 
-    /// Number of objects in `further`. Default 0.
-    pub further_count: u8,
-    /// Additional objects that are written after the mapping, in Pre-operational.
-    pub further: [igh_cia402_object_t; IGH_CIA402_MAX_FURTHER],
-    /// Kind of the shutdown, 0x605B: an igh_cia402_stop_option_t, or IGH_CIA402_UNCHANGED. Default
-    /// IGH_CIA402_UNCHANGED.
-    pub shutdown: i32,
-    /// Stop of a disabled axis, 0x605C: an igh_cia402_stop_option_t, or IGH_CIA402_UNCHANGED.
-    /// Default IGH_CIA402_UNCHANGED.
-    pub disable_operation: i32,
-    /// Kind of a halt in PP, PV and PT, 0x605D: an igh_cia402_halt_option_t, or
-    /// IGH_CIA402_UNCHANGED. Default IGH_CIA402_UNCHANGED.
-    pub halt: i32,
-    /// Fault reaction, 0x605E: an igh_cia402_fault_reaction_t, or IGH_CIA402_UNCHANGED. Default
-    /// IGH_CIA402_UNCHANGED.
-    pub fault_reaction: i32,
+        /// Number of objects in `further`. Default 0.
+        further_count: u8 = 0,
+        /// Additional objects that are written after the mapping, in Pre-operational.
+        further: [igh_cia402_object_t; IGH_CIA402_MAX_FURTHER] = [igh_cia402_object_t::default(); IGH_CIA402_MAX_FURTHER],
+        /// Kind of the shutdown, 0x605B: an igh_cia402_stop_option_t, or IGH_CIA402_UNCHANGED. Default
+        /// IGH_CIA402_UNCHANGED.
+        shutdown: i32 = option_code(config.drive.shutdown.map(StopOption::raw)),
+        /// Stop of a disabled axis, 0x605C: an igh_cia402_stop_option_t, or IGH_CIA402_UNCHANGED.
+        /// Default IGH_CIA402_UNCHANGED.
+        disable_operation: i32 = option_code(config.drive.disable_operation.map(StopOption::raw)),
+        /// Kind of a halt in PP, PV and PT, 0x605D: an igh_cia402_halt_option_t, or
+        /// IGH_CIA402_UNCHANGED. Default IGH_CIA402_UNCHANGED.
+        halt: i32 = option_code(config.drive.halt.map(HaltOption::raw)),
+        /// Fault reaction, 0x605E: an igh_cia402_fault_reaction_t, or IGH_CIA402_UNCHANGED. Default
+        /// IGH_CIA402_UNCHANGED.
+        fault_reaction: i32 = option_code(config.drive.fault_reaction.map(FaultReaction::raw)),
 
-    /// Device type 0x1000, if check_device_type is 1.
-    pub device_type: u32,
-    /// Revision number 0x1018:03, if revision_check is not IGH_CIA402_REVISION_ANY.
-    pub revision_number: u32,
-    /// Serial number 0x1018:04, if check_serial_number is 1.
-    pub serial_number: u32,
+        /// Device type 0x1000, if check_device_type is 1.
+        device_type: u32 = 0,
+        /// Revision number 0x1018:03, if revision_check is not IGH_CIA402_REVISION_ANY.
+        revision_number: u32 = 0,
+        /// Serial number 0x1018:04, if check_serial_number is 1.
+        serial_number: u32 = 0,
 
-    /// Objects that the RPDOs carry beyond controlword and target: sum of igh_cia402_output_t, in the
-    /// order of their numbers. Default 0.
-    pub outputs: u32,
-    /// Objects that the TPDOs carry beyond statusword and actual position: sum of igh_cia402_input_t,
-    /// in the order of their numbers. igh_cia402_get_axis_state() has their values. Default 0.
-    pub inputs: u32,
-    /// Mask of the digital outputs 0x60FE:02, if has_output_mask is 1: a bit that is set lets the host
-    /// set this output.
-    pub output_mask: u32,
-    /// Largest velocity offset 0x60B1 of igh_cia402_set_target_with(), in units of the drive's
-    /// velocity; IGH_CIA402_OUTPUT_VELOCITY_OFFSET needs it. Default 0.
-    pub feed_forward_velocity: u32,
-    /// Largest change of the velocity offset per target. Default 0.
-    pub feed_forward_velocity_change: u32,
+        /// Objects that the RPDOs carry beyond controlword and target: sum of igh_cia402_output_t, in the
+        /// order of their numbers. Default 0.
+        outputs: u32 = 0,
+        /// Objects that the TPDOs carry beyond statusword and actual position: sum of igh_cia402_input_t,
+        /// in the order of their numbers. igh_cia402_get_axis_state() has their values. Default 0.
+        inputs: u32 = 0,
+        /// Mask of the digital outputs 0x60FE:02, if has_output_mask is 1: a bit that is set lets the host
+        /// set this output.
+        output_mask: u32 = 0,
+        /// Largest velocity offset 0x60B1 of igh_cia402_set_target_with(), in units of the drive's
+        /// velocity; IGH_CIA402_OUTPUT_VELOCITY_OFFSET needs it. Default 0.
+        feed_forward_velocity: u32 = 0 => to.feed_forward.velocity = c.feed_forward_velocity,
+        /// Largest change of the velocity offset per target. Default 0.
+        feed_forward_velocity_change: u32 = 0 => to.feed_forward.velocity_change = c.feed_forward_velocity_change,
 
-    /// Torque slope 0x6087 of PT, in thousandths of the rated torque per second; 0 does not write it.
-    pub torque_slope: u32,
-    /// Smallest amount of the velocity in VL, 0x6046:01, if vl_velocity_max is not 0.
-    pub vl_velocity_min: u32,
-    /// Largest amount of the velocity in VL, 0x6046:02; 0 does not write 0x6046.
-    pub vl_velocity_max: u32,
-    /// Change of the velocity in VL while it accelerates, 0x6048:01; 0 does not write 0x6048.
-    pub vl_acceleration: u32,
-    /// Change of the velocity in VL while it decelerates, 0x6049:01; 0 does not write 0x6049.
-    pub vl_deceleration: u32,
-    /// Largest speed of the motor 0x6080, in revolutions per minute; 0 does not write it.
-    pub max_motor_speed: u32,
-    /// Time of vl_acceleration in seconds, 0x6048:02.
-    pub vl_acceleration_s: u16,
-    /// Time of vl_deceleration in seconds, 0x6049:02.
-    pub vl_deceleration_s: u16,
-    /// Set-points that wait in the drive in IP, 0x60C4:02; 0 leaves it unchanged. When targets end,
-    /// the drive still goes through those that wait.
-    pub interpolation_buffer: u16,
-    /// Largest torque 0x6072, in thousandths of the rated torque; 0 does not write it.
-    pub max_torque: u16,
-    /// Largest torque offset 0x60B2 of igh_cia402_set_target_with(), in thousandths of the rated
-    /// torque; IGH_CIA402_OUTPUT_TORQUE_OFFSET needs it. Default 0.
-    pub feed_forward_torque: u16,
-    /// Largest change of the torque offset per target. Default 0.
-    pub feed_forward_torque_change: u16,
+        /// Torque slope 0x6087 of PT, in thousandths of the rated torque per second; 0 does not write it.
+        torque_slope: u32 = 0 => to.drive.torque_slope = given(c.torque_slope),
+        /// Smallest amount of the velocity in VL, 0x6046:01, if vl_velocity_max is not 0.
+        vl_velocity_min: u32 = 0,
+        /// Largest amount of the velocity in VL, 0x6046:02; 0 does not write 0x6046.
+        vl_velocity_max: u32 = 0 => to.drive.vl.limits = given(c.vl_velocity_max).map(|most| (c.vl_velocity_min, most)),
+        /// Change of the velocity in VL while it accelerates, 0x6048:01; 0 does not write 0x6048.
+        vl_acceleration: u32 = 0 => to.drive.vl.acceleration = given(c.vl_acceleration).map(|change| (change, c.vl_acceleration_s)),
+        /// Change of the velocity in VL while it decelerates, 0x6049:01; 0 does not write 0x6049.
+        vl_deceleration: u32 = 0 => to.drive.vl.deceleration = given(c.vl_deceleration).map(|change| (change, c.vl_deceleration_s)),
+        /// Largest speed of the motor 0x6080, in revolutions per minute; 0 does not write it.
+        max_motor_speed: u32 = 0 => to.drive.max_motor_speed = given(c.max_motor_speed),
+        /// Time of vl_acceleration in seconds, 0x6048:02.
+        vl_acceleration_s: u16 = 0,
+        /// Time of vl_deceleration in seconds, 0x6049:02.
+        vl_deceleration_s: u16 = 0,
+        /// Set-points that wait in the drive in IP, 0x60C4:02; 0 leaves it unchanged. When targets end,
+        /// the drive still goes through those that wait.
+        interpolation_buffer: u16 = 0 => to.drive.interpolation_buffer = given(c.interpolation_buffer),
+        /// Largest torque 0x6072, in thousandths of the rated torque; 0 does not write it.
+        max_torque: u16 = 0 => to.drive.max_torque = given(c.max_torque),
+        /// Largest torque offset 0x60B2 of igh_cia402_set_target_with(), in thousandths of the rated
+        /// torque; IGH_CIA402_OUTPUT_TORQUE_OFFSET needs it. Default 0.
+        feed_forward_torque: u16 = 0 => to.feed_forward.torque = c.feed_forward_torque,
+        /// Largest change of the torque offset per target. Default 0.
+        feed_forward_torque_change: u16 = 0 => to.feed_forward.torque_change = c.feed_forward_torque_change,
 
-    /// 1: 0x1000 must have this device type. Default 0.
-    pub check_device_type: u8,
-    /// An igh_cia402_revision_t. Default IGH_CIA402_REVISION_ANY.
-    pub revision_check: u8,
-    /// 1: 0x1018:04 must have this serial number. Default 0.
-    pub check_serial_number: u8,
-    /// 1: the mask of the digital outputs is written. Default 0.
-    pub has_output_mask: u8,
-    /// 1: the limits 0x6072, 0x607D and 0x6080 of the drive are read and narrow those of the axis;
-    /// also done if max_torque or max_motor_speed is set. igh_cia402_get_drive_limits() returns them.
-    /// Default 0.
-    pub use_drive_limits: u8,
-    /// An igh_cia402_scale_source_t. Default IGH_CIA402_SCALE_CONFIGURED.
-    pub scale_source: u8,
-    /// Multiple of guard_time_ms without response or request after which the host and the drive react,
-    /// 1 to 255 (0x100D), if guard_time_ms is not 0. Default 0.
-    pub life_time_factor: u8,
-    /// Must be 0.
-    pub padding: u8,
-    /// Time between two requests of node guarding, 1 to 65535 ms (0x100C): in place of heartbeat_ms, for a
-    /// drive without heartbeat. The drive detects by the requests that the host has stopped. Default 0:
-    /// none.
-    pub guard_time_ms: u16,
-    /// Number of the first RPDO and of the first TPDO, 1 to 512; further ones have the next numbers. Numbers
-    /// above 4 need COB-IDs. Default 1.
-    pub pdo_number: u16,
-    /// COB-IDs of the RPDOs in the order of their numbers, 0x181 to 0x57F, one for each; the others are 0.
-    /// Default all 0: those of the predefined connection set.
-    pub rpdo_cob_ids: [u16; IGH_CIA402_MAX_PDOS],
-    /// COB-IDs of the TPDOs, as rpdo_cob_ids.
-    pub tpdo_cob_ids: [u16; IGH_CIA402_MAX_PDOS],
-    /// Must be 0; for fields of later versions.
-    pub reserved: [u64; 8],
+        /// 1: 0x1000 must have this device type. Default 0.
+        check_device_type: u8 = 0,
+        /// An igh_cia402_revision_t. Default IGH_CIA402_REVISION_ANY.
+        revision_check: u8 = 0,
+        /// 1: 0x1018:04 must have this serial number. Default 0.
+        check_serial_number: u8 = 0,
+        /// 1: the mask of the digital outputs is written. Default 0.
+        has_output_mask: u8 = 0 => to.drive.output_mask = (c.has_output_mask != 0).then_some(c.output_mask),
+        /// 1: the limits 0x6072, 0x607D and 0x6080 of the drive are read and narrow those of the axis;
+        /// also done if max_torque or max_motor_speed is set. igh_cia402_get_drive_limits() returns them.
+        /// Default 0.
+        use_drive_limits: u8 = 0 => to.drive.use_limits = c.use_drive_limits != 0,
+        /// An igh_cia402_scale_source_t. Default IGH_CIA402_SCALE_CONFIGURED.
+        scale_source: u8 = 0,
+        /// Multiple of guard_time_ms without response or request after which the host and the drive react,
+        /// 1 to 255 (0x100D), if guard_time_ms is not 0. Default 0.
+        life_time_factor: u8 = 0,
+        /// Must be 0.
+        padding: u8 = 0,
+        /// Time between two requests of node guarding, 1 to 65535 ms (0x100C): in place of heartbeat_ms, for a
+        /// drive without heartbeat. The drive detects by the requests that the host has stopped. Default 0:
+        /// none.
+        guard_time_ms: u16 = 0 => to.drive.guarding = guarding(c),
+        /// Number of the first RPDO and of the first TPDO, 1 to 512; further ones have the next numbers. Numbers
+        /// above 4 need COB-IDs. Default 1.
+        pdo_number: u16 = config.pdos.number => to.pdos.number = c.pdo_number,
+        /// COB-IDs of the RPDOs in the order of their numbers, 0x181 to 0x57F, one for each; the others are 0.
+        /// Default all 0: those of the predefined connection set.
+        rpdo_cob_ids: [u16; IGH_CIA402_MAX_PDOS] = [0; IGH_CIA402_MAX_PDOS],
+        /// COB-IDs of the TPDOs, as rpdo_cob_ids.
+        tpdo_cob_ids: [u16; IGH_CIA402_MAX_PDOS] = [0; IGH_CIA402_MAX_PDOS],
+        /// Must be 0; for fields of later versions.
+        reserved: [u64; 8] = [0; 8],
+    }
+}
+
+/// Number of an option code of the drive.
+fn option_code(code: Option<i16>) -> i32 {
+    code.map_or(IGH_CIA402_UNCHANGED, i32::from)
+}
+
+fn scale(axis: &igh_cia402_axis_t) -> Scale {
+    let scale = Scale::steps_per_turn(axis.steps_per_turn).with_origin(axis.origin);
+    given(axis.velocity_units).map_or(scale, |units| scale.with_velocity_units(units))
 }
 
 /// Fills an axis: CSP, with limits that allow its target step.
@@ -293,9 +304,10 @@ pub fn igh_cia402_axis_init(
     target_step: i32,
 ) {
     pointers!(call, out(axis));
-    let number = u16::try_from(slave).map_err(|_| {
-        call.argument("slave", format_args!("{slave} is out of range; allowed: 0 to 65535"))
-    })?;
+    if u16::try_from(slave).is_err() {
+        let text = format_args!("{slave} is out of range; allowed: 0 to 65535");
+        return Err(call.argument("slave", text));
+    }
     if channel > 3 {
         return Err(
             call.argument("channel", format_args!("{channel} is out of range; allowed: 0 to 3"))
@@ -306,7 +318,7 @@ pub fn igh_cia402_axis_init(
     })?;
     let settings = AxisConfig::new(NodeAddress { slave, channel, node });
     let settings = settings.with_target_step(target_step);
-    axis.set(igh_cia402_axis_t::new(number, channel, node_id, &settings));
+    axis.set((&settings).into());
 }
 
 /// Sets the settings of an axis. Reports every value that Rust's types cannot hold.
@@ -315,6 +327,7 @@ pub(super) fn apply(
     config: &mut AxisConfig,
     report: &mut dyn FnMut(&str, i64),
 ) {
+    axis.set_plain(config);
     let chosen = |mask: u32, raw: u8| mask & 1 << raw != 0;
     let all = |count: usize| !(u32::MAX << count);
     if axis.outputs & !all(OutputObject::ALL.len()) != 0 {
@@ -327,12 +340,6 @@ pub(super) fn apply(
     config.pdos.outputs = outputs.filter(|output| chosen(axis.outputs, output.raw())).collect();
     let inputs = InputObject::ALL.iter().copied();
     config.pdos.inputs = inputs.filter(|input| chosen(axis.inputs, input.raw())).collect();
-    config.feed_forward = FeedForwardLimits {
-        velocity: axis.feed_forward_velocity,
-        velocity_change: axis.feed_forward_velocity_change,
-        torque: axis.feed_forward_torque,
-        torque_change: axis.feed_forward_torque_change,
-    };
     match scale_source(axis.scale_source) {
         Some(source) => config.scale_source = source,
         None => report("scale_source", axis.scale_source.into()),
@@ -341,20 +348,7 @@ pub(super) fn apply(
         rpdos: cob_ids("rpdo_cob_ids", &axis.rpdo_cob_ids, report),
         tpdos: cob_ids("tpdo_cob_ids", &axis.tpdo_cob_ids, report),
     };
-    let drive = &mut config.drive;
-    drive.guarding = guarding(axis);
-    drive.identity = identity(axis, report);
-    drive.output_mask = (axis.has_output_mask != 0).then_some(axis.output_mask);
-    drive.interpolation_buffer = given(axis.interpolation_buffer);
-    drive.torque_slope = given(axis.torque_slope);
-    drive.vl = VlConfig {
-        limits: given(axis.vl_velocity_max).map(|most| (axis.vl_velocity_min, most)),
-        acceleration: given(axis.vl_acceleration).map(|change| (change, axis.vl_acceleration_s)),
-        deceleration: given(axis.vl_deceleration).map(|change| (change, axis.vl_deceleration_s)),
-    };
-    drive.max_torque = given(axis.max_torque);
-    drive.max_motor_speed = given(axis.max_motor_speed);
-    drive.use_limits = axis.use_drive_limits != 0;
+    config.drive.identity = identity(axis, report);
 }
 
 /// COB-IDs up to the last one that is given.
@@ -414,6 +408,7 @@ fn given<T: Default + PartialEq>(value: T) -> Option<T> {
 #[cfg(test)]
 mod tests {
     use ecan_canopen::{NodeAddress, NodeId};
+    use ecan_cia402::{FeedForwardLimits, VlConfig};
 
     use super::{IGH_CIA402_MAX_PDOS, igh_cia402_axis_init, *};
     use crate::cia402::cycle::{igh_cia402_input_t, igh_cia402_output_t};

@@ -8,18 +8,11 @@ use ecan_canopen::{
     FaultReaction, HaltOption, NodeAddress, NodeId, NodeLossReaction, OperatingMode,
     QuickStopOption, SdoValue, Step, StopOption,
 };
-use ecan_cia402::{
-    AxisConfig, AxisFault, AxisFaults, Cia402Error, DriveConfig, MotionLimits, PathTolerances,
-    PdoConfig, PositionRange, Scale,
-};
+use ecan_cia402::{AxisConfig, AxisFault, AxisFaults, Cia402Error, DriveConfig, PositionRange};
 
 use super::axis;
-use super::axis::{
-    IGH_CIA402_MAX_FURTHER, IGH_CIA402_MAX_PDOS, IGH_CIA402_UNCHANGED, SEAL, igh_cia402_axis_t,
-    igh_cia402_object_t,
-};
+use super::axis::{IGH_CIA402_UNCHANGED, SEAL, igh_cia402_axis_t, igh_cia402_object_t};
 use super::numbers::{igh_cia402_range_t, igh_cia402_reset_t};
-use crate::callback::{duration, milliseconds};
 use crate::errors;
 
 /// An axis table of C.
@@ -95,97 +88,6 @@ impl AxisTable {
 }
 
 impl igh_cia402_axis_t {
-    pub(super) fn new(slave: u16, channel: u8, node_id: u8, settings: &AxisConfig) -> Self {
-        let code = |code: Option<i16>| code.map_or(IGH_CIA402_UNCHANGED, i32::from);
-        let AxisConfig { drive, .. } = settings;
-        let (bounds, identity) = (settings.bounds, drive.identity);
-        let following_error = drive.following_error;
-        Self {
-            seal: SEAL,
-            slave,
-            channel,
-            node_id,
-            mode: settings.mode.raw(),
-            node_axis: settings.node_axis,
-            auto_resume: settings.auto_resume.into(),
-            range: igh_cia402_range_t::IGH_CIA402_RANGE_LINEAR as u8,
-            range_min: 0,
-            range_max: 0,
-            origin: 0,
-            steps_per_turn: settings.scale.steps(),
-            target_step: settings.target_step,
-            step_limit: settings.step_limit,
-            following_window: 0,
-            standstill: settings.standstill,
-            ramp: settings.ramp,
-            max_velocity_rad_s: 0.0,
-            max_acceleration_rad_s2: 0.0,
-            max_jerk_rad_s3: 0.0,
-            velocity_units: 0.0,
-            bound_min: bounds.map_or(0, |(min, _)| min),
-            bound_max: bounds.map_or(0, |(_, max)| max),
-            has_bounds: bounds.is_some().into(),
-            write_position_limits: drive.write_position_limits.into(),
-            tpdo_timeout: settings.tolerances.tpdo_timeout,
-            wc_misses: settings.tolerances.wc_misses,
-            drain_images: settings.tolerances.drain_images,
-            enable_timeout_ms: milliseconds(settings.enable_timeout),
-            boot_timeout_ms: milliseconds(drive.boot_timeout),
-            reset: drive.reset as u8,
-            expect_profile_402: drive.expect_profile_402.into(),
-            check_identity: identity.vendor_id.is_some().into(),
-            silence_other_tpdos: drive.silence_other_tpdos.into(),
-            vendor_id: identity.vendor_id.unwrap_or(0),
-            product_code: identity.product_code.unwrap_or(0),
-            heartbeat_ms: drive.heartbeat_ms,
-            host_heartbeat_ms: drive.host_heartbeat_ms,
-            host_loss: code(drive.host_loss.map(NodeLossReaction::raw)),
-            quick_stop: code(drive.quick_stop.map(QuickStopOption::raw)),
-            following_error_window: following_error.map_or(0, |(window, _)| window),
-            following_error_ms: following_error.map_or(0, |(_, ms)| ms),
-            write_following_error: following_error.is_some().into(),
-            further_count: 0,
-            further: [igh_cia402_object_t::default(); IGH_CIA402_MAX_FURTHER],
-            shutdown: code(drive.shutdown.map(StopOption::raw)),
-            disable_operation: code(drive.disable_operation.map(StopOption::raw)),
-            halt: code(drive.halt.map(HaltOption::raw)),
-            fault_reaction: code(drive.fault_reaction.map(FaultReaction::raw)),
-            device_type: 0,
-            revision_number: 0,
-            serial_number: 0,
-            outputs: 0,
-            inputs: 0,
-            output_mask: 0,
-            feed_forward_velocity: 0,
-            feed_forward_velocity_change: 0,
-            torque_slope: 0,
-            vl_velocity_min: 0,
-            vl_velocity_max: 0,
-            vl_acceleration: 0,
-            vl_deceleration: 0,
-            max_motor_speed: 0,
-            vl_acceleration_s: 0,
-            vl_deceleration_s: 0,
-            interpolation_buffer: 0,
-            max_torque: 0,
-            feed_forward_torque: 0,
-            feed_forward_torque_change: 0,
-            check_device_type: 0,
-            revision_check: 0,
-            check_serial_number: 0,
-            has_output_mask: 0,
-            use_drive_limits: 0,
-            scale_source: 0,
-            life_time_factor: 0,
-            padding: 0,
-            guard_time_ms: 0,
-            pdo_number: settings.pdos.number,
-            rpdo_cob_ids: [0; IGH_CIA402_MAX_PDOS],
-            tpdo_cob_ids: [0; IGH_CIA402_MAX_PDOS],
-            reserved: [0; 8],
-        }
-    }
-
     /// Converts to Rust. Reports every value that Rust's types cannot hold; the table as a whole is
     /// checked later. `None` if nothing else of the axis can be checked.
     fn checked(&self, report: &mut dyn FnMut(&str, i64)) -> Option<AxisConfig> {
@@ -219,10 +121,6 @@ impl igh_cia402_axis_t {
         };
         let drive = DriveConfig {
             reset: reset.unwrap_or_default(),
-            boot_timeout: duration(self.boot_timeout_ms),
-            expect_profile_402: self.expect_profile_402 != 0,
-            heartbeat_ms: self.heartbeat_ms,
-            host_heartbeat_ms: self.host_heartbeat_ms,
             host_loss: code("host_loss", self.host_loss).map(NodeLossReaction::from_raw),
             quick_stop: code("quick_stop", self.quick_stop).map(QuickStopOption::from_raw),
             shutdown: code("shutdown", self.shutdown).map(StopOption::from_raw),
@@ -231,40 +129,21 @@ impl igh_cia402_axis_t {
             halt: code("halt", self.halt).map(HaltOption::from_raw),
             fault_reaction: code("fault_reaction", self.fault_reaction)
                 .map(FaultReaction::from_raw),
-            following_error: (self.write_following_error != 0)
-                .then_some((self.following_error_window, self.following_error_ms)),
-            write_position_limits: self.write_position_limits != 0,
-            silence_other_tpdos: self.silence_other_tpdos != 0,
             further: further.into_iter().filter_map(igh_cia402_object_t::step).collect(),
             ..DriveConfig::default()
         };
         let (slave, channel) = (self.slave.into(), self.channel);
         let mut settings = AxisConfig {
             mode: mode?,
-            scale: self.scale(),
             range: range.unwrap_or(PositionRange::Linear),
-            bounds: (self.has_bounds != 0).then_some((self.bound_min, self.bound_max)),
-            standstill: self.standstill,
-            target_step: self.target_step,
-            ramp: self.ramp,
-            limits: self.limits(),
-            tolerances: PathTolerances {
-                tpdo_timeout: self.tpdo_timeout,
-                wc_misses: self.wc_misses,
-                drain_images: self.drain_images,
-            },
-            auto_resume: self.auto_resume != 0,
-            enable_timeout: duration(self.enable_timeout_ms),
-            node_axis: self.node_axis,
-            pdos: PdoConfig { number: self.pdo_number, ..PdoConfig::default() },
             drive,
             ..AxisConfig::new(NodeAddress { slave, channel, node: node? })
-        }
-        .with_step_limit(self.step_limit);
+        };
+        axis::apply(self, &mut settings, report);
+        let mut settings = settings.with_step_limit(self.step_limit);
         if self.following_window != 0 {
             settings.following_window = self.following_window;
         }
-        axis::apply(self, &mut settings, report);
         Some(settings)
     }
 
@@ -272,19 +151,6 @@ impl igh_cia402_axis_t {
         let mut further = self.further.iter().take(self.further_count.into());
         let own = self.reserved != [0; 8] || self.padding != 0;
         own || further.any(|object| object.reserved != [0; 3])
-    }
-
-    fn scale(&self) -> Scale {
-        let scale = Scale::steps_per_turn(self.steps_per_turn).with_origin(self.origin);
-        given(self.velocity_units).map_or(scale, |units| scale.with_velocity_units(units))
-    }
-
-    fn limits(&self) -> MotionLimits {
-        MotionLimits {
-            velocity: given(self.max_velocity_rad_s),
-            acceleration: given(self.max_acceleration_rad_s2),
-            jerk: given(self.max_jerk_rad_s3),
-        }
     }
 
     fn range(&self) -> Option<PositionRange> {
@@ -299,11 +165,6 @@ impl igh_cia402_axis_t {
             _ => return None,
         })
     }
-}
-
-/// A value, of which 0 is none.
-fn given(value: f64) -> Option<f64> {
-    (value != 0.0).then_some(value)
 }
 
 impl igh_cia402_object_t {
@@ -330,6 +191,7 @@ mod tests {
 
     use ecan_c_boundary::call;
     use ecan_canopen::IdentityCheck;
+    use ecan_cia402::{PdoConfig, Scale};
     use ecan_mcan_host::common::ecan_last_error;
 
     use super::super::axis::igh_cia402_axis_init;
