@@ -118,7 +118,8 @@ fn waiting_target_does_not_undo_the_stop_of_configure() {
         println!("configure {cycles} cycles later: {trace}");
         trace.assert_rest(RETURN_MS, QUICK).assert_no_coasting();
         let enabled = fixture.drive_axis(0, |axis| {
-            let is_enable = |it: &&TraceRecord| matches!(it.event, TraceEvent::Enable { .. });
+            let is_enable =
+                |record: &&TraceRecord| matches!(record.event, TraceEvent::Enable { .. });
             axis.trace().since(before).find(is_enable).copied()
         });
         assert_eq!(enabled, None, "configure {cycles} cycles later");

@@ -1,21 +1,19 @@
 //! The Adapter: opens or attaches to a master, configures the gateways, and runs the cycle.
 
 mod al_status;
-mod bring_up;
+pub(crate) mod bring_up;
 pub(crate) mod cycle_clock;
 pub(crate) mod operation;
 pub(crate) mod requests;
 pub(crate) mod slave;
-pub(crate) mod startup_rounds;
 
 use std::fmt;
 
-use bring_up::BringUp;
+use bring_up::{BringUp, RoundExchange, StartupRounds};
 use cycle_clock::{CycleClock, CycleWait};
 use ecrt_sys::{Clock, Ecrt, Errno};
 use requests::Requests;
 use slave::Slave;
-use startup_rounds::{RoundExchange, StartupRounds};
 
 use crate::bus::{Diagnostics, run_in_parallel};
 use crate::clocks::{ClockStatus, DistributedClocks};
@@ -208,7 +206,7 @@ impl Adapter {
             .map_err(|e| Error::library("ecrt_master_set_send_interval", None, e))?;
         if self.config.dc.is_some() {
             let (clock, slaves) = (self.ecrt.clock().as_ref(), &self.slaves);
-            startup_rounds::reset_clock_differences(clock, &mut self.master, slaves);
+            bring_up::reset_clock_differences(clock, &mut self.master, slaves);
         } else {
             // Without a time the master complains at each scan.
             let now_ns = self.ecrt.clock().now_ns();

@@ -20,7 +20,6 @@ mod clocks;
 mod config;
 mod config_check;
 mod cycle_timing;
-mod datagrams;
 mod error;
 mod exchange;
 mod master;
@@ -31,11 +30,11 @@ mod sdo_text;
 mod startup;
 
 pub use adapter::Adapter;
+pub use adapter::bring_up::StartupRounds;
 pub use adapter::cycle_clock::CycleWait;
 pub use adapter::operation::{OpProgress, OpWait};
 pub use adapter::requests::Requests;
 pub use adapter::slave::Slave;
-pub use adapter::startup_rounds::StartupRounds;
 pub use bus::{
     CanController, Diagnostics, IdentificationError, Maintenance, MaintenanceError,
     RegisterServiceError, SlaveAccess, SlaveKind, SlaveQuery, denies_object, run_in_parallel,
@@ -50,13 +49,17 @@ pub use config_check::ConfigFault;
 pub use cycle_timing::{
     CycleStart, CycleStatistics, CycleTimer, CycleTiming, Distribution, MAX_SPIN_NS, OverrunPolicy,
 };
-pub use datagrams::{
-    BYTE_NS, DATAGRAM_OVERHEAD_BYTES, Datagram, DatagramUse, DomainLayout, EthernetFrame,
-    FRAME_OVERHEAD_BYTES, LogicalCommand, MAX_DATAGRAM_BYTES, MAX_PLAIN_MULTIPLIER,
+pub use ecan_protocol::sequence::Expectation;
+pub use ecrt_sys::{
+    Clock, ECRT_VARIABLE, Ecrt, EcrtSetting, EnvironmentError, Errno, LoadError, MonotonicClock,
+    Origin,
 };
 pub use error::{Error, NotOperational, SdoDirection, SlaveReport};
-
-pub use exchange::{CycleError, Delivery, DomainReport, Phase};
+pub use exchange::{
+    BYTE_NS, CycleError, DATAGRAM_OVERHEAD_BYTES, Datagram, DatagramUse, Delivery, DomainLayout,
+    DomainReport, EthernetFrame, FRAME_OVERHEAD_BYTES, LogicalCommand, MAX_DATAGRAM_BYTES,
+    MAX_PLAIN_MULTIPLIER, Phase,
+};
 pub use master::{
     AssignedPdo, DomainId, DomainState, LinkState, Master, MasterInfo, MasterRequests, MasterState,
     NodeOwner, OpenError, OpenFailure, PdoEntry, PortInfo, PortKind, RegRequestId, RequestState,
@@ -76,9 +79,3 @@ pub use real_time::{
 };
 pub use sdo_text::{contradicted_assumption, value_text};
 pub use startup::StartupPlan;
-
-pub use ecan_protocol::sequence::Expectation;
-pub use ecrt_sys::{
-    Clock, ECRT_VARIABLE, Ecrt, EcrtSetting, EnvironmentError, Errno, LoadError, MonotonicClock,
-    Origin,
-};

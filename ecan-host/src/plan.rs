@@ -6,7 +6,7 @@ use ecan_protocol::mapping::CHUNK_BYTES;
 use thiserror::Error;
 
 use crate::config::{AdapterConfig, ClockSource, DcSync};
-use crate::datagrams::{
+use crate::exchange::{
     BYTE_NS, DATAGRAM_OVERHEAD_BYTES, Datagram, DatagramUse, DomainLayout, EthernetFrame,
     FRAME_OVERHEAD_BYTES, MAX_DATAGRAM_BYTES, MAX_PLAIN_MULTIPLIER,
 };
@@ -111,7 +111,7 @@ impl Plan {
         });
         let clocks = config.dc.map_or(0, clock_datagrams);
         let clock = Datagram { purpose: DatagramUse::Clock, data_bytes: CLOCK_BYTES };
-        let frames = crate::datagrams::pack(process_data.chain(std::iter::repeat_n(clock, clocks)));
+        let frames = crate::exchange::pack(process_data.chain(std::iter::repeat_n(clock, clocks)));
         let slaves = layouts
             .into_iter()
             .enumerate()

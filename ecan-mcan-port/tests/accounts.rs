@@ -376,7 +376,9 @@ fn run(case: &Case) {
     check_transmit(&channel, counters.frames_parsed);
     assert_eq!(channel.frames_pending, 0, "{statistics:?}");
     // The receive columns, in images.
-    let known = |it: &SlaveStatistics| it.txpdo_received + it.txpdo_lost + it.txpdo_discarded;
+    let known = |statistics: &SlaveStatistics| {
+        statistics.txpdo_received + statistics.txpdo_lost + statistics.txpdo_discarded
+    };
     let known = known(&statistics) - known(&before);
     let unknown = statistics.txpdo_unknown - before.txpdo_unknown;
     let read = counters.images_read - recorded_before.images_read;

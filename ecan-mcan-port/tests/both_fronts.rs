@@ -36,7 +36,7 @@ type Traffic = Vec<(u64, CanFrame, bool)>;
 
 fn traffic(recorded: Vec<BusFrame>) -> Traffic {
     let first = recorded.first().map_or(0, |frame| frame.start_ns);
-    let entry = |it: BusFrame| (it.start_ns - first, it.frame, it.is_from_channel);
+    let entry = |sent: BusFrame| (sent.start_ns - first, sent.frame, sent.is_from_channel);
     recorded.into_iter().map(entry).collect()
 }
 

@@ -9,10 +9,8 @@ use ecan_protocol::text::Printable;
 use crate::bindings::ec_master_t;
 use crate::clock::{Clock, MonotonicClock};
 use crate::functions::Functions;
-use crate::library::{self, LoadedLibrary};
+use crate::library::{self, LoadedLibrary, OpenMaster, SimulatedClock};
 use crate::load_error::LoadError;
-use crate::open_master::OpenMaster;
-use crate::simulated_library::SimulatedClock;
 
 /// Source of the functions of an [`Ecrt`].
 #[derive(Clone, Debug, PartialEq, Eq)]

@@ -1,6 +1,9 @@
 //! The table of the library's functions.
 
+use std::ffi::CString;
+
 use libc::{c_char, c_int, c_uint, size_t};
+use libloading::os::unix::Library;
 
 use crate::bindings::{
     ec_al_state_t, ec_direction_t, ec_domain_state_t, ec_domain_t, ec_master_info_t,
@@ -9,7 +12,6 @@ use crate::bindings::{
     ec_slave_config_state_t, ec_slave_config_t, ec_slave_info_t, ec_sync_info_t,
     ec_watchdog_mode_t,
 };
-use crate::symbol_source::SymbolSource;
 
 /// A function that returns a status since 1.6 and nothing in 1.5.
 ///
@@ -331,3 +333,22 @@ macro_rules! for_each_function {
 }
 
 for_each_function!(table);
+
+/// A library whose functions are looked up.
+pub(crate) struct SymbolSource<'a> {
+    pub(crate) library: &'a Library,
+    /// True if functions that return nothing in 1.5 return a status.
+    pub(crate) reports_status: bool,
+    /// Required names that the library lacks.
+    pub(crate) missing: Vec<&'static str>,
+}
+
+impl SymbolSource<'_> {
+    pub(crate) fn find<F: Copy>(&self, symbol: &'static str) -> Option<F> {
+        let name = CString::new(symbol).ok()?;
+        // SAFETY: the symbol is read as an optional function pointer, for which null is a
+        // value. That it has the type F is the promise of `Functions::look_up`'s caller.
+        let found = unsafe { self.library.get::<Option<F>>(name.as_bytes_with_nul()) };
+        found.ok().and_then(|function| *function)
+    }
+}

@@ -34,10 +34,7 @@ mod errno;
 mod functions;
 mod library;
 mod load_error;
-mod open_master;
 mod setting;
-mod simulated_library;
-mod symbol_source;
 
 pub use bindings::{
     EC_AL_STATE_INIT, EC_AL_STATE_OP, EC_AL_STATE_PREOP, EC_AL_STATE_SAFEOP, EC_DIR_INPUT,
@@ -55,7 +52,6 @@ pub use clock::{Clock, MonotonicClock};
 pub use ecrt::{Ecrt, Origin};
 pub use errno::Errno;
 pub use functions::{Functions, Status};
-pub use library::{DEFAULT_LIBRARY, symbols};
+pub use library::{DEFAULT_LIBRARY, OpenMaster, symbols};
 pub use load_error::{ECRT_VARIABLE, LoadError, RELEASES};
-pub use open_master::OpenMaster;
 pub use setting::{EcrtSetting, EnvironmentError};

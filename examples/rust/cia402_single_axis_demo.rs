@@ -12,8 +12,7 @@ use std::process::ExitCode;
 use clap::Parser;
 use ecan_canopen::{NodeAddress, NodeId};
 use ecan_cia402::AxisConfig;
-use ecan_example_support::motion_arguments::MotionArguments;
-use ecan_example_support::motion_demo::run_motion;
+use ecan_example_support::motion_demo::{MotionArguments, run_motion};
 use ecan_example_support::{EXIT_STATUS, report_exit};
 use ecan_tool_support::command_line::screen::parse_arguments;
 

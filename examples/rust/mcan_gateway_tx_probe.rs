@@ -12,9 +12,8 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::Parser;
-use ecan_example_support::gateway_arguments::GatewayArguments;
-use ecan_example_support::probe_output::{ProbeFiles, parse_picture};
-use ecan_example_support::probe_sweep::print_sweep;
+use ecan_example_support::loop_setup::GatewayArguments;
+use ecan_example_support::probe_output::{ProbeFiles, parse_picture, print_sweep};
 use ecan_example_support::sync0::{print_sync0, sync0};
 use ecan_example_support::tx_probe::{Mode, ModeResult, Modes, Target};
 use ecan_example_support::{

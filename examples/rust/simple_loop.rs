@@ -14,9 +14,8 @@ use std::process::ExitCode;
 
 use clap::Parser;
 use ecan_example_support::frame_source::{Channels, Source};
-use ecan_example_support::gateway_arguments::GatewayArguments;
 use ecan_example_support::loop_record::LoopRecord;
-use ecan_example_support::loop_setup::LoopSetup;
+use ecan_example_support::loop_setup::{GatewayArguments, LoopSetup};
 use ecan_example_support::sync0::print_sync0;
 use ecan_example_support::{
     EXIT_STATUS, Interrupt, RealTimeArguments, print_plan, report_exit, run_options, wait_ready,

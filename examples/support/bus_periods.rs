@@ -32,9 +32,9 @@ pub struct BusRecord {
 impl BusRecord {
     /// Takes the recording of the simulated bus, without frames of other stations.
     pub fn from_simulation(frames: &[BusFrame], id: CanId) -> Self {
-        let numbered = |it: &BusFrame| {
-            let number = number_of(&it.frame, id).filter(|_| it.is_from_channel)?;
-            Some(NumberedFrame { number, time_ns: it.start_ns })
+        let numbered = |sent: &BusFrame| {
+            let number = number_of(&sent.frame, id).filter(|_| sent.is_from_channel)?;
+            Some(NumberedFrame { number, time_ns: sent.start_ns })
         };
         Self { frames: frames.iter().filter_map(numbered).collect(), resolution_ns: 1 }
     }

@@ -9,19 +9,14 @@ use ecan_mcan_port::{Port, ReceivedView};
 use ecan_protocol::can::CanFrame;
 use ecan_protocol::mapping::CHANNELS;
 use ecan_tool_support::command_line::screen::{Stream, print};
-use ecan_tool_support::print_error_line;
-use ecan_tool_support::print_line;
+use ecan_tool_support::{print_error_line, print_line};
 use indicatif::ProgressBar;
 
 use crate::bus_load::BusLoad;
 use crate::echo_check::EchoCheck;
 use crate::frame_source::Source;
-use crate::log_file;
-use crate::progress;
-use crate::real_time;
-use crate::session_watch::SessionWatch;
-use crate::summary;
-use crate::timeouts::{IDLE_TIMEOUT_NS, STALL_TIMEOUT_NS};
+use crate::program::{IDLE_TIMEOUT_NS, STALL_TIMEOUT_NS, SessionWatch};
+use crate::{log_file, program, real_time, summary};
 
 /// Minimum number of cycles without a frame before the loop ends.
 const IDLE_CYCLES: u64 = 20;
@@ -56,7 +51,7 @@ impl LoopRecord {
             loads: vec![BusLoad::default(); channels],
             sessions: SessionWatch::new(port),
             dump: dump.map(log_file::Writer::create).transpose()?,
-            progress: progress::bar(source.total()),
+            progress: program::bar(source.total()),
             start_ns: clock.now_ns(),
             last_frame_ns: 0,
             cycle_ns: u64::from(port.adapter().config().cycle_ns()),

@@ -2,6 +2,7 @@
 
 use std::collections::{HashMap, HashSet};
 use std::error::Error;
+use std::fmt::Write;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -12,9 +13,7 @@ use ecan_tool_support::plot::{AxisRecorder, Heading};
 use ecan_tool_support::print_line;
 use indicatif::ProgressBar;
 
-use crate::motion_table;
-use crate::progress;
-use crate::real_time;
+use crate::{program, real_time};
 
 pub struct MotionRecord {
     printer: ProgressPrinter,
@@ -32,7 +31,7 @@ impl MotionRecord {
         Self {
             printer: ProgressPrinter::new(cia402.axis_count()),
             recorder: AxisRecorder::new(cia402.axis_count(), cycles),
-            progress: progress::bar(cycles),
+            progress: program::bar(cycles),
             start_ns: clock.now_ns(),
             clock,
         }
@@ -86,7 +85,7 @@ impl MotionRecord {
 
     pub fn table(&self, cia402: &Cia402) -> String {
         self.progress.finish_and_clear();
-        motion_table::table(cia402)
+        table(cia402)
     }
 }
 
@@ -159,4 +158,43 @@ fn print_loads(cia402: &Cia402, port: &Port) {
             }
         );
     }
+}
+
+/// One line per axis: state, target, actual position, following error, gaps, emergencies.
+pub fn table(cia402: &Cia402) -> String {
+    let mut text = String::new();
+    // Writing to a String cannot fail.
+    let _ = writeln!(
+        text,
+        "\n{:<38}{:<20}{:>11}{:>11}{:>8}{:>8}{:>8}{:>7}{:>6}",
+        "axis", "state", "target", "actual", "error", "max", "TPDOs", "lost", "EMCY"
+    );
+    for axis in cia402.axes() {
+        let statistics = axis.statistics();
+        let error = axis.following_error();
+        // The statistics measure the error before the target of the cycle, the column after it.
+        let max_error = statistics.max_following_error.max(error.map_or(0, i64::unsigned_abs));
+        let number = |value: Option<i64>| value.map_or_else(|| "-".into(), |v| v.to_string());
+        let state = axis.drive_state().map_or_else(|| "unknown".into(), |state| state.to_string());
+        let _ = writeln!(
+            text,
+            "{:<38}{:<20}{:>11}{:>11}{:>8}{:>8}{:>8}{:>7}{:>6}",
+            format!("{}: {}", axis.index(), axis.config().address),
+            state,
+            number(axis.target().map(i64::from)),
+            number(axis.actual().map(i64::from)),
+            number(error),
+            max_error,
+            statistics.tpdos,
+            statistics.lost_tpdos,
+            statistics.emergencies
+        );
+        if let Some(reason) = statistics.last_hold {
+            let _ = writeln!(text, "   held {} time(s), last: {reason}", statistics.holds);
+        }
+        if let Some(error) = axis.error() {
+            let _ = writeln!(text, "   {error}");
+        }
+    }
+    text
 }

@@ -1,11 +1,13 @@
 //! The Sync0 shift of a program (manual 15.6.1, 16.1).
 
+use std::error::Error;
 use std::time::Duration;
 
-use ecan_host::{AdapterConfig, DcSync, Plan};
-use ecan_mcan_port::PortConfig;
-use ecan_tool_support::print_error_line;
-use ecan_tool_support::print_line;
+use ecan_host::{AdapterConfig, DcSync, Faults, Plan};
+use ecan_lite::plan_table;
+use ecan_mcan_port::{FrameStream, PortConfig, PortPlan};
+use ecan_tool_support::command_line::screen::{Stream, print};
+use ecan_tool_support::{print_error_line, print_line};
 
 /// Sync0 with this period; without a shift in microseconds with that of the plan. The other settings of
 /// `adapter` are complete.
@@ -28,4 +30,18 @@ pub fn print_sync0(adapter: &AdapterConfig, config: &PortConfig) {
     if let Some(warning) = config.sync0_warning(adapter) {
         print_error_line!("warning: {warning}");
     }
+}
+
+/// Prints the load of a configuration, with its warnings.
+///
+/// # Errors
+/// Every fault of the plan and of the configuration.
+pub fn print_plan(
+    adapter: &AdapterConfig,
+    config: &PortConfig,
+    traffic: &[FrameStream],
+) -> Result<(), Box<dyn Error>> {
+    let plan = PortPlan::of(adapter, config, traffic);
+    print(Stream::Output, plan_table(&plan, adapter, traffic));
+    Ok(Faults::check(plan.faults(adapter, config))?)
 }

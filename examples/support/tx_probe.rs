@@ -13,7 +13,7 @@ use ecan_protocol::can::{CanFrame, CanId, FrameError};
 use ecan_protocol::image::Schedule;
 
 use crate::interrupt::Interrupt;
-use crate::timeouts::{IDLE_TIMEOUT_NS, STALL_TIMEOUT_NS};
+use crate::program::{IDLE_TIMEOUT_NS, STALL_TIMEOUT_NS};
 
 /// CAN ID of the frames.
 pub const PROBE_ID: u16 = 0x123;

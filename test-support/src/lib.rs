@@ -4,9 +4,7 @@
 mod allocations;
 mod process;
 mod seeds;
-mod tshark;
 
 pub use allocations::{CountingAllocator, allocations};
-pub use process::{Killed, Lines, OnDrop, output};
+pub use process::{Killed, Lines, OnDrop, fields_of, output};
 pub use seeds::{Sums, catch_panic, run_seeds};
-pub use tshark::fields_of;

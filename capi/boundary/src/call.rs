@@ -8,8 +8,7 @@ use std::slice;
 
 use ecan_protocol::text::PrintableLines;
 
-use crate::out::{OutArray, OutPointer};
-use crate::result::ecan_result_t;
+use crate::result::{OutArray, OutPointer, ecan_result_t};
 
 /// Text for a struct of the application with a reserved field that is not 0.
 pub const RESERVED_IS_SET: &str = "has a reserved field that is not 0; set the struct to 0 first";

@@ -12,7 +12,6 @@
 
 mod call;
 mod mirror;
-mod out;
 
 pub mod frames;
 pub mod image;
@@ -22,4 +21,4 @@ pub use call::{
     Call, Opaque, OutText, RESERVED_IS_SET, ToResult, call, code_getter, getter, getter_or,
     put_text,
 };
-pub use out::{OutArray, OutPointer};
+pub use result::{OutArray, OutPointer};

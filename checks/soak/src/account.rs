@@ -293,7 +293,9 @@ impl Account {
 
     /// Frames that came in images.
     pub fn arrived(&self) -> u64 {
-        let sum = |it: &ChannelStatistics| it.frames_received + it.frames_not_taken;
+        let sum = |statistics: &ChannelStatistics| {
+            statistics.frames_received + statistics.frames_not_taken
+        };
         sum(&self.ended) + sum(&self.now)
     }
 

@@ -298,7 +298,8 @@ impl Connection {
             let result = side.account.result_of_client(&number, event);
             return result.map_err(|text| side.named(&text));
         }
-        let selects = |it: &Subscription| it.selects(gateway, channel, event, &frame);
+        let selects =
+            |subscription: &Subscription| subscription.selects(gateway, channel, event, &frame);
         if !self.subscription.as_ref().is_some_and(selects) {
             return Err(format!("not subscribed: {report:?}"));
         }

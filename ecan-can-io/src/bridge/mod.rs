@@ -9,7 +9,6 @@
 mod client_queue;
 mod clients;
 mod config;
-mod connection;
 #[cfg(test)]
 mod frame_strategies;
 mod server;
@@ -18,7 +17,6 @@ mod slcan;
 #[cfg(feature = "socketcan")]
 mod socketcan;
 mod socketcand;
-mod writer;
 
 pub use clients::{ClientFrame, ClientId, Clients};
 pub use config::{

@@ -12,13 +12,11 @@ use std::{fmt, io, thread};
 
 use ecan_protocol::can::CanFrame;
 
-use super::client_queue::ClientQueue;
+use super::client_queue::{ClientQueue, Writer};
 use super::clients::{ClientFrame, ClientId, Clients};
 use super::config::{BridgeConfig, BridgeProtocol, BridgeStatistics, BusRates, Uplink, count};
-use super::connection;
-use super::connection::{Connection, Terminal, TerminalLine};
-use super::session::Session;
-use super::writer::Writer;
+use super::session;
+use super::session::{Connection, Session, Terminal, TerminalLine};
 
 /// Interval of polling for a new client. Stopping does not wait for it.
 const ACCEPT_INTERVAL: Duration = Duration::from_millis(10);
@@ -129,7 +127,7 @@ impl Acceptor {
         let admit = || -> io::Result<Option<(Connection, ClientId)>> {
             stream.set_nonblocking(false)?;
             stream.set_nodelay(true)?;
-            connection::watch(&stream)?;
+            session::watch(&stream)?;
             let connection = Connection::Tcp(stream);
             let peer = connection.peer();
             let id = self.clients.join(connection.try_clone()?, peer, queue.clone());

@@ -132,7 +132,7 @@ impl Given {
             return Some(Self::Integer(sign * i128::from(value)));
         }
         // Not "nan" or "inf", which may be texts of a signal.
-        if !digits.starts_with(|it: char| it.is_ascii_digit() || it == '.') {
+        if !digits.starts_with(|character: char| character.is_ascii_digit() || character == '.') {
             return None;
         }
         // Larger ones are in no signal, and their differences would overflow.
@@ -158,7 +158,7 @@ impl Signal {
             return self.raw_of_physical(number, text);
         }
         let exact = self.texts.iter().find(|(_, it)| it == text);
-        let same = |it: &&(i64, String)| it.1.eq_ignore_ascii_case(text);
+        let same = |pair: &&(i64, String)| pair.1.eq_ignore_ascii_case(text);
         if let Some((value, _)) = exact.or_else(|| self.texts.iter().find(same)) {
             let value = i128::from(*value);
             return self.checked(value).ok_or_else(|| self.out_of_range(text));

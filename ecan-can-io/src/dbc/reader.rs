@@ -256,7 +256,8 @@ impl<'a> Reader<'a> {
 
     /// Sets the conditions of multiplexed signals.
     fn multiplex(&mut self, read: &mut ReadMessage<'_>) {
-        let is_multiplexer = |it: &MultiplexIndicator| *it == MultiplexIndicator::Multiplexor;
+        let is_multiplexer =
+            |indicator: &MultiplexIndicator| *indicator == MultiplexIndicator::Multiplexor;
         let count = read.indicators.iter().filter(|indicator| is_multiplexer(indicator)).count();
         let multiplexer = read.indicators.iter().position(is_multiplexer);
         for (at, indicator) in read.indicators.iter().enumerate() {
@@ -334,7 +335,9 @@ fn fault(text: &str, error: &SyntaxError<Rule>) -> DbcFault {
         error.line_col;
     let content = text.lines().nth(line.saturating_sub(1)).unwrap_or_default();
     // No control sequence of the file reaches a terminal.
-    let printable = |it: char| if it.is_control() { char::REPLACEMENT_CHARACTER } else { it };
+    let printable = |character: char| {
+        if character.is_control() { char::REPLACEMENT_CHARACTER } else { character }
+    };
     let text = content.trim().chars().take(MAX_QUOTED).map(printable).collect();
     DbcFault { line, kind: FaultKind::Syntax { column, text } }
 }

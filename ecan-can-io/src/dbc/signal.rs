@@ -257,11 +257,11 @@ pub fn find<'a>(
 /// Names that are similar, the most similar first; upper and lower case do not count.
 pub fn similar_to<'a>(name: &str, names: impl Iterator<Item = &'a str>) -> Vec<String> {
     let wanted = name.to_lowercase();
-    let similarity = |it: &str| {
-        let it = it.to_lowercase();
-        match it.contains(&wanted) && wanted.len() >= 3 {
+    let similarity = |text: &str| {
+        let text = text.to_lowercase();
+        match text.contains(&wanted) && wanted.len() >= 3 {
             true => 1.0,
-            false => strsim::jaro_winkler(&it, &wanted),
+            false => strsim::jaro_winkler(&text, &wanted),
         }
     };
     let mut rated: Vec<_> = names.map(|name| (similarity(name), name)).collect();

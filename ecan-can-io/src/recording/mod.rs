@@ -20,7 +20,6 @@
 //! ```
 
 mod asc;
-mod candump;
 mod records;
 mod trc;
 
@@ -42,8 +41,8 @@ impl Recording {
             None => Format::recognize(text).map_err(unknown)?,
         };
         match format {
-            Format::CandumpLog => candump::parse_log(text),
-            Format::CandumpScreen => candump::parse_screen(text, options.screen_times),
+            Format::CandumpLog => records::parse_log(text),
+            Format::CandumpScreen => records::parse_screen(text, options.screen_times),
             Format::Asc => asc::parse(text),
             Format::Trc => trc::parse(text),
         }

@@ -60,9 +60,9 @@ fn cantools_agrees_on_values_and_bytes() {
             assert!(is_equal(signal.value, value), "{line}: {signal}");
         }
         decoded_frames += 1;
-        let is_in_range = |it: &ecan_can_io::dbc::DecodedSignal<'_>| {
-            let value = it.value.as_f64();
-            it.signal.range.is_none_or(|(least, most)| (least..=most).contains(&value))
+        let is_in_range = |decoded: &ecan_can_io::dbc::DecodedSignal<'_>| {
+            let value = decoded.value.as_f64();
+            decoded.signal.range.is_none_or(|(least, most)| (least..=most).contains(&value))
         };
         // cantools was asked to ignore the ranges of the file.
         if ours.signals.iter().all(is_in_range) {

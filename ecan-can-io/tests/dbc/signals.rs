@@ -206,11 +206,11 @@ proptest! {
         let frame = CanFrame::fd(message.id, &data[..message.length], false, false).unwrap();
         let decoded = message.decode(&frame);
         prop_assert_eq!(decoded.missing, 0);
-        let is_finite = |it: Number| it.as_f64().is_finite();
+        let is_finite = |number: Number| number.as_f64().is_finite();
         // Outside the range of the file.
-        let is_allowed = |it: &&ecan_can_io::dbc::DecodedSignal<'_>| {
-            let value = it.value.as_f64();
-            is_finite(it.value) && it.signal.range.is_none_or(|(a, b)| (a..=b).contains(&value))
+        let is_allowed = |decoded: &&ecan_can_io::dbc::DecodedSignal<'_>| {
+            let value = decoded.value.as_f64();
+            is_finite(decoded.value) && decoded.signal.range.is_none_or(|(a, b)| (a..=b).contains(&value))
         };
         let values: Vec<_> = decoded.signals.iter().filter(is_allowed).collect();
         prop_assume!(values.len() == decoded.signals.len());

@@ -10,8 +10,8 @@ fn read(text: &str) -> Recording {
 
 /// Time in microseconds, interface and frame for cansend.
 fn shown(recording: &Recording) -> Vec<(u64, String, String)> {
-    let row = |it: &ecan_can_io::recording::LoggedFrame| {
-        (it.time_ns / 1000, it.interface.clone(), FrameText(&it.frame).to_string())
+    let row = |logged: &ecan_can_io::recording::LoggedFrame| {
+        (logged.time_ns / 1000, logged.interface.clone(), FrameText(&logged.frame).to_string())
     };
     recording.frames.iter().map(row).collect()
 }

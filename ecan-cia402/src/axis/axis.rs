@@ -8,12 +8,10 @@ use ecan_canopen::{
 
 use super::drive_link::DriveLink;
 use super::error::CommandError;
-use super::event::AxisEvent;
 use super::host_loss::HostLoss;
-use super::plan::AxisPlan;
+use super::plan::{AxisEvent, AxisPlan};
 use super::power::{FaultReset, StopCause};
-use super::procedure::HomingConfig;
-use super::procedure::Procedure;
+use super::procedure::{HomingConfig, Procedure};
 use super::process_data::{Output, ProcessData};
 use super::ramp::RampLimits;
 use super::script::axis_script;

@@ -6,10 +6,9 @@ use ecan_canopen::{DriveState, Network};
 
 use super::axis::Axis;
 use super::drive_status::{REST_NS, is_energised};
-use super::event::AxisEvent;
+use super::plan::AxisEvent;
 use super::power::{DISABLE_NS, PowerGoal, Stop, StopCause};
-use super::procedure::ProcedureSituation;
-use super::procedure::{RecoverySituation, RecoveryStep};
+use super::procedure::{ProcedureSituation, RecoverySituation, RecoveryStep};
 use super::setup::{SetupSituation, SetupState, VerificationSituation};
 use super::status::{AxisError, AxisPhase, AxisProgress};
 use super::takeover::Situation;

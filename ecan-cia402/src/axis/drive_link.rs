@@ -6,9 +6,8 @@ use ecan_canopen::{
 
 use super::config::Takeover;
 use super::drive_status::{DrivePoll, DriveStatus, GONE_ATTEMPTS, Round, is_energised};
-use super::event::AxisEvent;
 use super::pdo_layout::Feedback;
-use super::plan::AxisPlan;
+use super::plan::{AxisEvent, AxisPlan};
 use super::power::Stop;
 use super::script::Script;
 use super::takeover::{FirstContact, Situation};

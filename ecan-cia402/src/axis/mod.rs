@@ -8,7 +8,6 @@ pub(crate) mod config;
 pub(crate) mod drive_link;
 mod drive_status;
 pub(crate) mod error;
-mod event;
 pub(crate) mod host_loss;
 pub(crate) mod limits;
 pub(crate) mod pdo_layout;

@@ -5,8 +5,7 @@ use std::time::Duration;
 use ecan_canopen::{Configuring, DriveState, Network, OperatingMode, Statusword, Step, object};
 
 use super::drive_status::DriveStatus;
-use super::event::AxisEvent;
-use super::plan::AxisPlan;
+use super::plan::{AxisEvent, AxisPlan};
 use super::script::{Script, axis_script, mode_steps};
 use super::setup::SetupState;
 use super::status::{AxisError, HomingState};

@@ -8,10 +8,9 @@ use ecan_canopen::{
     OperatingMode, Progress, Step, StepFailure, StepFault, TransmissionType, object,
 };
 
-use super::event::AxisEvent;
 use super::host_loss::{HostLoss, StopOptions};
 use super::limits::DriveLimits;
-use super::plan::AxisPlan;
+use super::plan::{AxisEvent, AxisPlan};
 use super::script::{Script, axis_index, axis_script, mode_steps};
 use super::units::{DriveUnits, ScaleFinding, ScaleSource};
 use crate::guard::terms::GuardLimits;

@@ -10,9 +10,8 @@ use ecan_protocol::sequence::{Action, SdoValue};
 
 use super::config::Takeover;
 use super::drive_status::{DrivePoll, DriveStatus, GONE_ATTEMPTS};
-use super::event::AxisEvent;
 use super::pdo_layout::TargetObject;
-use super::plan::AxisPlan;
+use super::plan::{AxisEvent, AxisPlan};
 use super::script::{Script, axis_script};
 
 /// Attempts without an answer after which a drive that was enabled at the first contact counts as gone: until

@@ -410,8 +410,8 @@ fn drive_that_may_hold_an_earlier_target_is_not_activated_enabled() {
         guard.hold();
         guard.activate();
         let mut decisions = (0..8).map(|_| cycle(&mut guard, &good(position), None));
-        let is_answer = |it: &Decision| {
-            it.target().is_some() || *it == Decision::Wait(WaitReason::HoldsOldTarget)
+        let is_answer = |decision: &Decision| {
+            decision.target().is_some() || *decision == Decision::Wait(WaitReason::HoldsOldTarget)
         };
         decisions.find(is_answer).unwrap()
     };

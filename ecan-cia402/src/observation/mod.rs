@@ -1,10 +1,7 @@
 //! The axes' part of a snapshot.
 
-mod axes_snapshot;
 pub(crate) mod axis_status;
 mod codes;
 
-pub use axes_snapshot::AxesSnapshot;
-pub use axis_status::AxisStatus;
-
-pub(crate) use axes_snapshot::{AxesWriter, reserve};
+pub use axis_status::{AxesSnapshot, AxisStatus};
+pub(crate) use axis_status::{AxesWriter, reserve};

@@ -12,8 +12,8 @@ use ecan_canopen::{
 use ecan_mcan_port::Port;
 
 use super::cia402::Cia402;
-use super::error::{AxisTimeout, BootTimeout, Cia402Error};
 use super::shutdown::Shutdown;
+use super::table_config::{AxisTimeout, BootTimeout, Cia402Error};
 use crate::axis::axis::{Axis, AxisCommand, StopKind};
 use crate::axis::setup::SetupState;
 use crate::axis::status::AxisProgress;

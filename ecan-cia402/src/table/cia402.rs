@@ -7,13 +7,11 @@ use ecan_host::QuickStops;
 use ecan_mcan_port::{NotSchedulable, Port, SendOptions};
 use ecan_protocol::image::Schedule;
 
-use super::error::{Cia402Error, ScheduleError};
 use super::load::{BusLoad, process_data};
-use super::lookup::AxisLookup;
 use super::path_stop::{PathGroup, PathStop};
-use super::shared_node::SharedNode;
+use super::shared_node::{AxisLookup, SharedNode};
 use super::shutdown::{Ending, Shutdown};
-use super::table_config::{Cia402Config, TargetClock, checked};
+use super::table_config::{Cia402Config, Cia402Error, ScheduleError, TargetClock, checked};
 use crate::axis::axis::Axis;
 use crate::axis::config::AxisConfig;
 use crate::axis::error::CommandError;

@@ -7,7 +7,7 @@ use ecan_protocol::can::{CanId, FrameKind, FrameRef};
 use ecan_protocol::mapping::CHANNELS;
 
 use super::cia402::Cia402;
-use super::lookup::AxisLookup;
+use super::shared_node::AxisLookup;
 use crate::axis::axis::{Axis, AxisCommand, StopKind};
 use crate::axis::pdo_layout::RpdoBytes;
 use crate::axis::target_path::TargetTurn;

@@ -7,8 +7,8 @@ use ecan_mcan_port::Port;
 
 use super::blocking::Blocking;
 use super::cia402::Cia402;
-use super::error::{AxisTimeout, Cia402Error};
 use super::shutdown::Shutdown;
+use super::table_config::{AxisTimeout, Cia402Error};
 use crate::axis::axis::{Axis, AxisCommand, StopKind};
 use crate::axis::config::AxisConfig;
 use crate::axis::error::CommandError;

@@ -3,10 +3,8 @@
 mod blocking;
 mod cia402;
 mod cycle;
-mod error;
 mod handles;
 mod load;
-mod lookup;
 mod path_stop;
 mod shared_node;
 mod shutdown;
@@ -15,9 +13,11 @@ mod table_config;
 pub use blocking::{AxisOwner, Blocking};
 pub use cia402::Cia402;
 pub use cycle::SendSummary;
-pub use error::{AxisFaults, AxisTimeout, BootTimeout, Cia402Error, ScheduleError};
 pub use handles::{AxisHandle, AxisRef, Target};
 pub use load::{BusLoad, LoadWarning, axis_traffic};
 pub use path_stop::PathStop;
 pub use shutdown::Shutdown;
-pub use table_config::{Cia402Config, axis_conflicts, axis_faults};
+pub use table_config::{
+    AxisFaults, AxisTimeout, BootTimeout, Cia402Config, Cia402Error, ScheduleError, axis_conflicts,
+    axis_faults,
+};

@@ -4,9 +4,9 @@ use std::time::Duration;
 
 use tracing::{info, warn};
 
+use super::bring_up::StartupRounds;
 use super::cycle_clock::deadline_ns;
 use super::slave::Slave;
-use super::startup_rounds::StartupRounds;
 use super::{Adapter, StopCheck, should_stop};
 use crate::bus::{Diagnostics, run_in_parallel};
 use crate::config::StartupStep;

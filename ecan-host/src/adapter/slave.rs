@@ -11,9 +11,8 @@ use super::al_status::AlStatusWatch;
 use crate::bus::mapping::Unit;
 use crate::bus::{CapabilityValues, Diagnostics, mapping};
 use crate::config::{AdapterConfig, Identity, SlaveConfig, StartupStep, WATCHDOG_UNIT};
-use crate::datagrams::DomainLayout;
 use crate::error::Error;
-use crate::exchange::{CycleError, DomainReport};
+use crate::exchange::{CycleError, DomainLayout, DomainReport};
 use crate::master::{
     DomainId, ImageId, Master, RegRequestId, SlaveConfigId, SlaveConfigState, WcState,
 };

@@ -79,7 +79,7 @@ pub fn slave_kinds<I: SlaveQuery>(inquiry: &I, slaves: &[usize]) -> Vec<SlaveKin
         .filter_map(|(slave, _)| inquiry.identity(*slave).ok())
         .collect();
     // Of a slave whose SII could not be read the master has zeros.
-    let is_known = |it: &Identity| (it.vendor_id, it.product_code) != (0, 0);
+    let is_known = |identity: &Identity| (identity.vendor_id, identity.product_code) != (0, 0);
     for (slave, kind) in slaves.iter().zip(&mut kinds).filter(|(_, kind)| is_unknown(kind)) {
         let own = inquiry.identity(*slave).ok().filter(is_known);
         if own.is_some_and(|own| !of_gateways.is_empty() && !of_gateways.contains(&own)) {

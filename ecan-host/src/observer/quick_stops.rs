@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use super::handle::Shared;
+use super::commands::Shared;
 
 /// A quick stop that an [`Observer`](crate::Observer) commanded.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -5,13 +5,11 @@ use std::sync::{Arc, PoisonError};
 
 use thiserror::Error;
 
-use super::commands::{CommandTicket, Executed};
-use super::handle::Observer;
+use super::commands::{CommandTicket, Executed, Observer, Shared};
 use super::ring::{Ring, Section, SectionWriter};
 use crate::cycle_timing::CycleStart;
 use crate::exchange::{Delivery, DomainReport};
 use crate::master::WcState;
-use crate::observer::handle::Shared;
 use crate::observer::quick_stops::QuickStops;
 
 /// Words of the cycle, and of each slave.

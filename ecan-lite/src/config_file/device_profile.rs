@@ -179,7 +179,7 @@ pub(crate) fn read(table: &mut Table<'_, '_>, gateway: usize) -> Option<Included
 }
 
 fn load(path: &Path) -> Result<DeviceProfile, ConfigFileError> {
-    super::input::load_by(path, DeviceProfile::parse)
+    super::document::load_by(path, DeviceProfile::parse)
 }
 
 fn of_text(name: &str, text: Option<&String>) -> Result<DeviceProfile, ConfigFileError> {

@@ -1,21 +1,24 @@
 //! A TOML document that is read key by key. Every fault is kept with its location, and each key that is not
 //! read is a fault.
 
+mod table;
+mod values;
+
 use std::cell::RefCell;
 use std::collections::{BTreeMap, BTreeSet};
+use std::fs::File;
+use std::io;
+use std::io::Read;
 use std::ops::Range;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
 
 pub(crate) use table::{Form, Recorder, Table};
 use toml::Spanned;
 use toml::de::DeTable;
 pub(crate) use values::store;
 
-use super::fault::TextLines;
-use crate::config_file::fault::FileFaults;
-
-mod table;
-mod values;
+use super::fault::{ConfigFileError, FileFaults, TextLines};
 
 /// Files that a text may include, by their names in it.
 #[derive(Clone, Debug, Default)]
@@ -158,4 +161,47 @@ impl<'i> Document<'i> {
     fn finish(self) -> Result<(), FileFaults> {
         self.text.finish(self.faults.take())
     }
+}
+
+/// No configuration is larger; the path may be a device, or a log by mistake.
+const MAX_BYTES: u64 = 16 << 20;
+
+/// Standard input: it can be read once, and a configuration is read in parts.
+static STANDARD_INPUT: Mutex<Option<Vec<u8>>> = Mutex::new(None);
+
+/// Reads the bytes of a file of at most 16 MiB; `-` is standard input, which is kept for later calls of
+/// the process.
+///
+/// # Errors
+/// The file cannot be read or is larger.
+pub fn read_bytes(path: impl AsRef<Path>) -> io::Result<Vec<u8>> {
+    let path = path.as_ref();
+    if path != Path::new("-") {
+        return limited(File::open(path)?);
+    }
+    let mut kept = STANDARD_INPUT.lock().unwrap_or_else(PoisonError::into_inner);
+    match &*kept {
+        Some(bytes) => Ok(bytes.clone()),
+        None => Ok(kept.insert(limited(io::stdin())?).clone()),
+    }
+}
+
+fn limited(input: impl Read) -> io::Result<Vec<u8>> {
+    let mut bytes = Vec::new();
+    input.take(MAX_BYTES + 1).read_to_end(&mut bytes)?;
+    if bytes.len() as u64 > MAX_BYTES {
+        let reason = "larger than 16 MiB; not a configuration file";
+        return Err(io::Error::new(io::ErrorKind::FileTooLarge, reason));
+    }
+    Ok(bytes)
+}
+
+/// Reads a file and parses its bytes.
+pub(crate) fn load_by<T>(
+    path: &Path,
+    parse: impl FnOnce(&[u8]) -> Result<T, FileFaults>,
+) -> Result<T, ConfigFileError> {
+    let bytes = read_bytes(path)
+        .map_err(|reason| ConfigFileError::Read { path: path.to_owned(), reason })?;
+    parse(&bytes).map_err(|faults| ConfigFileError::Faults { path: path.to_owned(), faults })
 }

@@ -28,7 +28,6 @@
 
 mod axis;
 mod bus;
-mod check;
 mod compare;
 mod device;
 mod device_profile;
@@ -37,7 +36,6 @@ pub mod export;
 mod fault;
 mod fields;
 mod gateway;
-mod input;
 mod load;
 mod network;
 mod node;
@@ -47,9 +45,9 @@ pub use bus::ServiceSettings;
 pub use compare::{Difference, Expected, differences, missing_entries};
 pub use device::{ConfigChecksums, FlashCommand, ResolveError, ResolvedGateway, apply, find};
 pub use device_profile::{DeviceProfile, IncludedProfile, ProfileEffect};
+pub use document::read_bytes;
 pub use fault::{ConfigFileError, FileFault, FileFaults};
 pub use gateway::DEFAULT_N;
-pub use input::read_bytes;
 pub use load::{
     load, load_axes, load_axis_names, load_network, load_network_settings, load_nodes,
     load_profiles, load_service, parse, parse_axes, parse_with, startup,

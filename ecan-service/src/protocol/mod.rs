@@ -7,14 +7,12 @@
 //!
 //! Any byte string is read or rejected with an error; nothing here panics.
 
-mod axis_state;
 mod frames;
 mod message;
 mod requests;
 mod rpc;
 mod state;
 
-pub use axis_state::AxisState;
 pub use frames::{
     CAN_EFF_FLAG, CAN_ERR_FLAG, CAN_RTR_FLAG, CANFD_BRS, CANFD_ESI, CANFD_FDF, FRAME_RECORD_BYTES,
     FrameEvent, FrameRecord, FrameRecords, FrameReport, IMAGE_HEAD_BYTES, ImageMessage,
@@ -38,8 +36,8 @@ pub use rpc::{
     SdoDirection, WRONG_VERSION,
 };
 pub use state::{
-    Access, ActiveConfig, AssignedParams, AssignedPdo, Axes, BusState, Channel, ClientStats,
-    Counters, CycleState, Gateway, GatewayState, GatewaysChanged, Hello, HelloParams, Link,
-    LinkParams, MAX_NAME_BYTES, PROTOCOL_VERSION, PdoEntry, PortKind, SampledTimes, ServiceStats,
-    SessionState, Slave, SlaveParams, SlavePort, State, clean_name,
+    Access, ActiveConfig, AssignedParams, AssignedPdo, Axes, AxisState, BusState, Channel,
+    ClientStats, Counters, CycleState, Gateway, GatewayState, GatewaysChanged, Hello, HelloParams,
+    Link, LinkParams, MAX_NAME_BYTES, PROTOCOL_VERSION, PdoEntry, PortKind, SampledTimes,
+    ServiceStats, SessionState, Slave, SlaveParams, SlavePort, State, clean_name,
 };

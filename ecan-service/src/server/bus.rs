@@ -12,7 +12,7 @@ use serde_json::Value;
 
 use super::bus_calls::BusCall;
 use super::bus_view::{BusView, nanoseconds};
-use super::extension::{Permission, result_value};
+use super::config::{Permission, result_value};
 use super::frame_feed::{FrameFeed, Owner};
 use super::job_queue::{ClientId, Requester};
 use super::metrics::{MetricsSample, ObjectValues};

@@ -6,12 +6,12 @@ use ecan_host::{
 };
 use serde_json::Value;
 
+use super::config::result_value;
 use crate::protocol::{
     AssignedParams, AssignedPdo, BusError, BusState, DownloadParams, Empty, Link, LinkParams,
     Method, PdoEntry, PortKind, RawRequest, RpcError, SdoDirection, Slave, SlaveParams, SlavePort,
     Upload, UploadParams, methods,
 };
-use crate::server::extension::result_value;
 
 /// A request about the bus, whose parameters are checked.
 #[derive(Debug)]

@@ -9,7 +9,6 @@ mod bus_calls;
 mod bus_view;
 mod client;
 mod config;
-mod extension;
 mod frame_feed;
 mod job_queue;
 mod listener;
@@ -22,8 +21,9 @@ mod session;
 mod shared;
 mod workers;
 
-pub use config::{Control, ServiceConfig, ServiceError};
-pub use extension::{Extension, Permission, parse_params, result_value};
+pub use config::{
+    Control, Extension, Permission, ServiceConfig, ServiceError, parse_params, result_value,
+};
 pub use metrics::{MetricsAddress, MetricsAddressError, MetricsConfig};
 pub use service::{ServePort, Service};
 #[doc(hidden)]

@@ -5,9 +5,9 @@ use std::os::fd::AsFd;
 
 use nix::unistd::{Gid, Group, Uid, User, getgrouplist};
 
+use super::config::Permission;
 use crate::protocol::Access;
 use crate::server::config::{Control, ServiceError};
-use crate::server::extension::Permission;
 
 /// Process and user of a client.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

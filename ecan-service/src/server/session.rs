@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use serde_json::{Value, json};
 
-use super::extension::{Permission, result_value};
+use super::config::{Permission, result_value};
 use super::job_queue::{CLIENT_LIMIT, ClientId, QueueLimit, Requester, TOTAL_LIMIT, USER_LIMIT};
 use super::output_queue::{OutputQueue, rejection};
 use crate::protocol::{

@@ -11,10 +11,10 @@ use nix::time::{ClockId, clock_gettime};
 use rustix::event::{EventfdFlags, eventfd};
 use serde_json::{Value, json};
 
+use super::config::{Extension, Permission};
 use super::listener::enter_background;
 use crate::protocol::{Access, DEFAULT_MAX_AGE_MS, EXPIRED, RawRequest, RpcError};
 use crate::server::bus_calls::{BusCall, BusCalls};
-use crate::server::extension::{Extension, Permission};
 use crate::server::job_queue::{ClientId, JobKey, JobQueue, Lane, QueueLimit, Requester};
 use crate::server::session::no_such_method;
 

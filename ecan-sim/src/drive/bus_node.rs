@@ -8,10 +8,9 @@ use ecan_canopen::{
 };
 use ecan_protocol::can::{CanFrame, FrameKind};
 
-use super::axis_unit::AxisUnit;
 use super::config::DriveConfig;
 use super::device::Device;
-use super::model::ObjectModel;
+use super::model::{AxisUnit, ObjectModel};
 use super::objects::ObjectSource;
 use super::pdo::StandardIds;
 use super::sdo_server::SdoServer;

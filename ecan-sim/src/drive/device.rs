@@ -8,9 +8,8 @@ use ecan_canopen::{
 };
 use ecan_protocol::can::CanId;
 
-use super::axis_unit::AxisUnit;
 use super::config::{DriveConfig, SdoRule};
-use super::model::ObjectModel;
+use super::model::{AxisUnit, ObjectModel};
 use super::network::{Guarding, LssAction, LssSlave, Network, lss_address, send};
 use super::objects::ObjectSource;
 use super::pdo::valid_pdo_id;

@@ -7,7 +7,6 @@
 
 mod axis;
 mod axis_commands;
-mod axis_unit;
 mod bus_node;
 mod config;
 mod device;

@@ -7,11 +7,10 @@ use ecan_protocol::config::{
 use ecan_protocol::device::{AlState, AlStatusCode};
 use ecan_protocol::mapping::{CHANNELS, Direction};
 
-use super::board::PinRotation;
 use super::channel::Channel;
 use super::channel_control;
 use super::channel_control::FIRST_CHANNEL_OBJECT;
-use super::config::GatewayModelConfig;
+use super::config::{GatewayModelConfig, PinRotation};
 use super::configuration_image::ConfigurationImage;
 use super::controller::ControllerConfig;
 use super::data_path::DataPath;
@@ -315,8 +314,9 @@ impl Application {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
     use ecan_protocol::config::ProfileStatus;
+
+    use super::*;
 
     const APPLY_STATUS: u8 = channel_control::subindex::APPLY_STATUS;
 

@@ -19,7 +19,6 @@
 
 mod al_state;
 mod application;
-mod board;
 mod channel;
 mod channel_control;
 mod config;
@@ -42,7 +41,6 @@ mod object_server;
 mod pdo;
 mod profile_control;
 mod receive_path;
-mod register_service;
 mod sync_managers;
 mod transmit_path;
 pub mod variant;

@@ -5,8 +5,7 @@ use ecan_protocol::device::{AlState, AlStatusCode};
 use ecan_protocol::object::AbortCode;
 
 use super::application::Application;
-use super::board::{Eeprom, PowerSupply};
-use super::config::{GatewayModelConfig, MAILBOXES, Sync0, SyncManagerConfig};
+use super::config::{Eeprom, GatewayModelConfig, MAILBOXES, PowerSupply, Sync0, SyncManagerConfig};
 use super::configuration_store::ConfigurationStore;
 use super::diagnostics::GatewayCounters;
 use super::ethercat_side::{EthercatSide, Firmware};

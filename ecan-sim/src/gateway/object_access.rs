@@ -14,9 +14,8 @@ use ecan_protocol::object::{
 };
 
 use super::application::Application;
-use super::board::PowerSupply;
 use super::channel_control::subindex::{APPLY_STATUS, FLASH_STATUS};
-use super::config::GatewayModelConfig;
+use super::config::{GatewayModelConfig, PowerSupply};
 use super::configuration_store::{Completion, ConfigurationStore, Target};
 use super::ethercat_side::EthercatSide;
 use super::fault::PendingFaults;
@@ -25,9 +24,8 @@ use super::maintenance::{
     CYCLE_PERFORMANCE, Command, DIAGNOSTIC_TEST, FIRST_DATA_PATH, GLOBAL_DATA_PATH, MAINTENANCE,
     MAINTENANCE_COMMAND, MODE_TIMEOUT, Maintenance, PendingCommand,
 };
-use super::object_server::{ObjectServer, Payload, TEST_REJECT_REASON};
+use super::object_server::{ObjectServer, Payload, RegisterService, TEST_REJECT_REASON};
 use super::profile_control::{COMMAND_CLEAR_ERRORS, COMMAND_RESET_SESSION};
-use super::register_service::RegisterService;
 use super::variant::{ChannelApplyInOp, GatewayVariant, MappedSubindex};
 
 /// Name of the device: 0x1008, and in the SII.

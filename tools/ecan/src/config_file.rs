@@ -62,3 +62,13 @@ pub fn resolve_failure(fault: ResolveError) -> Failure {
         }
     }
 }
+
+/// Reads a file; `-` is standard input.
+pub fn read_input(path: &Path) -> Result<Vec<u8>> {
+    ecan_lite::config::read_bytes(path).map_err(|error| Failure::file("read", path, error))
+}
+
+/// Reads a text file; `-` is standard input.
+pub fn read_input_text(path: &Path) -> Result<String> {
+    String::from_utf8(read_input(path)?).map_err(|error| Failure::file("read", path, error))
+}

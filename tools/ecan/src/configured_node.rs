@@ -71,9 +71,14 @@ impl ConfiguredNodes {
 
     /// The node on a channel of the only gateway of the file; `None` for a file with several.
     pub fn of_only_gateway(&self, channel: u8, node: NodeId) -> Option<&NodeDescription> {
-        let is_it =
-            |it: &&NodeDescription| (it.address.channel, it.address.node) == (channel, node);
-        self.network.nodes.iter().find(is_it).filter(|_| self.config.adapter.slaves.len() == 1)
+        let has_address = |described: &&NodeDescription| {
+            (described.address.channel, described.address.node) == (channel, node)
+        };
+        self.network
+            .nodes
+            .iter()
+            .find(has_address)
+            .filter(|_| self.config.adapter.slaves.len() == 1)
     }
 
     /// The slave of a gateway of the file, by its index there; `None` if the file has only this one.

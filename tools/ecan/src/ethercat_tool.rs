@@ -102,7 +102,7 @@ impl ToolError {
                                was installed with the module",
             ),
         ];
-        let fits = |it: &&(&str, &str)| self.is_about_host() && message.contains(it.0);
+        let fits = |pair: &&(&str, &str)| self.is_about_host() && message.contains(pair.0);
         remedies.iter().find(fits).map_or("", |(_, remedy)| remedy)
     }
 }

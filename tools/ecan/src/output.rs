@@ -1,15 +1,18 @@
 //! Output of the program: text for people, JSON for programs.
 
 use std::error::Error;
-use std::io::{self, Write};
+use std::io;
+use std::io::{BufRead, IsTerminal, Write};
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Mutex, PoisonError};
+use std::time::{Duration, Instant};
 
-use ecan_tool_support::command_line::screen::{self, CleanWriter, Content, Sequence, Stream};
+use ecan_tool_support::command_line::screen;
+use ecan_tool_support::command_line::screen::{CleanWriter, Content, Sequence, Stream};
 use serde::Serialize;
 
 use crate::failure::{Failure, Result};
 use crate::global::Color;
-use crate::progress;
 
 #[derive(Clone, Copy, Debug)]
 pub struct Output {
@@ -60,7 +63,7 @@ impl Output {
     }
 
     pub fn stream(&self) -> CleanWriter {
-        progress::clear();
+        clear();
         let stream = if self.is_on_stderr { Stream::Error } else { Stream::Output };
         let content = if self.json { Content::Json } else { Content::Text };
         CleanWriter::with_content(stream, content)
@@ -171,7 +174,7 @@ pub fn note(text: impl std::fmt::Display) {
     if IS_FULL_SCREEN.load(Ordering::Relaxed) {
         return;
     }
-    progress::clear();
+    clear();
     screen::print(Stream::Error, format_args!("{text}\n"));
 }
 
@@ -179,5 +182,154 @@ fn unless_reader_gone(printed: io::Result<()>) -> Result {
     match printed.map_err(Failure::from) {
         Err(Failure::ReaderGone) => Ok(()),
         other => other,
+    }
+}
+
+/// Prints a row per item with columns as wide as their widest cell; the last column is not padded.
+pub fn print<T, const N: usize>(
+    out: &mut dyn Write,
+    items: impl IntoIterator<Item = T>,
+    mut row: impl FnMut(T) -> [String; N],
+) -> io::Result<()> {
+    // A line break of a name does not begin a row.
+    let cell = |text: String| text.replace('\n', "\\n").replace('\t', "\\t");
+    let rows: Vec<_> = items.into_iter().map(|item| row(item).map(cell)).collect();
+    let width = |column: usize| rows.iter().map(|row| screen::width(&row[column])).max();
+    let widths: [usize; N] = std::array::from_fn(|column| width(column).unwrap_or(0));
+    for row in &rows {
+        let mut line = String::new();
+        for (cell, width) in row.iter().zip(widths) {
+            line.push_str(cell);
+            let gap = (width + 2).saturating_sub(screen::width(cell));
+            line.extend(std::iter::repeat_n(' ', gap));
+        }
+        writeln!(out, "{}", line.trim_end())?;
+    }
+    Ok(())
+}
+
+/// As [`print`], after a row of titles.
+pub fn print_with_titles<T, const N: usize>(
+    out: &mut dyn Write,
+    titles: [&str; N],
+    items: impl IntoIterator<Item = T>,
+    row: impl FnMut(T) -> [String; N],
+) -> io::Result<()> {
+    let titles = [titles.map(str::to_owned)];
+    print(out, titles.into_iter().chain(items.into_iter().map(row)), |row| row)
+}
+
+/// Text of a value in a table, `-` without one.
+pub fn or_dash(value: Option<impl ToString>) -> String {
+    value.map_or_else(|| "-".to_owned(), |value| value.to_string())
+}
+
+/// Time after which the line appears.
+const PATIENCE: Duration = Duration::from_secs(2);
+const REDRAW: Duration = Duration::from_millis(200);
+
+/// The terminal is one for all threads.
+static LINE: Mutex<Option<Line>> = Mutex::new(None);
+
+struct Line {
+    subject: String,
+    started: Instant,
+    drawn: Option<Instant>,
+    transfers: u32,
+}
+
+/// Shows the progress of SDO transfers until it is dropped; nothing unless standard error is a
+/// terminal.
+pub struct Progress(());
+
+impl Progress {
+    /// `subject`: what is done, for example "reading slave 0".
+    pub fn show(subject: impl Into<String>) -> Self {
+        if Stream::Error.is_terminal() {
+            let line = Line {
+                subject: subject.into(),
+                started: Instant::now(),
+                drawn: None,
+                transfers: 0,
+            };
+            *lock() = Some(line);
+        }
+        Self(())
+    }
+}
+
+impl Drop for Progress {
+    fn drop(&mut self) {
+        clear();
+        *lock() = None;
+    }
+}
+
+/// Counts an SDO transfer.
+pub fn step() {
+    let mut line = lock();
+    let Some(line) = &mut *line else { return };
+    line.transfers += 1;
+    if line.started.elapsed() < PATIENCE || line.drawn.is_some_and(|drawn| drawn.elapsed() < REDRAW)
+    {
+        return;
+    }
+    line.drawn = Some(Instant::now());
+    let Line { subject, transfers, started, .. } = line;
+    let seconds = started.elapsed().as_secs();
+    screen::print(
+        Stream::Error,
+        format_args!("{}{subject}: {transfers} transfers, {seconds} s", Sequence::ClearLine),
+    );
+}
+
+/// Removes the line before other output; the next transfer shows it again.
+pub fn clear() {
+    if let Some(line) = &mut *lock()
+        && line.drawn.take().is_some()
+    {
+        screen::print(Stream::Error, Sequence::ClearLine);
+    }
+}
+
+fn lock() -> std::sync::MutexGuard<'static, Option<Line>> {
+    LINE.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Asks on the terminal, unless `--yes` was given. `what` is the action to confirm; `rejected`
+/// states what was not done.
+pub fn confirm(
+    is_granted: bool,
+    what: &str,
+    question: std::fmt::Arguments<'_>,
+    rejected: &str,
+) -> Result {
+    if is_granted {
+        return Ok(());
+    }
+    let stdin = std::io::stdin();
+    if !stdin.is_terminal() {
+        return Err(Failure::Usage(format!("cannot ask for confirmation of {what}; use --yes")));
+    }
+    let mut screen = CleanWriter::new(Stream::Error);
+    // If the question cannot be written, nothing is confirmed.
+    let _ = write!(screen, "{question} [y/N] ").and_then(|()| screen.flush());
+    let mut answer = String::new();
+    stdin.lock().read_line(&mut answer).map_err(Failure::Input)?;
+    match answer.trim() {
+        "y" | "Y" | "yes" => Ok(()),
+        _ => Err(Failure::Usage(format!("{rejected}: not confirmed"))),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+
+    #[test]
+    fn columns_are_aligned() {
+        let rows = [["a", "long one", ""], ["bcd", "x", "end"]];
+        let mut out = Vec::new();
+        super::print(&mut out, rows, |row| row.map(str::to_owned)).unwrap();
+        assert_eq!(String::from_utf8(out).unwrap(), "a    long one\nbcd  x         end\n");
     }
 }

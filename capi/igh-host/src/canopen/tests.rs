@@ -16,7 +16,6 @@ use crate::cia402::context::*;
 use crate::cia402::cycle::*;
 use crate::cia402::numbers::igh_canopen_nmt_state_t;
 use crate::cia402::sdo::igh_canopen_sdo_upload;
-use crate::cia402::start_up::*;
 use crate::cia402::state::*;
 use crate::mcan_port::config::*;
 use crate::mcan_port::config_file::*;

@@ -8,7 +8,6 @@ pub mod cycle;
 pub mod drive_values;
 pub mod numbers;
 pub mod sdo;
-pub mod start_up;
 pub mod state;
 
 #[cfg(all(test, feature = "sim"))]

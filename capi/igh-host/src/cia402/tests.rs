@@ -13,7 +13,6 @@ use super::context::*;
 use super::cycle::*;
 use super::numbers::{igh_canopen_nmt_t, igh_cia402_drive_state_t, igh_cia402_mode_t};
 use super::sdo::*;
-use super::start_up::*;
 use super::state::*;
 use crate::adapter::config::*;
 use crate::adapter::context::*;

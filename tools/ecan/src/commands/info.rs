@@ -11,10 +11,9 @@ use ecan_protocol::object::object;
 use serde::Serialize;
 
 use crate::context::{Bus, Context, Failure, Output, Result, Tone};
-use crate::readings::{Readings, not_read};
+use crate::output;
 use crate::slave_choice::{AllArgument, Recognised};
-use crate::table;
-use crate::value::Value;
+use crate::value::{Readings, Value, not_read};
 
 #[derive(Debug, Serialize)]
 struct Profile {
@@ -208,7 +207,7 @@ fn print(info: &Info, output: &Output, out: &mut dyn Write) -> std::io::Result<(
         let status = output.toned(tone, &it.words);
         rows.push([name, format!("{rates}  {status}")]);
     }
-    table::print(out, rows, |row| row)
+    output::print(out, rows, |row| row)
 }
 
 #[derive(Debug, Serialize)]
@@ -253,7 +252,7 @@ pub fn run_caps(context: &Context) -> Result {
 }
 
 fn print_capabilities(capabilities: &[Capability], out: &mut dyn Write) -> std::io::Result<()> {
-    table::print(out, capabilities, |row| {
+    output::print(out, capabilities, |row| {
         let entry = object(Capabilities::INDEX).and_then(|object| object.entry(row.subindex));
         let value = match row.value {
             Some(value) => Value::Unsigned(value.into()).text(entry),

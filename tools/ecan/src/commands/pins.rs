@@ -8,7 +8,7 @@ use ecan_protocol::mapping::CHANNELS;
 use serde::Serialize;
 
 use crate::context::{Bus, Context, Failure, Result};
-use crate::table;
+use crate::output;
 
 const SYSTEM: u16 = 0x8000;
 const REQUESTED: u8 = 12;
@@ -91,5 +91,5 @@ fn print(pins: &Pins, out: &mut dyn Write) -> std::io::Result<()> {
     ];
     let groups = pins.pin_groups.iter().enumerate();
     let groups = groups.map(|(channel, it)| [format!("CAN{channel}"), format!("pin group {it}")]);
-    table::print(out, rows.into_iter().chain(groups), |row| row)
+    output::print(out, rows.into_iter().chain(groups), |row| row)
 }

@@ -247,9 +247,9 @@ const FRAME_ID: u16 = 0x123;
 
 /// Traffic sent; the same amount is received. Channels of one direction have traffic in that one.
 fn plan_traffic(arguments: &PlanArguments, planned: &Planned) -> Result<Vec<FrameStream>> {
-    let carries = |it: &FrameStream, direction| {
-        let gateway = planned.port.gateways.get(it.slave);
-        gateway.is_some_and(|gateway| gateway.carries(direction, it.channel))
+    let carries = |stream: &FrameStream, direction| {
+        let gateway = planned.port.gateways.get(stream.slave);
+        gateway.is_some_and(|gateway| gateway.carries(direction, stream.channel))
     };
     let (all, sent) = match &arguments.replay {
         Some(path) => {
@@ -258,7 +258,7 @@ fn plan_traffic(arguments: &PlanArguments, planned: &Planned) -> Result<Vec<Fram
         }
         None => {
             let all = spread_evenly(arguments, planned)?;
-            let sends = |it: &&FrameStream| carries(it, Direction::RxPdo);
+            let sends = |stream: &&FrameStream| carries(stream, Direction::RxPdo);
             let sent = all.iter().filter(sends).copied().collect();
             (all, sent)
         }
@@ -314,9 +314,9 @@ fn read_traffic(path: &Path, planned: &Planned) -> Result<Vec<FrameStream>> {
     let frames = read_recording(path, &ReadOptions::default(), planned.channels, gateways)?.frames;
     let times = || frames.iter().map(|frame| frame.logged.time_ns);
     let (first_ns, last_ns) = (times().min().unwrap_or(0), times().max().unwrap_or(0));
-    let form = |it: &Recorded| {
-        let frame = &it.logged.frame;
-        (it.gateway, it.channel, frame.kind(), frame.len(), frame.id().is_extended())
+    let form = |recorded: &Recorded| {
+        let frame = &recorded.logged.frame;
+        (recorded.gateway, recorded.channel, frame.kind(), frame.len(), frame.id().is_extended())
     };
     let mut groups: Vec<TrafficGroup> = Vec::new();
     for frame in frames {

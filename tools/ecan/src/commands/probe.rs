@@ -22,7 +22,7 @@ use super::diag;
 use super::saved_config::{Changes, Saved};
 use super::selftest::Wiring;
 use crate::context::{Bus, Context, Failure, Output, Result, Tone, note};
-use crate::progress::Progress;
+use crate::output::Progress;
 
 pub const EXAMPLES: &str = "\
 Examples:
@@ -200,7 +200,7 @@ fn restore(bus: &Bus, saved: &Saved) -> Result<String> {
 
 fn progress(experiment: &Experiment) {
     tracing::info!(rows = ?experiment.rows, "{}", experiment.assumption);
-    crate::progress::step();
+    crate::output::step();
 }
 
 fn write_profile(profile: &DeviceProfile, path: &Path) -> Result {

@@ -10,7 +10,7 @@ use serde::Serialize;
 
 use crate::context::{Bus, Context, Failure, Output, Result, Tone, note};
 use crate::frames::ChannelArgument;
-use crate::table;
+use crate::output;
 use crate::value::parse_unsigned;
 
 const OFFSETS: std::ops::RangeInclusive<u64> = 0x0004..=0x0404;
@@ -126,7 +126,7 @@ fn list(output: &Output) -> Result {
         })
         .collect();
     output.data(&listed, |out| {
-        table::print(out, &listed, |row| {
+        output::print(out, &listed, |row| {
             let access = if row.is_writable { "rw" } else { "ro" };
             let description = row.description.to_owned();
             [format!("0x{:04X}", row.offset), row.name.to_owned(), access.to_owned(), description]

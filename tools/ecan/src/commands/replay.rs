@@ -126,7 +126,7 @@ impl Recording {
     }
 
     fn check_fd(&self, file: &Path, prepared: &Prepared<'_>) -> Result {
-        let is_fd = |it: &&Recorded| it.logged.frame.as_ref().is_fd();
+        let is_fd = |recorded: &&Recorded| recorded.logged.frame.as_ref().is_fd();
         self.frames.iter().filter(is_fd).try_for_each(|frame| {
             let (name, line) = (Printable(file.display()), frame.logged.line);
             prepared.needs_fd(format_args!("{name}, line {line} is a CAN FD frame"), frame.channel)

@@ -7,8 +7,8 @@ use ecan_protocol::device::AlState;
 use serde::Serialize;
 
 use crate::context::{Context, Failure, Output, Result, Tone};
+use crate::output;
 use crate::slave_choice::Unknown;
-use crate::table;
 
 #[derive(Debug, Serialize)]
 struct Found {
@@ -71,7 +71,7 @@ fn print(found: &[Found], output: &Output, out: &mut dyn Write) -> std::io::Resu
     }
     let titles = ["POS", "ALIAS", "STATE", "NAME", "FIRMWARE", "HARDWARE", "SERIAL", "IDENTITY"];
     let or_dash = |text: Option<String>| text.unwrap_or_else(|| "-".to_owned());
-    table::print_with_titles(out, titles, found, |slave| {
+    output::print_with_titles(out, titles, found, |slave| {
         [
             slave.position.to_string(),
             if slave.alias == 0 { "-".to_owned() } else { slave.alias.to_string() },

@@ -9,9 +9,8 @@ use serde::Serialize;
 
 use crate::context::{Bus, Context, Failure, Output, Result};
 use crate::object_path::ObjectPath;
-use crate::readings::{Readings, not_read};
-use crate::table;
-use crate::value::{Value, encode};
+use crate::output;
+use crate::value::{Readings, Value, encode, not_read};
 
 #[derive(Debug, Args)]
 #[command(after_help = "\
@@ -229,7 +228,7 @@ fn list_objects(objects: &[&'static Object], output: &Output) -> Result {
         })
         .collect();
     output.data(&listed, |out| {
-        table::print(out, &listed, |row| {
+        output::print(out, &listed, |row| {
             let family =
                 if row.count > 1 { format!("@0..@{}", row.count - 1) } else { String::new() };
             [format!("0x{:04X}", row.index), row.name.to_owned(), family, row.chapter.to_owned()]
@@ -243,7 +242,7 @@ fn list(name: &str, names: bool, context: &Context) -> Result {
         Ok(path) => path,
         Err(reason) => {
             let part = name.to_lowercase();
-            let is_like = |it: &&&Object| it.name.to_lowercase().contains(&part);
+            let is_like = |object: &&&Object| object.name.to_lowercase().contains(&part);
             let found: Vec<_> = objects().iter().filter(is_like).copied().collect();
             return match found.is_empty() {
                 true => Err(Failure::Usage(reason)),
@@ -260,7 +259,7 @@ fn list(name: &str, names: bool, context: &Context) -> Result {
     };
     // Without a colon, the whole object is listed.
     let only = name.contains(':').then_some(path.subindex);
-    let is_listed = |it: &&Entry| only.is_none_or(|subindex| subindex == it.subindex);
+    let is_listed = |entry: &&Entry| only.is_none_or(|subindex| subindex == entry.subindex);
     let entries: Vec<_> = known.entries.iter().filter(is_listed).collect();
     if let (Some(subindex), []) = (only, &entries[..]) {
         let text = format!("{} has no entry :{subindex:02} in the table", known.name);
@@ -286,7 +285,7 @@ fn list(name: &str, names: bool, context: &Context) -> Result {
     readings.any()?;
     context.output.data(&values, |out| {
         writeln!(out, "{}", heading(path.index, known))?;
-        table::print(out, &values, |row| {
+        output::print(out, &values, |row| {
             let name = row.name.unwrap_or_default().to_owned();
             let value = match &row.error {
                 Some(reason) => not_read(reason),
@@ -328,7 +327,7 @@ fn list_entries(index: u16, object: &Object, entries: &[&Entry], output: &Output
     let entries: Vec<_> = entries.iter().map(listed).collect();
     output.data(&entries, |out| {
         writeln!(out, "{}", heading(index, object))?;
-        table::print(out, &entries, |row| {
+        output::print(out, &entries, |row| {
             let values = row.values.iter().map(|(number, word)| format!("{number} {word}"));
             let bits = row.bits.iter().map(|(bit, word)| format!("bit {bit} {word}"));
             let unit = row.unit.map(|unit| format!("in {unit}"));

@@ -59,8 +59,9 @@ fn parse(text: &str) -> Result<Word, String> {
         return Err(format!("use --channel {text} to select a channel"));
     }
     let is_name = |text: &str| {
-        let is_inner = |it: char| it.is_ascii_alphanumeric() || it == '_';
-        text.chars().all(is_inner) && !text.starts_with(|it: char| it.is_ascii_digit())
+        let is_inner = |character: char| character.is_ascii_alphanumeric() || character == '_';
+        text.chars().all(is_inner)
+            && !text.starts_with(|character: char| character.is_ascii_digit())
     };
     match text.split_once('=') {
         Some((name, value)) if !name.is_empty() && !text.contains('#') => {

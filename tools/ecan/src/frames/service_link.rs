@@ -180,8 +180,8 @@ impl ServiceLink {
         self.cycles.waiting = 0;
         let program = self.connection.program();
         let known = &self.connection.hello().gateways;
-        let is_same = |it: &LinkedGateway| {
-            let index = usize::from(it.index);
+        let is_same = |linked: &LinkedGateway| {
+            let index = usize::from(linked.index);
             known.get(index) == new.get(index)
         };
         for gateway in &mut self.gateways {

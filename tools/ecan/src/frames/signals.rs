@@ -87,11 +87,11 @@ impl Signals {
 
 /// Lines of the message and its signals, below the line of the frame.
 pub fn lines(decoded: &Decoded<'_>) -> impl Iterator<Item = String> {
-    let name = |signal: &DecodedSignal<'_>| Printable(&signal.signal.name).to_string();
-    let length = |signal: &DecodedSignal<'_>| name(signal).chars().count();
+    let name = |decoded: &DecodedSignal<'_>| Printable(&decoded.signal.name).to_string();
+    let length = |decoded: &DecodedSignal<'_>| name(decoded).chars().count();
     let width = decoded.signals.iter().map(length).max().unwrap_or(0);
-    let signal = move |signal: &DecodedSignal<'_>| {
-        format!("            {:width$}  {}", name(signal), Printable(signal.value_text()))
+    let signal = move |decoded: &DecodedSignal<'_>| {
+        format!("            {:width$}  {}", name(decoded), Printable(decoded.value_text()))
     };
     let head = format!("          {}{}", Printable(&decoded.message.name), missing(decoded));
     std::iter::once(head).chain(decoded.signals.iter().map(signal).collect::<Vec<_>>())
@@ -125,11 +125,11 @@ struct SignalValue {
 
 impl From<Decoded<'_>> for DecodedMessage {
     fn from(decoded: Decoded<'_>) -> Self {
-        let value = |it: &DecodedSignal<'_>| SignalValue {
-            name: it.signal.name.clone(),
-            value: json(it.value),
-            unit: it.signal.unit.clone(),
-            text: it.text.map(str::to_owned),
+        let value = |decoded: &DecodedSignal<'_>| SignalValue {
+            name: decoded.signal.name.clone(),
+            value: json(decoded.value),
+            unit: decoded.signal.unit.clone(),
+            text: decoded.text.map(str::to_owned),
         };
         Self {
             message: decoded.message.name.clone(),

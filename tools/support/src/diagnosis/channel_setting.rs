@@ -8,9 +8,8 @@ use ecan_protocol::config::{
 };
 use ecan_protocol::image::ChannelState;
 
-use super::channel::Channel;
-use crate::diagnosis::channel_bus::bus_error;
-use crate::diagnosis::finding::Finding;
+use super::Finding;
+use super::channel::{Channel, bus_error};
 
 /// The manual gives no detail for status 1. Status 3: the values cannot be converted into a
 /// controller configuration; 4: the driver or the restart of the controller failed. It is open

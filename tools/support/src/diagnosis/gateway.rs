@@ -5,11 +5,11 @@ use ecan_protocol::device::{AccessMode, MaintenanceStatus};
 use ecan_protocol::mapping::CHANNELS;
 use ecan_protocol::object::lookup;
 
+use super::{Finding, Location, channel};
 use crate::diagnosis::channel::Channel;
-use crate::diagnosis::finding::{Finding, Location};
 use crate::diagnosis::registers::set_names;
 use crate::diagnosis::snapshot::Snapshot;
-use crate::diagnosis::{channel_bus, channel_loss, channel_setting, operation, process_data};
+use crate::diagnosis::{channel_setting, operation, process_data};
 
 /// Returns all findings of a snapshot: faults before warnings, then by possible causality:
 /// EtherCAT, process data, CAN, device.
@@ -20,9 +20,9 @@ pub fn findings(snapshot: &Snapshot) -> Vec<Finding> {
     found.extend(process_data::findings(snapshot));
     for channel in 0..CHANNELS as u8 {
         let channel = Channel::of(snapshot, channel);
-        found.extend(channel_bus::findings(&channel));
+        found.extend(channel::bus_findings(&channel));
         found.extend(channel_setting::findings(&channel));
-        found.extend(channel_loss::findings(&channel));
+        found.extend(channel::loss_findings(&channel));
     }
     found.extend(device(snapshot));
     found.sort_by_key(|finding| finding.severity);

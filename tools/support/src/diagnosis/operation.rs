@@ -3,7 +3,7 @@
 use ecan_protocol::device::{AlState, AlStatusCode};
 use ecan_protocol::mapping::{CHUNK_BYTES, Direction, SyncManagerLayout};
 
-use crate::diagnosis::finding::{Finding, Location};
+use super::{Finding, Location};
 use crate::diagnosis::snapshot::Snapshot;
 
 /// Minimum time from a Sync0 pulse to the outputs in microseconds; below, the outputs may have missed

@@ -3,7 +3,7 @@
 use ecan_protocol::config::ProfileStatus;
 use ecan_protocol::image::{OptionFlags, PdoError};
 
-use crate::diagnosis::finding::{Finding, Location};
+use super::{Finding, Location};
 use crate::diagnosis::snapshot::Snapshot;
 
 /// Size of the header before the frame area, in bytes.

@@ -4,7 +4,7 @@
 use serde::Serialize;
 
 use super::experiments::{
-    channel_config, images, loopback, objects, operation, schedule, service_time, startup, wired,
+    channel_config, images, loopback, objects, schedule, service_time, startup, wired,
 };
 use super::outcome::{Interruption, Outcome, Result, Stage, Verdict, unavailable};
 use super::run::Probe;
@@ -158,14 +158,14 @@ experiments! {
         "a service follows each SM2 write, it does not run freely";
     Op "service_delay_us" ["S6"] service_time::service_delay: "the service reads SM2 30 us after the write";
     Op "service_jitter_us" ["S6"] service_time::service_jitter: "the delay of the service is constant";
-    Op "" ["S34"] operation::controller:
+    Op "" ["S34"] objects::controller:
         "the slave controller has 8 FMMUs, 8 sync managers and 8 KiB of memory";
-    Op "" ["H36"] operation::al_control:
+    Op "" ["H36"] objects::al_control:
         "a write to AL control takes the gateway out of OP, and the master configures it again";
-    Op "assign_activate" ["H2"] operation::sync0: "DC AssignActivate 0x0300 starts Sync0";
-    Op "watchdog" ["H34", "S21"] operation::watchdog:
+    Op "assign_activate" ["H2"] objects::sync0: "DC AssignActivate 0x0300 starts Sync0";
+    Op "watchdog" ["H34", "S21"] objects::watchdog:
         "the process data watchdog counts in units of 100 us, and ends OP with AL status 0x001B";
-    Op "emergencies" ["S42"] operation::emergencies: "a CoE emergency with code 0x8130 reports the watchdog";
+    Op "emergencies" ["S42"] objects::emergencies: "a CoE emergency with code 0x8130 reports the watchdog";
     Op "sync0_window" ["H44", "S55"] service_time::sync0_window:
         "outputs that arrive from 50 us before to 20 us after a Sync0 pulse are missed";
     Op "sync0_window" ["H44", "S55"] service_time::loss_of_op:

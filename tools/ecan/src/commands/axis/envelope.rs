@@ -183,7 +183,7 @@ impl FromStr for PositionBounds {
 }
 
 pub fn parse_number(text: &str) -> Result<f64, String> {
-    let number = text.parse().ok().filter(|it: &f64| it.is_finite());
+    let number = text.parse().ok().filter(|value: &f64| value.is_finite());
     number.ok_or_else(|| "expected a number".to_owned())
 }
 

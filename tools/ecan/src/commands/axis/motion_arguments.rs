@@ -10,9 +10,9 @@ use super::axis_choice::{AxisOptions, ChosenAxis};
 use super::envelope::{Envelope, LimitArguments};
 use super::operator::{InputKind, Operator, input_kind};
 use super::session::SessionSettings;
-use crate::confirmation::confirm;
 use crate::context::{Context, Failure, Result};
 use crate::frames::GatewayOptions;
+use crate::output::confirm;
 
 #[derive(Debug, Args)]
 pub struct MotionArguments {

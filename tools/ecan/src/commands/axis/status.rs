@@ -14,7 +14,7 @@ use crate::commands::node::node_client::{NodeClient, start};
 use crate::commands::node::scan::state_name;
 use crate::context::{Context, Failure, Result};
 use crate::frames::FrameOptions;
-use crate::{context, table};
+use crate::{context, output};
 
 pub const NOTES: &str = "\
 Reads objects of the drive by SDO, and writes none; also through a service (--via). Exit status 1 if
@@ -395,8 +395,8 @@ pub fn print_obstacles(report: &DriveReport, out: &mut dyn Write) -> io::Result<
 pub fn print(report: &DriveReport, out: &mut dyn Write) -> io::Result<()> {
     let names = |is_set: bool| {
         // A bit without a meaning in CiA 402 is of interest if it is set.
-        let has_meaning = |it: &StatusBit| {
-            is_set || !(it.name.starts_with("manufacturer") || it.name.starts_with("mode bit"))
+        let has_meaning = |bit: &StatusBit| {
+            is_set || !(bit.name.starts_with("manufacturer") || bit.name.starts_with("mode bit"))
         };
         let bits = report.bits.iter().filter(|bit| bit.is_set == is_set && has_meaning(bit));
         let names: Vec<_> = bits.map(|bit| format!("{} ({})", bit.name, bit.bit)).collect();
@@ -444,7 +444,7 @@ pub fn print(report: &DriveReport, out: &mut dyn Write) -> io::Result<()> {
     if let Some(inputs) = report.digital_inputs {
         rows.push(["digital inputs".to_owned(), inputs_text(inputs)]);
     }
-    table::print(out, rows, |row| row)?;
+    output::print(out, rows, |row| row)?;
     print_obstacles(report, out)
 }
 

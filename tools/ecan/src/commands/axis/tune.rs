@@ -219,11 +219,11 @@ fn print(
             ["RMS error".to_owned(), format!("{} {unit}", number(step.rms_error))],
             ["error at the end".to_owned(), format!("{} {unit}", number(step.steady_error))],
         ];
-        crate::table::print(out, rows, |row| row)?;
+        crate::output::print(out, rows, |row| row)?;
     }
     if !report.sweep.is_empty() {
         let titles = ["HZ", "AMPLITUDE", "GAIN", "PHASE", "LARGEST ERROR"];
-        crate::table::print_with_titles(out, titles, &report.sweep, |point| {
+        crate::output::print_with_titles(out, titles, &report.sweep, |point| {
             [
                 format!("{:.2}", point.hertz),
                 format!("{} {unit}", number(point.amplitude)),

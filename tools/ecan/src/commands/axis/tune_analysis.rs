@@ -50,9 +50,9 @@ impl StepResponse {
         let moved = samples.iter().rposition(|sample| sample.target != goal).map_or(0, |at| at + 1);
         let resting = samples.get(moved..)?;
         let end = resting.first()?.seconds;
-        let beyond = |it: &Sample| (it.actual - goal) * size.signum();
+        let beyond = |sample: &Sample| (sample.actual - goal) * size.signum();
         let overshoot = samples.iter().map(beyond).fold(0.0, f64::max);
-        let is_off = |it: &Sample| (it.actual - goal).abs() > tolerance;
+        let is_off = |sample: &Sample| (sample.actual - goal).abs() > tolerance;
         let settling_s = match samples.iter().rposition(is_off) {
             None => Some(0.0),
             Some(at) => samples.get(at + 1).map(|sample| (sample.seconds - end).max(0.0)),

@@ -2,7 +2,6 @@
 
 mod endpoint;
 mod lane;
-mod traffic;
 
 use std::collections::HashSet;
 use std::net::{IpAddr, Ipv4Addr, SocketAddr, UdpSocket};
@@ -16,8 +15,7 @@ use ecan_can_io::bridge::{BridgeProtocol, BusRates};
 use ecan_protocol::config::McanChannelConfig;
 use ecan_protocol::mapping::Direction;
 use endpoint::{Address, Endpoint, LaneId, Listening, NameTemplate, parse_interface};
-use lane::Lane;
-use traffic::Traffic;
+use lane::{Lane, Traffic};
 
 use crate::context::{Context, Failure, Output, Result, note};
 use crate::frames::{Channels, FrameOptions, GatewayRequirements, Prepared};

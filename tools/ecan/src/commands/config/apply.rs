@@ -12,10 +12,10 @@ use ecan_protocol::text::Printable;
 use ecan_sim::ClockKind;
 use serde::Serialize;
 
+use crate::config_changes::{ConfigText, ReadyGateway, Report};
 use crate::context::{Context, Failure, Output, Result, Tone};
-use crate::reconfiguration::{ConfigText, ReadyGateway, Report};
 use crate::service_access::ServiceConnection;
-use crate::{config_file, reconfiguration};
+use crate::{config_changes, config_file};
 
 #[derive(Debug, Serialize)]
 struct Applied {
@@ -76,7 +76,7 @@ fn through_service(
         return Err(Failure::Usage(message.to_owned()));
     }
     let report = match is_whole {
-        true => reconfiguration::request(connection, &ConfigText::read(path)?)?,
+        true => config_changes::request(connection, &ConfigText::read(path)?)?,
         false => None,
     };
     if has_cycle && report.is_none() {

@@ -10,8 +10,8 @@ use ecan_protocol::device::MaintenanceStatus;
 use serde::Serialize;
 
 use crate::config_file;
-use crate::confirmation::confirm;
 use crate::context::{Bus, Context, Failure, Output, Result, Tone};
+use crate::output::confirm;
 use crate::slave_choice::{AllArgument, Recognised};
 
 #[derive(Debug, Args)]

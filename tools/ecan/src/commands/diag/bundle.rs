@@ -9,11 +9,11 @@ use ecan_tool_support::command_line::new_file;
 use ecan_tool_support::diagnosis::{Depth, ReadError, Snapshot};
 use serde::{Deserialize, Serialize};
 
+use crate::bus::serial_number;
 use crate::commands::doctor;
+use crate::config_file;
 use crate::context::{Bus, Context, Failure, GlobalOptions, Result, note};
 use crate::ethercat_tool::EthercatTool;
-use crate::firmware_version::serial_number;
-use crate::input_file;
 use crate::slave_choice::Recognised;
 
 const FORMAT: &str = "ecan-diagnosis";
@@ -99,7 +99,7 @@ impl Bundle {
     }
 
     pub(super) fn load(path: &Path) -> Result<Self> {
-        let text = input_file::read_text(path)?;
+        let text = config_file::read_input_text(path)?;
         let wrong = |reason: String| Failure::file("understand", path, reason);
         // Check format and version first: this gives a better message than the first missing field.
         let value: serde_json::Value =

@@ -1,7 +1,169 @@
 //! `ecan diag`: problems of a gateway, with causes and remedies (manual 16).
 
 mod bundle;
-mod command;
 mod report;
 
-pub use command::{DiagArguments, record, run};
+use std::path::{Path, PathBuf};
+
+use bundle::{Bundle, read_bundle, selected_slaves};
+use clap::Args;
+use ecan_host::{Maintenance, MaintenanceError};
+use ecan_protocol::device::MaintenanceCommand;
+use ecan_protocol::text::Printable;
+use ecan_tool_support::diagnosis::Depth;
+use report::DiagnosisReport;
+
+use crate::context::{Bus, Context, Failure, Output, Result, note};
+use crate::output::Progress;
+use crate::slave_choice::AllArgument;
+
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  ecan diag
+  ecan diag --brief --slave 1
+  ecan diag --brief --all            one report per gateway
+  ecan diag --record bundle.json     write a bundle for support
+  ecan diag --from bundle.json       explain a bundle, offline
+  ecan diag --clear                  clear counters and flags after reading
+
+Exit status 1 if there is a finding. A gateway in PREOP without application is not a finding.")]
+pub struct DiagArguments {
+    /// Write a support bundle: values, versions and the state of the host
+    #[arg(long, value_name = "FILE", conflicts_with = "all")]
+    record: Option<PathBuf>,
+    /// Explain a file written by --record, offline
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["record", "clear", "all"])]
+    from: Option<PathBuf>,
+    /// Clear PDO errors, cycle statistics and diagnostic flags after reading
+    #[arg(long)]
+    clear: bool,
+    #[command(flatten)]
+    all: AllArgument,
+    /// Print the findings only
+    #[arg(long)]
+    brief: bool,
+    /// Path of IgH's tool ethercat, which reads the AL status [default: PATH, IgH's paths]
+    #[arg(long, value_name = "PROGRAM")]
+    ethercat: Option<PathBuf>,
+}
+
+pub fn run(arguments: &DiagArguments, context: &Context) -> Result {
+    if let Some(path) = &arguments.from {
+        context.global.without_slave("--from explains the gateway of a file")?;
+        return explain(&[Bundle::load(path)?], arguments, &context.output);
+    }
+    let bus = context.bus()?;
+    let slaves = selected_slaves(&bus, arguments.all.all)?;
+    let progress = Progress::show("reading the gateways");
+    let depth = match arguments.record {
+        Some(_) => Depth::Everything,
+        None => Depth::Findings,
+    };
+    let ethercat = arguments.ethercat.as_deref();
+    let read = |bus: &Bus, slave| read_bundle(bus, slave, depth, ethercat, context);
+    let bundles = bus.in_parallel(&slaves, read);
+    drop(progress);
+    let bundles = bundles.into_iter().collect::<Result<Vec<_>, _>>()?;
+    // Print the report even if the rest fails; clear only after recording.
+    let explained = explain(&bundles, arguments, &context.output);
+    if let (Some(path), [bundle]) = (&arguments.record, &bundles[..]) {
+        bundle.save(path)?;
+        note(format_args!("written to {}", Printable(path.display())));
+    }
+    if arguments.clear {
+        clear_all(&bus, &slaves, arguments.all.all)?;
+    }
+    explained
+}
+
+/// Writes a bundle, as `--record` does.
+pub fn record(bus: &Bus, slave: usize, path: &Path, context: &Context) -> Result {
+    read_bundle(bus, slave, Depth::Everything, None, context)?.save(path)
+}
+
+/// Clears every gateway; returns the first error.
+fn clear_all(bus: &Bus, slaves: &[usize], names_slave: bool) -> Result {
+    let mut failed = None;
+    for slave in slaves {
+        let prefix = if names_slave { format!("slave {slave}: ") } else { String::new() };
+        match clear(bus, *slave) {
+            Ok(()) => note(format_args!("{prefix}counters and flags cleared")),
+            Err(failure) => failed = failed.or(Some(failure)),
+        }
+    }
+    failed.map_or(Ok(()), Err)
+}
+
+fn explain(bundles: &[Bundle], arguments: &DiagArguments, output: &Output) -> Result {
+    let reports: Vec<_> = bundles.iter().map(DiagnosisReport::new).collect();
+    output.one_or_list(arguments.all.all, &reports, |out| {
+        for (number, report) in reports.iter().enumerate() {
+            if number != 0 {
+                writeln!(out)?;
+            }
+            report::print(report, arguments.brief, output, out)?;
+        }
+        Ok(())
+    })?;
+    match reports.iter().all(|report| report.findings.is_empty()) {
+        true => Ok(()),
+        false => Err(Failure::ProblemsFound),
+    }
+}
+
+/// Clears the PDO errors of both directions, the cycle statistics, the runtime diagnostics and
+/// flags.
+fn clear(bus: &Bus, slave: usize) -> Result {
+    for profile in [0x8010, 0x8011] {
+        bus.write(slave, profile, 8, 0b10)?;
+    }
+    bus.write(slave, 0x9011, 14, 1)?;
+    let maintenance = Maintenance::new(bus.diagnostics(), slave);
+    let cleared = maintenance.command(MaintenanceCommand::ClearDiagnostics, bus.clock());
+    cleared.map_err(|error| match error {
+        MaintenanceError::Device(error) => Failure::Device(error),
+        other => Failure::Rejected(format!("diagnostics not cleared: {other}")),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use std::time::Duration;
+
+    use ecan_host::AdapterConfig;
+    use ecan_mcan_port::{ChannelConfig, GatewayConfig, Port, PortConfig};
+    use ecan_sim::{ClockKind, SimOptions};
+
+    use super::*;
+
+    #[test]
+    fn counters_of_an_operation_are_cleared() {
+        let options = SimOptions { clock: Some(ClockKind::Stepped), ..SimOptions::default() };
+        let backend = ecan_sim::open_scenario(ecan_sim::echo(1), &options).unwrap();
+        let simulation = backend.simulation.clone().unwrap();
+        let gateway = GatewayConfig::on_channel(0, ChannelConfig::classic(500_000));
+        let adapter = AdapterConfig::new(1).with_cycle(Duration::from_millis(1));
+        let mut port =
+            Port::open(&backend.ecrt, (adapter, PortConfig::uniform(1, gateway))).unwrap();
+        port.wait_ready().unwrap();
+        simulation.pass_ns(300_000);
+        let damage = |gateway: &mut ecan_sim::Gateway, now| gateway.write_outputs(now, &[0; 384]);
+        let is_taken = simulation.with_world(|world| world.with_gateway(0, damage));
+        assert_eq!(is_taken, Some(true));
+        simulation.pass_ns(300_000);
+        drop(port);
+        simulation.pass_ns(2_000_000_000);
+
+        let bus = Bus::over(&backend.ecrt);
+        let counts = || {
+            [(0x8011, 14), (0x8011, 15), (0x9011, 1)]
+                .map(|(index, subindex)| bus.read(0, index, subindex).unwrap())
+        };
+        let before = counts();
+        assert_eq!(before[..2], [14, 1], "an all-zero image has a bad header");
+        assert!(before[2] > 0);
+        clear(&bus, 0).unwrap();
+        assert_eq!(counts(), [0, 0, 0]);
+    }
+}

@@ -18,7 +18,7 @@ use serde::Serialize;
 
 use super::bundle::Bundle;
 use crate::context::{Output, Tone};
-use crate::table;
+use crate::output;
 
 /// DiagnosisReport of a gateway. A missing value is `None`, not zero.
 #[derive(Debug, Serialize)]
@@ -291,7 +291,7 @@ fn print_directions(report: &DiagnosisReport, out: &mut dyn Write) -> Written {
         or_not_read(raw.zip(name).map(|(raw, name)| format!("{raw} {name}")))
     };
     writeln!(out)?;
-    table::print_with_titles(out, titles, &report.directions, |direction| {
+    output::print_with_titles(out, titles, &report.directions, |direction| {
         [
             direction.name.to_owned(),
             match direction.active_bytes {
@@ -357,7 +357,7 @@ fn print_channel(channel: &Channel, out: &mut dyn Write) -> Written {
         ["  counters", &counters],
         ["  data path", &path.join("; ")],
     ];
-    table::print(out, rows, |row| row.map(str::to_owned))
+    output::print(out, rows, |row| row.map(str::to_owned))
 }
 
 fn print_performance(report: &DiagnosisReport, out: &mut dyn Write) -> Written {
@@ -368,7 +368,7 @@ fn print_performance(report: &DiagnosisReport, out: &mut dyn Write) -> Written {
         return writeln!(out, "\ncycle performance (0x9011): {NOT_READ}");
     }
     writeln!(out, "\ncycle performance (0x9011)")?;
-    table::print(out, &report.performance, |measured| {
+    output::print(out, &report.performance, |measured| {
         let us = measured.us.map_or_else(String::new, |us| format!("{us:.1} us"));
         [format!("  {}", measured.name), measured.value.to_string(), us]
     })

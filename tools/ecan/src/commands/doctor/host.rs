@@ -4,7 +4,7 @@
 use std::process::Command;
 use std::time::Duration;
 
-use super::{Check, Root, master};
+use super::{Check, Root, gateways};
 use crate::program;
 use crate::program::RunError;
 
@@ -78,7 +78,7 @@ fn find(root: &Root, master: u32) -> Interface {
     };
     match root.names(INTERFACES).into_iter().find(is_it) {
         Some(interface) => Interface::Shown(interface),
-        None if master::has_native_driver(root) => Interface::Native(address),
+        None if gateways::has_native_driver(root) => Interface::Native(address),
         None => Interface::Unknown(Check::bad(
             format!("no interface has the address {address} {source}"),
             "compare it with `ip link`; a replaced card has another address",

@@ -9,9 +9,9 @@ use ecan_sim::{FirmwareProgress, FirmwareUpdateError, Gateway, Simulation};
 use serde::Serialize;
 
 use super::package::{FirmwareFile, Rejection};
+use crate::bus::{FirmwareVersion, serial_number};
 use crate::context::{Bus, Failure, Result};
 use crate::ethercat_tool::{EthercatTool, SlaveEntry, ToolError, is_denial};
-use crate::firmware_version::{FirmwareVersion, serial_number};
 use crate::slave_choice::{Candidates, Recognised, SlaveChoice, Unknown, one_or_all};
 
 /// Poll interval during the restart of a gateway.

@@ -10,8 +10,8 @@ use super::snapshot::{
     AxesView, CLASS_NAMES, ChannelView, CycleView, GatewayView, IdView, Snapshot, Times,
 };
 use crate::frames::signals::missing;
-use crate::table;
-use crate::table::or_dash;
+use crate::output;
+use crate::output::or_dash;
 
 pub fn print_overview(out: &mut dyn Write, snapshot: &Snapshot) -> std::io::Result<()> {
     let titles = [
@@ -25,11 +25,11 @@ pub fn print_overview(out: &mut dyn Write, snapshot: &Snapshot) -> std::io::Resu
         "lost",
         "reason",
     ];
-    table::print_with_titles(out, titles, &snapshot.gateways, gateway_cells)?;
+    output::print_with_titles(out, titles, &snapshot.gateways, gateway_cells)?;
     for gateway in &snapshot.gateways {
         writeln!(out, "\ngateway {}", gateway.position)?;
         let channels = gateway.channels.iter().enumerate();
-        table::print_with_titles(out, CHANNEL_TITLES, channels, |(at, channel)| {
+        output::print_with_titles(out, CHANNEL_TITLES, channels, |(at, channel)| {
             channel_cells(at, channel)
         })?;
     }
@@ -46,7 +46,7 @@ pub fn print_overview(out: &mut dyn Write, snapshot: &Snapshot) -> std::io::Resu
     if let Some(stats) = &snapshot.service {
         let program = snapshot.head.program.as_deref().unwrap_or_default();
         writeln!(out, "\nclients of {program}{}", ring_losses(stats))?;
-        table::print_with_titles(out, CLIENT_TITLES, &stats.clients, client_cells)?;
+        output::print_with_titles(out, CLIENT_TITLES, &stats.clients, client_cells)?;
     }
     if !snapshot.events.is_empty() {
         writeln!(out)?;
@@ -282,7 +282,7 @@ pub fn print_ids(out: &mut dyn Write, snapshot: &Snapshot, choice: Choice) -> st
     writeln!(out, "{}", ids_title(snapshot, choice, rows.len()))?;
     let [bus, direction, id, count, period, mean, dlc, age, data] = ID_TITLES;
     let titles = [bus, direction, id, count, period, mean, dlc, age, "changed", data];
-    table::print_with_titles(out, titles, &rows, |row| {
+    output::print_with_titles(out, titles, &rows, |row| {
         let [bus, direction, id, count, period, mean, dlc, age] = id_cells(row);
         let bytes = row.frame.data().iter().map(|byte| format!("{byte:02X}"));
         let data = bytes.collect::<Vec<_>>().join(" ");
@@ -313,7 +313,7 @@ fn print_signals(
         })
     });
     let titles = ["bus", "dir", "CAN ID", "message", "signal", "value"];
-    table::print_with_titles(out, titles, cells, |row| row)
+    output::print_with_titles(out, titles, cells, |row| row)
 }
 
 pub const AXIS_TITLES: [&str; 10] =
@@ -372,5 +372,5 @@ pub fn print_axes(out: &mut dyn Write, view: &AxesView) -> std::io::Result<()> {
     if let Some(reason) = &view.without_axes {
         return writeln!(out, "{reason}");
     }
-    table::print_with_titles(out, AXIS_TITLES, &view.axes, axis_cells)
+    output::print_with_titles(out, AXIS_TITLES, &view.axes, axis_cells)
 }

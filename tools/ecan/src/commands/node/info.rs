@@ -18,7 +18,7 @@ use super::pdo::NodePdo;
 use super::scan::state_name;
 use crate::context::{Context, Failure, Output, Result, Tone};
 use crate::frames::FrameOptions;
-use crate::table;
+use crate::output;
 
 #[derive(Debug, Args)]
 pub struct InfoArguments {
@@ -241,7 +241,7 @@ fn print(info: &Info, output: &Output, out: &mut dyn Write) -> io::Result<()> {
         };
         rows.push(["device file".to_owned(), text]);
     }
-    table::print(out, rows, |row| row)
+    output::print(out, rows, |row| row)
 }
 
 fn register_text(info: &Info, output: &Output) -> String {

@@ -11,9 +11,9 @@ use super::node_client::{NodeClient, start, start_for};
 use super::node_link::{NodeLink, Observed};
 use super::node_target::NodeArgument;
 use super::scan::state_name;
-use crate::confirmation::confirm;
 use crate::context::{Context, Failure, Result};
 use crate::frames::{FrameOptions, parse_channel};
+use crate::output::confirm;
 
 pub const NOTES: &str = "\
 The state is confirmed by a heartbeat, after a reset by the boot-up message. If the producer
@@ -138,7 +138,8 @@ const GUARDING: Duration = Duration::from_millis(100);
 
 pub fn run(arguments: &NmtArguments, context: &Context) -> Result {
     let context = &context.on_stderr(arguments.options.capture.is_on_output());
-    let select = |it: &NodeArgument| it.select(arguments.channel, &arguments.options, context);
+    let select =
+        |argument: &NodeArgument| argument.select(arguments.channel, &arguments.options, context);
     let selected = arguments.node.as_ref().map(select).transpose()?;
     let target = selected.as_ref().map(|selected| selected.target);
     let channel = target.map_or(arguments.channel.unwrap_or(0), |target| target.channel);

@@ -13,8 +13,8 @@ use ecan_canopen::{
 use ecan_protocol::text::Printable;
 
 use super::node_target::SelectedNode;
+use crate::config_file;
 use crate::context::{Failure, Result, note};
-use crate::input_file;
 use crate::value::{parse_unsigned, reject_without_prefix};
 
 /// The option for a device file.
@@ -50,7 +50,7 @@ impl DeviceFileArguments {
 /// # Errors
 /// The file cannot be read or used.
 pub fn read_device_file(path: &std::path::Path) -> Result<DeviceFile> {
-    let bytes = input_file::read(path)?;
+    let bytes = config_file::read_input(path)?;
     let file = DeviceFile::parse(&bytes).map_err(|error| Failure::file("use", path, error))?;
     if let Some(first) = file.warnings().first() {
         let (count, path) = (file.warnings().len(), Printable(path.display()));
@@ -156,23 +156,25 @@ impl ObjectNames {
         error: &FindError,
     ) -> Result<ObjectKey, String> {
         let index = parse_unsigned(object);
-        let of_object = |it: &&DeviceObject| match index {
-            Some(index) => u64::from(it.index) == index,
-            None => plain(&it.name).contains(&plain(object)),
+        let of_object = |candidate: &&DeviceObject| match index {
+            Some(index) => u64::from(candidate.index) == index,
+            None => plain(&candidate.name).contains(&plain(object)),
         };
         let objects: Vec<_> = self.device.objects().filter(of_object).collect();
         let exact: Vec<_> =
             objects.iter().copied().filter(|known| plain(&known.name) == plain(object)).collect();
         let objects = if exact.is_empty() { objects } else { exact };
         let subindex = entry.and_then(parse_unsigned);
-        let is_it = |it: &&ObjectEntry| match (entry, subindex) {
+        let is_named = |candidate: &&ObjectEntry| match (entry, subindex) {
             (None, _) => true,
-            (_, Some(subindex)) => u64::from(it.subindex) == subindex,
-            (Some(entry), None) => plain(&it.name).contains(&plain(entry)),
+            (_, Some(subindex)) => u64::from(candidate.subindex) == subindex,
+            (Some(entry), None) => plain(&candidate.name).contains(&plain(entry)),
         };
         let found: Vec<_> =
-            objects.iter().flat_map(|object| object.entries()).filter(is_it).collect();
-        let is_same = |it: &&ObjectEntry| entry.is_some_and(|part| plain(&it.name) == plain(part));
+            objects.iter().flat_map(|object| object.entries()).filter(is_named).collect();
+        let is_same = |candidate: &&ObjectEntry| {
+            entry.is_some_and(|part| plain(&candidate.name) == plain(part))
+        };
         match (&found[..], found.iter().copied().find(is_same)) {
             ([only], _) => Ok((only.index, only.subindex)),
             (_, Some(exact)) if objects.len() == 1 => Ok((exact.index, exact.subindex)),

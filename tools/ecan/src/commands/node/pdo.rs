@@ -17,7 +17,7 @@ use super::object_value::ObjectValue;
 use super::objects::{DeviceFileArguments, ObjectNames, number};
 use crate::context::{Context, Failure, Result};
 use crate::frames::FrameOptions;
-use crate::table;
+use crate::output;
 
 #[derive(Debug, Args)]
 pub struct PdoArguments {
@@ -135,14 +135,14 @@ fn print_live(
         let json = serde_json::to_string(&live).map_err(std::io::Error::from)?;
         writeln!(stream, "{json}")?;
     } else {
-        let value = |it: &LiveValue| {
-            let name = match it.name.is_empty() {
-                true => number((it.index, it.subindex)),
-                false => it.name.clone(),
+        let value = |value: &LiveValue| {
+            let name = match value.name.is_empty() {
+                true => number((value.index, value.subindex)),
+                false => value.name.clone(),
             };
             let meaning =
-                it.meaning.as_ref().map_or_else(String::new, |meaning| format!(": {meaning}"));
-            format!("{name} = {}{meaning}", it.text)
+                value.meaning.as_ref().map_or_else(String::new, |meaning| format!(": {meaning}"));
+            format!("{name} = {}{meaning}", value.text)
         };
         let values: Vec<_> = live.values.iter().map(value).collect();
         let values = if values.is_empty() { "no values".to_owned() } else { values.join(", ") };
@@ -254,8 +254,8 @@ impl NodePdo {
     }
 
     fn mapping_text(&self) -> String {
-        let entry = |it: &MappedObject| {
-            format!("{} {} ({})", number((it.index, it.subindex)), it.name, it.bits)
+        let entry = |object: &MappedObject| {
+            format!("{} {} ({})", number((object.index, object.subindex)), object.name, object.bits)
         };
         let entries: Vec<_> = self.mapping.iter().map(entry).collect();
         if entries.is_empty() { "-".to_owned() } else { entries.join(", ") }
@@ -322,7 +322,7 @@ pub fn print(pdos: &[NodePdo], out: &mut dyn Write) -> io::Result<()> {
         None | Some(0) => "-".to_owned(),
         Some(value) => format!("{value} {unit}"),
     };
-    table::print_with_titles(out, titles, pdos, |pdo| {
+    output::print_with_titles(out, titles, pdos, |pdo| {
         [
             pdo.name(),
             format!("0x{:03X}", pdo.can_id),

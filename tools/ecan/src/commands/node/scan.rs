@@ -17,8 +17,8 @@ use super::node_target::NodeTarget;
 use super::object_value::DeviceType;
 use crate::context::{Context, Failure, Output, Result, Tone};
 use crate::frames::{Channels, FrameOptions, Prepared};
-use crate::progress::Progress;
-use crate::table;
+use crate::output;
+use crate::output::Progress;
 
 pub const NOTES: &str = "\
 A node is found if it answers an SDO request for 0x1000, or sends a heartbeat or a boot-up message.
@@ -460,7 +460,7 @@ impl ScanReport {
             "DEVICE",
         ];
         if !self.nodes.is_empty() {
-            table::print_with_titles(out, titles, &self.nodes, row)?;
+            output::print_with_titles(out, titles, &self.nodes, row)?;
             writeln!(out)?;
         }
         for it in &self.channels {

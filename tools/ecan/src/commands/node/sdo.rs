@@ -12,10 +12,10 @@ use super::node_client::{NodeClient, start_for};
 use super::node_target::{JsonTarget, NodeTarget, SelectedNode, TargetArguments};
 use super::object_value::{ObjectValue, moves_a_motor};
 use super::objects::{DeviceFileArguments, ObjectKey, ObjectNames, number};
-use crate::confirmation::confirm;
 use crate::context::{Context, Failure, Output, Result};
 use crate::frames::FrameOptions;
-use crate::table;
+use crate::output;
+use crate::output::confirm;
 
 #[derive(Debug, Args)]
 #[command(after_help = "\
@@ -243,9 +243,9 @@ impl Sdo<'_> {
         let rows: Vec<_> = if is_names_only {
             let (channel, node) = (self.target.channel, self.target.node.get());
             let address = JsonTarget { slave: 0, channel, node };
-            let row = |it: &&ObjectEntry| Read {
+            let row = |entry: &&ObjectEntry| Read {
                 error: None,
-                ..self.data(address, (it.index, it.subindex), Err(String::new()))
+                ..self.data(address, (entry.index, entry.subindex), Err(String::new()))
             };
             entries.iter().map(row).collect()
         } else {
@@ -314,7 +314,7 @@ fn print_value(read: &Read, out: &mut dyn Write) -> io::Result<()> {
 }
 
 fn print_list(rows: &[Read], output: &Output, out: &mut dyn Write) -> io::Result<()> {
-    table::print_with_titles(out, ["OBJECT", "TYPE", "ACCESS", "NAME", "VALUE"], rows, |read| {
+    output::print_with_titles(out, ["OBJECT", "TYPE", "ACCESS", "NAME", "VALUE"], rows, |read| {
         let value = match (&read.text, &read.error) {
             (Some(text), _) => {
                 let meaning = read

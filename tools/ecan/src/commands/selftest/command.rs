@@ -7,9 +7,8 @@ use ecan_tool_support::command_line::interrupt::Interrupt;
 use ecan_tool_support::command_line::screen::Stream;
 use serde::Serialize;
 
-use super::gateways::{TestedGateway, read, restore};
+use super::gateways::{TestedGateway, of_active_channels, read, restore};
 use super::group::{GroupEnd, GroupTest, Member};
-use super::observation::of_active_channels;
 use super::plan::{Rate, SelftestArguments, TestPlan};
 use super::report::GatewayReport;
 use crate::config_file;
@@ -65,7 +64,7 @@ pub fn run(arguments: &SelftestArguments, context: &Context) -> Result {
         None => {
             if !arguments.force {
                 let traffic = of_active_channels(&bus, &slaves, plan.tested(), arguments.observe);
-                super::observation::require_no_traffic(&traffic, arguments.observe)?;
+                super::gateways::require_no_traffic(&traffic, arguments.observe)?;
             }
             arguments.real_time.apply(|line| note(line))?;
             test_and_restore(&bus, &plan, &slaves, &interrupt)?

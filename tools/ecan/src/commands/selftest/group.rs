@@ -8,7 +8,7 @@ use ecan_protocol::mapping::CHANNELS;
 use ecan_tool_support::command_line::interrupt::Interrupt;
 
 use super::exchange::{ChannelCounters, ChannelState, check_counts, exchange};
-use super::observation::{FramesReceived, Traffic, require_no_traffic};
+use super::gateways::{FramesReceived, Traffic, require_no_traffic};
 use super::plan::{ChannelSetup, TestPath, TestPlan, TestStep};
 use super::report::{Check, GatewayReport};
 use super::test_bus::{StartFailure, TestBus, start_failures};

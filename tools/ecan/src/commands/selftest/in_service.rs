@@ -11,8 +11,8 @@ use ecan_tool_support::command_line::interrupt::Interrupt;
 use super::exchange::{
     ChannelCounters, ChannelState, Counts, GatewayTraffic, Received, Waits, check_counts,
 };
+use super::gateways::FramesReceived;
 use super::group::GroupEnd;
-use super::observation::FramesReceived;
 use super::plan::{Rate, Route, TestPath, TestPlan, TestStep};
 use super::report::{Check, GatewayReport};
 use crate::context::{Bus, Result};

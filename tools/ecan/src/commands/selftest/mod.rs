@@ -5,7 +5,6 @@ mod exchange;
 mod gateways;
 mod group;
 mod in_service;
-mod observation;
 mod plan;
 mod report;
 mod test_bus;

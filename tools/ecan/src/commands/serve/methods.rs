@@ -15,9 +15,9 @@ use serde_json::{Value, json};
 use crate::commands::sim::{
     FAULT_METHOD, FAULTS_METHOD, FaultList, FaultReport, STATUS_METHOD, SimulationStatus,
 };
+use crate::config_changes::{ConfigText, METHOD, ReadyGateway, Report};
 use crate::context::{Bus, Failure, GlobalOptions, Result};
 use crate::frames::{GatewayRequirements, Planned, of_whole_file};
-use crate::reconfiguration::{ConfigText, METHOD, ReadyGateway, Report};
 
 impl Planned {
     /// Report of gateways that are ready with this configuration.

@@ -99,8 +99,14 @@ impl OnTerminal {
         let mark = "<the end>";
         self.pty.terminal.write_all(mark.as_bytes()).unwrap();
         self.wait_for(mark);
-        let modes =
-            |it: Termios| (it.input_modes, it.output_modes, it.control_modes, it.local_modes);
+        let modes = |terminal: Termios| {
+            (
+                terminal.input_modes,
+                terminal.output_modes,
+                terminal.control_modes,
+                terminal.local_modes,
+            )
+        };
         assert_eq!(modes(tcgetattr(&self.pty.terminal).unwrap()), modes(self.before.clone()));
         let text = self.shown.text();
         let last = |code: &str| text.rfind(code);

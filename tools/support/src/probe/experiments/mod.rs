@@ -4,7 +4,6 @@ pub(super) mod channel_config;
 pub(super) mod images;
 pub(super) mod loopback;
 pub(super) mod objects;
-pub(super) mod operation;
 pub(super) mod schedule;
 pub(super) mod service_time;
 pub(super) mod startup;

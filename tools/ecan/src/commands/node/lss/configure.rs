@@ -10,8 +10,8 @@ use serde::Serialize;
 
 use super::lss_client::{JsonAddress, LssClient, LssOptions, SlaveSelection, parse_node};
 use crate::commands::node::node_target::NodeTarget;
-use crate::confirmation::confirm;
 use crate::context::{Context, Failure, Result, note};
+use crate::output::confirm;
 
 /// A node-ID, or `none`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

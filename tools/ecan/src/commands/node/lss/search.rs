@@ -9,8 +9,8 @@ use serde::Serialize;
 
 use super::lss_client::{JsonAddress, LssClient, LssOptions};
 use crate::context::{Context, Failure, Result};
-use crate::progress::Progress;
-use crate::table;
+use crate::output;
+use crate::output::Progress;
 use crate::value::parse_unsigned;
 
 #[derive(Debug, Args)]
@@ -114,7 +114,7 @@ fn scan_one(
 
 fn print_scan(found: &[LssAddress], scanned: &Scanned, out: &mut dyn Write) -> io::Result<()> {
     if !found.is_empty() {
-        table::print_with_titles(
+        output::print_with_titles(
             out,
             ["VENDOR", "PRODUCT", "REVISION", "SERIAL", "ADDRESS"],
             found,
@@ -186,7 +186,8 @@ pub fn identify(arguments: &IdentifyArguments, context: &Context) -> Result {
     let command = match (arguments.vendor, arguments.product) {
         (Some(vendor), Some(product)) => {
             let mut range = LssAddressRange::of_product(vendor, product);
-            let pair = |it: Option<NumberRange>| it.map(|NumberRange(first, last)| (first, last));
+            let pair =
+                |range: Option<NumberRange>| range.map(|NumberRange(first, last)| (first, last));
             range.revision = pair(arguments.revision).unwrap_or(range.revision);
             range.serial = pair(arguments.serial).unwrap_or(range.serial);
             LssCommand::Identify(range)

@@ -17,11 +17,10 @@ use crate::commands::node::node_client::{NodeClient, start_for};
 use crate::commands::node::node_target::{JsonTarget, NodeTarget, TargetArguments};
 use crate::commands::node::object_value::{ObjectValue, status_text};
 use crate::commands::node::objects::number;
-use crate::confirmation::confirm;
 use crate::context::{Context, Failure, Output, Result, Tone};
 use crate::frames::FrameOptions;
-use crate::progress::Progress;
-use crate::table;
+use crate::output;
+use crate::output::{Progress, confirm};
 
 #[derive(Debug, Args)]
 pub struct RestoreArguments {
@@ -141,7 +140,8 @@ fn check_node_id(
     name: &str,
     is_application_only: bool,
 ) -> Result {
-    let of_file = dcf.commissioning.as_ref().and_then(|it: &Commissioning| it.node_id);
+    let of_file =
+        dcf.commissioning.as_ref().and_then(|commissioning: &Commissioning| commissioning.node_id);
     match of_file.filter(|node| *node != target.node && !is_application_only) {
         None => Ok(()),
         Some(other) => Err(Failure::Usage(format!(
@@ -185,7 +185,7 @@ fn write_all(
 ) -> Result<usize> {
     let mut rejected = Vec::new();
     for Download { index, subindex, data } in downloads {
-        crate::progress::step();
+        crate::output::step();
         match client.try_download(*index, *subindex, data)? {
             Ok(_) => {}
             Err(fault @ SdoFault::Aborted(_)) => rejected.push(((*index, *subindex), fault)),
@@ -202,7 +202,7 @@ fn write_all(
         let entry = dcf.entry(*index, *subindex);
         let data_type = entry.map(|entry| entry.data_type);
         let fault = rejected.iter().find(|rejected| rejected.0 == key).map(|found| found.1);
-        crate::progress::step();
+        crate::output::step();
         let found = match entry.is_some_and(|entry| entry.access.is_readable()) {
             true => client.upload_optional(*index, *subindex)?,
             false => None,
@@ -234,7 +234,7 @@ fn last_values(downloads: &[Download]) -> impl Iterator<Item = &Download> {
         .iter()
         .enumerate()
         .filter(|(nth, download)| {
-            let key = |it: &Download| (it.index, it.subindex);
+            let key = |download: &Download| (download.index, download.subindex);
             downloads.iter().skip(nth + 1).all(|later| key(later) != key(download))
         })
         .map(|(_, download)| download)
@@ -243,7 +243,7 @@ fn last_values(downloads: &[Download]) -> impl Iterator<Item = &Download> {
 fn print(restored: &Restored, output: &Output, out: &mut dyn Write) -> io::Result<()> {
     let Restored { node, file, written, verified, is_stored, not_restored, .. } = restored;
     if !not_restored.is_empty() {
-        table::print_with_titles(out, ["OBJECT", "NAME", "FILE", "NODE"], not_restored, |row| {
+        output::print_with_titles(out, ["OBJECT", "NAME", "FILE", "NODE"], not_restored, |row| {
             let found = match (&row.error, &row.node_text) {
                 (Some(error), _) => output.toned(Tone::Bad, error),
                 (None, text) => text.clone().unwrap_or_default(),
@@ -307,7 +307,7 @@ pub fn run_diff(arguments: &DiffArguments, context: &Context) -> Result {
         let mut differences = Vec::new();
         for stored in &values {
             let (index, subindex) = stored.key();
-            crate::progress::step();
+            crate::output::step();
             let found = match client.try_upload(index, subindex)? {
                 Ok(data) if stored.is_same(&data) => continue,
                 Ok(data) => Ok(ObjectValue::new(data, Some(stored.entry.data_type))),
@@ -344,7 +344,7 @@ pub fn run_diff(arguments: &DiffArguments, context: &Context) -> Result {
 fn print_differences(report: &Report, output: &Output, out: &mut dyn Write) -> io::Result<()> {
     let Report { node, file, compared, differences } = report;
     if !differences.is_empty() {
-        table::print_with_titles(out, ["OBJECT", "NAME", "FILE", "NODE"], differences, |row| {
+        output::print_with_titles(out, ["OBJECT", "NAME", "FILE", "NODE"], differences, |row| {
             let found = match (&row.node_text, &row.error) {
                 (Some(text), _) => text.clone(),
                 (None, error) => output.toned(Tone::Faint, error.as_deref().unwrap_or("unknown")),

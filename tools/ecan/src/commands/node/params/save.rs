@@ -16,7 +16,7 @@ use crate::commands::node::object_value::moves_a_motor;
 use crate::commands::node::objects::{DeviceFileArguments, ObjectKey, number, read_device_file};
 use crate::context::{Context, Failure, Result};
 use crate::frames::FrameOptions;
-use crate::progress::Progress;
+use crate::output::Progress;
 
 #[derive(Debug, Args)]
 pub struct SaveArguments {
@@ -117,7 +117,7 @@ fn read_values(
     let (mut values, mut left_out) = (0, Vec::new());
     for entry in device.parameters().filter(|entry| is_parameter(entry.index)) {
         let (index, subindex) = (entry.index, entry.subindex);
-        crate::progress::step();
+        crate::output::step();
         let reason = match client.try_upload(index, subindex)? {
             // A DCF has no form for a text without characters.
             Ok(data) if is_empty(entry.data_type, &data) => "empty text".to_owned(),

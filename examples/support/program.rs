@@ -1,0 +1,121 @@
+//! End of a program: one readable message, and a status for scripts.
+
+use std::error::Error;
+use std::process::ExitCode;
+
+use ecan_lite::config::ConfigFileError;
+use ecan_mcan_port::{Port, PortError, Session};
+use ecan_sim::BackendError;
+use ecan_tool_support::command_line::log_file::LogFileError;
+use ecan_tool_support::command_line::screen::Stream;
+use ecan_tool_support::plot::PlotError;
+use ecan_tool_support::{print_error_line, print_line};
+use indicatif::{ProgressBar, ProgressStyle};
+
+use crate::interrupt::Interrupt;
+use crate::real_time::RealTimeArguments;
+
+/// Exit statuses, with the numbers of `ecan`.
+pub const EXIT_STATUS: &str = "\
+Exit status:
+  0  success
+  1  the run failed
+  2  invalid arguments
+  3  the EtherCAT master library cannot be loaded
+  6  file or scenario cannot be read, written or parsed";
+
+/// Success, failure without a message (already printed), or failure with one.
+pub fn report_exit(program: &str, result: Result<bool, Box<dyn Error>>) -> ExitCode {
+    match result {
+        Ok(true) => ExitCode::SUCCESS,
+        Ok(false) => ExitCode::FAILURE,
+        Err(error) => {
+            print_error_line!("{program}: {error}");
+            ExitCode::from(status(&*error))
+        }
+    }
+}
+
+fn status(error: &(dyn Error + 'static)) -> u8 {
+    match error.downcast_ref::<BackendError>() {
+        Some(error) if error.is_scenario() => 6,
+        Some(_) => 3,
+        None => {
+            let is_file = error.is::<ConfigFileError>()
+                || error.is::<LogFileError>()
+                || error.is::<PlotError>();
+            if is_file { 6 } else { 1 }
+        }
+    }
+}
+
+/// Applies the cycle timing, and measures the cycles if the user asked for real time.
+pub fn run_options(port: &mut Port, thread: &RealTimeArguments, real_time: bool) {
+    thread.set_timing(port.adapter_mut());
+    if real_time || thread.is_given() {
+        port.adapter_mut().measure_cycles();
+    }
+}
+
+/// Waits until all gateways are ready. Prints a message and returns false if the user stopped the
+/// program.
+///
+/// # Errors
+/// A gateway did not become ready in time; the error names it and the reason.
+pub fn wait_ready(port: &mut Port, interrupt: &Interrupt) -> Result<bool, PortError> {
+    let interrupt = interrupt.clone();
+    port.adapter_mut().stop_waiting_when(Some(Box::new(move || interrupt.is_set())));
+    let ready = port.wait_ready();
+    port.adapter_mut().stop_waiting_when(None);
+    if matches!(ready, Err(PortError::Adapter(ecan_host::Error::Stopped))) {
+        print_line!("stopped by the user");
+        return Ok(false);
+    }
+    ready.map(|()| true)
+}
+
+/// Last reported session of each gateway.
+#[derive(Debug)]
+pub struct SessionWatch {
+    reported: Vec<Session>,
+}
+
+impl SessionWatch {
+    /// Starts with the present sessions.
+    pub fn new(port: &Port) -> Self {
+        Self { reported: port.gateways().map(|gateway| port.session(gateway)).collect() }
+    }
+
+    /// Returns a line for every gateway whose session changed since the last call.
+    pub fn changes(&mut self, port: &Port) -> Vec<String> {
+        let mut lines = Vec::new();
+        for (gateway, reported) in port.gateways().zip(&mut self.reported) {
+            let session = port.session(gateway);
+            if *reported != session {
+                *reported = session;
+                lines.push(format!("{gateway}: {session}"));
+            }
+        }
+        lines
+    }
+}
+
+/// Time without a frame after which none is pending, ns.
+pub const IDLE_TIMEOUT_NS: u64 = 200_000_000;
+/// Time without an accepted or received frame after which a program ends, ns.
+pub const STALL_TIMEOUT_NS: u64 = 10_000_000_000;
+
+/// Steps below which a bar would only flicker.
+const LONG: u64 = 500;
+
+/// A bar on standard error, hidden for short runs and if standard error is not a terminal.
+pub fn bar(total: u64) -> ProgressBar {
+    if total < LONG || !Stream::Error.is_terminal() {
+        return ProgressBar::hidden();
+    }
+    let bar = ProgressBar::new(total);
+    if let Ok(style) = ProgressStyle::with_template("{bar:40} {pos}/{len}  {eta} left") {
+        bar.set_style(style);
+    }
+    bar
+}
