@@ -102,7 +102,7 @@ pub fn run(arguments: &FirmwareArguments, context: &Context) -> Result {
     if let Some(connection) = context::connect(context.global, context.global.master())? {
         return Err(Failure::Master(format!(
             "a service does not transfer firmware (FoE), and {} holds the master; end that program, or \
-`ecan info` shows the version",
+             use --via direct if the gateway may restart in parallel with it; `ecan info` shows the version",
             connection.program()
         )));
     }
