@@ -162,16 +162,4 @@ done
 say "the C++ header and its programs"
 scripts/check-cpp.sh "$build/moved" "$build/cpp"
 
-say "without the simulator"
-cmake -S . -B "$build/plain" -DECAN_IGH_SIM=OFF -DECAN_CARGO_TARGET_DIR="$target" \
-    >"$build/plain.log"
-cmake --build "$build/plain" --parallel 2
-ctest --test-dir "$build/plain" --output-on-failure
-
-say "the protocol alone"
-cmake -S . -B "$build/protocol" -DECAN_IGH_BUILD_DEMO=OFF -DECAN_CARGO_TARGET_DIR="$target" \
-    >"$build/protocol.log"
-cmake --build "$build/protocol"
-test ! -e "$build/protocol/libecan_igh_host.a"
-
 say "all of the C side holds"

@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Runs the unsafe code under Miri and AddressSanitizer: scripts/check-undefined-behaviour.sh [miri] [asan].
 # By hand, it takes many minutes. Needs a nightly toolchain; Miri also its components miri and rust-src.
-# scripts/check-c-memory.sh runs the C programs under valgrind and the sanitizers of C.
+# scripts/check-c-more.sh runs the C programs under valgrind and the sanitizers of C.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 export CARGO_INCREMENTAL=0 CARGO_PROFILE_DEV_DEBUG=0 PROPTEST_DISABLE_FAILURE_PERSISTENCE=1

@@ -1,8 +1,9 @@
 #!/usr/bin/env bash
-# Runs the C programs under AddressSanitizer, UndefinedBehaviorSanitizer and valgrind, after scripts/check-c.sh with the same
-# directory. Needs cmake, gcc, g++ and valgrind.
+# The part of the C side that takes long, after scripts/check-c.sh with the same directory: builds with other options, the
+# C++ header by every compiler, and all programs under AddressSanitizer, UndefinedBehaviorSanitizer and valgrind. Needs
+# cmake, gcc, g++, clang and valgrind.
 #
-#     scripts/check-c-memory.sh [BUILD_DIRECTORY]
+#     scripts/check-c-more.sh [BUILD_DIRECTORY]
 set -euo pipefail
 cd "$(dirname "$0")/.."
 build=${1:-build}
@@ -49,3 +50,20 @@ memcheck="valgrind --quiet --error-exitcode=99 --leak-check=full --show-leak-kin
 $memcheck "$build/capi/tests/observer_stress" 20000
 ECAN_TEST_RUNNER=$memcheck run_checked valgrind "$build" \
     --exclude-regex "$without_programs|observer_stress|$again|$real_time"
+
+say "the C++ header and its programs"
+rm -rf "$build/installed-again"
+cmake --install "$build" --prefix "$build/installed-again" >"$build/install.log"
+scripts/check-cpp.sh --all "$build/installed-again" "$build/cpp"
+
+say "without the simulator"
+cmake -S . -B "$build/plain" -DECAN_IGH_SIM=OFF -DECAN_CARGO_TARGET_DIR="$target" \
+    >"$build/plain.log"
+cmake --build "$build/plain" --parallel 2
+ctest --test-dir "$build/plain" --output-on-failure
+
+say "the protocol alone"
+cmake -S . -B "$build/protocol" -DECAN_IGH_BUILD_DEMO=OFF -DECAN_CARGO_TARGET_DIR="$target" \
+    >"$build/protocol.log"
+cmake --build "$build/protocol"
+test ! -e "$build/protocol/libecan_igh_host.a"
