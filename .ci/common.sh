@@ -67,9 +67,3 @@ build_programs() {
     cargo build --quiet --locked --workspace --bins --examples
     cargo build --quiet --locked "${checks[@]}" --workspace --bins
 }
-
-# The feature that no other stage compiles, in a directory of its own: other stages compile beside it.
-test_zenoh() {
-    cargo test --locked --target-dir target/zenoh -p ecan-service-zenoh -p ecan-tool \
-        --features "ecan-service-zenoh/engine ecan-tool/zenoh" "$@"
-}
