@@ -1,8 +1,4 @@
-//! Commands to axes
-//!
-//! Each call starts an operation and returns; the cycle continues it, and
-//! igh_cia402_get_axis_state() reports the progress. With IGH_CIA402_ALL_AXES a command goes to every
-//! axis, even after one that rejects it; the code is that of the first rejection.
+//! Commands to axes: calls that start an operation, and calls that wait for all axes.
 
 use std::ffi::{CString, c_char, c_int, c_void};
 
@@ -20,6 +16,12 @@ use crate::bus::Bus;
 use crate::callback::{ProgressCallback, duration, milliseconds};
 use crate::errors::OrCode as _;
 use crate::handle::Entered;
+
+// Section: Commands to axes
+//
+// Each call starts an operation and returns; the cycle continues it, and
+// igh_cia402_get_axis_state() reports the progress. With IGH_CIA402_ALL_AXES a command goes to every
+// axis, even after one that rejects it; the code is that of the first rejection.
 
 /// In place of the index of an axis in igh_cia402_configure(), _request_actual_position(), _enable(),
 /// _disable(), _quick_stop(), _recover(), _reset_fault(), _halt() and _resume(): all axes.
