@@ -79,8 +79,9 @@ pub use backend_error::BackendError;
 pub use ecrt_sys::{ECRT_VARIABLE, EcrtSetting};
 pub use esc::{ETHERCAT_ETHERTYPE, Wire, WireStatistics};
 pub use fault::{
-    DriveFault, Fault, FaultDescription, FaultEffect, FaultError, FaultKey, FaultKind, FaultRecord,
-    FaultValue, GatewayFault, LibraryCall, LossDirection, ScriptedFault, When,
+    DrawnValue, DriveFault, Fault, FaultDescription, FaultDraw, FaultEffect, FaultError, FaultKey,
+    FaultKind, FaultRecord, FaultValue, GatewayFault, LibraryCall, LossDirection, ScriptedFault,
+    When,
 };
 pub use random::WakeUpDelay;
 pub use scenario::{

@@ -1,11 +1,11 @@
 //! What happens to the machine and to the application.
 
-use ecan_sim::FaultDescription;
+use ecan_sim::{DrawnValue, FaultDescription, FaultKind};
 use fastrand::Rng;
 use serde::{Deserialize, Serialize};
 
 use crate::channel::Partner;
-use crate::draw::{chance, pick};
+use crate::draw::{chance, pick, weighted};
 use crate::drives::{self, AxisCommand};
 use crate::firmware_update::FirmwareUpdate;
 use crate::machine::Machine;
@@ -71,7 +71,10 @@ impl Action {
             let axis = r.usize(..drives.len());
             return match chance(r, 50) {
                 true => Self::Axis { axis, command: pick(r, &AxisCommand::ALL) },
-                false => Self::Fault(Box::new(drive_fault(r, &drives::name(&drives[axis].0)))),
+                false => {
+                    let drive = drives::name(&drives[axis].0);
+                    Self::Fault(Box::new(fault(r, machine, Some(&drive))))
+                }
             };
         }
         match r.u8(..20) {
@@ -88,90 +91,41 @@ impl Action {
                 slave: r.usize(..machine.gateway.len()),
                 update: FirmwareUpdate::draw(r),
             },
-            _ => Self::Fault(Box::new(fault(r, machine))),
+            _ => Self::Fault(Box::new(fault(r, machine, None))),
         }
     }
 }
 
-fn drive_fault(r: &mut Rng, node: &str) -> FaultDescription {
-    let keys = match r.u8(..7) {
-        0 | 1 => format!("kind = \"node_silent\"\nfor_ms = {}", r.u32(1..800)),
-        2 => format!("kind = \"drive_error\"\ncode = {}", pick(r, &[0x2310, 0x8611, 0x4210])),
-        3 => "kind = \"drive_emcy\"\ncode = 0x4210\nregister = 9".to_owned(),
-        4 => format!("kind = \"drive_power_cycle\"\noff_ms = {}", r.u32(1..500)),
-        5 => format!("kind = \"drive_bus_off\"\nfor_ms = {}", r.u32(1..500)),
-        _ => format!("kind = \"drive_blocked\"\nfor_ms = {}", r.u32(1..300)),
-    };
-    described(&format!("{keys}\nnode = \"{node}\"\n"))
-}
-
-fn described(text: &str) -> FaultDescription {
-    toml::from_str(text).unwrap_or_else(|error| panic!("{text}\n{error}"))
-}
-
-fn fault(r: &mut Rng, machine: &Machine) -> FaultDescription {
+/// A fault of the machine, or of a drive with this name, at a random place.
+fn fault(r: &mut Rng, machine: &Machine, drive: Option<&str>) -> FaultDescription {
     let slave = r.usize(..machine.gateway.len());
     let channel = pick(r, &machine.gateway[slave].channel.iter().collect::<Vec<_>>());
-    let (number, bus) = (channel.number, Machine::bus(slave, channel));
-    let gateway = format!("gateway = {slave}");
-    let kind = |kind: &str, keys: String| format!("kind = \"{kind}\"\n{keys}");
-    let way = pick(r, &["outward", "return"]);
-    if machine.has_io && chance(r, 10) {
-        return described(&kind("io_power_cycle", format!("off_ms = {}", r.u32(1..800))));
-    }
-    let text = match r.u8(..34) {
-        0..6 => kind("lost_frame", format!("way = \"{way}\"\ncycles = {}", r.u32(1..30))),
-        // A smaller offset would show a read without the write that took place.
-        6..8 => kind("working_counter_offset", format!("offset = -3\ncycles = {}", r.u32(1..15))),
-        8..11 => kind("power_cycle", format!("{gateway}\noff_ms = {}", r.u32(1..800))),
-        11 => kind("power_off", gateway),
-        12 => kind("power_on", gateway),
-        13..16 => kind("link_loss", format!("{gateway}\nfor_ms = {}", r.u32(1..500))),
-        16 => {
-            let index = pick(r, &[0x8010, 0x8011, 0x8001, 0x8002, 0x8021, 0x1C12, 0xF000]);
-            let code = pick(r, &[0x0503_0000_u32, 0x0504_0000, 0x0601_0002, 0x0800_0020]);
-            let times = r.u32(1..4);
-            kind(
-                "sdo_abort",
-                format!(
-                    "{gateway}\nindex = {index}\nsubindex = {}\ncode = {code}\ntimes = {times}",
-                    r.u8(..8)
-                ),
-            )
-        }
-        17 => {
-            let index = pick(r, &[0x8010, 0x8011, 0x8001, 0x8002, 0x8021, 0xF000]);
-            kind(
-                "sdo_response_lost",
-                format!("{gateway}\nindex = {index}\nsubindex = {}", r.u8(..8)),
-            )
-        }
-        18 => kind("mailbox_timeout", format!("{gateway}\nfor_ms = {}", r.u32(1..800))),
-        19 | 20 => kind("torn_image", format!("{gateway}\ntimes = {}", r.u32(1..6))),
-        21 | 22 => kind("crc_error", format!("{gateway}\ntimes = {}", r.u32(1..6))),
-        23 | 24 => {
-            kind("al_error", format!("{gateway}\ncode = {}", pick(r, &[0x1A, 0x1B, 0x2C, 0x11])))
-        }
-        25 | 26 => kind("service_stall", format!("{gateway}\nfor_ms = {}", r.u32(1..60))),
-        27 => kind("flash_failure", gateway),
-        28 => kind("clock_jump", format!("{gateway}\nns = {}", r.i64(-3_000_000..3_000_000))),
-        29 | 30 => kind("bus_off", format!("{gateway}\nchannel = {number}")),
-        31 => {
-            kind("error_frames", format!("{gateway}\nchannel = {number}\ntimes = {}", r.u32(1..40)))
-        }
-        32 if channel.partner == Partner::Echo => {
-            kind("node_silent", format!("node = \"echo {bus}\"\nfor_ms = {}", r.u32(1..200)))
-        }
-        32 => kind("requests_held", format!("for_ms = {}", r.u32(1..400))),
-        _ => {
-            let call =
-                pick(r, &["receive", "send", "domain_process", "domain_queue", "domain_state"]);
-            let errno = if chance(r, 50) { "EINTR" } else { "EIO" };
-            kind(
-                "library_error",
-                format!("call = \"{call}\"\nerrno = \"{errno}\"\ntimes = {}", r.u32(1..4)),
-            )
-        }
+    let echo = (channel.partner == Partner::Echo)
+        .then(|| format!("echo {}", Machine::bus(slave, channel)));
+    let is_possible = |kind: FaultKind| match kind {
+        FaultKind::IoPowerCycle => machine.has_io && drive.is_none(),
+        FaultKind::NodeSilent => drive.is_some() || echo.is_some(),
+        kind => kind.keys().contains(&"node") == drive.is_some(),
     };
-    described(&text)
+    let kinds = FaultKind::ALL.iter().copied().filter(|kind| is_possible(*kind));
+    let kinds: Vec<_> = kinds.filter_map(|kind| Some((kind.draw()?.weight, kind))).collect();
+    let kind = weighted(r, &kinds);
+    let mut text = format!("kind = \"{}\"\n", kind.name());
+    for key in kind.keys() {
+        let value = match *key {
+            "gateway" => slave.to_string(),
+            "channel" => channel.number.to_string(),
+            "node" => format!("\"{}\"", drive.or(echo.as_deref()).unwrap_or_default()),
+            _ => continue,
+        };
+        text += &format!("{key} = {value}\n");
+    }
+    for (key, values) in kind.draw().iter().flat_map(|draw| draw.values) {
+        let value = match *values {
+            DrawnValue::Between(first, end) => r.i64(first..end).to_string(),
+            DrawnValue::OneOf(texts) => pick(r, texts).to_owned(),
+        };
+        text += &format!("{key} = {value}\n");
+    }
+    toml::from_str(&text).unwrap_or_else(|error| panic!("{text}\n{error}"))
 }

@@ -4,8 +4,11 @@
 use ecan_protocol::mapping::CHANNELS;
 use serde::{Deserialize, Serialize};
 
+use self::DrawnValue::{Between, OneOf};
 use super::schedule::When;
-use super::table::{DriveFault, Fault, GatewayFault, LibraryCall, LossDirection, fault_table};
+use super::table::{
+    DriveFault, Fault, GatewayFault, LibraryCall, LossDirection, fault_keys, fault_table,
+};
 use crate::scenario::{NodeKind, NodeSpec, Scenario};
 
 /// A key of a [`FaultDescription`].
@@ -35,6 +38,25 @@ pub enum FaultValue {
     Text,
     /// A number or a name.
     NumberOrText,
+}
+
+/// Random values of a fault kind, for trials that inject faults. The place of the fault (gateway, channel, node)
+/// is not part of them.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct FaultDraw {
+    /// Frequency of the kind, relative to those of the others.
+    pub weight: u32,
+    /// Keys with their values; the others have their defaults.
+    pub values: &'static [(&'static str, DrawnValue)],
+}
+
+/// Random value of a [`FaultKey`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum DrawnValue {
+    /// An integer from the first one up to, but not including, the second one.
+    Between(i64, i64),
+    /// One of these values in TOML.
+    OneOf(&'static [&'static str]),
 }
 
 trait KeyType {
@@ -101,54 +123,7 @@ macro_rules! key_method {
     };
 }
 
-keys! {
-    /// Time: the n-th send with process data since the start of the simulation, from 1
-    cycle: u64 [],
-    /// Time since the start of the simulation
-    at_ms: u64 [],
-    /// Time from now; in a scenario file from the start of the simulation
-    after_ms: u64 [],
-    /// Time since all gateways are in OP for the first time
-    after_op_ms: u64 [],
-    /// Time since the program has all gateways ready for the first time
-    after_ready_ms: u64 [],
-    /// Index of the gateway [default: the only one]
-    gateway: usize [],
-    /// Index of the I/O slave [default: the only one]
-    io: usize [],
-    /// Channel, 0 to 3
-    channel: usize [],
-    /// Name of the node
-    node: String [],
-    /// Lost before the first slave (outward) or after the last one (return) [default: outward]
-    way: LossDirection [= LossDirection::default()],
-    /// Number of sends with process data [default: 1]
-    cycles: u32 [= 1],
-    /// Difference of the working counter
-    offset: i32 [required],
-    /// Time without supply [default: 1000 ms]
-    off_ms: u32 [= 1000],
-    /// Duration
-    for_ms: u32 [required],
-    /// Index of the object
-    index: u16 [required],
-    /// Subindex of the object [default: 0]
-    subindex: u8 [= 0],
-    /// SDO abort code, AL status code or CiA 402 error code
-    code: u32 [required],
-    /// Error register of the emergency message [default: 1]
-    register: u8 [= 1],
-    /// Number of times [default: 1]
-    times: u32 [= 1],
-    /// Function: receive, send, domain_process, domain_queue or domain_state
-    call: LibraryCall [required],
-    /// Error number, or its name such as EINTR
-    errno: toml::Value [],
-    /// Jump, in ns
-    ns: i64 [required],
-    /// Value of the object; excess bits are cut off
-    value: i64 [required],
-}
+fault_keys!(keys);
 
 /// Declares the kinds in the order of the table, and what each of them resolves to.
 macro_rules! kinds {
@@ -170,7 +145,8 @@ macro_rules! kinds {
     (@groups $( { $type:ident $wrap:ident $(
         $(#[$variant_meta:meta])*
         $variant:ident $fields:tt
-        $( kind $kind:ident $name:literal ($($key:literal),*) $help:literal )?
+        $( kind $kind:ident $name:literal ($($key:literal),*) $help:literal
+            $( drawn ($weight:literal, $values:expr) )? )?
         text ($($text:tt)*);
     )* } )*) => {
         /// Kind of a fault in its textual form.
@@ -196,6 +172,14 @@ macro_rules! kinds {
             /// Effect, in one line.
             pub fn help(self) -> &'static str {
                 match self { $( $( $( Self::$kind => $help.trim_ascii(), )? )* )* }
+            }
+
+            /// Values in random trials; `None` for a kind that is not drawn.
+            pub fn draw(self) -> Option<FaultDraw> {
+                match self {
+                    $( $( $( $( Self::$kind => Some(FaultDraw { weight: $weight, values: $values }), )? )? )* )*
+                    _ => None,
+                }
             }
         }
 

@@ -4,7 +4,9 @@ mod description;
 mod schedule;
 mod table;
 
-pub use description::{FaultDescription, FaultError, FaultKey, FaultKind, FaultValue};
+pub use description::{
+    DrawnValue, FaultDescription, FaultDraw, FaultError, FaultKey, FaultKind, FaultValue,
+};
 pub(crate) use schedule::{CycleFaults, FaultSchedule};
 pub use schedule::{FaultEffect, FaultRecord, ScriptedFault, When};
 pub use table::{DriveFault, Fault, GatewayFault, LibraryCall, LossDirection};

@@ -442,6 +442,25 @@ mod tests {
     }
 
     #[test]
+    fn help_lists_every_kind_with_its_keys() {
+        // Without the breaks of lines.
+        let help = |mut command: Command| {
+            let text = command.render_help().to_string();
+            text.split_whitespace().collect::<Vec<_>>().join(" ")
+        };
+        let kinds = help(FaultRequest::augment_subcommands(Command::new("fault")));
+        for kind in FaultKind::ALL {
+            let row = format!("{} {}", option_name(kind.name()), kind.help());
+            assert!(kinds.contains(&row), "{row}: {kinds}");
+            let keys = help(command(*kind));
+            for key in keys_of(*kind) {
+                let option = format!("--{} <", option_name(key.name));
+                assert!(keys.contains(&option) && keys.contains(key.help), "{option}: {keys}");
+            }
+        }
+    }
+
+    #[test]
     fn times_have_a_unit() {
         for (text, ms) in [("300ms", 300), ("1.1s", 1100), ("2min", 120_000), ("0s", 0)] {
             assert_eq!(parse_time(text), Ok(Value::from(ms)), "{text}");
