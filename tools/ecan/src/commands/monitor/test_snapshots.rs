@@ -199,16 +199,13 @@ pub fn with_signals(snapshot: Snapshot) -> Snapshot {
 /// An axis that follows targets, and one in fault.
 pub fn axes() -> Snapshot {
     let running = AxisState {
-        gateway: 0,
         channel: 1,
         node_id: 3,
         phase: "following targets".to_owned(),
         elapsed_ns: 12_340_000_000,
-        error: None,
         mode: "CSP".to_owned(),
         statusword: Some(0x1237),
         drive_state: Some("operation enabled".to_owned()),
-        error_code: 0,
         nmt_state: Some("operational".to_owned()),
         heartbeat: "active".to_owned(),
         actual: Some(-2_147_483_648),
@@ -216,14 +213,9 @@ pub fn axes() -> Snapshot {
         actual_degrees: Some(-90.5),
         target: Some(-2_147_483_600),
         following_error: Some(48),
-        hold_reason: None,
-        stop_cause: None,
         is_configured: true,
         is_running: true,
-        is_at_rest: false,
-        is_target_reached: false,
-        is_stopped: false,
-        is_recovering: false,
+        ..AxisState::default()
     };
     let faulty = AxisState {
         node_id: 4,

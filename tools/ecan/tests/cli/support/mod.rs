@@ -25,19 +25,12 @@ pub fn ecan(arguments: &[&str]) -> Output {
     )
 }
 
-/// Standard output of a successful run. A failed run in which a service of a busy host lost its gateway is
-/// repeated.
+/// Standard output of a successful run.
 pub fn good(arguments: &[&str]) -> String {
-    let mut repetitions = 0..3;
-    loop {
-        let output = ecan(arguments);
-        if output.status.success() {
-            return String::from_utf8(output.stdout).unwrap();
-        }
-        let errors = String::from_utf8(output.stderr).unwrap();
-        let is_outage = arguments.contains(&"--via") && errors.contains("gateway: waiting for OP");
-        assert!(is_outage && repetitions.next().is_some(), "{arguments:?}: {errors}");
-    }
+    let output = ecan(arguments);
+    let errors = String::from_utf8(output.stderr).unwrap();
+    assert!(output.status.success(), "{arguments:?}: {errors}");
+    String::from_utf8(output.stdout).unwrap()
 }
 
 /// As [`good`], on a simulated bus.
