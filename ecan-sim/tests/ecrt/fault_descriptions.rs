@@ -3,7 +3,9 @@
 use std::path::Path;
 use std::sync::mpsc::channel;
 
-use ecan_sim::{Fault, FaultDescription, FaultEffect, FaultKind, Scenario, Simulation, When};
+use ecan_sim::{
+    DrawnValue, Fault, FaultDescription, FaultEffect, FaultKind, Scenario, Simulation, When,
+};
 use ecrt_sys::Clock as _;
 
 use crate::ecrt_support::{Program, stepped, stepped_echo};
@@ -72,6 +74,31 @@ fn every_kind_takes_effect_with_its_keys() {
         assert!(log.len() > before, "{text}");
         assert!(matches!(effect, FaultEffect::Injected(_)), "{effect:?}");
         assert_eq!(log.last(), Some(&effect.to_string()));
+    }
+}
+
+#[test]
+fn random_values_of_every_kind_are_valid() {
+    let scenario = Scenario::from_toml(CELL, "cell", Path::new(".")).unwrap();
+    let simulation = stepped(scenario).simulation.unwrap();
+    for (kind, draw) in FaultKind::ALL.iter().filter_map(|kind| Some((kind, kind.draw()?))) {
+        let place = |key: &&str| ["gateway", "io", "channel", "node"].contains(key);
+        let of_place = VALUES.iter().filter(|(key, _)| place(key) && kind.keys().contains(key));
+        let mut table = format!("kind = '{}'\n", kind.name());
+        table.extend(of_place.map(|(key, value)| format!("{key} = {value}\n")));
+        let values = |value: &DrawnValue| match value {
+            DrawnValue::Between(first, end) => vec![first.to_string(), (end - 1).to_string()],
+            DrawnValue::OneOf(texts) => texts.iter().map(ToString::to_string).collect(),
+        };
+        let most = draw.values.iter().map(|(_, value)| values(value).len()).max().unwrap_or(1);
+        for nth in 0..most {
+            let with = draw.values.iter().map(|(key, value)| {
+                let all = values(value);
+                format!("{key} = {}\n", all[nth % all.len()])
+            });
+            let text = table.clone() + &with.collect::<String>();
+            assert!(draw.weight > 0 && execute(&simulation, &text).is_ok(), "{text}");
+        }
     }
 }
 
