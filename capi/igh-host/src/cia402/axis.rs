@@ -274,6 +274,16 @@ mirror! {
     }
 }
 
+impl igh_cia402_axis_t {
+    /// Returns whether a field that must be 0 is not.
+    pub(super) fn has_reserved(&self) -> bool {
+        let mut further = self.further.iter().take(self.further_count.into());
+        self.padding != 0
+            || self.reserved.iter().any(|word| *word != 0)
+            || further.any(|object| object.reserved != [0; 3])
+    }
+}
+
 /// Number of an option code of the drive.
 fn option_code(code: Option<i16>) -> i32 {
     code.map_or(IGH_CIA402_UNCHANGED, i32::from)

@@ -55,7 +55,7 @@ impl AxisTable {
         }
         let mut table = Self { axes: Vec::new(), faults: Vec::new() };
         for (index, axis) in axes.iter().enumerate() {
-            if axis.reserved_is_set() {
+            if axis.has_reserved() {
                 table.faults.push((index, Fault::Reserved));
             }
             let mut report =
@@ -145,12 +145,6 @@ impl igh_cia402_axis_t {
             settings.following_window = self.following_window;
         }
         Some(settings)
-    }
-
-    fn reserved_is_set(&self) -> bool {
-        let mut further = self.further.iter().take(self.further_count.into());
-        let own = self.reserved != [0; 8] || self.padding != 0;
-        own || further.any(|object| object.reserved != [0; 3])
     }
 
     fn range(&self) -> Option<PositionRange> {
