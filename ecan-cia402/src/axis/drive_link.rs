@@ -95,11 +95,13 @@ impl DriveLink {
     }
 
     /// Evaluates the TPDO of this cycle.
+    #[inline]
     pub(crate) fn update(&mut self, plan: &AxisPlan, now_ns: u64) {
         self.drive.update(plan.config.range, plan.config.standstill, now_ns);
     }
 
     /// Stores which parts of the connection work. Returns whether one was lost in this cycle.
+    #[inline]
     pub(crate) fn update_reachability(&mut self, input: &GuardInput) -> bool {
         let before = std::mem::replace(&mut self.reachability, Reachability::of(input));
         self.reachability.is_lost_since(before)

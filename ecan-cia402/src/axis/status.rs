@@ -425,6 +425,7 @@ impl AxisReport {
     }
 
     /// Stores the phase of the axis with this index.
+    #[inline]
     pub(crate) fn set_phase(&mut self, axis: usize, phase: AxisPhase, now_ns: u64) {
         if phase == self.phase {
             return;

@@ -245,6 +245,7 @@ impl TargetPath {
     }
 
     /// Passes the input of a cycle to the guard. Returns the reason if the axis begins to hold.
+    #[inline]
     pub(crate) fn observe(
         &mut self,
         plan: &AxisPlan,
@@ -257,6 +258,7 @@ impl TargetPath {
 
     /// If TPDOs were missing and no target was sent for some periods, the drive must be at its last target before
     /// it gets another one, since the next would make the steps of those that were lost, too.
+    #[inline]
     fn check_last_target(
         &mut self,
         plan: &AxisPlan,
@@ -325,6 +327,7 @@ impl TargetPath {
 
     /// Decides about the target of a cycle. `own_step` is the step that the host is to make. Returns the
     /// host's own ramp, if it makes the target.
+    #[inline]
     pub(crate) fn decide(
         &mut self,
         turn: TargetTurn,
@@ -398,6 +401,7 @@ impl TargetPath {
     }
 
     /// Notes a sent target.
+    #[inline]
     pub(crate) fn on_target_sent(
         &mut self,
         plan: &AxisPlan,
