@@ -110,7 +110,7 @@ fn frames_and_results_cross_both_wraps() {
     assert_eq!((of_images, statistics.unmatched_results), ((0, 0, 0), 0));
     let counters = counters(&fixture);
     assert_eq!(counters.images_faulty - before.images_faulty, 0);
-    assert_eq!(counters.frames_parsed - before.frames_parsed, traffic.sent.into());
+    assert_eq!(counters.frames_parsed - before.frames_parsed, u64::from(traffic.sent));
 }
 
 /// Images around each wrap that are repeated because the host did not see them arrive, and images that it
