@@ -35,7 +35,7 @@ Examples:
 The bit rates come from the options, the file, or the gateway's configuration. A client that requests
 other bit rates cannot send or receive. Frames are exchanged once per EtherCAT cycle.
 
-With several channels, TCP ports count up from BEACON_PORT, and %c in LINK and INTERFACE is the channel (%g the
+With several channels, TCP ports count up from PORT, and %c in LINK and INTERFACE is the channel (%g the
 index of the gateway). A CAN interface that does not exist is created, which requires CAP_NET_ADMIN, and
 removed at the end: modprobe vcan; ip link add dev can0 mtu 72 type vcan; ip link set can0 up";
 
@@ -47,7 +47,7 @@ pub struct BridgeArguments {
     /// Serve every gateway of the file or bus
     #[arg(long, conflicts_with = "slave")]
     all: bool,
-    /// Serve slcan over TCP at BEACON_PORT, IP or IP:BEACON_PORT [default: 127.0.0.1, free port]
+    /// Serve slcan over TCP at PORT, IP or IP:PORT [default: 127.0.0.1, free port]
     #[arg(long, value_name = "ADDRESS", num_args = 0..=1, default_missing_value = "0")]
     slcan: Option<Listening>,
     /// Serve socketcand over TCP, classic CAN frames only
