@@ -54,9 +54,12 @@ fn without_watchdog(scenario: &str) -> String {
             cell(addresses.map(drive).collect())
         }
         file => {
-            let folder = Path::new(file).parent().unwrap().display();
-            let text = std::fs::read_to_string(file).unwrap();
-            text.replace("\neds = \"", &format!("\neds = \"{folder}/"))
+            let folder = Path::new(file).parent().unwrap();
+            let line = |line: &str| match line.strip_prefix("eds = \"") {
+                Some(path) => format!("eds = \"{}\n", folder.join(path).display()),
+                None => format!("{line}\n"),
+            };
+            std::fs::read_to_string(file).unwrap().lines().map(line).collect()
         }
     };
     text.replace("[[gateway]]\n", "[[gateway]]\nvariant.watchdog = \"none\"\n")
