@@ -1,4 +1,5 @@
-//! The exchange of process data in a cycle: its phase, its result for each slave, its errors.
+//! The exchange of process data in a cycle: phase, result for each slave, errors, and the datagrams and Ethernet
+//! frames that carry it.
 
 use std::fmt;
 

@@ -28,9 +28,11 @@
 #[cfg(feature = "config-file")]
 mod config_file;
 mod error;
+mod open;
 mod plan_table;
 
-pub use error::{EcrtOptions, Error, OpenEcrt, OpenedEcrt, Result};
+pub use error::{Error, Result};
+pub use open::{EcrtOptions, OpenEcrt, OpenedEcrt};
 pub use plan_table::plan_table;
 
 /// EtherCAT master, domains, startup SDOs, distributed clocks and real-time cycle (manual 15.5.2).

@@ -4,8 +4,8 @@ use std::ops::Deref;
 
 use ecan_host::{CycleError, CycleStart, CycleWait};
 
+use crate::address::GatewayHandle;
 use crate::cycle_state::CycleSummary;
-use crate::error::GatewayHandle;
 use crate::port::Port;
 use crate::received::{Received, ReceivedItems};
 

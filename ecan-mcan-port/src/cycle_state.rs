@@ -3,7 +3,7 @@
 use ecan_host::{Adapter, CycleError, CycleStart, Phase, StartupRounds};
 use ecan_protocol::mapping::CHANNELS;
 
-use crate::error::{AddressError, GatewayHandle};
+use crate::address::{AddressError, GatewayHandle};
 use crate::gateway::Gateway;
 use crate::image_stream::{CycleStamp, ImageRecorder};
 use crate::schedule::margin::Sync0Phase;

@@ -18,6 +18,7 @@
 #![deny(clippy::print_stdout, clippy::print_stderr)]
 #![forbid(unsafe_code)]
 
+mod address;
 mod al_watch;
 mod config;
 mod config_check;
@@ -39,6 +40,7 @@ mod transmit_queue;
 mod wait;
 mod word_ring;
 
+pub use address::{AddressError, ChannelHandle, GatewayHandle};
 pub use config::{
     AcceptanceFilter, ChannelConfig, ChannelFilter, Config, GatewayConfig, MAX_FILTERS,
     MAX_GATEWAYS, MarginCheck, MeasuredOn, PortConfig, ScheduleConfig, Traffic,
@@ -46,7 +48,7 @@ pub use config::{
 pub use config_check::PortConfigFault;
 pub use cycle::{Cycle, MAX_FAILED_CYCLES};
 pub use cycle_state::CycleSummary;
-pub use error::{AddressError, ChannelHandle, GatewayHandle, PortError};
+pub use error::PortError;
 pub use image_stream::{ImageEvent, ImageRecord, ImageStream, QueuedFrames};
 pub use plan::finding::{Elements, PortPlanError, PortWarning, SettingWarning};
 pub use plan::image::{CpuCost, ImageFill, ImagePlan};

@@ -5,9 +5,10 @@ use ecan_protocol::device::Capabilities;
 use ecan_protocol::image::{ChannelStatus, ParseDiagnosis};
 use ecan_protocol::mapping::CHANNELS;
 
+use crate::address::{AddressError, ChannelHandle, GatewayHandle};
 use crate::config::{Config, GatewayConfig, PortConfig};
 use crate::cycle_state::CycleState;
-use crate::error::{AddressError, ChannelHandle, GatewayHandle, PortError};
+use crate::error::PortError;
 use crate::gateway::Gateway;
 use crate::image_stream::{ImageStream, image_stream};
 use crate::receiver::CycleReport;

@@ -8,7 +8,7 @@ use ecan_protocol::image::PushError;
 use ecan_protocol::mapping::CHANNELS;
 use thiserror::Error;
 
-use crate::error::AddressError;
+use crate::address::AddressError;
 use crate::gateway::Gateway;
 use crate::image_stream::{QueuedFrames, RejectedFrames};
 use crate::word_ring::{RingReader, RingWriter, ring};

@@ -8,7 +8,8 @@ use ecan_host::{
 use ecan_protocol::config::NodeMode;
 use ecan_protocol::device::ControllerMode;
 
-use crate::error::{GatewayHandle, PortError};
+use crate::address::GatewayHandle;
+use crate::error::PortError;
 use crate::gateway::Gateway;
 use crate::port::Port;
 use crate::session::verification::VerificationFault;

@@ -1,8 +1,5 @@
-//! The shared object: search, version check, lookup of its functions.
-//!
-//! The functions that the simulated libethercat has in addition to those of the real one.
-//!
-//! They identify it, and share its clock: in stepped time only sleeping on that clock lets time pass.
+//! The shared object: search, version check, lookup of its functions. The simulated libethercat has further ones,
+//! which identify it and share its clock: in stepped time only sleeping on that clock lets time pass.
 
 use std::ffi::{CStr, OsStr, c_char, c_int, c_uint};
 use std::os::unix::ffi::OsStrExt as _;

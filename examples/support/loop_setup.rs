@@ -1,4 +1,4 @@
-//! Gateways and frames of a loop, from the options of its program.
+//! Gateways and frames of a loop, from the options of its program for master, gateways and channels.
 
 use std::error::Error;
 use std::path::Path;

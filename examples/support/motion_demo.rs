@@ -1,4 +1,4 @@
-//! A run of the CiA 402 demos.
+//! A run of the CiA 402 demos, with their options and configuration (manual 15.6).
 
 use std::error::Error;
 use std::path::PathBuf;

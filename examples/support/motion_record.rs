@@ -1,4 +1,4 @@
-//! Observations of a motion demo: progress of the axes, plot and summary.
+//! Observations of a motion demo: progress of the axes, plot, table and summary.
 
 use std::collections::{HashMap, HashSet};
 use std::error::Error;

@@ -1,4 +1,5 @@
-//! Output of a transmission probe: terminal, bus recording, CSV, picture.
+//! Output of a transmission probe and of its sweep over Sync0 shifts (manual 15.6.1): terminal, bus recording, CSV,
+//! picture.
 
 use std::error::Error;
 use std::path::{Path, PathBuf};

@@ -1,4 +1,5 @@
-//! End of a program: one readable message, and a status for scripts.
+//! What all programs share: options of the cycle, waiting for gateways, progress, and the end with one readable
+//! message and a status for scripts.
 
 use std::error::Error;
 use std::process::ExitCode;

@@ -1,4 +1,4 @@
-//! The Sync0 shift of a program (manual 15.6.1, 16.1).
+//! The plan of a program, and its Sync0 shift (manual 15.6.1, 16.1).
 
 use std::error::Error;
 use std::time::Duration;

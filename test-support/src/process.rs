@@ -1,4 +1,4 @@
-//! Guards for what must not outlive a test, also when it fails: children, and threads that wait.
+//! Child processes of tests: guards that end them and waiting threads when a test fails, and tshark.
 
 use std::io::{BufRead as _, BufReader, Read};
 use std::ops::{Deref, DerefMut};

@@ -1,4 +1,4 @@
-//! Return values and constants of all C functions.
+//! Return values and constants of all C functions, and the pointers through which they return results.
 
 use std::ffi::{CStr, c_int};
 use std::ptr::NonNull;
@@ -189,7 +189,7 @@ impl<T> OutPointer<T> {
         self.0.as_ptr()
     }
 
-    /// The same pointer for another type, which must fit.
+    /// Returns this pointer with another type, which must fit what it points to.
     pub(crate) fn cast<U>(&self) -> OutPointer<U> {
         OutPointer(self.0.cast())
     }

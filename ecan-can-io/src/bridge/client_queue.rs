@@ -1,4 +1,4 @@
-//! Queue to a client: frames of the bus and answers, in order.
+//! Queue to a client, frames of the bus and answers in order, and the writer that empties it.
 
 use std::collections::VecDeque;
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};

@@ -10,8 +10,8 @@ use ecan_protocol::can::CanFrame;
 use super::config::{
     BridgeStatistics, BusEvent, BusRates, Counters, ErrorCounters, ErrorFrame, count,
 };
-use super::session::Close;
 use crate::bridge::client_queue::ClientQueue;
+use crate::bridge::connection::Close;
 
 /// Identifies a client of one bridge.
 pub type ClientId = u64;

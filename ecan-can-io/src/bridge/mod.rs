@@ -9,6 +9,7 @@
 mod client_queue;
 mod clients;
 mod config;
+mod connection;
 #[cfg(test)]
 mod frame_strategies;
 mod server;

@@ -15,8 +15,9 @@ use ecan_protocol::can::CanFrame;
 use super::client_queue::{ClientQueue, Writer};
 use super::clients::{ClientFrame, ClientId, Clients};
 use super::config::{BridgeConfig, BridgeProtocol, BridgeStatistics, BusRates, Uplink, count};
-use super::session;
-use super::session::{Connection, Session, Terminal, TerminalLine};
+use super::connection;
+use super::connection::{Connection, Terminal, TerminalLine};
+use super::session::Session;
 
 /// Interval of polling for a new client. Stopping does not wait for it.
 const ACCEPT_INTERVAL: Duration = Duration::from_millis(10);
@@ -127,7 +128,7 @@ impl Acceptor {
         let admit = || -> io::Result<Option<(Connection, ClientId)>> {
             stream.set_nonblocking(false)?;
             stream.set_nodelay(true)?;
-            session::watch(&stream)?;
+            connection::watch(&stream)?;
             let connection = Connection::Tcp(stream);
             let peer = connection.peer();
             let id = self.clients.join(connection.try_clone()?, peer, queue.clone());

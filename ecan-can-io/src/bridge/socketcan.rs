@@ -1,10 +1,5 @@
 //! The CAN interfaces of Linux, virtual or real (`PF_CAN`, raw sockets).
 
-#[cfg(test)]
-mod bridge_tests;
-#[cfg(test)]
-mod frame_tests;
-
 use std::process::{Command, Stdio};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, OnceLock};
@@ -24,7 +19,12 @@ use thiserror::Error;
 use super::client_queue::{ClientQueue, Outgoing, Reports};
 use super::clients::{ClientFrame, ClientId, Clients};
 use super::config::{BusEvent, ErrorFrame, count};
-use super::session::Close;
+use super::connection::Close;
+
+#[cfg(test)]
+mod bridge_tests;
+#[cfg(test)]
+mod frame_tests;
 
 const LOOK: Duration = Duration::from_millis(50);
 /// Interval of attempts to write to an interface with a full queue.

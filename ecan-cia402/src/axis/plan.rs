@@ -1,4 +1,4 @@
-//! Plan of an axis: its configuration, and what follows from that.
+//! Plan of an axis: its configuration, what follows from that, and the events that its parts report to it.
 
 use ecan_canopen::{Network, NodeHandle, OperatingMode, StepFailure, object};
 use ecan_protocol::can::CanId;

@@ -1,6 +1,4 @@
-//! Status of an axis, and its words in a snapshot.
-//!
-//! The axes of a snapshot.
+//! Status of an axis, and the axes of a snapshot.
 //!
 //! The section has the time, the words that do not change of all axes, then those of each cycle of all
 //! axes, then those of rejected targets, then those of further objects of process data.

@@ -1,4 +1,5 @@
-//! Nodes with several axes: configured once, and one axis at a time stops by SDO.
+//! Axes by their nodes: which axis a TPDO belongs to. A node with several axes is configured once, and stops one
+//! axis at a time by SDO.
 
 use ecan_canopen::{Network, NodeAddress};
 use ecan_protocol::can::CanId;

@@ -1,4 +1,4 @@
-//! Configuration of a table of axes, and its check.
+//! Configuration of a table of axes, its check, and its errors.
 
 use std::fmt;
 use std::ops::Range;

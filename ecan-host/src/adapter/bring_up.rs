@@ -1,4 +1,5 @@
-//! From slaves that may not be on the bus yet to a master that is configured for them.
+//! From slaves that may not be on the bus yet to a master that is configured for them, with the datagrams that help
+//! slaves to start.
 
 use std::thread;
 use std::time::Duration;
@@ -261,7 +262,7 @@ impl RoundExchange<'_> {
             if !pause() {
                 return;
             }
-            // It takes the place of the cycle's reading of the reference clock.
+            // This datagram takes the place of the cycle's reading of the reference clock.
             if self.has_slave_below_safeop()
                 && let Some(clocks) = &mut self.clocks
             {

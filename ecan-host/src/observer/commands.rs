@@ -1,4 +1,5 @@
-//! Commands of other threads to the cycle, and the tickets by which a snapshot reports them.
+//! Commands of other threads to the cycle: the handle that gives them, and the tickets by which a snapshot reports
+//! them.
 
 use std::fmt;
 use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
@@ -446,7 +447,7 @@ impl Observer {
     /// Requests the application to stop: every call that waits by running the cycle ends with
     /// [`Error::Stopped`](crate::Error::Stopped), but not a shutdown;
     /// [`Adapter::is_stop_requested`](crate::Adapter::is_stop_requested) reports it to the application's own loop.
-    /// It stays in force until
+    /// The request stays in force until
     /// [`clear_stop_request`](crate::Adapter::clear_stop_request). It takes effect at once, and the next
     /// snapshot reports it as executed. Async-signal-safe.
     pub fn request_stop(&self) -> CommandTicket {

@@ -1,4 +1,4 @@
-//! Reads a configuration file, or its parts.
+//! Reads a configuration file, or its parts, and checks the whole.
 
 use std::collections::BTreeMap;
 use std::path::Path;

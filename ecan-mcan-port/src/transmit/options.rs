@@ -4,7 +4,7 @@ use ecan_protocol::can::{CanFrame, FrameError};
 use ecan_protocol::image::Schedule;
 use thiserror::Error;
 
-use crate::error::{AddressError, ChannelHandle};
+use crate::address::{AddressError, ChannelHandle};
 use crate::schedule::margin::NotSchedulable;
 
 /// Identifies a sent frame; its transmit result carries the same ticket (manual 10).

@@ -5,10 +5,10 @@ use ecan_protocol::can::FrameRef;
 use ecan_protocol::image::PushError;
 
 use super::options::{Backpressure, SendError, SendOptions, SendTicket, TransmitFrame};
+use crate::address::{AddressError, ChannelHandle};
 use crate::config::MarginCheck;
 use crate::cycle::Cycle;
 use crate::cycle_state::CycleState;
-use crate::error::{AddressError, ChannelHandle};
 use crate::gateway::Gateway;
 use crate::port::Port;
 use crate::schedule::margin::NotSchedulable;

@@ -1,4 +1,4 @@
-//! Configuration of a service, and the errors of its start.
+//! Configuration of a service, the methods that a program adds to it, and the errors of its start.
 
 use std::net::SocketAddr;
 use std::os::unix::net::UnixListener;

@@ -1,7 +1,6 @@
-//! Configuration of the model of a gateway.
-//!
-//! Parts of the board of a gateway: power supply, assignment of the CAN controllers to the connectors (0x8000:12 to
-//! :15), and the EEPROM, which the gateway emulates in its flash (manual 13.7).
+//! Configuration of the model of a gateway, and the parts of its board: power supply, assignment of the CAN
+//! controllers to the connectors (0x8000:12 to :15), and the EEPROM, which the gateway emulates in its flash
+//! (manual 13.7).
 
 use ecan_protocol::device::AlStatusCode;
 use ecan_protocol::mapping::CHANNELS;

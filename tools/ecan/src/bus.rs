@@ -1,4 +1,4 @@
-//! Firmware version and serial number of a gateway (manual 13.8).
+//! The slaves of a bus, read in parallel, with their firmware version and serial number (manual 13.8).
 
 use std::panic::resume_unwind;
 use std::thread::ScopedJoinHandle;

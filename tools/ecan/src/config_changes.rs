@@ -1,4 +1,4 @@
-//! Comparison of two configurations, setting by setting.
+//! Comparison of two configurations, setting by setting, and the method `reconfigure` of a service.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;

@@ -1,3 +1,5 @@
+//! Files that the user names: the configuration, and input of commands.
+
 use std::path::Path;
 
 use ecan_lite::config::{

@@ -1,4 +1,5 @@
-//! Output of the program: text for people, JSON for programs.
+//! Terminal of the program: text for people, JSON for programs, tables, progress of long work, and questions to the
+//! user.
 
 use std::error::Error;
 use std::io;

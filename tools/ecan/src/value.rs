@@ -1,4 +1,5 @@
-//! Conversion of object values between text and bytes, with units and meanings.
+//! Conversion of object values between text and bytes, with units and meanings; values that other firmware versions
+//! lack.
 
 use ecan_host::Error;
 use ecan_protocol::object::{Entry, ObjectType};

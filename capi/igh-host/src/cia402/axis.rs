@@ -111,7 +111,8 @@ mirror! {
         max_velocity_rad_s: f64 = 0.0 => to.limits.velocity = given(c.max_velocity_rad_s),
         /// Largest acceleration in rad/s^2 of motion that the host generates: it replaces ramp. In CSV it
         /// replaces step_limit. Default 0: none.
-        max_acceleration_rad_s2: f64 = 0.0 => to.limits.acceleration = given(c.max_acceleration_rad_s2),
+        max_acceleration_rad_s2: f64 = 0.0
+            => to.limits.acceleration = given(c.max_acceleration_rad_s2),
         /// Largest jerk in rad/s^3 of motion that the host generates. Default 0: none.
         max_jerk_rad_s3: f64 = 0.0 => to.limits.jerk = given(c.max_jerk_rad_s3),
         /// Value of 0x60FF for one turn of the axis per second; the limits in CSV and PV need it.
@@ -122,31 +123,39 @@ mirror! {
         /// Largest target, if has_bounds is 1.
         bound_max: i32 = config.bounds.map_or(0, |(_, max)| max),
         /// 1: targets outside bound_min and bound_max are rejected. Default 0.
-        has_bounds: u8 = config.bounds.is_some().into() => to.bounds = (c.has_bounds != 0).then_some((c.bound_min, c.bound_max)),
+        has_bounds: u8 = config.bounds.is_some().into()
+            => to.bounds = (c.has_bounds != 0).then_some((c.bound_min, c.bound_max)),
         /// 1: the bounds are also written to 0x607D, in position modes and if the drive has the object.
         /// Default 0.
-        write_position_limits: u8 = config.drive.write_position_limits.into() => to.drive.write_position_limits = c.write_position_limits != 0,
+        write_position_limits: u8 = config.drive.write_position_limits.into()
+            => to.drive.write_position_limits = c.write_position_limits != 0,
 
         /// Tolerated consecutive SYNC periods without a usable TPDO. Default 5.
-        tpdo_timeout: u16 = config.tolerances.tpdo_timeout => to.tolerances.tpdo_timeout = c.tpdo_timeout,
+        tpdo_timeout: u16 = config.tolerances.tpdo_timeout
+            => to.tolerances.tpdo_timeout = c.tpdo_timeout,
         /// Tolerated consecutive cycles with an incomplete working counter; no targets are sent in
         /// them. Default 3.
         wc_misses: u16 = config.tolerances.wc_misses => to.tolerances.wc_misses = c.wc_misses,
         /// Images after which earlier targets count as executed or lost. Default 3.
-        drain_images: u16 = config.tolerances.drain_images => to.tolerances.drain_images = c.drain_images,
+        drain_images: u16 = config.tolerances.drain_images
+            => to.tolerances.drain_images = c.drain_images,
         /// Timeout for enabling, in milliseconds. Default 5000.
-        enable_timeout_ms: u32 = milliseconds(config.enable_timeout) => to.enable_timeout = duration(c.enable_timeout_ms),
+        enable_timeout_ms: u32 = milliseconds(config.enable_timeout)
+            => to.enable_timeout = duration(c.enable_timeout_ms),
 
         /// Timeout for the boot-up message after a reset, in milliseconds. Default 5000.
-        boot_timeout_ms: u32 = milliseconds(config.drive.boot_timeout) => to.drive.boot_timeout = duration(c.boot_timeout_ms),
+        boot_timeout_ms: u32 = milliseconds(config.drive.boot_timeout)
+            => to.drive.boot_timeout = duration(c.boot_timeout_ms),
         /// An igh_cia402_reset_t. Default IGH_CIA402_RESET_NONE.
         reset: u8 = config.drive.reset as u8,
         /// 1: the low half of 0x1000 must be 402. Default 1.
-        expect_profile_402: u8 = config.drive.expect_profile_402.into() => to.drive.expect_profile_402 = c.expect_profile_402 != 0,
+        expect_profile_402: u8 = config.drive.expect_profile_402.into()
+            => to.drive.expect_profile_402 = c.expect_profile_402 != 0,
         /// 1: 0x1018 must have this vendor and product. Default 0.
         check_identity: u8 = config.drive.identity.vendor_id.is_some().into(),
         /// 1: TPDO 2 to 4 are disabled if the drive has them, to save bus time. Default 1.
-        silence_other_tpdos: u8 = config.drive.silence_other_tpdos.into() => to.drive.silence_other_tpdos = c.silence_other_tpdos != 0,
+        silence_other_tpdos: u8 = config.drive.silence_other_tpdos.into()
+            => to.drive.silence_other_tpdos = c.silence_other_tpdos != 0,
         /// 0x1018:01, if check_identity is 1.
         vendor_id: u32 = config.drive.identity.vendor_id.unwrap_or(0),
         /// 0x1018:02, if check_identity is 1.
@@ -157,7 +166,8 @@ mirror! {
         heartbeat_ms: u16 = config.drive.heartbeat_ms => to.drive.heartbeat_ms = c.heartbeat_ms,
         /// Time after which the drive counts the host as lost, 0x1016:01, in milliseconds; 0 does not
         /// write the object. Default 250.
-        host_heartbeat_ms: u16 = config.drive.host_heartbeat_ms => to.drive.host_heartbeat_ms = c.host_heartbeat_ms,
+        host_heartbeat_ms: u16 = config.drive.host_heartbeat_ms
+            => to.drive.host_heartbeat_ms = c.host_heartbeat_ms,
         /// Reaction of the drive to a lost host, 0x6007: an igh_cia402_host_loss_t, or
         /// IGH_CIA402_UNCHANGED. Default IGH_CIA402_HOST_LOSS_QUICK_STOP.
         host_loss: i32 = option_code(config.drive.host_loss.map(NodeLossReaction::raw)),
@@ -170,7 +180,8 @@ mirror! {
         /// Time of the following error window, 0x6066, in milliseconds.
         following_error_ms: u16 = config.drive.following_error.map_or(0, |(_, ms)| ms),
         /// 1: both are written if the drive has them. Default 0.
-        write_following_error: u8 = config.drive.following_error.is_some().into() => to.drive.following_error = (c.write_following_error != 0).then_some((c.following_error_window, c.following_error_ms)),
+        write_following_error: u8 = config.drive.following_error.is_some().into()
+            => to.drive.following_error = (c.write_following_error != 0).then_some((c.following_error_window, c.following_error_ms)),
 
         /// Number of objects in `further`. Default 0.
         further_count: u8 = 0,
@@ -209,18 +220,22 @@ mirror! {
         /// velocity; IGH_CIA402_OUTPUT_VELOCITY_OFFSET needs it. Default 0.
         feed_forward_velocity: u32 = 0 => to.feed_forward.velocity = c.feed_forward_velocity,
         /// Largest change of the velocity offset per target. Default 0.
-        feed_forward_velocity_change: u32 = 0 => to.feed_forward.velocity_change = c.feed_forward_velocity_change,
+        feed_forward_velocity_change: u32 = 0
+            => to.feed_forward.velocity_change = c.feed_forward_velocity_change,
 
         /// Torque slope 0x6087 of PT, in thousandths of the rated torque per second; 0 does not write it.
         torque_slope: u32 = 0 => to.drive.torque_slope = given(c.torque_slope),
         /// Smallest amount of the velocity in VL, 0x6046:01, if vl_velocity_max is not 0.
         vl_velocity_min: u32 = 0,
         /// Largest amount of the velocity in VL, 0x6046:02; 0 does not write 0x6046.
-        vl_velocity_max: u32 = 0 => to.drive.vl.limits = given(c.vl_velocity_max).map(|most| (c.vl_velocity_min, most)),
+        vl_velocity_max: u32 = 0
+            => to.drive.vl.limits = given(c.vl_velocity_max).map(|most| (c.vl_velocity_min, most)),
         /// Change of the velocity in VL while it accelerates, 0x6048:01; 0 does not write 0x6048.
-        vl_acceleration: u32 = 0 => to.drive.vl.acceleration = given(c.vl_acceleration).map(|change| (change, c.vl_acceleration_s)),
+        vl_acceleration: u32 = 0
+            => to.drive.vl.acceleration = given(c.vl_acceleration).map(|change| (change, c.vl_acceleration_s)),
         /// Change of the velocity in VL while it decelerates, 0x6049:01; 0 does not write 0x6049.
-        vl_deceleration: u32 = 0 => to.drive.vl.deceleration = given(c.vl_deceleration).map(|change| (change, c.vl_deceleration_s)),
+        vl_deceleration: u32 = 0
+            => to.drive.vl.deceleration = given(c.vl_deceleration).map(|change| (change, c.vl_deceleration_s)),
         /// Largest speed of the motor 0x6080, in revolutions per minute; 0 does not write it.
         max_motor_speed: u32 = 0 => to.drive.max_motor_speed = given(c.max_motor_speed),
         /// Time of vl_acceleration in seconds, 0x6048:02.
@@ -229,14 +244,16 @@ mirror! {
         vl_deceleration_s: u16 = 0,
         /// Set-points that wait in the drive in IP, 0x60C4:02; 0 leaves it unchanged. When targets end,
         /// the drive still goes through those that wait.
-        interpolation_buffer: u16 = 0 => to.drive.interpolation_buffer = given(c.interpolation_buffer),
+        interpolation_buffer: u16 = 0
+            => to.drive.interpolation_buffer = given(c.interpolation_buffer),
         /// Largest torque 0x6072, in thousandths of the rated torque; 0 does not write it.
         max_torque: u16 = 0 => to.drive.max_torque = given(c.max_torque),
         /// Largest torque offset 0x60B2 of igh_cia402_set_target_with(), in thousandths of the rated
         /// torque; IGH_CIA402_OUTPUT_TORQUE_OFFSET needs it. Default 0.
         feed_forward_torque: u16 = 0 => to.feed_forward.torque = c.feed_forward_torque,
         /// Largest change of the torque offset per target. Default 0.
-        feed_forward_torque_change: u16 = 0 => to.feed_forward.torque_change = c.feed_forward_torque_change,
+        feed_forward_torque_change: u16 = 0
+            => to.feed_forward.torque_change = c.feed_forward_torque_change,
 
         /// 1: 0x1000 must have this device type. Default 0.
         check_device_type: u8 = 0,
@@ -245,7 +262,8 @@ mirror! {
         /// 1: 0x1018:04 must have this serial number. Default 0.
         check_serial_number: u8 = 0,
         /// 1: the mask of the digital outputs is written. Default 0.
-        has_output_mask: u8 = 0 => to.drive.output_mask = (c.has_output_mask != 0).then_some(c.output_mask),
+        has_output_mask: u8 = 0
+            => to.drive.output_mask = (c.has_output_mask != 0).then_some(c.output_mask),
         /// 1: the limits 0x6072, 0x607D and 0x6080 of the drive are read and narrow those of the axis;
         /// also done if max_torque or max_motor_speed is set. igh_cia402_get_drive_limits() returns them.
         /// Default 0.

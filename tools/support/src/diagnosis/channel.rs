@@ -1,14 +1,10 @@
-//! Values of a CAN channel in a snapshot, as its findings need them.
-//!
-//! Findings of the bus of a channel: error states, and what PSR, IR and ECR show of bit rates, sample points
-//! and TDC (manual 13.5, 16.3).
+//! Findings of a CAN channel in a snapshot. Of its bus: error states, and what PSR, IR and ECR show of bit rates,
+//! sample points and TDC (manual 13.5, 16.3). Of frames that it lost, in the CAN controller and on the way to the
+//! process data (manual 13.2.1, 13.2.2, 13.2.5, 13.5).
 //!
 //! The M_CAN core separates the data phase of CAN FD frames with bit rate switch (DLEC, IR.PED) from all
 //! other bits (LEC, IR.PEA). An error of the data phase excludes nothing but a wrong nominal bit rate: the
 //! switch to it takes place at the nominal sample point.
-//!
-//! Findings of frames that a channel lost, in the CAN controller and on the way to the process data (manual
-//! 13.2.1, 13.2.2, 13.2.5, 13.5).
 
 use ecan_protocol::can::tdc_active;
 use ecan_protocol::config::ApplyStatus;

@@ -1,4 +1,5 @@
-//! Checks of the gateways on the bus: N against the limit of the master, and SM2 and SM3 in the SII (manual 15.7).
+//! Checks of the master (kernel modules, device node, library) and of its gateways: N against the limit of the
+//! master, and SM2 and SM3 in the SII (manual 15.7).
 
 use std::fs::OpenOptions;
 use std::io::ErrorKind;

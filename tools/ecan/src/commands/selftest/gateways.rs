@@ -1,7 +1,6 @@
-//! The gateways of a test: identity and configuration before it, and the configuration restored after it.
-//!
-//! Traffic on the buses before a test: a loopback takes the channel off its bus, and each new
-//! configuration loses frames.
+//! The gateways of a test: identity, configuration and traffic before it, and the configuration restored after it. A
+//! test must not begin on a bus with traffic: a loopback takes the channel off its bus, and each new configuration
+//! loses frames.
 
 use std::collections::BTreeMap;
 

@@ -1,4 +1,5 @@
-//! Faults of a simulation: a subcommand per kind with an option per key, and their report.
+//! Faults of a simulation: a subcommand per kind with an option per key, their report, and the state of the
+//! machine.
 
 use std::io;
 use std::io::Write;
