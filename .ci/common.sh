@@ -13,6 +13,8 @@ peers=$PWD/target/python-peers
 unpacked=$PWD/target/debian-packages
 # Options of cargo for the workspace of the checks, which uses what the other one has compiled.
 checks=(--manifest-path checks/Cargo.toml --target-dir target)
+# Its programs and tests, without benchmarks.
+checked=(--workspace --lib --bins --tests)
 # The age of the package lists, and the lock of the installations.
 lists=$PWD/target/.lists
 mkdir -p target
@@ -62,8 +64,8 @@ install_peers() {
     locked "$peers/bin/python" -m pip install --quiet --disable-pip-version-check "${@/#/--requirement=}"
 }
 
-# After the stage `test`, seconds.
+# With the targets of the stages `test` and `checks`: fewer would have other features, and compile anew.
 build_programs() {
-    cargo build --quiet --locked --workspace --bins --examples
-    cargo build --quiet --locked "${checks[@]}" --workspace --bins
+    cargo test --quiet --locked --workspace --no-run
+    cargo test --quiet --locked "${checks[@]}" "${checked[@]}" --no-run
 }
