@@ -81,8 +81,8 @@ def main():
     ignored = tomllib.loads((ROOT / "deny.toml").read_text()).get("advisories", {}).get("ignore", [])
     reasons = {entry["id"]: entry["reason"] for entry in ignored}
     found, is_good = set(), True
-    for lock in [ROOT / "Cargo.lock", ROOT / "fuzz/Cargo.lock"]:
-        for identity, name, version, kind, title, patched in find(database, lock) if lock.exists() else []:
+    for lock in [ROOT / "Cargo.lock", ROOT / "checks/Cargo.lock"]:
+        for identity, name, version, kind, title, patched in find(database, lock):
             found.add(identity)
             reason = reasons.get(identity)
             is_good &= reason is not None

@@ -22,7 +22,9 @@ coverage+=" -Cllvm-args=-sanitizer-coverage-pc-table -Cllvm-args=-sanitizer-cove
 host=$(rustc -vV | sed -n 's/^host: //p')
 # With a target named, build scripts and macros go without the counters.
 RUSTFLAGS=$coverage CARGO_TARGET_DIR=target/fuzz \
-    cargo build --quiet --release --locked --manifest-path checks/fuzz/Cargo.toml --target "$host" --bin "$target"
+    CARGO_PROFILE_RELEASE_OVERFLOW_CHECKS=true CARGO_PROFILE_RELEASE_DEBUG_ASSERTIONS=true \
+    cargo build --quiet --release --locked --manifest-path checks/Cargo.toml -p ecan-fuzz --features link \
+    --target "$host" --bin "$target"
 mkdir -p "target/fuzz/corpus/$target" "target/fuzz/findings"
 # What a target begins with, where it would not find the grammar by itself.
 tar --extract --xz --file checks/fuzz/seeds.tar.xz --directory target/fuzz
