@@ -13,8 +13,8 @@ peers=$PWD/target/python-peers
 unpacked=$PWD/target/debian-packages
 # Options of cargo for the workspace of the checks, which uses what the other one has compiled.
 checks=(--manifest-path checks/Cargo.toml --target-dir target)
-# Its programs and tests, without benchmarks and fuzz targets.
-checked=(--lib --bins --tests)
+# Those of its crates that have the same features as the other workspace, so that nothing of that is compiled anew.
+checked=(-p ecan-acceptance -p ecan-bench -p ecan-headers -p ecan-soak --bins --tests)
 # The age of the package lists, and the lock of the installations.
 lists=$PWD/target/.lists
 mkdir -p target

@@ -55,6 +55,11 @@ endif()
 # directory in which they are.
 function(ecan_cargo_build target)
     cmake_parse_arguments(_arg "" "OUTPUT" "PACKAGES;FILES;FLAGS" ${ARGN})
+    if(ECAN_BUILT_LIBRARIES)
+        add_custom_target(${target}_cargo)
+        set(${_arg_OUTPUT} "${ECAN_BUILT_LIBRARIES}" PARENT_SCOPE)
+        return()
+    endif()
     set(_directory "${ECAN_CARGO_TARGET_DIR}/release")
     set(_environment "CARGO_TARGET_DIR=${ECAN_CARGO_TARGET_DIR}"
         "CARGO_ENCODED_RUSTFLAGS=${ECAN_RUST_FLAGS}")

@@ -4,7 +4,7 @@ use std::fs::{File, OpenOptions};
 use std::io::{ErrorKind, Read, Seek, SeekFrom};
 use std::os::unix::fs::OpenOptionsExt;
 
-use nix::fcntl::OFlag;
+use nix::libc::O_NONBLOCK;
 
 /// Largest number of lines in the report of a step.
 const LINES: usize = 200;
@@ -20,7 +20,7 @@ impl KernelLog {
     pub fn open() -> Self {
         let file = OpenOptions::new()
             .read(true)
-            .custom_flags(OFlag::O_NONBLOCK.bits())
+            .custom_flags(O_NONBLOCK)
             .open("/dev/kmsg")
             .and_then(|mut file| file.seek(SeekFrom::End(0)).map(|_| file));
         Self(file.ok())

@@ -1,9 +1,9 @@
 //! Building libraries and programs with `cc`, as a user does.
 
 use std::ffi::OsStr;
+use std::fs::DirEntry;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
-use std::sync::OnceLock;
 
 use tempfile::TempDir;
 
@@ -40,31 +40,19 @@ pub fn output_text(output: &Output) -> String {
     )
 }
 
-/// The static library of this crate, from the build directory that this test comes from.
-///
-/// A test does not depend on a static library, so cargo builds it once here.
-fn static_library() -> &'static Path {
-    static LIBRARY: OnceLock<PathBuf> = OnceLock::new();
-    LIBRARY.get_or_init(|| {
-        // <target directory>[/<triple>]/<profile>/deps/<this test>
-        let test = std::env::current_exe().expect("a test has a name");
-        let profile = test.ancestors().nth(2).expect("tests lie in a directory of their profile");
-        let target = Path::new(env!("CARGO_TARGET_TMPDIR")).parent().expect("it is in there");
-        let name = |path: &Path| path.file_name().expect("not the root").to_owned();
-        let mut build = Command::new(env!("CARGO"));
-        build.args(["build", "--offline", "--quiet", "--package", env!("CARGO_PKG_NAME")]);
-        build.arg("--manifest-path").arg(Path::new(CRATE).join("Cargo.toml"));
-        build.arg("--target-dir").arg(target);
-        match name(profile).to_str() {
-            Some("debug") | None => {}
-            Some(other) => drop(build.args(["--profile", other])),
-        }
-        if let Some(triple) = profile.parent().filter(|parent| *parent != target) {
-            build.arg("--target").arg(name(triple));
-        }
-        run(&mut build);
-        profile.join("libethercat_sim.a")
-    })
+/// The static library of this crate that cargo has built last, beside this test.
+fn static_library() -> PathBuf {
+    let test = std::env::current_exe().expect("a test has a name");
+    let folder = test.parent().expect("a program is in a folder");
+    let files = std::fs::read_dir(folder).expect("its folder is readable").flatten();
+    let is_library = |entry: &DirEntry| {
+        let name = entry.file_name();
+        let name = name.to_string_lossy();
+        name.starts_with("libethercat_sim-") && name.ends_with(".a")
+    };
+    let built = |entry: &DirEntry| entry.metadata().and_then(|metadata| metadata.modified()).ok();
+    let newest = files.filter(is_library).max_by_key(built);
+    newest.expect("cargo builds the library with its tests").path()
 }
 
 /// Creates a directory with the simulated library.
