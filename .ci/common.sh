@@ -11,9 +11,10 @@ export PROPTEST_RNG_SEED=1
 
 peers=$PWD/target/python-peers
 unpacked=$PWD/target/debian-packages
-# Options of cargo for the workspace of the checks, which uses what the other one has compiled.
+# Options of cargo for the workspace of the checks. Of what the other one has compiled it uses crates of the registry;
+# a path has another meaning in each workspace.
 checks=(--manifest-path checks/Cargo.toml --target-dir target)
-# Those of its crates that have the same features as the other workspace, so that nothing of that is compiled anew.
+# Its crates without the peers and fuzz targets, which have other features: the stage `peers`.
 checked=(-p ecan-acceptance -p ecan-bench -p ecan-headers -p ecan-soak --bins --tests)
 # The age of the package lists, and the lock of the installations.
 lists=$PWD/target/.lists
