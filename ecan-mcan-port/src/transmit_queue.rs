@@ -1,11 +1,15 @@
 //! Queues of frames that other threads give to the cycle.
 
 use std::sync::Arc;
-use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
+use std::sync::atomic::Ordering;
+#[cfg(not(loom))]
+use std::sync::atomic::{AtomicU32, AtomicU64};
 
 use ecan_protocol::can::{CanFrame, CanId, Dlc, FrameKind, FrameRef};
 use ecan_protocol::image::PushError;
 use ecan_protocol::mapping::CHANNELS;
+#[cfg(loom)]
+use loom::sync::atomic::{AtomicU32, AtomicU64};
 use thiserror::Error;
 
 use crate::address::AddressError;
@@ -360,3 +364,6 @@ fn frame_of(word: u64, data: &[u8; 64]) -> Option<FrameRef<'_>> {
     }
     FrameRef::classic(id, data.get(..dlc.classic_len())?).ok()
 }
+
+#[cfg(all(test, loom))]
+mod interleaving_tests;

@@ -1,7 +1,12 @@
 //! Bounded ring of records between one writer and one reader, without locks.
 
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::atomic::Ordering;
+#[cfg(not(loom))]
+use std::sync::atomic::{AtomicBool, AtomicU64};
+
+#[cfg(loom)]
+use loom::sync::atomic::{AtomicBool, AtomicU64};
 
 /// Both ends of a ring.
 #[derive(Debug)]
@@ -41,7 +46,7 @@ impl Ring {
             slots
                 .iter()
                 .zip(words)
-                .for_each(|(slot, it)| slot.store(word_of(it), Ordering::Relaxed));
+                .for_each(|(slot, word)| slot.store(word_of(word), Ordering::Relaxed));
         }
         position + words.len() as u64
     }
@@ -171,7 +176,10 @@ impl Drop for RingReader {
     }
 }
 
-#[cfg(test)]
+#[cfg(all(test, loom))]
+mod interleaving_tests;
+
+#[cfg(all(test, not(loom)))]
 mod tests {
     use super::*;
 

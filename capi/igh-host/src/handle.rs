@@ -6,11 +6,15 @@
 
 use std::cell::UnsafeCell;
 use std::ops::{Deref, DerefMut};
-use std::sync::atomic::{AtomicU64, Ordering};
+#[cfg(not(loom))]
+use std::sync::atomic::AtomicU64;
+use std::sync::atomic::Ordering;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use ecan_c_boundary::Call;
 use ecan_c_boundary::result::ecan_result_t;
+#[cfg(loom)]
+use loom::sync::atomic::AtomicU64;
 
 use crate::guard::{Access, Busy, Guard};
 
@@ -410,5 +414,7 @@ pub(crate) unsafe fn enter_context_to_end<C: Context>(
     Ok(object.filter(C::is_current))
 }
 
-#[cfg(test)]
+#[cfg(all(test, loom))]
+mod interleaving_tests;
+#[cfg(all(test, not(loom)))]
 mod tests;

@@ -2,10 +2,20 @@
 //! them.
 
 use std::fmt;
-use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::atomic::Ordering;
+use std::sync::{Arc, PoisonError};
+#[cfg(not(loom))]
+use std::sync::{
+    Mutex, MutexGuard,
+    atomic::{AtomicBool, AtomicU64, AtomicUsize},
+};
 
 use ecan_protocol::mapping::CHANNELS;
+#[cfg(loom)]
+use loom::sync::{
+    Mutex, MutexGuard,
+    atomic::{AtomicBool, AtomicU64, AtomicUsize},
+};
 use thiserror::Error;
 
 use super::ring::{Layout, Ring};
@@ -14,12 +24,12 @@ use crate::config::MAX_SLAVES;
 /// Node-IDs of a CAN bus.
 const NODE_IDS: usize = 127;
 /// Most axes of a table: one per node-ID, channel and slave.
-const MAX_AXES: usize = MAX_SLAVES * CHANNELS * NODE_IDS;
+const MAX_AXES: usize = if cfg!(loom) { 2 } else { MAX_SLAVES * CHANNELS * NODE_IDS };
 const BITS: usize = u64::BITS as usize;
 /// Tables whose execution of commands to all axes is tracked.
-const SLOTS: usize = 8;
+const SLOTS: usize = if cfg!(loom) { 2 } else { 8 };
 /// Terms whose executed commands are remembered.
-const TERMS: u64 = 64;
+const TERMS: u64 = if cfg!(loom) { 2 } else { 64 };
 /// Content of a slot without a table.
 const FREE: u64 = u64::MAX;
 

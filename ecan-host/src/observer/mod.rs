@@ -1,6 +1,8 @@
 //! Observation of the cycle, and commands to it, from other threads.
 
 mod commands;
+#[cfg(all(test, loom))]
+mod interleaving_tests;
 mod quick_stops;
 mod ring;
 mod snapshot;

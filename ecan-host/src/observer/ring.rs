@@ -1,13 +1,23 @@
 //! Versions of the snapshot in a ring, with one section per layer: one writer, which never waits, and
 //! any number of readers.
 
+#[cfg(not(loom))]
+use std::hint::spin_loop;
 use std::ops::Range;
-use std::sync::atomic::{AtomicU64, Ordering, fence};
+use std::sync::atomic::Ordering;
+#[cfg(not(loom))]
+use std::sync::atomic::{AtomicU64, fence};
 use std::sync::{Arc, OnceLock};
+
+#[cfg(loom)]
+use loom::{
+    hint::spin_loop,
+    sync::atomic::{AtomicU64, fence},
+};
 
 /// Versions of the ring. A reader repeats its read only if the writer publishes one less than this
 /// while it copies.
-const VERSIONS: usize = 4;
+const VERSIONS: usize = if cfg!(loom) { 2 } else { 4 };
 
 /// Words of one snapshot, with the number of the publication; 0 while it is being written.
 #[derive(Debug)]
@@ -137,7 +147,7 @@ impl Ring {
                     return Some(number);
                 }
             }
-            std::hint::spin_loop();
+            spin_loop();
         }
     }
 }
@@ -285,7 +295,7 @@ impl<'a, const N: usize> WordGroup<'a, N> {
     }
 }
 
-#[cfg(test)]
+#[cfg(all(test, not(loom)))]
 mod tests {
     use std::thread;
 
