@@ -8,7 +8,9 @@
 //! An application may skip cycles, or another part of it may take items first. Then the Port's
 //! counters show what was missed: a channel that left the bus, and failed transmit results.
 
-use ecan_mcan_port::{ChannelStatistics, CycleReport, ImageReport, Port, TransmitReport};
+use ecan_mcan_port::{
+    ChannelStatistics, CycleReport, ImageReport, Port, SlaveStatistics, TransmitReport,
+};
 use ecan_protocol::image::{ChannelState, ChannelStatus, ImageFault};
 use ecan_protocol::mapping::CHANNELS;
 
@@ -64,6 +66,14 @@ pub(crate) struct GatewayWatch {
     /// The count of waiting frames is known not to include those of its own image.
     counts_left_only: bool,
     channels: [ChannelWatch; CHANNELS],
+}
+
+/// What a Port reports of a gateway in a cycle.
+struct GatewayCycle {
+    report: CycleReport,
+    statistics: SlaveStatistics,
+    is_ready: bool,
+    channels: [ChannelStatus; CHANNELS],
 }
 
 #[derive(Debug, Clone, Copy, Default)]
@@ -129,16 +139,30 @@ impl GatewayWatch {
             *self = Self { schedule_images, ..Self::new(slave, sync_cycles) };
             return;
         };
-        let statistics = port.statistics(gateway);
         let report = port.cycle_report(gateway);
         if report.cycle == self.report.cycle {
             return;
         }
-        let before = std::mem::replace(&mut self.report, report);
+        let slave = self.slave;
+        let status = |channel| {
+            let handle = port.channel(slave, channel);
+            handle.map_or_else(|_| ChannelStatus::default(), |handle| port.channel_status(handle))
+        };
+        self.note_cycle(&GatewayCycle {
+            report,
+            statistics: port.statistics(gateway),
+            is_ready: port.gateway_is_ready(gateway),
+            channels: [0, 1, 2, 3].map(status),
+        });
+    }
+
+    fn note_cycle(&mut self, cycle: &GatewayCycle) {
+        let GatewayCycle { report, statistics, is_ready, channels } = cycle;
+        let before = std::mem::replace(&mut self.report, *report);
         let is_first = before.cycle == 0;
         let is_same_session = report.ready_since == before.ready_since;
         let was_interrupted = self.is_ready && !is_same_session;
-        self.is_ready = port.gateway_is_ready(gateway) && !was_interrupted;
+        self.is_ready = *is_ready && !was_interrupted;
         if is_first || !is_same_session {
             // What happened earlier concerns others, and a reconfiguration resets the counters.
             self.images_discarded = statistics.rxpdo_discarded;
@@ -155,8 +179,11 @@ impl GatewayWatch {
         self.skipped_incomplete = u16::try_from(skipped).unwrap_or(u16::MAX);
         let has_skipped = report.cycle > before.cycle + 1;
         let is_new = matches!(report.image, ImageReport::New { .. });
-        for ((number, channel), (counters, frames)) in
-            (0_u8..).zip(&mut self.channels).zip(statistics.channels.iter().zip(report.frames))
+        for ((channel, status), (counters, frames)) in self
+            .channels
+            .iter_mut()
+            .zip(channels)
+            .zip(statistics.channels.iter().zip(report.frames))
         {
             if has_skipped {
                 channel.steady = 0;
@@ -167,11 +194,7 @@ impl GatewayWatch {
                 false => channel.answer_age.saturating_add(1),
             };
             if is_new {
-                let handle = port.channel(self.slave, number);
-                channel.status = handle.map_or_else(
-                    |_| ChannelStatus::default(),
-                    |handle| port.channel_status(handle),
-                );
+                channel.status = *status;
                 let counted = channel.status.rx_pending();
                 self.counts_left_only |=
                     counted < SATURATED && u64::from(counted) < channel.in_image;
@@ -394,156 +417,4 @@ fn view(image: ImageReport, status: ChannelStatus) -> ChannelView {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    const NEW: ImageReport =
-        ImageReport::New { lost: 0, is_incomplete: false, layout_changed: false };
-
-    fn running() -> ChannelStatus {
-        ChannelStatus::default().with_state(ChannelState::Run)
-    }
-
-    #[test]
-    fn position_is_as_fresh_as_its_image() {
-        let lost = ImageReport::New { lost: 3, is_incomplete: false, layout_changed: false };
-        let short = ImageReport::New { lost: 0, is_incomplete: true, layout_changed: false };
-        let other = ImageReport::New { lost: 0, is_incomplete: false, layout_changed: true };
-        let none = Actual::None;
-        let cases = [
-            (NEW, running(), Some(5), Actual::Fresh(5)),
-            (lost, running(), Some(5), Actual::Fresh(5)),
-            (NEW, running().with_rx_pending(1), Some(5), Actual::Late(5)),
-            (NEW, running().with_rx_pending(6), Some(5), Actual::Late(5)),
-            (NEW, running().with_rx_pending(7), Some(5), none(PositionUnavailable::Backlog)),
-            (NEW, running().with_rx_pressure(true), Some(5), none(PositionUnavailable::Backlog)),
-            (NEW, running(), None, none(PositionUnavailable::NoTpdo)),
-            (short, running(), Some(5), none(PositionUnavailable::Incomplete)),
-            (other, running(), Some(5), none(PositionUnavailable::Layout)),
-            (ImageReport::Repeated, running(), Some(5), none(PositionUnavailable::NoImage)),
-            (ImageReport::None, running(), Some(5), none(PositionUnavailable::NoImage)),
-        ];
-        for (image, status, position, expected) in cases {
-            let mut watch = ChannelWatch { status, ..ChannelWatch::default() };
-            watch.note_left(image, false);
-            assert_eq!(watch.classify(image, position), expected, "{image:?} {status:?}");
-        }
-    }
-
-    /// A watch after images with these counts of waiting frames and frames brought.
-    fn after_images(images: &[(u8, u64)], left_only: bool) -> ChannelWatch {
-        let mut watch = ChannelWatch::default();
-        for &(counted, in_image) in images {
-            watch.status = running().with_rx_pending(counted);
-            watch.in_image = in_image;
-            watch.note_left(NEW, left_only);
-        }
-        watch
-    }
-
-    #[test]
-    fn received_frames_do_not_count_as_waiting() {
-        let backlog = Actual::None(PositionUnavailable::Backlog);
-        let cases = [
-            (1, 1, false, Actual::Fresh(5)),
-            (4, 4, false, Actual::Fresh(5)),
-            (5, 4, false, Actual::Late(5)),
-            (6, 6, false, Actual::Fresh(5)),
-            (7, 7, false, Actual::Late(5)),
-            (7, 9, false, Actual::Late(5)),
-            (7, 6, false, backlog),
-            (0, 3, true, Actual::Fresh(5)),
-            (1, 3, true, Actual::Late(5)),
-            (7, 9, true, backlog),
-        ];
-        for (counted, in_image, left_only, expected) in cases {
-            let watch = after_images(&[(counted, in_image)], left_only);
-            let actual = watch.classify(NEW, Some(5));
-            assert_eq!(actual, expected, "{counted} {in_image} {left_only}");
-        }
-    }
-
-    #[test]
-    fn image_with_what_the_last_one_left_is_fresh() {
-        let cases: [(&[(u8, u64)], _); 5] = [
-            // One frame per cycle, each comes one image later.
-            (&[(1, 0), (2, 1), (2, 1)], Actual::Fresh(5)),
-            // One frame every second cycle.
-            (&[(1, 0), (1, 1)], Actual::Fresh(5)),
-            (&[(2, 0), (3, 2)], Actual::Fresh(5)),
-            (&[(2, 0), (3, 1)], Actual::Late(5)),
-            (&[(7, 1), (7, 6)], Actual::None(PositionUnavailable::Backlog)),
-        ];
-        for (images, expected) in cases {
-            let watch = after_images(images, false);
-            assert_eq!(watch.classify(NEW, Some(5)), expected, "{images:?}");
-        }
-        let mut lost = after_images(&[(1, 0), (2, 1)], false);
-        lost.note_left(
-            ImageReport::New { lost: 1, is_incomplete: false, layout_changed: false },
-            false,
-        );
-        assert_eq!(lost.classify(NEW, Some(5)), Actual::Late(5), "an image is unknown");
-    }
-
-    /// Three frames in each image, and none in the newest one.
-    fn watch(pending: u8, image_age: u32) -> GatewayWatch {
-        let mut watch = GatewayWatch { image_age, ..GatewayWatch::new(0, 1) };
-        let [channel, ..] = &mut watch.channels;
-        channel.status = running().with_tx_pending(pending);
-        channel.confirmed = std::array::from_fn(|nth| 100 - 3 * (nth as u64).saturating_sub(1));
-        watch
-    }
-
-    #[test]
-    fn frames_of_one_image_are_no_backlog() {
-        let cases = [
-            (0, 0, Backlog::None),
-            (3, 0, Backlog::None),
-            (3, 1, Backlog::None),
-            (3, 2, Backlog::Suspected),
-            (4, 0, Backlog::Waiting),
-            (7, 0, Backlog::Waiting),
-        ];
-        for (pending, age, expected) in cases {
-            assert_eq!(watch(pending, age).backlog(0), expected, "{pending} {age}");
-        }
-        let mut full = watch(4, 0);
-        full.channels[0].confirmed[0] += 3;
-        assert_eq!(full.backlog(0), Backlog::Suspected, "the newest image has frames, too");
-        full.schedule_images = 1;
-        assert_eq!(full.backlog(0), Backlog::None, "they wait for their phase");
-        full.channels[0].confirmed[0] += 3;
-        full.channels[0].status = running().with_tx_pending(7);
-        assert_eq!(full.backlog(0), Backlog::Suspected, "the count is saturated");
-        full.channels[0].status = running().with_tx_pressure(true);
-        assert_eq!(full.backlog(0), Backlog::Waiting);
-    }
-
-    #[test]
-    fn answers_show_that_a_full_bus_sends() {
-        let mut full = watch(7, 0);
-        full.channels[0].confirmed[0] += 9;
-        assert_eq!(full.backlog(0), Backlog::Suspected);
-        for (age, has_backlog) in [(0, false), (1, true)] {
-            full.channels[0].answer_age = age;
-            assert_eq!(full.path(0, false).has_backlog, has_backlog, "{age}");
-            assert_eq!(full.withholds_sync(0, true), has_backlog, "{age}");
-            assert!(!full.withholds_sync(0, false), "without an axis nobody answers");
-        }
-    }
-
-    #[test]
-    fn channel_status_needs_a_new_image() {
-        assert_eq!(view(ImageReport::Repeated, running()), ChannelView::NotSeen);
-        assert_eq!(view(NEW, running().with_bus_off(true)), ChannelView::BusOff);
-        let off = ChannelStatus::default().with_state(ChannelState::BusOff);
-        assert_eq!(view(NEW, off), ChannelView::BusOff);
-        for state in [ChannelState::Init, ChannelState::Listen, ChannelState::Error] {
-            let status = ChannelStatus::default().with_state(state);
-            assert_eq!(view(NEW, status), ChannelView::NotRunning);
-        }
-        let busy = running().with_tx_pending(3).with_tx_pressure(true);
-        assert_eq!(view(NEW, busy), ChannelView::Running { pending: 3, pressure: true });
-    }
-}
+mod tests;
