@@ -30,6 +30,7 @@ mod schedule_pace;
 mod scheduling;
 mod scheduling_periods;
 mod sequence_wrap;
+mod session_histories;
 mod sharing;
 mod startup;
 mod sync0_window;

@@ -7,6 +7,7 @@
 //! TRIALS_FIRST=1234 TRIALS_COUNT=1 cargo test -p ecan-cia402 --test trials trials_violate -- --nocapture   # its log
 //! TRIALS_FIRST=1234 TRIALS_COUNT=1 cargo test -p ecan-cia402 --test trials shared -- --nocapture
 //! TRIALS_FIRST=1234 TRIALS_COUNT=1 cargo test -p ecan-cia402 --test trials schedules -- --nocapture
+//! TRIALS_STEPS=4 cargo test --release -p ecan-cia402 --test trials histories -- --nocapture   # all of four events
 //! ```
 //!
 //! Unlike `axis_properties`, which compares targets with their limits, these trials include the
@@ -31,7 +32,7 @@ use std::time::Instant;
 
 use ecan_test_support::{catch_panic, run_seeds};
 use log::Level;
-use plan::Plan;
+use plan::{Plan, histories};
 use report::{Finding, Kind, Outcome, Summary};
 use run::Trial;
 
@@ -119,15 +120,20 @@ enum Family {
     SharedNodes,
     /// Scheduled transmission, and a host that loses time.
     Scheduled,
+    /// Every history of one axis with this many steps of some cycles; a seed is its number.
+    Histories {
+        steps: u32,
+        cycles: u64,
+    },
 }
 
 impl Family {
     fn plan(self, seed: u64) -> Option<Plan> {
-        let plan = Plan::draw(seed);
         match self {
-            Self::Plain => Some(plan),
-            Self::SharedNodes => plan.with_shared_nodes(),
-            Self::Scheduled => Some(plan.with_schedule()),
+            Self::Plain => Some(Plan::draw(seed)),
+            Self::SharedNodes => Plan::draw(seed).with_shared_nodes(),
+            Self::Scheduled => Some(Plan::draw(seed).with_schedule()),
+            Self::Histories { steps, cycles } => Some(Plan::history(seed, steps, cycles)),
         }
     }
 }
@@ -158,6 +164,14 @@ fn random_trials_of_shared_nodes_violate_no_rule() {
 #[test]
 fn random_trials_with_schedules_violate_no_rule() {
     run_trials(100, FOUND_SCHEDULED, Family::Scheduled);
+}
+
+/// In steps of a cycle, in which nothing has settled, or of `TRIALS_CYCLES`.
+#[test]
+fn short_histories_violate_no_rule() {
+    let steps = variable("TRIALS_STEPS").unwrap_or(2) as u32;
+    let cycles = variable("TRIALS_CYCLES").unwrap_or(1);
+    run_trials(histories::count(steps), &[], Family::Histories { steps, cycles });
 }
 
 fn run_trials(count: u64, found: &[u64], family: Family) {

@@ -16,6 +16,7 @@ use ecan_sim::{
 use crate::random::Random;
 use crate::variants;
 
+pub mod histories;
 mod scheduled;
 mod shared_nodes;
 mod text;
@@ -63,6 +64,8 @@ pub struct AxisPlan {
 
 /// Behaviour of the application apart from the events.
 pub struct AppPlan {
+    /// The events never begin before all axes run; otherwise mostly.
+    pub starts_undisturbed: bool,
     /// An operator brings axes back during the events, too, with this period.
     pub operator_ns: Option<u64>,
     /// The operator uses `recover`.
@@ -128,6 +131,8 @@ pub enum Action {
         rx: bool,
         send: bool,
     },
+    /// A cycle in which the application makes each call twice.
+    Twice,
     /// A new `Cia402` on the same Port; it may wait some cycles.
     Replace {
         idle_cycles: u32,
@@ -217,6 +222,7 @@ impl Plan {
         }
         let duration_ns = r.range(1_000, 3_500) as u64 * MS;
         let app = AppPlan {
+            starts_undisturbed: false,
             operator_ns: r.chance(65).then(|| r.range(20, 400) as u64 * MS),
             recovers: r.chance(65),
             steps: r.chance(30),

@@ -1,6 +1,6 @@
 //! Results of trials, and their summary.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashSet};
 use std::fmt::Write as _;
 
 use ecan_test_support::Sums;
@@ -101,6 +101,8 @@ pub struct Outcome {
     /// Axes that got a feed-forward.
     pub feed_forwards: u64,
     pub simulated_ns: u64,
+    /// Different states of SDK and drive in the cycles of a history.
+    pub states: HashSet<u64>,
 }
 
 #[derive(Default)]
@@ -113,6 +115,7 @@ pub struct Summary {
     fastest: (f64, u64),
     feed_forwards: u64,
     simulated_ns: u64,
+    states: HashSet<u64>,
 }
 
 impl Sums<Outcome> for Summary {
@@ -120,6 +123,7 @@ impl Sums<Outcome> for Summary {
         self.trials += 1;
         self.simulated_ns += outcome.simulated_ns;
         self.feed_forwards += outcome.feed_forwards;
+        self.states.extend(outcome.states);
         if !outcome.findings.is_empty() {
             self.failed.push(seed);
         }
@@ -179,6 +183,9 @@ impl Summary {
             self.fastest.0, self.fastest.1
         )?;
         writeln!(out, "axes with feed-forward: {}", self.feed_forwards)?;
+        if !self.states.is_empty() {
+            writeln!(out, "different states: {}", self.states.len())?;
+        }
         self.write_stops(out)?;
         self.write_recoveries(out)
     }

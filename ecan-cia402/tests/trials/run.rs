@@ -1,6 +1,7 @@
 //! Runs one trial: the application, what happens to it, and the operator who brings it back.
 
 use std::fmt::Write as _;
+use std::hash::{DefaultHasher, Hash as _, Hasher as _};
 
 use ecan_canopen::{NmtState, NodeAddress, OperatingMode, object};
 use ecan_cia402::{AxisCommand, AxisPhase, AxisRef, Cia402, StopKind as Stop};
@@ -72,6 +73,8 @@ pub struct Trial {
 struct Skips {
     rx: bool,
     send: bool,
+    /// The calls are made twice instead.
+    twice: bool,
 }
 
 impl Trial {
@@ -189,7 +192,7 @@ impl Trial {
 
     fn all_phases(&mut self) {
         // The operator starts the machine; sometimes it is disturbed while it starts.
-        let starts_undisturbed = self.random.chance(75);
+        let starts_undisturbed = self.random.chance(75) || self.plan.app.starts_undisturbed;
         if starts_undisturbed && !self.operate_until_running(20 * MS, false) {
             return;
         }
@@ -206,6 +209,7 @@ impl Trial {
         let mut due = events.iter().peekable();
         let mut skip = Skips::default();
         let mut skip_cycles = 0;
+        let mut twice = false;
         let mut operated = self.now;
         while self.now - begin < self.plan.duration_ns || due.peek().is_some() {
             let mut now_due = Vec::new();
@@ -218,14 +222,19 @@ impl Trial {
                     Action::Command(..) | Action::CommandAll(_) => commands.push(action),
                     Action::Skip { cycles, rx, send } => {
                         self.note(&format!("{action:?}"));
-                        skip = Skips { rx, send };
+                        skip = Skips { rx, send, twice: false };
                         skip_cycles = cycles;
+                    }
+                    Action::Twice => {
+                        self.note("Twice");
+                        twice = true;
                     }
                     action => self.act(action),
                 }
             }
             let (rx, send) = (self.plan.app.skips_rx, self.plan.app.skips_send);
             let mut skips = if skip_cycles > 0 { skip } else { Skips::default() };
+            skips.twice = std::mem::take(&mut twice);
             skip_cycles = skip_cycles.saturating_sub(1);
             skips.rx |= rx > 0 && self.random.range(0, 999) < i64::from(rx);
             skips.send |= send > 0 && self.random.range(0, 999) < i64::from(send);
@@ -408,7 +417,7 @@ impl Trial {
                     &mut self.monitors,
                 );
             } else if !commands_first {
-                cia402.process_rx(&mut cycle);
+                (0..=u8::from(skips.twice)).for_each(|_| cia402.process_rx(&mut cycle));
             }
             // The calls of the application take place here; see `check_commands`.
             cycle.keep_open();
@@ -436,10 +445,12 @@ impl Trial {
                 cia402.process_rx(&mut cycle);
             }
             if !skips.send {
-                if self.plan.app.steps {
-                    cia402.send_target_step(&mut cycle);
-                } else {
-                    cia402.send_targets_all(&mut cycle);
+                for _ in 0..=u8::from(skips.twice) {
+                    if self.plan.app.steps {
+                        cia402.send_target_step(&mut cycle);
+                    } else {
+                        cia402.send_targets_all(&mut cycle);
+                    }
                 }
             }
             // An error of the cycle is what a bus with faults has.
@@ -508,7 +519,19 @@ impl Trial {
                 is_cut: (!skips.rx && !skips.send).then(|| self.is_cut(n)),
             };
             self.monitors[n].check(self.now, ns, path, view);
+            if self.plan.app.starts_undisturbed {
+                self.note_state(n);
+            }
         }
+    }
+
+    /// The state of SDK and drive, in the words of the SDK.
+    fn note_state(&mut self, n: usize) {
+        let Some(axis) = self.axis(n) else { return };
+        let mut hasher = DefaultHasher::new();
+        format!("{:?} {:?}", axis.phase(), axis.decision()).hash(&mut hasher);
+        (self.monitors[n].state.to_string(), format!("{:?}", self.paths[n])).hash(&mut hasher);
+        self.outcome.states.insert(hasher.finish());
     }
 
     /// Targets that are in flight take effect together if the SYNC between them was rejected, or scheduled frames

@@ -114,7 +114,7 @@ impl Trial {
                 let until = self.world_ns() + cycle;
                 self.block_all(until);
             }
-            Action::Command(..) | Action::CommandAll(_) | Action::Skip { .. } => {}
+            Action::Command(..) | Action::CommandAll(_) | Action::Skip { .. } | Action::Twice => {}
         }
         let before = self.now;
         self.now = self.world_ns();
