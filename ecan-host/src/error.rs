@@ -303,6 +303,15 @@ pub enum Error {
     /// [`Adapter::stop_waiting_when`](crate::Adapter::stop_waiting_when).
     #[error("cancelled by the application")]
     Stopped,
+    /// The host denied the thread of the requests beside the cycle.
+    #[error(
+        "cannot start a thread for requests beside the cycle: {errno}; raise the limits of this user or service \
+         (ulimit -u, TasksMax)"
+    )]
+    Thread {
+        /// Error of the system.
+        errno: Errno,
+    },
     /// The cycle failed while waiting.
     #[error(transparent)]
     Cycle(#[from] CycleError),
@@ -319,6 +328,7 @@ impl Error {
             | Self::NoSuchSlave { .. }
             | Self::NotInPreop { .. }
             | Self::NotOperational(_)
+            | Self::Thread { .. }
             | Self::Sdo { abort_code: None, .. } => true,
             Self::Open(error) => error.is_temporary(),
             Self::Unrecognised { cause, .. } => cause.is_temporary(),

@@ -38,7 +38,7 @@ pub use adapter::slave::Slave;
 pub use bus::{
     CanController, Diagnostics, IdentificationError, Maintenance, MaintenanceError,
     RegisterServiceError, SlaveAccess, SlaveKind, SlaveQuery, denies_object, run_in_parallel,
-    slave_kinds,
+    slave_kinds, spawn_scoped,
 };
 pub use clocks::ClockStatus;
 pub use config::{

@@ -108,6 +108,7 @@ impl Coded for Error {
             }
             Self::Attached { .. } => ECAN_ERR_ATTACHED,
             Self::Stopped => ECAN_ERR_STOPPED,
+            Self::Thread { .. } => ECAN_ERR_PRIVILEGE,
             Self::SlaveIndex { .. } => ECAN_ERR_SLAVE,
             Self::Cycle(error) => cycle_code(error),
             _ => ECAN_ERR_MASTER,

@@ -3,6 +3,7 @@
 use std::panic::resume_unwind;
 use std::sync::Barrier;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread::{Scope, ScopedJoinHandle};
 use std::{fmt, thread};
 
 use ecan_protocol::device::AlState;
@@ -417,9 +418,26 @@ impl Drop for WorkerGuard<'_> {
     }
 }
 
+/// Starts a thread, which the host may deny.
+///
+/// # Errors
+/// [`Error::Thread`].
+pub fn spawn_scoped<'scope, R: Send + 'scope>(
+    scope: &'scope Scope<'scope, '_>,
+    work: impl FnOnce() -> R + Send + 'scope,
+) -> Result<ScopedJoinHandle<'scope, R>, Error> {
+    let denied = |error: std::io::Error| Error::Thread {
+        errno: Errno::new(error.raw_os_error().unwrap_or_default()),
+    };
+    thread::Builder::new().spawn_scoped(scope, work).map_err(denied)
+}
+
 /// Runs `work` on another thread, with the diagnostics handle that `open` returns there, and
 /// `cycle` on this one until `work` is done. `cycle` is one whole cycle including its wait; at
 /// least one is run.
+///
+/// # Errors
+/// That of `open`; [`Error::Thread`] before the first cycle.
 pub fn run_in_parallel<R: Send>(
     clock: &dyn Clock,
     open: impl FnOnce() -> Result<Diagnostics, Error> + Send,
@@ -430,7 +448,7 @@ pub fn run_in_parallel<R: Send>(
     // On a stepped clock no cycle runs until the worker has its handle: so every run is the same.
     let opened = &(!clock.is_free_running()).then(|| Barrier::new(2));
     thread::scope(|scope| {
-        let worker = scope.spawn(move || {
+        let worker = spawn_scoped(scope, move || {
             let guard = WorkerGuard(is_done);
             let diagnostics = open();
             opened.as_ref().map(Barrier::wait);
@@ -439,7 +457,7 @@ pub fn run_in_parallel<R: Send>(
             // Before the handle is released: stepped time moves only when the work is reported done.
             drop(guard);
             Ok(result)
-        });
+        })?;
         opened.as_ref().map(Barrier::wait);
         loop {
             cycle();

@@ -7,6 +7,6 @@ pub(crate) mod recognition;
 
 pub(crate) use recognition::CapabilityValues;
 
-pub use diagnostics::{Diagnostics, SlaveAccess, run_in_parallel};
+pub use diagnostics::{Diagnostics, SlaveAccess, run_in_parallel, spawn_scoped};
 pub use maintenance::{CanController, Maintenance, MaintenanceError, RegisterServiceError};
 pub use recognition::{IdentificationError, SlaveKind, SlaveQuery, denies_object, slave_kinds};

@@ -1,6 +1,7 @@
 use std::path::{Path, PathBuf};
 
 use ecan_host::{MaintenanceError, RealTimeError};
+use ecan_mcan_port::PortError;
 use ecan_protocol::text::Printable;
 use ecan_sim::BackendError;
 use ecan_tool_support::command_line::interrupt::InterruptError;
@@ -71,6 +72,14 @@ impl Failure {
         Self::Master(error.to_string())
     }
 
+    /// Error of [`Port::diagnose`](ecan_mcan_port::Port::diagnose) itself.
+    pub fn of_diagnosis(error: PortError) -> Self {
+        match error {
+            PortError::Adapter(error @ ecan_host::Error::Thread { .. }) => Self::Device(error),
+            error => Self::master(error),
+        }
+    }
+
     pub fn of_thread(error: std::io::Error) -> Self {
         Self::Host(format!("cannot start a thread: {error}"))
     }
@@ -86,6 +95,7 @@ impl Failure {
             Self::Device(
                 ecan_host::Error::NotPermitted { .. } | ecan_host::Error::Disconnected { .. },
             ) => 3,
+            Self::Device(ecan_host::Error::Thread { .. }) => 7,
             Self::Slave(_) => 4,
             Self::Device(_) | Self::Rejected(_) | Self::NotReady { .. } => 5,
             Self::File { .. } | Self::Input(_) | Self::Output(_) | Self::Log(_) => 6,

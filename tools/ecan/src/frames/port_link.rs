@@ -155,7 +155,7 @@ impl FrameLink for PortLink {
         let value = self
             .port
             .diagnose(move |diagnostics| diagnostics.sdo_upload_u32(gateway, index, subindex));
-        value.map_err(Failure::master)?.map_err(Failure::Device)
+        value.map_err(Failure::of_diagnosis)?.map_err(Failure::Device)
     }
 }
 

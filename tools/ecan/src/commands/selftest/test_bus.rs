@@ -4,7 +4,7 @@ use std::panic::resume_unwind;
 use std::thread;
 use std::thread::ScopedJoinHandle;
 
-use ecan_host::{AdapterConfig, Diagnostics, Ecrt, Error};
+use ecan_host::{AdapterConfig, Diagnostics, Ecrt, Error, spawn_scoped};
 use ecan_mcan_port::{Cycle, Port, PortConfig, PortError};
 use ecan_tool_support::command_line::interrupt::Interrupt;
 use ecan_tool_support::command_line::options::RealTimeArguments;
@@ -123,15 +123,15 @@ impl TestBus {
             thread::scope(|scope| {
                 let mut threads = Vec::new();
                 for (gateway, open) in openers {
-                    threads.push(scope.spawn(move || work(&open()?, gateway)));
+                    threads.push(spawn_scoped(scope, move || work(&open()?, gateway)));
                 }
                 let join = |thread: ScopedJoinHandle<'_, Result<T, Error>>| {
                     thread.join().unwrap_or_else(|panic| resume_unwind(panic))
                 };
-                threads.into_iter().map(join).collect()
+                threads.into_iter().map(|thread| thread.and_then(join)).collect()
             })
         });
-        done.map_err(|error| Failure::Rejected(error.to_string()))
+        done.map_err(Failure::of_diagnosis)
     }
 }
 
