@@ -22,7 +22,7 @@ CHECKS = [
     ("capi/boundary/", "Miri, ASan, valgrind"),
     ("capi/igh-host/src/encoded.rs", "Miri, ASan, valgrind"),
     ("capi/igh-host/src/handle", "Miri, ASan, valgrind"),
-    ("capi/igh-host/src/guard/robust_mutex.rs", "Miri without robustness, ASan, valgrind"),
+    ("capi/igh-host/src/guard.rs", "Miri without robustness, ASan, valgrind"),
     ("capi/igh-host/src/cia402/settings.rs", "Miri, ASan, valgrind"),
     ("capi/igh-host/", "ASan, valgrind"),
     ("capi/mcan-host/", "ASan, valgrind"),
