@@ -8,6 +8,9 @@ export CARGO_INCREMENTAL=0
 export CARGO_PROFILE_DEV_DEBUG=0
 # The property tests generate the same cases in each run, so that a failure is reproducible.
 export PROPTEST_RNG_SEED=1
+# Many tests wait for programs in real time.
+export RUST_TEST_THREADS=8
+export RUSTC_WORKSPACE_WRAPPER=$PWD/.ci/rustc
 
 peers=$PWD/target/python-peers
 unpacked=$PWD/target/debian-packages
@@ -68,5 +71,5 @@ install_peers() {
 # With the targets of the stages `test` and `checks`: fewer would have other features, and compile anew.
 build_programs() {
     cargo test --quiet --locked --workspace --no-run
-    cargo test --quiet --locked "${checks[@]}" "${checked[@]}" --no-run
+    cargo test --quiet --locked "${checks[@]}" "${checked[@]}" --benches --no-run
 }
