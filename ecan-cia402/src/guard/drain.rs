@@ -50,20 +50,8 @@ mod tests {
     use super::*;
 
     fn path(pending: u8, confirmed: u64, covered: u64) -> PathStatus {
-        PathStatus {
-            is_ready: true,
-            is_complete: true,
-            is_unconfirmed: false,
-            discarded: false,
-            queue_rejected: false,
-            image_full: false,
-            skipped_incomplete: 0,
-            target_lost: false,
-            channel: ChannelView::Running { pending, pressure: false },
-            has_backlog: false,
-            confirmed,
-            covered,
-        }
+        let channel = ChannelView::Running { pending, pressure: false };
+        PathStatus { channel, confirmed, covered, ..PathStatus::CLEAR }
     }
 
     #[test]

@@ -24,20 +24,7 @@ const LIMITS: GuardLimits = GuardLimits {
 /// A quiet channel, an enabled drive at `position`.
 fn good(position: i32) -> GuardInput {
     GuardInput {
-        path: PathStatus {
-            is_ready: true,
-            is_complete: true,
-            is_unconfirmed: false,
-            discarded: false,
-            queue_rejected: false,
-            image_full: false,
-            skipped_incomplete: 0,
-            target_lost: false,
-            channel: ChannelView::Running { pending: 0, pressure: false },
-            has_backlog: false,
-            confirmed: 50,
-            covered: 50,
-        },
+        path: PathStatus { confirmed: 50, covered: 50, ..PathStatus::CLEAR },
         drive: DriveView {
             state: Some(DriveState::OperationEnabled),
             heartbeat_lost: false,

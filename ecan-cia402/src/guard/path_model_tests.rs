@@ -259,18 +259,12 @@ impl Model {
         };
         GuardInput {
             path: PathStatus {
-                is_ready: true,
                 is_complete: complete,
                 is_unconfirmed: self.held.is_some(),
-                discarded: false,
-                queue_rejected: false,
-                image_full: false,
-                skipped_incomplete: 0,
-                target_lost: false,
                 channel,
-                has_backlog: false,
                 confirmed: self.confirmed,
                 covered: self.covered[2],
+                ..PathStatus::CLEAR
             },
             drive: DriveView {
                 state: Some(state),

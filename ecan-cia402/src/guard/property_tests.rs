@@ -130,12 +130,9 @@ fn happening() -> impl Strategy<Value = CycleEvents> {
             discarded,
             queue_rejected,
             image_full,
-            skipped_incomplete: 0,
             target_lost,
             channel,
-            has_backlog: false,
-            confirmed: 0,
-            covered: 0,
+            ..PathStatus::CLEAR
         };
         let input = GuardInput { path, drive, actual };
         CycleEvents { input, requested, taken, take_up, release }
@@ -335,18 +332,8 @@ fn well(position: i32) -> CycleEvents {
     CycleEvents {
         input: GuardInput {
             path: PathStatus {
-                is_ready: true,
-                is_complete: true,
-                is_unconfirmed: false,
-                discarded: false,
-                queue_rejected: false,
-                image_full: false,
-                skipped_incomplete: 0,
-                target_lost: false,
                 channel: ChannelView::Running { pending: 1, pressure: false },
-                has_backlog: false,
-                confirmed: 0,
-                covered: 0,
+                ..PathStatus::CLEAR
             },
             drive: DriveView {
                 state: Some(DriveState::OperationEnabled),

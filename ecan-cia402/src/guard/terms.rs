@@ -275,6 +275,23 @@ pub struct PathStatus {
 }
 
 impl PathStatus {
+    /// A path without faults, on a channel without frames.
+    #[cfg(test)]
+    pub(crate) const CLEAR: PathStatus = PathStatus {
+        is_ready: true,
+        is_complete: true,
+        is_unconfirmed: false,
+        discarded: false,
+        queue_rejected: false,
+        image_full: false,
+        skipped_incomplete: 0,
+        target_lost: false,
+        channel: ChannelView::Running { pending: 0, pressure: false },
+        has_backlog: false,
+        confirmed: 0,
+        covered: 0,
+    };
+
     /// Returns whether the path has no known fault, so that a frame of this cycle reaches the bus with
     /// the next image.
     /// Real-time safe.

@@ -178,20 +178,7 @@ fn undisturbed(count: u64) -> GatewayWatch {
     watch
 }
 
-const CLEAR: PathStatus = PathStatus {
-    is_ready: true,
-    is_complete: true,
-    is_unconfirmed: false,
-    discarded: false,
-    queue_rejected: false,
-    image_full: false,
-    skipped_incomplete: 0,
-    target_lost: false,
-    channel: ChannelView::Running { pending: 0, pressure: false },
-    has_backlog: false,
-    confirmed: 0,
-    covered: 0,
-};
+const CLEAR: PathStatus = PathStatus::CLEAR;
 
 #[test]
 fn undisturbed_path_is_clear() {
