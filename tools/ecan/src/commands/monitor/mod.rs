@@ -144,7 +144,7 @@ fn print_once(
     observe_while(source, &mut collector, interrupt, |source| source.is_starting())?;
     let end_ns = source.now_ns().saturating_add(length_ns);
     observe_while(source, &mut collector, interrupt, |source| source.now_ns() < end_ns)?;
-    for (position, errors) in source.read_errors() {
+    for (position, errors) in source.read_errors()? {
         collector.take_errors(position, errors);
     }
     let snapshot = Snapshot { signals, ..collector.snapshot() };

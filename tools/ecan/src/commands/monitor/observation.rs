@@ -331,7 +331,7 @@ pub trait Source {
     fn now_ns(&self) -> u64;
 
     /// Reads the error counters of all gateways, by position.
-    fn read_errors(&mut self) -> Vec<(usize, GatewayErrors)>;
+    fn read_errors(&mut self) -> Result<Vec<(usize, GatewayErrors)>>;
 }
 
 #[cfg(test)]

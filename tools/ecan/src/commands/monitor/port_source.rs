@@ -152,12 +152,12 @@ impl Source for PortSource<'_> {
     }
 
     /// The cycle continues.
-    fn read_errors(&mut self) -> Vec<(usize, GatewayErrors)> {
+    fn read_errors(&mut self) -> Result<Vec<(usize, GatewayErrors)>> {
         let positions = self.positions.clone();
         let read = self.port.diagnose(|diagnostics| {
             let read = |(at, position)| (position, read_errors(diagnostics, at));
             positions.into_iter().enumerate().map(read).collect()
         });
-        read.unwrap_or_default()
+        read.map_err(Failure::of_diagnosis)
     }
 }

@@ -294,8 +294,8 @@ impl Source for ServiceSource {
         MonotonicClock.now_ns()
     }
 
-    fn read_errors(&mut self) -> Vec<(usize, GatewayErrors)> {
-        self.error_reader().map(|reader| reader.read().collect()).unwrap_or_default()
+    fn read_errors(&mut self) -> Result<Vec<(usize, GatewayErrors)>> {
+        Ok(self.error_reader()?.read().collect())
     }
 }
 
