@@ -113,6 +113,11 @@ impl GatewayWatch {
         Self { slave, sync_cycles, ..Self::default() }
     }
 
+    fn forget_cycles(&mut self) {
+        let Self { slave, sync_cycles, schedule_images, .. } = *self;
+        *self = Self { schedule_images, ..Self::new(slave, sync_cycles) };
+    }
+
     /// A transmit report that the axes took.
     pub(crate) fn take_report(&mut self, report: &TransmitReport) {
         if report.ticket.is_some()
@@ -135,8 +140,7 @@ impl GatewayWatch {
     pub(crate) fn observe(&mut self, port: &Port) {
         let Ok(gateway) = port.gateway(self.slave) else {
             // A reconfiguration removed the gateway.
-            let Self { slave, sync_cycles, schedule_images, .. } = *self;
-            *self = Self { schedule_images, ..Self::new(slave, sync_cycles) };
+            self.forget_cycles();
             return;
         };
         let report = port.cycle_report(gateway);

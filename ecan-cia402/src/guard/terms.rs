@@ -500,6 +500,29 @@ mod tests {
     const TURN: PositionRange = PositionRange::Modulo { min: 0, max: 3599 };
 
     #[test]
+    fn each_fault_of_a_path_alone_makes_it_unclear() {
+        const CLEAR: PathStatus = PathStatus::CLEAR;
+        assert!(CLEAR.is_clear());
+        assert!(PathStatus { channel: ChannelView::NotSeen, ..CLEAR }.is_clear());
+        let pressed = ChannelView::Running { pending: 0, pressure: true };
+        let channels = [pressed, ChannelView::BusOff, ChannelView::NotRunning];
+        let faults = [
+            PathStatus { is_ready: false, ..CLEAR },
+            PathStatus { is_complete: false, ..CLEAR },
+            PathStatus { is_unconfirmed: true, ..CLEAR },
+            PathStatus { discarded: true, ..CLEAR },
+            PathStatus { queue_rejected: true, ..CLEAR },
+            PathStatus { image_full: true, ..CLEAR },
+            PathStatus { has_backlog: true, ..CLEAR },
+        ];
+        for fault in
+            faults.into_iter().chain(channels.map(|channel| PathStatus { channel, ..CLEAR }))
+        {
+            assert!(!fault.is_clear(), "{fault:?}");
+        }
+    }
+
+    #[test]
     fn linear_counter_ends_at_its_limits() {
         assert_eq!(PositionRange::Linear.distance(i32::MAX, i32::MIN), -0xFFFF_FFFF);
         assert_eq!(PositionRange::Linear.add(i32::MAX, 1), None);

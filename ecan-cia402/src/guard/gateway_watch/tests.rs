@@ -129,6 +129,17 @@ fn frames_of_one_image_are_no_backlog() {
 }
 
 #[test]
+fn gateway_that_was_removed_keeps_its_schedule_only() {
+    let mut removed = undisturbed(9);
+    removed.schedule_images = 1;
+    removed.forget_cycles();
+    assert_eq!(removed.path(0, false), GatewayWatch::new(0, 1).path(0, false));
+    removed.channels = watch(4, 0).channels;
+    removed.channels[0].confirmed[0] += 3;
+    assert_eq!(removed.backlog(0), Backlog::None, "they wait for their phase");
+}
+
+#[test]
 fn answers_show_that_a_full_bus_sends() {
     let mut full = watch(7, 0);
     full.channels[0].confirmed[0] += 9;
