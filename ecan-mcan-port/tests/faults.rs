@@ -145,6 +145,7 @@ fn f07_a_long_outage_ends_the_session_and_the_gateway_is_verified_anew() {
         let rejected = cycle.send_can(0, 0, id(2), &[]);
         assert_eq!(rejected, Err(SendError::NotReady { slave: 0 }));
     });
+    assert_eq!(fixture.port.cycle_report(fixture.port.gw(0)).image, ImageReport::None, "not ready");
     assert!(fixture.until(1000, Port::is_ready).is_some());
     let statistics = fixture.port.statistics(fixture.port.gw(0));
     assert_eq!((statistics.sessions, statistics.sessions_lost), (2, 1));

@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use crate::common::{Fixture, Handles, SendData, id, with_sync0};
 use crate::schedule_support::{OFFSET_NS, SHIFT_NS, check, results, schedule, sluggish};
-use ecan_mcan_port::{GatewayConfig, Received, ScheduleDiagnostics};
+use ecan_mcan_port::{GatewayConfig, Port, Received, ScheduleDiagnostics};
 use ecan_protocol::image::Schedule;
 use ecan_sim::{Fault, GatewayFault, LossDirection, MasterBehaviour, echo};
 
@@ -70,6 +70,7 @@ fn late_frames_are_dropped_and_told_by_results() {
     let (frames, counters) = check(&mut fixture);
     assert!(counters.transmit_losses.late > 0, "{counters:?}");
     assert_eq!(frames.late_dropped, counters.transmit_losses.late);
+    assert_eq!(frames.reported_late, frames.late_dropped);
     assert_eq!(frames.sent, counters.frames_released);
     let diagnostics = fixture.port.schedule_diagnostics(fixture.port.gw(0)).unwrap();
     assert_ne!(diagnostics.flags & ScheduleDiagnostics::LATE_DROP, 0);
@@ -93,6 +94,20 @@ fn without_results_a_flag_makes_frames_unknown_until_it_is_cleared() {
     let after = check(&mut fixture).0;
     assert_eq!((after.unknown, after.sent), (frames.unknown + 1, frames.sent + 10));
     assert_eq!(fixture.port.schedule_diagnostics(fixture.port.gw(0)).unwrap().flags, 0);
+}
+
+#[test]
+fn diagnostics_are_known_before_the_interval_even_if_a_transfer_fails() {
+    for times in [0, 1] {
+        let mut fixture = with_sync0(echo(1), SHIFT_NS, |gateway| {
+            gateway.schedule.watch_ms = 60_000;
+        });
+        let fault = GatewayFault::SdoAbort { index: 0x9011, subindex: 2, code: 0x0800_0022, times };
+        fixture.simulation.inject(Fault::Gateway { gateway: 0, fault });
+        schedule(&mut fixture, 1, OFFSET_NS);
+        let is_known = |port: &Port| port.schedule_diagnostics(port.gw(0)).is_some();
+        assert!(fixture.until(1_000, is_known).is_some(), "{times} transfers fail");
+    }
 }
 
 #[test]
