@@ -144,9 +144,9 @@ fn print_once(
     observe_while(source, &mut collector, interrupt, |source| source.is_starting())?;
     let end_ns = source.now_ns().saturating_add(length_ns);
     observe_while(source, &mut collector, interrupt, |source| source.now_ns() < end_ns)?;
-    for (position, errors) in source.read_errors()? {
-        collector.take_errors(position, errors);
-    }
+    let read = source.read_errors().map(|errors| {
+        errors.into_iter().for_each(|(position, errors)| collector.take_errors(position, errors));
+    });
     let snapshot = Snapshot { signals, ..collector.snapshot() };
     print(&snapshot, choice, context)?;
     let Head { frames_lost, interruption, .. } = &snapshot.head;
@@ -156,6 +156,7 @@ fn print_once(
     interruption
         .iter()
         .for_each(|interruption| note(format_args!("the values are old: {interruption}")));
+    read?;
     if snapshot.has_problem() { Err(Failure::ProblemsFound) } else { Ok(()) }
 }
 
