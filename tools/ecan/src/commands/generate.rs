@@ -124,7 +124,7 @@ pub fn run(arguments: &GenArguments, context: &Context) -> Result {
     let is_shown = arguments.verbose && !context.global.json;
     let destination = Destination { is_shown, log: None, existing: options.capture.existing() };
     let printer = Printer::start(Screen::default(), destination, &prepared.interrupt)?;
-    let Some(service) = prepared.enter()? else {
+    let Some(service) = prepared.enter_ready()? else {
         return printer.finish();
     };
     let frames = (0..count.unwrap_or(u64::MAX)).map(|number| {

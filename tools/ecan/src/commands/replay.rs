@@ -174,7 +174,7 @@ pub fn run(arguments: &ReplayArguments, context: &Context) -> Result {
     recording.check_fd(&arguments.file, &prepared)?;
     let destination = Destination { is_shown: false, log, existing: options.capture.existing() };
     let printer = Printer::start(Screen::default(), destination, &prepared.interrupt)?;
-    let Some(service) = prepared.enter()? else {
+    let Some(service) = prepared.enter_ready()? else {
         return printer.finish();
     };
     if recording.error_frames > 0 {

@@ -132,7 +132,7 @@ pub fn run(arguments: &SendArguments, context: &Context) -> Result {
     if let Some(fd) = frames.iter().find(|frame| frame.as_ref().is_fd()) {
         prepared.needs_fd(format_args!("{} is a CAN FD frame", FrameText(fd)), *channel)?;
     }
-    let Some(mut service) = prepared.enter()? else {
+    let Some(mut service) = prepared.enter_ready()? else {
         return Err(Failure::Incomplete("stopped before a frame was sent".to_owned()));
     };
     let timeout_ns = arguments.timeout.saturating_mul(1_000_000);

@@ -16,6 +16,9 @@ use super::settings::{GatewayRequirements, Planned, ServiceSetup, Settings, of_s
 use crate::context::{Bus, Context, Failure, Result, note};
 use crate::frames::channels::{Channels, can_config};
 
+/// Longest observed time until the gateways of a service are ready.
+const READY_NS: u64 = 10_000_000_000;
+
 /// Checked gateways on an unmodified bus. Create files and threads now, before the real-time
 /// settings of the cycle thread are applied.
 #[derive(Debug)]
@@ -99,6 +102,25 @@ impl<'a> Prepared<'a> {
     /// Configuration of a channel; `None` if it is disabled.
     pub fn can(&self, gateway: usize, channel: u8) -> Option<&McanChannelConfig> {
         can_config(&self.planned.config, gateway, channel)
+    }
+
+    /// As [`enter`](Self::enter), and waits until the gateways are ready: a service may have begun to
+    /// configure them just now.
+    pub fn enter_ready(self) -> Result<Option<Service>> {
+        let Some(mut service) = self.enter()? else { return Ok(None) };
+        while let Some(gateway) = service.lost_gateway() {
+            let cycle = service.begin();
+            service.end(cycle)?;
+            if service.is_interrupted() {
+                return service.finish().map(|()| None);
+            }
+            if service.response_ns() > READY_NS {
+                service.finish()?;
+                let reason = format!("still {} after 10 s", service.session(gateway));
+                return Err(Failure::NotReady { position: service.position(gateway), reason });
+            }
+        }
+        Ok(Some(service))
     }
 
     /// Starts the gateways, with a capture if requested; `None` if the user stops.

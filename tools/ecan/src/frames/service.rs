@@ -225,6 +225,11 @@ impl Service {
         self.session(gateway).is_ready()
     }
 
+    /// A gateway that is not ready.
+    pub fn lost_gateway(&self) -> Option<usize> {
+        (0..self.gateways.len()).find(|gateway| !self.is_ready(*gateway))
+    }
+
     /// Status of a channel; "disabled" for one that is not enabled.
     pub fn channel_status(&self, gateway: usize, channel: u8) -> ChannelStatus {
         self.link.channel_status(gateway, channel)

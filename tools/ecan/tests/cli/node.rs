@@ -2,6 +2,7 @@
 
 use serde_json::Value;
 
+use crate::serve::serve_bus;
 use crate::support::{Scenario, ecan, ends, fails, good};
 
 const DRIVES: [&str; 2] = ["--ecrt", "sim:drives"];
@@ -41,6 +42,20 @@ fn scan_finds_the_nodes_of_all_channels() {
     let text = drives(&["node", "scan", "--channel", "1", "--nodes", "2-3"]);
     assert_eq!(text.lines().filter(|line| line.starts_with("0      can1")).count(), 2, "{text}");
     assert!(text.contains("slave 0 can1: 2 node(s) at 500 kbit/s"), "{text}");
+}
+
+#[test]
+fn scan_through_a_service_waits_for_a_gateway_that_starts() {
+    let mut served = serve_bus("sim:drives", &["--bitrate", "1M"]);
+    served.program.wait_for_error("slave 0: ready");
+    let via = ["--via", served.path.as_str()];
+    good(&[&via[..], &["sim", "power", "0", "cycle"]].concat());
+    let text = good(&[&via[..], &["node", "scan"]].concat());
+    for channel in 0..4 {
+        let line = format!("slave 0 can{channel}: 4 node(s) at 1000 kbit/s");
+        assert!(text.contains(&line), "{text}");
+    }
+    served.end();
 }
 
 #[test]

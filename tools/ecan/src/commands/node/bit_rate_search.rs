@@ -88,7 +88,7 @@ impl Search<'_> {
         };
         let prepared = Prepared::for_all(&options, requirements, &context)?;
         let stopped = || Failure::Incomplete("stopped during the search for bit rates".to_owned());
-        let link = NodeLink::new(prepared.enter()?.ok_or_else(stopped)?);
+        let link = NodeLink::new(prepared.enter_ready()?.ok_or_else(stopped)?);
         let service = &link.service;
         let places = (0..service.gateways()).flat_map(|gateway| {
             let position = service.position(gateway);

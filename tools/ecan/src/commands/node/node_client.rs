@@ -34,7 +34,7 @@ pub fn start(
     context: &Context,
 ) -> Result<NodeLink> {
     let prepared = Prepared::new(options, requirements(Channels::only(channel), has_end), context)?;
-    match prepared.enter()? {
+    match prepared.enter_ready()? {
         Some(service) => Ok(NodeLink::new(service)),
         None => Err(Failure::Incomplete("stopped before the gateway was ready".to_owned())),
     }

@@ -31,6 +31,8 @@ pub struct SdoRequest {
     pub gateway: usize,
     pub target: NodeTarget,
     pub client: SdoClient,
+    /// A frame of it was not sent, or whether it was is unknown.
+    pub has_lost_frame: bool,
 }
 
 /// A received frame.
@@ -63,8 +65,8 @@ impl Observed {
 #[derive(Debug)]
 pub struct NodeLink {
     pub service: Service,
-    /// Channel of each frame that has no result yet.
-    pending: HashMap<Ticket, Place>,
+    /// Channel of each frame that has no result yet, and the node of an SDO frame.
+    pending: HashMap<Ticket, (Place, Option<NodeId>)>,
     /// Channels of which the gateway has accepted frames.
     sent_to: HashSet<Place>,
     /// Channels with a node: it has sent or acknowledged a frame.
@@ -146,10 +148,15 @@ impl NodeLink {
         for arrival in &cycle.arrivals {
             match arrival.event {
                 Event::Result { ticket: Some(ticket), outcome } => {
-                    if let (Some(place), true) =
-                        (self.pending.remove(&ticket), outcome.is_success())
-                    {
-                        self.sent_to.insert(place);
+                    match self.pending.remove(&ticket) {
+                        Some((place, _)) if outcome.is_success() => {
+                            self.sent_to.insert(place);
+                        }
+                        Some((place, Some(node))) => {
+                            let lost = find_request(requests, place, node);
+                            lost.into_iter().for_each(|request| request.has_lost_frame = true);
+                        }
+                        _ => {}
                     }
                 }
                 Event::Result { ticket: None, .. } => {}
@@ -168,15 +175,16 @@ impl NodeLink {
             request.client.tick(now_ns);
             let count = sent.get_mut(usize::from(request.target.channel));
             let Some(count) = count.filter(|count| **count < FRAMES_PER_CYCLE) else { continue };
+            let NodeTarget { channel, node } = request.target;
             if let Some(data) = request.client.frame()
-                && self.send(request.gateway, request.target.channel, &sdo_frame(request, &data))?
+                && self.send(request.gateway, channel, &sdo_frame(request, &data), Some(node))?
             {
                 request.client.sent(now_ns);
                 *count += 1;
             }
         }
         let is_sent = match further {
-            Some((channel, frame)) => self.send(0, channel, &frame)?,
+            Some((channel, frame)) => self.send(0, channel, &frame, None)?,
             None => false,
         };
         self.service.end(cycle)?;
@@ -184,32 +192,43 @@ impl NodeLink {
         Ok((now_ns, is_sent))
     }
 
+    /// Fails if the user stops the command, or if a gateway is not ready for too long.
     fn check(&mut self) -> Result {
         let now_ns = self.service.response_ns();
         if self.service.is_interrupted() {
             return Err(Failure::Incomplete("stopped by the user".to_owned()));
         }
-        let lost = (0..self.service.gateways()).find(|gateway| !self.service.is_ready(*gateway));
-        let since_ns = match lost {
-            None => return self.lost_since_ns.take().map_or(Ok(()), |_| Ok(())),
-            Some(_) => *self.lost_since_ns.get_or_insert(now_ns),
+        let Some(gateway) = self.service.lost_gateway() else {
+            self.lost_since_ns = None;
+            return Ok(());
         };
-        match lost.filter(|_| now_ns.saturating_sub(since_ns) > LOST_NS) {
-            Some(gateway) => Err(self.service.not_ready(gateway, "the nodes cannot be reached")),
-            None => Ok(()),
+        let since_ns = *self.lost_since_ns.get_or_insert(now_ns);
+        match now_ns.saturating_sub(since_ns) > LOST_NS {
+            true => Err(self.service.not_ready(gateway, "the nodes cannot be reached")),
+            false => Ok(()),
         }
     }
 
-    /// Sends a frame in this cycle; false if there is no space.
-    fn send(&mut self, gateway: usize, channel: u8, frame: &CanFrame) -> Result<bool> {
+    /// Sends a frame in this cycle, of an SDO transfer with a node if it is given; false if there is no
+    /// space.
+    fn send(
+        &mut self,
+        gateway: usize,
+        channel: u8,
+        frame: &CanFrame,
+        node: Option<NodeId>,
+    ) -> Result<bool> {
         let place = (gateway, channel);
+        if !self.service.is_ready(gateway) {
+            return Ok(false);
+        }
         let Some(ticket) = self.service.send(gateway, channel, frame)? else {
             let now_ns = self.service.response_ns();
             self.stalled.entry(place).or_insert(now_ns);
             return Ok(false);
         };
         self.stalled.remove(&place);
-        self.pending.insert(ticket, place);
+        self.pending.insert(ticket, (place, node));
         Ok(true)
     }
 
@@ -250,7 +269,7 @@ impl NodeLink {
         let end_ns = self.service.response_ns() + STALL_NS;
         loop {
             let cycle = self.service.begin();
-            let sent = self.send(0, channel, frame);
+            let sent = self.send(0, channel, frame, None);
             for arrival in &cycle.arrivals {
                 if let Event::Frame(frame) = arrival.event {
                     observe(&Observed { time_ns: arrival.time_ns, frame });
@@ -338,7 +357,7 @@ impl SdoRequest {
     pub fn new(gateway: usize, target: NodeTarget, timeout: Duration, retries: u8) -> Self {
         let config =
             SdoConfig { timeout, retries, buffer_bytes: 64 * 1024, ..SdoConfig::default() };
-        Self { gateway, target, client: SdoClient::new(config) }
+        Self { gateway, target, client: SdoClient::new(config), has_lost_frame: false }
     }
 }
 
@@ -351,11 +370,11 @@ fn deliver(observed: &Observed, requests: &mut [SdoRequest], now_ns: u64) {
         }
         _ => return,
     };
-    let is_it = |request: &&mut SdoRequest| {
-        let SdoRequest { gateway, target, .. } = request;
-        observed.is_from(*gateway, target.channel) && target.node == node
-    };
-    let Some(request) = requests.iter_mut().find(is_it) else { return };
+    if observed.frame.is_sent {
+        return;
+    }
+    let place = (observed.frame.gateway, observed.frame.channel);
+    let Some(request) = find_request(requests, place, node) else { return };
     if is_boot_up {
         request.client.drop_transfer(SdoFault::NodeRestarted);
     } else if let Ok(data) = observed.frame.frame.data().try_into()
@@ -363,6 +382,15 @@ fn deliver(observed: &Observed, requests: &mut [SdoRequest], now_ns: u64) {
     {
         request.client.receive(data, now_ns);
     }
+}
+
+fn find_request(
+    requests: &mut [SdoRequest],
+    (gateway, channel): Place,
+    node: NodeId,
+) -> Option<&mut SdoRequest> {
+    let target = NodeTarget { channel, node };
+    requests.iter_mut().find(|request| request.gateway == gateway && request.target == target)
 }
 
 fn sdo_frame(request: &SdoRequest, data: &[u8]) -> CanFrame {

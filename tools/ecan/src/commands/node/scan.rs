@@ -138,7 +138,7 @@ fn scan(
         .flat_map(|gateway| channels.iter().map(move |channel| (gateway, channel)))
         .filter_map(|(gateway, channel)| Some(((gateway, channel), bit_rate(gateway, channel)?)))
         .collect();
-    let Some(service) = prepared.enter()? else {
+    let Some(service) = prepared.enter_ready()? else {
         return Err(Failure::Incomplete("stopped before the gateways were ready".to_owned()));
     };
     let mut scan = Scan::new(NodeLink::new(service), arguments);
@@ -162,6 +162,8 @@ struct ChannelScan {
     bitrate: u32,
     /// Node-IDs that have not been asked, the last one first.
     waiting: Vec<NodeId>,
+    /// Requests that may be sent again, since their frames were lost before they were on the bus.
+    repeats: usize,
     asked_since_ns: Option<u64>,
     is_silent: bool,
 }
@@ -199,6 +201,7 @@ impl Scan {
             channel,
             bitrate,
             waiting: self.nodes.clone(),
+            repeats: 2 * self.nodes.len(),
             asked_since_ns: None,
             is_silent: false,
         });
@@ -308,6 +311,17 @@ impl Scan {
                     number += 1;
                 }
                 None => {
+                    let is_unasked = *stage == 0 && request.has_lost_frame;
+                    if is_unasked
+                        && let Some(scan) = self
+                            .channels
+                            .iter_mut()
+                            .find(|scan| (scan.gateway, scan.channel) == (request.gateway, channel))
+                        && let Some(repeats) = scan.repeats.checked_sub(1)
+                    {
+                        scan.repeats = repeats;
+                        scan.waiting.push(node);
+                    }
                     self.requests.swap_remove(number);
                     self.stages.swap_remove(number);
                 }
