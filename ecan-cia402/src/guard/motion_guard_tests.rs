@@ -95,6 +95,26 @@ fn disabled_drive_gets_its_actual_position() {
     assert_eq!(cycle(&mut guard, &good(1013), Some(1100)), Decision::Target(1100));
 }
 
+/// Two positions do not show that an axis rests, however far apart they are.
+#[test]
+fn rare_positions_are_read_three_times() {
+    let mut guard = MotionGuard::new(GuardLimits { tpdo_timeout: 50, ..LIMITS });
+    guard.activate();
+    while guard.state() != GuardState::Reading {
+        guard.observe(&good(7));
+    }
+    let none = Actual::None(PositionUnavailable::NoTpdo);
+    let mut armed = (1..=3).map(|_| {
+        (0..20).for_each(|_| _ = guard.observe(&GuardInput { actual: none, ..good(7) }));
+        guard.observe(&good(7));
+        matches!(guard.state(), GuardState::Armed { .. })
+    });
+    assert_eq!(
+        [armed.next(), armed.next(), armed.next()].map(Option::unwrap),
+        [false, false, true]
+    );
+}
+
 #[test]
 fn first_target_is_always_the_actual_position() {
     let guard = running(777);
@@ -274,6 +294,15 @@ fn incomplete_cycle_waits_and_too_many_hold() {
     }
     assert_eq!(guard.observe(&missed), Some(HoldReason::WorkingCounter));
     assert!(guard.wants_discard(), "the held image carries a target");
+    let mut unconfirmed = good(0);
+    unconfirmed.path.is_unconfirmed = true;
+    for received in [unconfirmed, good(0)] {
+        guard.observe(&received);
+        assert!(!guard.wants_discard(), "its targets were received");
+    }
+    (0..3).for_each(|_| _ = guard.observe(&missed));
+    guard.hold();
+    assert!(!guard.wants_discard(), "it holds for another reason");
     for _ in 0..50 {
         assert_eq!(cycle(&mut guard, &good(0), Some(50)), Decision::Closed, "for good");
     }
@@ -473,6 +502,73 @@ fn stop_command_carries_a_resting_target() {
     guard.observe(&good(40));
     assert_eq!(guard.resting_target(), Some(60), "the drive goes there already");
     assert_eq!(guard.state(), GuardState::Holding { reason: HoldReason::Commanded });
+}
+
+/// A disabled drive does not hold its last target; one that waits is at its position.
+#[test]
+fn stop_of_a_disabled_drive_carries_where_it_is() {
+    let mut armed = MotionGuard::new(LIMITS);
+    armed.activate();
+    for position in 1000..1013 {
+        cycle(&mut armed, &in_state(DriveState::SwitchedOn, position), None);
+    }
+    armed.observe(&in_state(DriveState::SwitchedOn, 1013));
+    assert_eq!(armed.resting_target(), Some(1013));
+    let limits = GuardLimits { kind: TargetKind::Rate, ..LIMITS };
+    let mut rate = running_with(limits, 0);
+    cycle(&mut rate, &good(0), Some(80));
+    rate.observe(&in_state(DriveState::SwitchOnDisabled, 0));
+    assert_eq!(rate.resting_target(), Some(0), "no velocity");
+}
+
+/// A drive that may not have received its last target stops where it was when its stop began.
+#[test]
+fn stop_after_lost_targets_carries_the_position_at_its_begin() {
+    let stopped = |kind, is_lost| {
+        let mut guard = running_with(GuardLimits { kind, ..LIMITS }, 0);
+        cycle(&mut guard, &good(0), Some(60));
+        let mut input = good(20);
+        input.path.target_lost = is_lost;
+        guard.observe(&input);
+        guard.begin_stop();
+        guard.observe(&good(40));
+        guard.begin_stop();
+        guard.resting_target()
+    };
+    assert_eq!(stopped(TargetKind::Position, true), Some(20));
+    assert_eq!(stopped(TargetKind::Position, false), Some(60));
+    assert_eq!(stopped(TargetKind::Rate, true), Some(60), "a velocity is no position");
+}
+
+#[test]
+fn activation_that_restarts_reads_the_position_again() {
+    let mut guard = MotionGuard::new(LIMITS);
+    guard.restart_activation();
+    assert_eq!(guard.state(), GuardState::Idle, "nothing to restart");
+    guard.activate();
+    for state in [DriveState::SwitchedOn, DriveState::OperationEnabled] {
+        while !matches!(guard.state(), GuardState::Armed { .. }) {
+            guard.observe(&in_state(state, 7));
+        }
+        guard.restart_activation();
+        assert_eq!(guard.state(), GuardState::Draining);
+    }
+    let mut guard = running(7);
+    guard.restart_activation();
+    assert_eq!(guard.state(), GuardState::Running { target: 7 }, "not while it runs");
+}
+
+#[test]
+fn age_counts_cycles_since_the_last_position() {
+    let mut guard = MotionGuard::new(LIMITS);
+    assert_eq!(guard.actual_age(), u16::MAX, "never");
+    let none = Actual::None(PositionUnavailable::NoTpdo);
+    for (actual, expected) in
+        [(Actual::Fresh(1), 0), (none, 1), (none, 2), (Actual::Late(3), 0), (none, 1)]
+    {
+        guard.observe(&GuardInput { actual, ..good(0) });
+        assert_eq!(guard.actual_age(), expected);
+    }
 }
 
 #[test]

@@ -128,6 +128,15 @@ fn frames_of_one_image_are_no_backlog() {
     assert_eq!(full.backlog(0), Backlog::Waiting);
 }
 
+/// Longer than the confirmed frames are remembered.
+#[test]
+fn long_schedule_does_not_hide_a_backlog() {
+    let mut late = watch(4, 0);
+    late.schedule_images = 100;
+    late.channels[0].confirmed = [100; HISTORY];
+    assert_eq!(late.backlog(0), Backlog::Waiting);
+}
+
 #[test]
 fn gateway_that_was_removed_keeps_its_schedule_only() {
     let mut removed = undisturbed(9);
