@@ -231,6 +231,7 @@ fn rejected_frame_does_not_count_as_sent() {
     guard.observe(&good(0));
     assert_eq!(guard.decide(Some(80)), Decision::Target(80));
     guard.rejected();
+    assert_eq!(guard.decide(Some(80)), Decision::Wait(WaitReason::Rejected), "not in this cycle");
     assert_eq!(guard.state(), GuardState::Running { target: 0 });
     let rejection = TargetRejection::Step { step: 160, limit: 100 };
     assert_eq!(cycle(&mut guard, &good(0), Some(160)), Decision::Reject(rejection));
@@ -530,6 +531,9 @@ fn stop_after_lost_targets_carries_the_position_at_its_begin() {
         let mut input = good(20);
         input.path.target_lost = is_lost;
         guard.observe(&input);
+        if !is_lost {
+            guard.hold();
+        }
         guard.begin_stop();
         guard.observe(&good(40));
         guard.begin_stop();
