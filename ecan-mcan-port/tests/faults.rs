@@ -133,6 +133,19 @@ fn f06_frames_sent_while_an_image_is_held_can_be_discarded() {
 }
 
 #[test]
+fn input_limit_counts_cycles_without_an_image() {
+    for (input_limit, is_lost) in [(19, true), (20, false), (0, false)] {
+        let gateway = GatewayConfig { hold_limit: 1000, input_limit, ..on_channel_0() };
+        let mut fixture = bench_with(3, gateway);
+        let fault = Fault::LostFrame { direction: LossDirection::Return, cycles: 20 };
+        fixture.simulation.inject(fault);
+        fixture.idle(40);
+        let lost = fixture.port.statistics(fixture.port.gw(0)).sessions_lost;
+        assert_eq!(lost > 0, is_lost, "limit {input_limit}");
+    }
+}
+
+#[test]
 fn f07_a_long_outage_ends_the_session_and_the_gateway_is_verified_anew() {
     let mut fixture = bench_with(3, on_channel_0());
     fixture.simulation.inject(Fault::LostFrame { direction: LossDirection::Outward, cycles: 40 });

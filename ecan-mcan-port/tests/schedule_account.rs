@@ -110,6 +110,22 @@ fn diagnostics_are_known_before_the_interval_even_if_a_transfer_fails() {
     }
 }
 
+/// It says nothing about a frame.
+#[test]
+fn counter_that_is_never_readable_leaves_no_frame_unknown() {
+    let mut fixture = with_sync0(echo(1), SHIFT_NS, |gateway| gateway.schedule.watch_ms = 10);
+    let fault =
+        GatewayFault::SdoAbort { index: 0x9011, subindex: 2, code: 0x0800_0022, times: u32::MAX };
+    fixture.simulation.inject(Fault::Gateway { gateway: 0, fault });
+    for _ in 0..40 {
+        schedule(&mut fixture, 1, OFFSET_NS);
+        fixture.idle(50);
+    }
+    let (frames, _) = check(&mut fixture);
+    assert_eq!((frames.scheduled, frames.sent), (40, 40), "{frames:?}");
+    assert!(fixture.port.schedule_diagnostics(fixture.port.gw(0)).is_none(), "not all are known");
+}
+
 #[test]
 fn full_schedule_is_reported() {
     let mut fixture = with_sync0(echo(1), SHIFT_NS, |gateway| {

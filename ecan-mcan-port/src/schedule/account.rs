@@ -442,6 +442,34 @@ mod tests {
         assert_eq!(both_queued.codes(), ResultCodes::Unverified, "another chance");
     }
 
+    /// The flag was set before the first frame.
+    #[test]
+    fn waiting_frames_verify_the_codes() {
+        let codes_after = |of_accepted: u8, of_late: u8| {
+            let mut accounts = ScheduleAccounts::default();
+            let end_image = |accounts: &mut ScheduleAccounts, waiting| {
+                let status = ChannelStatus::default().with_tx_pending(waiting);
+                accounts.record_status(&[ChannelStatus::default(), status, status, status]);
+            };
+            for _ in 0..3 {
+                accounts.count_scheduled(1, true);
+                accounts.close_frame(1, ScheduledFrameState::Result(ResultCode::Queued));
+                end_image(&mut accounts, of_accepted);
+                late(&mut accounts, 1);
+                end_image(&mut accounts, of_late);
+                // A frame that found the schedule full shows nothing.
+                accounts.count_scheduled(1, true);
+                accounts.close_frame(1, ScheduledFrameState::Result(ResultCode::TxFifoFull));
+                end_image(&mut accounts, 0);
+            }
+            read(&mut accounts, ScheduleDiagnostics::LATE_DROP);
+            accounts.codes()
+        };
+        assert_eq!(codes_after(1, 0), ResultCodes::Verified);
+        assert_eq!(codes_after(0, 0), ResultCodes::Unverified, "no accepted frame waits");
+        assert_eq!(codes_after(1, 1), ResultCodes::Unverified, "late frames wait, too");
+    }
+
     #[test]
     fn unreadable_flags_leave_frames_unknown() {
         let mut accounts = taken(2);

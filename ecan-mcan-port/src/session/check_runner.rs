@@ -464,4 +464,57 @@ mod tests {
             assert_eq!(attempt(&mut reading, LISTENING), Ok(()));
         }
     }
+
+    /// Its transfer began after the image 65,500; images of another gateway are 16,384 numbers away.
+    fn runner() -> CheckRunner {
+        CheckRunner {
+            slave: 0,
+            steps: Vec::new(),
+            passed: 0,
+            begun: 0,
+            earlier: None,
+            waiting_since_ns: 0,
+            limit_ns: 0,
+            layout_crc: [None; 2],
+            controller: ControllerReading::default(),
+            sequence_distance: 0x4000,
+            sequence_at_start: 65_500,
+            reports_sequence: None,
+        }
+    }
+
+    const OTHER: VerificationFault = VerificationFault::ProcessData;
+
+    #[test]
+    fn gateway_that_reports_images_of_another_one_is_rejected() {
+        let mut runner = runner();
+        for (found, published) in [(65_500, 65_510), (65_510, 65_510), (65_530, 10), (10, 10)] {
+            assert_eq!(runner.check_sequence(found, published), Ok(true), "{found}");
+        }
+        let oldest = u32::from(65_500 - SEQUENCE_MARGIN);
+        assert_eq!(runner.check_sequence(oldest, 65_510), Ok(true));
+        for found in [oldest - 1, 65_511, 0x4000, u32::from(u16::MAX) + 65_500] {
+            assert_eq!(runner.check_sequence(found, 65_510), Err(OTHER), "{found}");
+        }
+    }
+
+    #[test]
+    fn gateway_that_reports_no_sequence_is_accepted() {
+        let mut runner = runner();
+        assert_eq!(runner.check_sequence(0, 65_510), Ok(true));
+        assert_eq!(runner.check_sequence(0, 65_510), Ok(true), "also later");
+    }
+
+    /// Numbers of such a distance are those of another gateway, too.
+    #[test]
+    fn slow_transfer_decides_nothing() {
+        let mut runner = runner();
+        let longest = 0x2000 - SEQUENCE_MARGIN;
+        let published = 65_500_u16.wrapping_add(longest + 1);
+        assert_eq!(runner.check_sequence(0x4000, published), Ok(false));
+        assert_eq!(runner.check_sequence(0x4000, published.wrapping_add(500)), Ok(false));
+        let published = 65_500_u16.wrapping_add(longest);
+        assert_eq!(runner.check_sequence(published.into(), published), Ok(true));
+        assert_eq!(runner.check_sequence(0x4000, published), Err(OTHER));
+    }
 }
