@@ -201,6 +201,21 @@ mod tests {
     }
 
     #[test]
+    fn reach_is_the_largest_change_that_ends_inside_the_room() {
+        for (change, jerk) in (1..=12).flat_map(|change| (0..=7).map(move |jerk| (change, jerk))) {
+            let limits = RampLimits::new(change, jerk);
+            let moved = |first: i128| match jerk {
+                0 => first,
+                jerk => (0..first).map(|nth| (first - nth * jerk).max(0)).sum(),
+            };
+            for room in -2..=90 {
+                let largest = (0..=change).rev().find(|first| moved(*first) <= room.max(0));
+                assert_eq!(Some(limits.reach(room)), largest, "{limits:?} {room}");
+            }
+        }
+    }
+
+    #[test]
     fn ramp_without_jerk_rises_and_falls_by_its_change() {
         let (mut ramp, limits) = (Ramp::default(), RampLimits::increments(30));
         assert_eq!(run(&mut ramp, 100, 5, &limits), [30, 60, 90, 100, 100]);
