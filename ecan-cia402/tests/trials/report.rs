@@ -101,6 +101,7 @@ pub struct Outcome {
     /// Axes that got a feed-forward.
     pub feed_forwards: u64,
     pub simulated_ns: u64,
+    pub cycles: u64,
     /// Different states of SDK and drive in the cycles of a history.
     pub states: HashSet<u64>,
 }
@@ -115,6 +116,7 @@ pub struct Summary {
     fastest: (f64, u64),
     feed_forwards: u64,
     simulated_ns: u64,
+    cycles: u64,
     states: HashSet<u64>,
 }
 
@@ -122,6 +124,7 @@ impl Sums<Outcome> for Summary {
     fn add(&mut self, seed: u64, outcome: Outcome) {
         self.trials += 1;
         self.simulated_ns += outcome.simulated_ns;
+        self.cycles += outcome.cycles;
         self.feed_forwards += outcome.feed_forwards;
         self.states.extend(outcome.states);
         if !outcome.findings.is_empty() {
@@ -163,7 +166,8 @@ impl Summary {
 
     fn write(&mut self, out: &mut String) -> std::fmt::Result {
         self.failed.sort_unstable();
-        writeln!(out, "{} trials, {} with violations", self.trials, self.failed.len())?;
+        let (trials, failed, cycles) = (self.trials, self.failed.len(), self.cycles);
+        writeln!(out, "{trials} trials, {failed} with violations, {cycles} cycles")?;
         for (kind, findings) in &mut self.findings {
             findings.sort_by_key(|(seed, _)| *seed);
             writeln!(out, "  {kind:?}: {}", findings.len())?;

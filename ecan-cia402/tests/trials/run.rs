@@ -101,6 +101,7 @@ impl Trial {
             trial.outcome.fastest = trial.outcome.fastest.max(monitor.fastest);
         }
         trial.outcome.simulated_ns = trial.now - begin;
+        trial.outcome.cycles = trial.outcome.simulated_ns / trial.plan.cycle_ns;
         for finding in trial.outcome.findings.clone() {
             trial.note(&format!(
                 "VIOLATION {:?}, axis {}, at {} ms: {}",
