@@ -76,7 +76,10 @@ print('^(' + '|'.join(map(re.escape, names[:$count])) + ')\$' if names else '')"
 end=${MUTANTS_SECONDS:-0}
 try_sample() { # ARGUMENTS OF CARGO TEST...
     local status=0 limit=()
-    [ -z "${MUTANTS_SECONDS-}" ] || limit=(timeout --signal=INT "$((end > SECONDS ? end - SECONDS : 1))")
+    if ((end > 0)); then
+        ((SECONDS < end)) || return 0
+        limit=(timeout --signal=INT "$((end - SECONDS))")
+    fi
     "${limit[@]}" cargo mutants "${selection[@]}" --re "$chosen" --in-place --colors never --baseline skip \
         --timeout 60 --iterate --output "$output" "$@" || status=$?
     # 2: some were not noticed; 3: the tests of some did not end; 124, 130: the time is over.

@@ -85,6 +85,7 @@ def main():
     parser.add_argument("--only", choices=["soak", "trials"])
     parser.add_argument("--records", type=Path, default=ROOT / "target/long-run.json")
     options = parser.parse_args()
+    options.records.parent.mkdir(exist_ok=True)
     options.records.touch()
     records = [json.loads(line) for line in options.records.read_text().splitlines()]
     for kind, binary in zip((SOAK, TRIALS), build()):
