@@ -458,4 +458,19 @@ mod tests {
             assert_eq!(PendingStep::decode(PendingStep::encode(step)), step);
         }
     }
+
+    #[test]
+    fn only_a_required_reload_names_its_assumption() {
+        for (index, subindex, found, expected) in [
+            (0x8010, 2, 5, true),
+            (0x8011, 2, 5, true),
+            (0x8010, 2, 4, false),
+            (0x8010, 3, 5, false),
+            (0x8001, 2, 5, false),
+        ] {
+            let good = Expectation::Equals(0);
+            let fault = VerificationFault::Readback { index, subindex, expected: good, found };
+            assert_eq!(fault.to_string().contains("H41"), expected, "{fault}");
+        }
+    }
 }
