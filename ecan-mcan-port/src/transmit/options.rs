@@ -180,3 +180,20 @@ impl<T> OkOrTemporary<T> for Result<T, SendError> {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_a_temporary_error_is_left_out() {
+        let not_fd = SendError::NotFd { slave: 0, channel: 1 };
+        for (sent, expected) in [
+            (Ok(7), Ok(Some(7))),
+            (Err(SendError::NotReady { slave: 0 }), Ok(None)),
+            (Err(not_fd), Err(not_fd)),
+        ] {
+            assert_eq!(sent.ok_or_temporary(), expected);
+        }
+    }
+}
