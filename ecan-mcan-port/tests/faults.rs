@@ -128,8 +128,10 @@ fn f06_frames_sent_while_an_image_is_held_can_be_discarded() {
     });
     let back: Vec<_> = frames_of(&fixture.idle(20)).iter().map(|f| f.frame.id().raw()).collect();
     assert_eq!(back, [3]);
-    let channel = fixture.port.statistics(fixture.port.gw(0)).channels[0];
+    let statistics = fixture.port.statistics(fixture.port.gw(0));
+    let channel = &statistics.channels[0];
     assert_eq!((channel.frames_unknown, channel.frames_discarded), (1, 1), "published, or not");
+    assert_eq!(statistics.rxpdo_discarded, 2, "their images");
 }
 
 #[test]
