@@ -180,13 +180,23 @@ class Run:
         except (IndexError, OSError):
             pass  # It has ended.
 
+    def has_ended(self, wait_s):
+        try:
+            return self.process.wait(wait_s) is not None
+        except subprocess.TimeoutExpired:
+            return False
+
     def finish(self):
         """Status, output, errors and seconds; no status if it did not end."""
         seconds, client = None, ["", ""]
         try:
             if self.program.client:
                 client, seconds = self.run_client()
-                self.signal(signal.SIGTERM)
+                # The call with which a handler reports the first signal may be the one that fails.
+                for wait_s in (5, 0):
+                    self.signal(signal.SIGTERM)
+                    if self.has_ended(wait_s):
+                        break
             out, err = self.process.communicate(timeout=LIMIT_S)
         except subprocess.TimeoutExpired:
             os.killpg(self.process.pid, signal.SIGKILL)

@@ -3,8 +3,8 @@
 
     scripts/run-long.py [--cycles N] [--only soak|trials] [--records FILE]
 
-Each finished batch is a line of the records [default: target/long-run.json]: first seed, seeds, cycles, and memory and
-descriptors of the process in the first and in the second half of its time. Started again, the script continues after
+Each finished batch is a line of the records [default: target/long-run.json]: first seed, seeds, cycles, and the medians
+of memory and descriptors of the process in the first and in the second half of its time. Started again, the script continues after
 the last line. It fails at a finding, and if memory or descriptors grow in a batch.
 """
 import argparse
@@ -12,6 +12,7 @@ import json
 import os
 import random
 import re
+import statistics
 import subprocess
 import sys
 import time
@@ -24,7 +25,7 @@ SOAK = ("soak", 400, r"(\d+) cycles of", lambda binary, first, count: (
 TRIALS = ("trials", 2000, r"with violations, (\d+) cycles", lambda binary, first, count: (
     [binary, "random_trials_violate_no_rule", "--nocapture"],
     {"TRIALS_FIRST": str(first), "TRIALS_COUNT": str(count)}))
-# Growth that is none: one trial has more gateways than another.
+# Growth of the median that is none: one trial has more gateways than another.
 SPREAD = 1.5
 
 
@@ -69,7 +70,7 @@ def run_batch(kind, binary, first):
         sys.exit(f"{name}, seeds {first} to {first + count - 1}: status {process.returncode}\n{output[-3000:]}")
     uses = list(filter(None, uses))
     halves = uses[: len(uses) // 2], uses[len(uses) // 2 :]
-    memory, descriptors = [[max((use[at] for use in half), default=0) for half in halves] for at in (0, 1)]
+    memory, descriptors = [[statistics.median([use[at] for use in half] or [0]) for half in halves] for at in (0, 1)]
     for what, (before, after) in (("memory", memory), ("descriptors", descriptors)):
         if after > SPREAD * before:
             sys.exit(f"{name}, seeds {first} to {first + count - 1}: {what} grow from {before} to {after}")
