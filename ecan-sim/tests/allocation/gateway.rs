@@ -16,9 +16,7 @@ fn cycles_allocate_nothing() {
     for channel in 0..4 {
         fixture.apply_data_path(channel, DataPathConfig::for_traffic(4, 4));
     }
-    fixture.start_sync0();
-    fixture.pass(MS);
-    fixture.start();
+    fixture.start_with_sync0(0);
     let before = allocations();
     for cycle in 0..200u16 {
         for channel in 0..4u8 {
@@ -33,14 +31,7 @@ fn cycles_allocate_nothing() {
             }
             let frame = fd(cycle, &[1; 16]);
             let schedule = Schedule { tag: cycle, offset_ns: 300_000 };
-            let result = fixture.writer.push_scheduled(
-                &mut fixture.image,
-                channel,
-                0,
-                frame.as_ref(),
-                schedule,
-            );
-            assert!(result.is_ok());
+            fixture.push_scheduled(channel, frame, schedule);
         }
         if cycle % 50 == 49 {
             fixture.image[24] ^= 0xFF;

@@ -178,9 +178,9 @@ fn assignment_is_written_in_preop_and_safeop_while_its_count_is_0() {
         assert_eq!(result, Err(AbortCode::NOT_MAPPABLE));
     }
     fixture.write_u8(0x1C12, 0, 3);
-    fixture.gateway.request_al_state(fixture.now, AlState::SafeOp);
+    fixture.request(AlState::SafeOp);
     assert_eq!(fixture.download(0x1C12, 0, &[3]), Ok(()));
-    fixture.gateway.request_al_state(fixture.now, AlState::Op);
+    fixture.request(AlState::Op);
     assert_eq!(fixture.download(0x1C12, 0, &[3]), Err(AbortCode::DEVICE_STATE));
 }
 
@@ -193,7 +193,7 @@ fn data_units_read_the_sync_manager_memory() {
     assert_eq!(fixture.try_upload(0x6010, 1).unwrap(), fixture.input[16..32]);
     assert_eq!(fixture.try_upload(0x7000, 1).unwrap(), fixture.image[..16]);
     assert_eq!(fixture.download(0x7000, 1, &[0; 16]), Err(AbortCode::DEVICE_STATE));
-    fixture.gateway.request_al_state(fixture.now, AlState::PreOp);
+    fixture.request(AlState::PreOp);
     assert_eq!(fixture.download(0x7010, 1, &[7; 16]), Ok(()));
     assert_eq!(fixture.try_upload(0x7010, 1).unwrap(), [7; 16]);
 }
@@ -240,6 +240,6 @@ fn silent_mailbox_times_out_and_recovers() {
 #[test]
 fn init_has_no_mailbox() {
     let mut fixture = Fixture::preop();
-    fixture.gateway.request_al_state(fixture.now, AlState::Init);
+    fixture.request(AlState::Init);
     assert_eq!(fixture.try_upload(0xF000, 2), Err(AbortCode::TIMEOUT));
 }

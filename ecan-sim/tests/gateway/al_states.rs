@@ -1,6 +1,6 @@
 //! The EtherCAT state machine and its AL status codes (manual 5.4.6, 14).
 
-use super::fixture::{Fixture, MS, chunks, standard};
+use super::fixture::{Fixture, MS, chunks};
 use AlState::{Boot, Init, Op, PreOp, SafeOp};
 use ecan_protocol::config::assignment_writes;
 use ecan_protocol::device::AlState;
@@ -28,18 +28,16 @@ fn nothing_responds_before_the_boot_ends() {
 fn only_the_steps_of_the_state_machine_are_valid() {
     for (from, to) in [(Init, SafeOp), (Init, Op), (PreOp, Op), (PreOp, Boot), (SafeOp, Boot)] {
         let mut fixture = Fixture::configured(chunks(3), chunks(3));
-        fixture.gateway.request_al_state(fixture.now, Init);
+        fixture.request(Init);
         if from != Init {
-            fixture.gateway.request_al_state(fixture.now, PreOp);
+            fixture.request(PreOp);
         }
         if from == SafeOp {
-            fixture.gateway.request_al_state(fixture.now, SafeOp);
+            fixture.request(SafeOp);
         }
-        fixture.gateway.request_al_state(fixture.now, to);
-        assert_eq!(fixture.state(), (from, 0x11), "{from} to {to}");
+        assert_eq!(fixture.request(to), (from, 0x11), "{from} to {to}");
         assert!(fixture.gateway.al_error());
-        fixture.gateway.request_al_state(fixture.now, from);
-        assert_eq!(fixture.state(), (from, 0), "asking for the present state acknowledges");
+        assert_eq!(fixture.request(from), (from, 0), "asking for the present state acknowledges");
         assert!(!fixture.gateway.al_error());
     }
 }
@@ -47,25 +45,20 @@ fn only_the_steps_of_the_state_machine_are_valid() {
 #[test]
 fn boot_is_reached_from_init_only_and_has_no_coe() {
     let mut fixture = Fixture::preop();
-    fixture.gateway.request_al_state(fixture.now, Init);
-    fixture.gateway.request_al_state(fixture.now, Boot);
-    assert_eq!(fixture.state(), (Boot, 0));
+    fixture.request(Init);
+    assert_eq!(fixture.request(Boot), (Boot, 0));
     assert_eq!(fixture.try_upload(0xF000, 2).unwrap_err().0, 0x0800_0022);
-    fixture.gateway.request_al_state(fixture.now, PreOp);
-    assert_eq!(fixture.state(), (Boot, 0x11));
-    fixture.gateway.request_al_state(fixture.now, Init);
-    assert_eq!(fixture.state(), (Init, 0));
+    assert_eq!(fixture.request(PreOp), (Boot, 0x11));
+    assert_eq!(fixture.request(Init), (Init, 0));
 }
 
 #[test]
 fn preop_needs_both_mailboxes() {
     let mut fixture = Fixture::preop();
-    fixture.gateway.request_al_state(fixture.now, Init);
+    fixture.request(Init);
     fixture.gateway.configure_sync_manager(1, None);
-    fixture.gateway.request_al_state(fixture.now, PreOp);
-    assert_eq!(fixture.state(), (Init, 0x16));
-    fixture.set_up_mailboxes();
-    fixture.gateway.request_al_state(fixture.now, PreOp);
+    assert_eq!(fixture.request(PreOp), (Init, 0x16));
+    fixture.enter_preop();
     assert_eq!(fixture.state(), (PreOp, 0));
 }
 
@@ -75,11 +68,9 @@ fn safeop_needs_sync_managers_of_the_active_length() {
         for length in [0, 128, 383, 385, 1024] {
             let mut fixture = Fixture::configured(chunks(3), chunks(3));
             fixture.set_up_sync_manager(direction, length);
-            fixture.gateway.request_al_state(fixture.now, SafeOp);
-            assert_eq!(fixture.state(), (PreOp, code), "{direction} {length}");
+            assert_eq!(fixture.request(SafeOp), (PreOp, code), "{direction} {length}");
             fixture.set_up_sync_manager(direction, 384);
-            fixture.gateway.request_al_state(fixture.now, SafeOp);
-            assert_eq!(fixture.state(), (SafeOp, 0));
+            assert_eq!(fixture.request(SafeOp), (SafeOp, 0));
         }
     }
 }
@@ -100,26 +91,21 @@ fn sync_managers_must_have_start_and_control_of_the_manual() {
         ] {
             let mut fixture = Fixture::configured(chunks(3), chunks(3));
             fixture.gateway.configure_sync_manager(number, Some(bad));
-            fixture.gateway.request_al_state(fixture.now, SafeOp);
-            assert_eq!(fixture.state(), (PreOp, code), "SM{number} {bad:?}");
+            assert_eq!(fixture.request(SafeOp), (PreOp, code), "SM{number} {bad:?}");
         }
         let mut fixture = Fixture::configured(chunks(3), chunks(3));
         let other_watchdog = SyncManagerConfig { control: good.control ^ 0x40, ..good };
         fixture.gateway.configure_sync_manager(number, Some(other_watchdog));
-        fixture.gateway.request_al_state(fixture.now, SafeOp);
-        assert_eq!(fixture.state(), (SafeOp, 0), "SM{number}");
+        assert_eq!(fixture.request(SafeOp), (SafeOp, 0), "SM{number}");
     }
 }
 
 #[test]
 fn assignment_and_profile_must_agree() {
     let mut fixture = Fixture::configured(chunks(8), chunks(8));
-    for write in assignment_writes(Direction::RxPdo, 3) {
-        fixture.send(write);
-    }
+    fixture.send(assignment_writes(Direction::RxPdo, 3));
     fixture.set_up_sync_manager(Direction::RxPdo, 384);
-    fixture.gateway.request_al_state(fixture.now, SafeOp);
-    assert_eq!(fixture.state(), (PreOp, 0x1D));
+    assert_eq!(fixture.request(SafeOp), (PreOp, 0x1D));
 }
 
 #[test]
@@ -127,12 +113,9 @@ fn requested_defaults_are_applied_on_the_way_to_safeop() {
     let mut fixture = Fixture::preop();
     for direction in Direction::ALL {
         fixture.set_up_sync_manager(direction, 1024);
-        for write in assignment_writes(direction, 8) {
-            fixture.send(write);
-        }
+        fixture.send(assignment_writes(direction, 8));
     }
-    fixture.gateway.request_al_state(fixture.now, SafeOp);
-    assert_eq!(fixture.state(), (SafeOp, 0));
+    assert_eq!(fixture.request(SafeOp), (SafeOp, 0));
     assert_eq!(fixture.upload(0x8010, 12), 0x1E7);
     assert_eq!(fixture.upload(0x8011, 9), 1024);
 }
@@ -143,8 +126,7 @@ fn default_profiles_do_not_match_the_default_assignment() {
     for direction in Direction::ALL {
         fixture.set_up_sync_manager(direction, 1024);
     }
-    fixture.gateway.request_al_state(fixture.now, SafeOp);
-    assert_eq!(fixture.state(), (PreOp, 0x1D));
+    assert_eq!(fixture.request(SafeOp), (PreOp, 0x1D));
     assert_eq!(fixture.upload(0x8011, 2), 5);
 }
 
@@ -161,8 +143,7 @@ fn watchdog_forces_safeop() {
     fixture.pass(4 * MS);
     assert_eq!(fixture.state(), (SafeOp, 0x1B));
     assert!(fixture.gateway.al_error());
-    fixture.gateway.request_al_state(fixture.now, Op);
-    assert_eq!(fixture.state(), (Op, 0));
+    assert_eq!(fixture.request(Op), (Op, 0));
 }
 
 #[test]
@@ -195,9 +176,8 @@ fn op_waits_for_the_first_pulse() {
     let first = fixture.now + 100 * MS;
     let sync0 = Sync0 { start_ns: first, cycle_ns: MS as u32, shift_ns: 0 };
     fixture.gateway.set_dc_sync0(Some(sync0));
-    fixture.gateway.request_al_state(fixture.now, SafeOp);
-    fixture.gateway.request_al_state(fixture.now, Op);
-    assert_eq!(fixture.state(), (SafeOp, 0));
+    fixture.request(SafeOp);
+    assert_eq!(fixture.request(Op), (SafeOp, 0));
     fixture.gateway.advance(first - 1);
     assert_eq!(fixture.state(), (SafeOp, 0));
     fixture.gateway.advance(first);
@@ -209,8 +189,8 @@ fn missing_pulses_are_a_sync_error() {
     let mut fixture = Fixture::configured(chunks(3), chunks(3));
     let sync0 = Sync0 { start_ns: u64::MAX / 2, cycle_ns: MS as u32, shift_ns: 0 };
     fixture.gateway.set_dc_sync0(Some(sync0));
-    fixture.gateway.request_al_state(fixture.now, SafeOp);
-    fixture.gateway.request_al_state(fixture.now, Op);
+    fixture.request(SafeOp);
+    fixture.request(Op);
     fixture.pass(3_000 * MS);
     assert_eq!(fixture.state(), (SafeOp, 0x2D));
     assert!(fixture.gateway.al_error());
@@ -219,9 +199,7 @@ fn missing_pulses_are_a_sync_error() {
 #[test]
 fn stopped_pulses_in_op_are_a_fatal_sync_error() {
     let mut fixture = Fixture::configured(chunks(3), chunks(3));
-    fixture.start_sync0();
-    fixture.pass(MS);
-    fixture.start();
+    fixture.start_with_sync0(0);
     fixture.gateway.set_dc_sync0(None);
     assert_eq!(fixture.state(), (SafeOp, 0x2C));
 }
@@ -231,9 +209,7 @@ fn missed_outputs_are_a_fatal_sync_error_if_limited() {
     let config = GatewayModelConfig { missed_sync_limit: 4, ..GatewayModelConfig::default() };
     let mut fixture = Fixture::preop_with(config);
     fixture.apply_profiles(chunks(3), chunks(3));
-    fixture.start_sync0();
-    fixture.pass(MS);
-    fixture.start();
+    fixture.start_with_sync0(0);
     fixture.cycle();
     fixture.pass(10 * MS);
     assert_eq!(fixture.state(), (SafeOp, 0x2C));
@@ -257,13 +233,11 @@ fn injected_error_shows_its_code() {
 #[test]
 fn leaving_op_drops_unsent_frames() {
     let mut fixture = Fixture::op(chunks(8), chunks(8));
-    for id in 0..10 {
-        fixture.push(0, standard(id, &[]));
-    }
+    fixture.push_ids(0, 0..10);
     fixture.cycle();
-    fixture.gateway.request_al_state(fixture.now, SafeOp);
+    fixture.request(SafeOp);
     assert_eq!(fixture.sent(0).len(), 4, "those that the controller had already");
-    fixture.gateway.request_al_state(fixture.now, Op);
+    fixture.request(Op);
     fixture.cycle();
     assert_eq!(fixture.sent(0), []);
     assert_eq!(fixture.gateway.counters().transmit_losses.stale, 6);
@@ -282,7 +256,6 @@ fn reboot_command_loses_all_volatile_configuration() {
     assert_eq!(fixture.state(), (Init, 0));
     assert_eq!(fixture.gateway.station_config(0), None);
     assert_ne!(fixture.gateway.station_generation(0), generation);
-    fixture.set_up_mailboxes();
-    fixture.gateway.request_al_state(fixture.now, PreOp);
+    fixture.enter_preop();
     assert_eq!(fixture.upload(0x8010, 12), 0);
 }

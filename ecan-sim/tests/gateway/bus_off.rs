@@ -60,7 +60,7 @@ fn host_recovers_by_applying_the_channel_again() {
         let mut fixture = with(policy);
         bus_off(&mut fixture);
         let generation = fixture.gateway.station_generation(0);
-        fixture.send(McanChannelConfig::apply_write(0));
+        fixture.send([McanChannelConfig::apply_write(0)]);
         assert_ne!(fixture.gateway.station_generation(0), generation);
         fixture.cycle();
         assert_eq!(fixture.input().header().channel_status[0].state().raw(), 2);
@@ -81,9 +81,7 @@ fn policy_changed_during_bus_off_takes_effect() {
 fn waiting_frames_are_stale_except_with_aggressive() {
     for (policy, kept) in [(BusOffRecovery::Auto, 1), (BusOffRecovery::Aggressive, 6)] {
         let mut fixture = with(policy);
-        for id in 0..6 {
-            fixture.push(0, standard(id, &[]));
-        }
+        fixture.push_ids(0, 0..6);
         fixture.cycle();
         let in_flight = fixture.gateway.next_transmit(0).unwrap();
         bus_off(&mut fixture);
@@ -171,15 +169,11 @@ fn pending_counts_saturate_at_7() {
 #[test]
 fn full_receive_fifo_and_half_full_ring_are_pressure() {
     let mut fixture = with(BusOffRecovery::Manual);
-    for id in 0..44 {
-        fixture.deliver(0, standard(id, &[]));
-    }
+    fixture.deliver_ids(0, 0..44);
     fixture.cycle();
     assert!(fixture.input().header().channel_status[0].rx_pressure());
     let mut fixture = Fixture::op(chunks(3), chunks(24));
-    for id in 0..36 {
-        fixture.push(0, standard(id, &[]));
-    }
+    fixture.push_ids(0, 0..36);
     fixture.cycle();
     assert!(fixture.input().header().channel_status[0].tx_pressure());
     fixture.cycle();

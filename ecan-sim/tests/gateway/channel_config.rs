@@ -1,7 +1,7 @@
 //! 0x8001..0x8004: accepted configurations, their effect on the controller, and filters of the
 //! editing window (manual 13.4).
 
-use super::fixture::{Fixture, chunks, fd, standard};
+use super::fixture::{Fixture, chunks, extended, fd, standard};
 use ecan_protocol::can::{BitTiming, CanFrame, CanId, Dlc};
 use ecan_protocol::config::{
     BitTimingMode, DataPathConfig, DataSize, ExtendedFilter, ExtendedMatch, FifoMode, FilterAction,
@@ -10,15 +10,6 @@ use ecan_protocol::config::{
 };
 use ecan_protocol::image::Packet;
 use ecan_sim::{StationConfig, StationMode};
-
-/// Writes the configuration to channel 0 and returns the apply status.
-fn apply(fixture: &mut Fixture, config: McanChannelConfig) -> u32 {
-    for write in config.writes(0) {
-        fixture.send(write);
-    }
-    fixture.send(McanChannelConfig::apply_write(0));
-    fixture.upload(0x8001, 2)
-}
 
 /// In OP with this configuration and these filters on channel 0.
 fn with(
@@ -29,7 +20,7 @@ fn with(
     let mut fixture = Fixture::preop();
     fixture.apply_profiles(chunks(16), chunks(3));
     for write in filter_writes(0, standard, extended) {
-        fixture.send(write);
+        fixture.send([write]);
         assert_eq!((fixture.upload(0x8001, 47), fixture.upload(0x8001, 48)), (0, 0));
     }
     fixture.apply_channel(0, config);
@@ -52,10 +43,6 @@ fn passing(fixture: &mut Fixture, frames: &[CanFrame]) -> Vec<(u32, u8)> {
     passed
 }
 
-fn extended(id: u32) -> CanFrame {
-    CanFrame::classic(CanId::extended(id).unwrap(), &[]).unwrap()
-}
-
 fn filter(matching: StandardMatch, action: FilterAction, id1: u16, id2: u16) -> StandardFilter {
     StandardFilter { matching, action, sync: false, id1, id2 }
 }
@@ -65,7 +52,7 @@ fn channels_are_disabled_until_applied() {
     let mut fixture = Fixture::preop();
     assert_eq!(fixture.gateway.station_config(0), None);
     assert_eq!(fixture.upload(0x9000, 9) & 7, 0, "disabled");
-    assert_eq!(apply(&mut fixture, McanChannelConfig::default()), 0);
+    assert_eq!(fixture.try_apply_channel(0, McanChannelConfig::default()), 0);
     assert_eq!(fixture.gateway.station_config(0), Some(StationConfig::fd(500_000, 5_000_000)));
     assert_eq!(fixture.gateway.station_config(1), None);
     assert_eq!(fixture.upload(0x9000, 9) & 0xF, 2 | 1 << 3, "run, FD");
@@ -76,7 +63,7 @@ fn channels_are_disabled_until_applied() {
 fn configuration_reaches_the_bus() {
     let mut fixture = Fixture::preop();
     let before = fixture.gateway.station_generation(0);
-    assert_eq!(apply(&mut fixture, McanChannelConfig::classic(125_000)), 0);
+    assert_eq!(fixture.try_apply_channel(0, McanChannelConfig::classic(125_000)), 0);
     assert_eq!(fixture.gateway.station_config(0), Some(StationConfig::classic(125_000)));
     assert_ne!(fixture.gateway.station_generation(0), before);
     for (node_mode, mode) in [
@@ -90,7 +77,7 @@ fn configuration_reaches_the_bus() {
             disable_auto_retransmission: true,
             ..McanChannelConfig::default()
         };
-        assert_eq!(apply(&mut fixture, config), 0);
+        assert_eq!(fixture.try_apply_channel(0, config), 0);
         let station = fixture.gateway.station_config(0).unwrap();
         assert_eq!((station.mode, station.auto_retransmit), (mode, false));
     }
@@ -111,7 +98,7 @@ fn apply_fails_without_timing_or_with_a_bad_value() {
         McanChannelConfig { tsu_prescaler: 0, ..default },
     ] {
         let mut fixture = Fixture::preop();
-        assert_eq!(apply(&mut fixture, bad), 3, "{bad:?}");
+        assert_eq!(fixture.try_apply_channel(0, bad), 3, "{bad:?}");
         assert_eq!(fixture.gateway.station_config(0), None);
         assert_eq!(fixture.upload(0x9000, 9) & 7, 4, "error");
     }
@@ -124,7 +111,7 @@ fn apply_fails_without_timing_or_with_a_bad_value() {
 #[test]
 fn oversized_ram_layout_fails_and_keeps_the_old_one() {
     let mut fixture = Fixture::preop();
-    assert_eq!(apply(&mut fixture, McanChannelConfig::classic(250_000)), 0);
+    assert_eq!(fixture.try_apply_channel(0, McanChannelConfig::classic(250_000)), 0);
     let before = fixture.gateway.station_generation(0);
     let fits = MessageRamLayout::fd();
     for ram in [
@@ -132,11 +119,15 @@ fn oversized_ram_layout_fails_and_keeps_the_old_one() {
         MessageRamLayout { tx_dedicated_count: 1, rx_buffer_count: 0, ..fits },
     ] {
         let config = McanChannelConfig { ram, ..McanChannelConfig::default() };
-        assert_eq!(apply(&mut fixture, config), 4, "{ram:?}");
+        assert_eq!(fixture.try_apply_channel(0, config), 4, "{ram:?}");
         assert_eq!(fixture.gateway.station_config(0), Some(StationConfig::classic(250_000)));
         assert_eq!(fixture.gateway.station_generation(0), before);
     }
-    assert_eq!(apply(&mut fixture, McanChannelConfig::default()), 0, "8192 bytes are just enough");
+    assert_eq!(
+        fixture.try_apply_channel(0, McanChannelConfig::default()),
+        0,
+        "8192 bytes are just enough"
+    );
 }
 
 #[test]
@@ -148,10 +139,13 @@ fn manual_timing_decides_the_bit_rate() {
         ..McanChannelConfig::default()
     };
     let mut fixture = Fixture::preop();
-    assert_eq!(apply(&mut fixture, config), 0);
+    assert_eq!(fixture.try_apply_channel(0, config), 0);
     assert_eq!(fixture.gateway.station_config(0), Some(StationConfig::fd(500_000, 2_000_000)));
     let too_wide = BitTiming { brp: 1, tseg1: 30, tseg2: 20, sjw: 9 };
-    assert_eq!(apply(&mut fixture, McanChannelConfig { manual_data: too_wide, ..config }), 3);
+    assert_eq!(
+        fixture.try_apply_channel(0, McanChannelConfig { manual_data: too_wide, ..config }),
+        3
+    );
 }
 
 #[test]
@@ -282,12 +276,10 @@ fn blocking_fifo_keeps_old_frames_and_overwriting_keeps_new_ones() {
         ram.rx_fifo0.mode = mode;
         ram.rx_fifo0.size = 4;
         let mut fixture = with(McanChannelConfig { ram, ..Default::default() }, &[], &[]);
-        for id in 0..6 {
-            fixture.deliver(0, standard(id, &[]));
-        }
+        fixture.deliver_ids(0, 0..6);
         assert_eq!(fixture.upload(0x9000, 4) & (1 << 24 | 1 << 25 | 0x7F), 1 << 25 | 1 << 24 | 4);
         fixture.cycle();
-        let ids: Vec<_> = fixture.received().iter().map(|(_, frame)| frame.id().raw()).collect();
+        let ids: Vec<_> = fixture.received_ids();
         assert_eq!(ids, expected, "{mode:?}");
         assert_eq!(fixture.gateway.counters().receive_losses.controller_full, 2);
     }
@@ -346,11 +338,9 @@ fn editing_window_statuses() {
 fn filters_take_effect_with_the_apply() {
     let mut fixture = with(McanChannelConfig::default(), &[], &[]);
     let reject = [filter(StandardMatch::Two, FilterAction::Reject, 1, 1)];
-    for write in filter_writes(0, &reject, &[]) {
-        fixture.send(write);
-    }
+    fixture.send(filter_writes(0, &reject, &[]));
     assert_eq!(passing(&mut fixture, &[standard(1, &[])]), [(1, 0)]);
-    fixture.send(McanChannelConfig::apply_write(0));
+    fixture.send([McanChannelConfig::apply_write(0)]);
     assert_eq!(passing(&mut fixture, &[standard(1, &[])]), []);
 }
 
@@ -395,10 +385,7 @@ fn tsu_captures_start_of_frame_if_configured() {
         let end = service + 400_000;
         fixture.gateway.received(end, 0, &standard(1, &[]), service + 100_000);
         fixture.cycle();
-        let times = fixture.packets(|packet| match packet {
-            Packet::Frame(frame) => Some(frame.timestamp),
-            Packet::TxResult(_) => None,
-        });
+        let times = fixture.timestamps();
         assert_eq!(times, [ecan_protocol::image::Timestamp::Delta16(expected)]);
     }
 }

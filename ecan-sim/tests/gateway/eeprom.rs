@@ -23,8 +23,7 @@ fn words_survive_power_loss_and_reboot() {
     assert_eq!(fixture.gateway.eeprom(), [1, 0xBEEF, 3]);
     fixture.gateway.power(fixture.now, true);
     fixture.pass(1_000 * MS);
-    fixture.set_up_mailboxes();
-    fixture.gateway.request_al_state(fixture.now, AlState::PreOp);
+    fixture.enter_preop();
     fixture.write_u8(0x8000, 1, 1);
     fixture.pass(1_000 * MS);
     assert_eq!(fixture.gateway.eeprom(), [1, 0xBEEF, 3]);

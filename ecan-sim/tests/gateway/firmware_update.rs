@@ -32,10 +32,7 @@ fn update(fixture: &mut Fixture, file: &[u8]) -> Result<(), FirmwareUpdateError>
 
 fn restart(fixture: &mut Fixture) {
     fixture.pass(500 * MS);
-    assert!(!fixture.gateway.is_responding());
-    fixture.pass(1_000 * MS);
-    fixture.set_up_mailboxes();
-    fixture.gateway.request_al_state(fixture.now, AlState::PreOp);
+    fixture.boot();
 }
 
 fn maintain(fixture: &mut Fixture, bits: u8) -> u32 {
@@ -114,12 +111,7 @@ fn activating_the_old_partition_restores_its_version() {
     fixture.pass(1_000 * MS);
     assert_eq!(version(&mut fixture), (0x0303, 3), "validated only");
     assert_eq!(maintain(&mut fixture, ACTIVATE), OK);
-    fixture.pass(490 * MS);
-    fixture.pass(10 * MS);
-    assert!(!fixture.gateway.is_responding());
-    fixture.pass(1_000 * MS);
-    fixture.set_up_mailboxes();
-    fixture.gateway.request_al_state(fixture.now, AlState::PreOp);
+    restart(&mut fixture);
     assert_eq!(version(&mut fixture), factory);
 }
 

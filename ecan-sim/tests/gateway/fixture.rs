@@ -5,12 +5,14 @@ use ecan_protocol::can::{CanFrame, CanId};
 use ecan_protocol::config::{DataPathConfig, McanChannelConfig, assignment_writes};
 use ecan_protocol::device::AlState;
 use ecan_protocol::image::{
-    CommitFields, Image, ImageReader, ImageWriter, Packet, PdoProfile, Timestamp, TxResult,
+    CommitFields, Image, ImageReader, ImageWriter, Packet, PdoProfile, ResultCode, Schedule,
+    Timestamp, TxResult,
 };
 use ecan_protocol::mapping::{
     CHANNELS, Direction, sync_manager, sync_manager_address, sync_manager_control,
 };
 use ecan_protocol::object::{AbortCode, SdoWrite};
+use ecan_sim::variant::GatewayVariant;
 use ecan_sim::{Gateway, GatewayModelConfig, Sync0, SyncManagerConfig};
 
 pub const MS: u64 = 1_000_000;
@@ -35,8 +37,17 @@ pub fn standard(id: u16, data: &[u8]) -> CanFrame {
     CanFrame::classic(CanId::standard(id).unwrap(), data).unwrap()
 }
 
+pub fn extended(id: u32) -> CanFrame {
+    CanFrame::classic(CanId::extended(id).unwrap(), &[]).unwrap()
+}
+
 pub fn fd(id: u16, data: &[u8]) -> CanFrame {
     CanFrame::fd(CanId::standard(id).unwrap(), data, true, false).unwrap()
+}
+
+/// A device with this behaviour.
+pub fn with_variant(variant: GatewayVariant) -> GatewayModelConfig {
+    GatewayModelConfig { variant, ..GatewayModelConfig::default() }
 }
 
 impl Fixture {
@@ -57,10 +68,43 @@ impl Fixture {
         };
         fixture.gateway.power(fixture.now, true);
         fixture.pass(1_000 * MS);
-        fixture.set_up_mailboxes();
-        fixture.gateway.request_al_state(fixture.now, AlState::PreOp);
+        fixture.enter_preop();
         assert_eq!(fixture.gateway.al_state(), AlState::PreOp);
         fixture
+    }
+
+    /// Starts Sync0, and goes to OP after its second pulse; returns the time of the first one.
+    pub fn start_with_sync0(&mut self, after_pulse_ns: u64) -> u64 {
+        let first = self.start_sync0();
+        self.pass(MS + after_pulse_ns);
+        self.start();
+        first
+    }
+
+    /// Requests an AL state; returns the present one with its code.
+    pub fn request(&mut self, state: AlState) -> (AlState, u16) {
+        self.gateway.request_al_state(self.now, state);
+        self.state()
+    }
+
+    pub fn power_cycle(&mut self) {
+        self.gateway.power(self.now, false);
+        self.pass(MS);
+        self.gateway.power(self.now, true);
+        self.boot();
+    }
+
+    /// Waits for the boot and goes to PREOP.
+    pub fn boot(&mut self) {
+        assert!(!self.gateway.is_responding());
+        self.pass(1_000 * MS);
+        self.enter_preop();
+    }
+
+    /// Goes from INIT to PREOP as a master does.
+    pub fn enter_preop(&mut self) {
+        self.set_up_mailboxes();
+        self.request(AlState::PreOp);
     }
 
     /// As a master does in INIT.
@@ -93,13 +137,9 @@ impl Fixture {
 
     pub fn apply_profiles(&mut self, tx: PdoProfile, rx: PdoProfile) {
         for (direction, profile) in [(Direction::TxPdo, tx), (Direction::RxPdo, rx)] {
-            for write in assignment_writes(direction, profile.multiplier) {
-                self.send(write);
-            }
-            for write in profile.writes(direction) {
-                self.send(write);
-            }
-            self.send(PdoProfile::apply_write(direction));
+            self.send(assignment_writes(direction, profile.multiplier));
+            self.send(profile.writes(direction));
+            self.send([PdoProfile::apply_write(direction)]);
             assert_eq!(self.upload(direction.profile_object(), 2), 0, "{direction} not applied");
             self.set_up_sync_manager(direction, profile.pdo_bytes() as u16);
         }
@@ -119,27 +159,27 @@ impl Fixture {
     }
 
     pub fn apply_channel(&mut self, channel: u8, config: McanChannelConfig) {
-        for write in config.writes(channel) {
-            self.send(write);
-        }
-        self.send(McanChannelConfig::apply_write(channel));
-        assert_eq!(self.upload(0x8001 + u16::from(channel), 2), 0, "channel {channel} not applied");
+        assert_eq!(self.try_apply_channel(channel, config), 0, "channel {channel} not applied");
+    }
+
+    /// Writes a configuration and the apply command; returns the apply status.
+    pub fn try_apply_channel(&mut self, channel: u8, config: McanChannelConfig) -> u32 {
+        self.send(config.writes(channel));
+        self.send([McanChannelConfig::apply_write(channel)]);
+        self.upload(0x8001 + u16::from(channel), 2)
     }
 
     pub fn apply_data_path(&mut self, channel: u8, config: DataPathConfig) {
-        for write in config.writes(channel) {
-            self.send(write);
-        }
-        self.send(DataPathConfig::apply_write(channel));
+        self.send(config.writes(channel));
+        self.send([DataPathConfig::apply_write(channel)]);
         assert_eq!(self.upload(0x8021 + u16::from(channel), 3), 0, "policy {channel} not applied");
     }
 
     /// From PREOP to OP; the first input image is read.
     pub fn start(&mut self) {
-        self.gateway.request_al_state(self.now, AlState::SafeOp);
-        assert_eq!(self.state(), (AlState::SafeOp, 0));
-        self.gateway.request_al_state(self.now, AlState::Op);
-        assert_eq!(self.state(), (AlState::Op, 0));
+        for state in [AlState::SafeOp, AlState::Op] {
+            assert_eq!(self.request(state), (state, 0));
+        }
         assert!(self.read());
     }
 
@@ -165,10 +205,19 @@ impl Fixture {
         self.gateway.sdo_download(self.now, index, subindex, data)
     }
 
-    pub fn send(&mut self, write: SdoWrite) {
-        let (bytes, size) = write.bytes();
-        let result = self.download(write.index, write.subindex, &bytes[..size]);
-        assert_eq!(result, Ok(()), "{write}");
+    pub fn send(&mut self, writes: impl IntoIterator<Item = SdoWrite>) {
+        for write in writes {
+            let (bytes, size) = write.bytes();
+            let result = self.download(write.index, write.subindex, &bytes[..size]);
+            assert_eq!(result, Ok(()), "{write}");
+        }
+    }
+
+    /// Executes a command of the register service; returns its status and the value that was read.
+    pub fn register(&mut self, offset: u32, command: u8) -> (u32, u32) {
+        self.download(0xA000, 1, &offset.to_le_bytes()).unwrap();
+        self.write_u8(0xA000, 2, command);
+        (self.upload(0xA000, 3), self.upload(0xA000, 5))
     }
 
     pub fn write_u8(&mut self, index: u16, subindex: u8, value: u8) {
@@ -193,6 +242,17 @@ impl Fixture {
     /// Puts a frame into the next output image.
     pub fn push(&mut self, channel: u8, frame: CanFrame) {
         self.writer.push(&mut self.image, channel, 0, frame.as_ref(), Timestamp::None).unwrap();
+    }
+
+    /// Puts a frame without data for each identifier into the next output image.
+    pub fn push_ids(&mut self, channel: u8, ids: impl IntoIterator<Item = u16>) {
+        ids.into_iter().for_each(|id| self.push(channel, standard(id, &[])));
+    }
+
+    /// Puts a scheduled frame into the next output image.
+    pub fn push_scheduled(&mut self, channel: u8, frame: CanFrame, schedule: Schedule) {
+        let Self { writer, image, .. } = self;
+        writer.push_scheduled(image, channel, 0, frame.as_ref(), schedule).unwrap();
     }
 
     /// Commits the output image, writes it to SM2 and runs the service.
@@ -231,12 +291,30 @@ impl Fixture {
         })
     }
 
+    /// Identifiers of the frames of the last input image.
+    pub fn received_ids(&self) -> Vec<u32> {
+        self.received().iter().map(|(_, frame)| frame.id().raw()).collect()
+    }
+
+    /// Timestamps of the frames of the last input image.
+    pub fn timestamps(&self) -> Vec<Timestamp> {
+        self.packets(|packet| match packet {
+            Packet::Frame(frame) => Some(frame.timestamp),
+            Packet::TxResult(_) => None,
+        })
+    }
+
     /// TX_RESULT packets of the last input image.
     pub fn results(&self) -> Vec<TxResult> {
         self.packets(|packet| match packet {
             Packet::Frame(_) => None,
             Packet::TxResult(result) => Some(result),
         })
+    }
+
+    /// Codes of the TX_RESULT packets of the last input image.
+    pub fn result_codes(&self) -> Vec<ResultCode> {
+        self.results().iter().map(|result| result.code).collect()
     }
 
     pub fn packets<T>(&self, mut pick: impl FnMut(Packet<'_>) -> Option<T>) -> Vec<T> {
@@ -257,6 +335,11 @@ impl Fixture {
 
     pub fn deliver(&mut self, channel: usize, frame: CanFrame) {
         self.gateway.received(self.now, channel, &frame, self.now);
+    }
+
+    /// Delivers a frame without data for each identifier.
+    pub fn deliver_ids(&mut self, channel: usize, ids: impl IntoIterator<Item = u16>) {
+        ids.into_iter().for_each(|id| self.deliver(channel, standard(id, &[])));
     }
 
     pub fn identifiers(frames: &[CanFrame]) -> Vec<u32> {

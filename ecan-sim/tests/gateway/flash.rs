@@ -47,21 +47,6 @@ fn flash(fixture: &mut Fixture, channel: u16, bits: u8) -> u32 {
     fixture.upload(0x8001 + channel, 4)
 }
 
-fn power_cycle(fixture: &mut Fixture) {
-    fixture.gateway.power(fixture.now, false);
-    fixture.pass(MS);
-    fixture.gateway.power(fixture.now, true);
-    boot(fixture);
-}
-
-/// Waits for the boot and goes to PREOP.
-fn boot(fixture: &mut Fixture) {
-    assert!(!fixture.gateway.is_responding());
-    fixture.pass(1_000 * MS);
-    fixture.set_up_mailboxes();
-    fixture.gateway.request_al_state(fixture.now, ecan_protocol::device::AlState::PreOp);
-}
-
 /// Channel 1 runs with a filter, and every other object has a changed value.
 fn configure(fixture: &mut Fixture) {
     let filter = StandardFilter {
@@ -71,9 +56,7 @@ fn configure(fixture: &mut Fixture) {
         id1: 0x101,
         id2: 0x102,
     };
-    for write in filter_writes(1, &[filter], &[]) {
-        fixture.send(write);
-    }
+    fixture.send(filter_writes(1, &[filter], &[]));
     fixture.apply_channel(1, McanChannelConfig::classic(250_000));
     // requested, never applied
     fixture.download(0x8004, 19, &125_000u32.to_le_bytes()).unwrap();
@@ -116,7 +99,7 @@ fn new_gateway_has_no_saved_configuration() {
     let before = fixture.upload(0xB000, 7);
     configure(&mut fixture);
     assert_ne!(fixture.upload(0xB000, 7), before);
-    power_cycle(&mut fixture);
+    fixture.power_cycle();
     assert_eq!(fixture.upload(0xB000, 7), before, "nothing was saved");
     fixture.write_u8(0xB000, 1, ENGINEERING);
     assert_eq!(maintain(&mut fixture, LOAD), IMAGE_INVALID);
@@ -141,11 +124,11 @@ fn saved_configuration_survives_power_loss_and_reboot() {
         // not saved
         fixture.download(0x8000, 10, &1u32.to_le_bytes()).unwrap();
         if restart == 0 {
-            power_cycle(&mut fixture);
+            fixture.power_cycle();
         } else {
             fixture.write_u8(0x8000, 1, 1);
             fixture.pass(100 * MS);
-            boot(&mut fixture);
+            fixture.boot();
         }
         assert_configured(&mut fixture);
         assert_eq!((fixture.upload(0xB000, 7), fixture.upload(0xB000, 8)), (active, active));
@@ -155,9 +138,7 @@ fn saved_configuration_survives_power_loss_and_reboot() {
     // the filter works again
     fixture.apply_profiles(chunks(3), chunks(3));
     fixture.start();
-    for id in [0x101, 0x103] {
-        fixture.deliver(0, standard(id, &[]));
-    }
+    fixture.deliver_ids(0, [0x101, 0x103]);
     fixture.cycle();
     assert_eq!(fixture.received(), [(1, standard(0x103, &[]))]);
 }
@@ -189,7 +170,7 @@ fn factory_defaults_erase_what_was_saved() {
     assert_eq!(fixture.upload(0xB000, 8), 0);
     assert_eq!(fixture.gateway.station_config(1), Some(StationConfig::fd(500_000, 5_000_000)));
     assert_eq!((fixture.upload(0x8000, 13), fixture.upload(0x8004, 19)), (0, 500_000));
-    power_cycle(&mut fixture);
+    fixture.power_cycle();
     assert_eq!(fixture.upload(0xB000, 7), fresh);
     assert_eq!(fixture.gateway.station_config(1), None);
 }
@@ -272,7 +253,7 @@ fn interrupted_save_is_detected() {
     assert_eq!(maintain(&mut fixture, SAVE), OK);
     fixture.write_u8(0xB000, 4, SAVE);
     fixture.pass(10 * MS);
-    power_cycle(&mut fixture);
+    fixture.power_cycle();
     assert_eq!((fixture.upload(0xB000, 8), fixture.upload(0x8000, 10)), (0, 0));
     fixture.write_u8(0xB000, 1, ENGINEERING);
     assert_eq!(maintain(&mut fixture, LOAD), CRC_ERROR);
@@ -301,7 +282,7 @@ fn channel_is_saved_loaded_and_restored_alone() {
     assert_eq!(fixture.upload(0x8004, 5), 1, "the apply before");
     fixture.pass(1);
     assert_eq!((fixture.upload(0x8004, 4), fixture.upload(0x8004, 5)), (0, 2));
-    power_cycle(&mut fixture);
+    fixture.power_cycle();
     assert_eq!(fixture.gateway.station_config(0), None);
     assert_eq!(fixture.upload(0x8001, 19), 500_000);
     assert_eq!(fixture.gateway.station_config(3), Some(StationConfig::classic(250_000)));
@@ -313,7 +294,7 @@ fn channel_is_saved_loaded_and_restored_alone() {
     assert_eq!(flash(&mut fixture, 0, SAVE), 0);
     assert_eq!(flash(&mut fixture, 3, FACTORY), 0);
     assert_eq!(fixture.upload(0x8004, 19), 500_000);
-    power_cycle(&mut fixture);
+    fixture.power_cycle();
     assert_eq!(fixture.gateway.station_config(0), Some(StationConfig::classic(125_000)));
     assert_eq!(fixture.gateway.station_config(3), None);
 }

@@ -5,7 +5,7 @@ use super::fixture::{Fixture, MS, SERVICE, chunks, fd, standard};
 use ecan_protocol::can::{CanFrame, CanId};
 use ecan_protocol::config::DataPathConfig;
 use ecan_protocol::image::{
-    BudgetPolicy, EncapsulationProfile, HeaderFlags, OptionFlags, Packet, PdoProfile, Timestamp,
+    BudgetPolicy, EncapsulationProfile, HeaderFlags, OptionFlags, PdoProfile, Timestamp,
 };
 
 /// In OP with large drain budgets, so that only the frame area limits.
@@ -68,18 +68,18 @@ fn frames_come_oldest_first_over_all_channels() {
         fixture.now += 10;
     }
     fixture.cycle();
-    let ids: Vec<_> = fixture.received().iter().map(|(_, frame)| frame.id().raw()).collect();
+    let ids: Vec<_> = fixture.received_ids();
     assert_eq!(ids, [1, 2, 3, 4, 5]);
 }
 
-/// Eight frames wait on channel 0 before one each on the others: 12 bytes a frame.
-fn rush(policy: BudgetPolicy, multiplier: u8) -> [usize; 4] {
-    let mut fixture = with(budget(multiplier, policy));
+/// Eight frames of 12 bytes wait on channel 0 before one each on some others.
+fn rush(tx: PdoProfile, others: std::ops::Range<usize>) -> [usize; 4] {
+    let mut fixture = with(tx);
     for id in 0..8 {
         fixture.deliver(0, standard(id, &[0; 8]));
         fixture.now += 10;
     }
-    for channel in 1..4 {
+    for channel in others {
         fixture.deliver(channel, standard(0x100, &[0; 8]));
     }
     fixture.cycle();
@@ -87,32 +87,19 @@ fn rush(policy: BudgetPolicy, multiplier: u8) -> [usize; 4] {
 }
 
 #[test]
-fn shared_budget_is_given_to_the_first_frame() {
-    assert_eq!(rush(BudgetPolicy::SharedOnly, 1), [8, 0, 0, 0]);
-}
-
-#[test]
-fn balanced_budget_reserves_a_packet_per_channel() {
-    assert_eq!(rush(BudgetPolicy::Balanced, 1), [5, 1, 1, 1]);
-}
-
-#[test]
-fn deterministic_budget_gives_fixed_equal_shares() {
-    // 26 bytes a channel
-    assert_eq!(rush(BudgetPolicy::Deterministic, 1), [2, 1, 1, 1]);
-    let mut fixture = with(budget(1, BudgetPolicy::Deterministic));
-    for id in 0..8 {
-        fixture.deliver(0, standard(id, &[0; 8]));
+fn budget_policy_divides_the_frame_area() {
+    // Deterministic shares are 26 bytes a channel.
+    let deterministic = budget(1, BudgetPolicy::Deterministic);
+    let one_channel = PdoProfile { channel_mask: 0x01, ..deterministic };
+    for (tx, others, expected, reason) in [
+        (budget(1, BudgetPolicy::SharedOnly), 1..4, [8, 0, 0, 0], "the first frame has it all"),
+        (budget(1, BudgetPolicy::Balanced), 1..4, [5, 1, 1, 1], "a packet is reserved for each"),
+        (deterministic, 1..4, [2, 1, 1, 1], "equal shares"),
+        (deterministic, 0..0, [2, 0, 0, 0], "although no other channel has a frame"),
+        (one_channel, 0..0, [8, 0, 0, 0], "shares are those of the enabled channels"),
+    ] {
+        assert_eq!(rush(tx, others), expected, "{reason}");
     }
-    fixture.cycle();
-    assert_eq!(per_channel(&fixture), [2, 0, 0, 0], "although no other channel has a frame");
-    let tx = PdoProfile { channel_mask: 0x01, ..budget(1, BudgetPolicy::Deterministic) };
-    let mut fixture = with(tx);
-    for id in 0..8 {
-        fixture.deliver(0, standard(id, &[0; 8]));
-    }
-    fixture.cycle();
-    assert_eq!(per_channel(&fixture), [8, 0, 0, 0], "shares are those of the enabled channels");
 }
 
 #[test]
@@ -169,12 +156,8 @@ fn image_holds_at_most_255_packets() {
     let mut fixture = Fixture::configured(tx, chunks(24));
     fixture.apply_data_path(0, DataPathConfig::for_traffic(8, 8));
     fixture.start();
-    for id in 0..254 {
-        fixture.push(0, standard(id, &[]));
-    }
-    for id in 0..4 {
-        fixture.deliver(0, standard(id, &[]));
-    }
+    fixture.push_ids(0, 0..254);
+    fixture.deliver_ids(0, 0..4);
     fixture.cycle();
     let header = *fixture.input().header();
     assert_eq!(header.frame_count, 255);
@@ -208,10 +191,7 @@ fn timestamps_are_microseconds_since_the_last_service() {
             fixture.gateway.received(service + us * 1000, 0, &standard(1, &[]), service);
         }
         fixture.cycle();
-        let times = fixture.packets(|packet| match packet {
-            Packet::Frame(frame) => Some(frame.timestamp),
-            Packet::TxResult(_) => None,
-        });
+        let times = fixture.timestamps();
         assert_eq!(times, [Timestamp::Delta16(100), Timestamp::Delta16(350)]);
     }
 }

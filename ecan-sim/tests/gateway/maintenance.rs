@@ -56,9 +56,7 @@ fn clear_diagnostics_resets_the_channels_counters() {
 #[test]
 fn cycle_statistics_count_and_clear() {
     let mut fixture = Fixture::configured(chunks(3), chunks(3));
-    let start = fixture.start_sync0();
-    fixture.pass(MS);
-    fixture.start();
+    let start = fixture.start_with_sync0(0);
     fixture.now = start + 10 * MS + 200_000;
     fixture.gateway.advance(fixture.now);
     for _ in 0..5 {
@@ -127,17 +125,11 @@ fn data_path_diagnostics_show_what_happens() {
 #[test]
 fn costs_follow_the_work() {
     let mut fixture = Fixture::configured(chunks(2), chunks(3));
-    fixture.start_sync0();
-    fixture.pass(MS + 300_000);
-    fixture.start();
+    fixture.start_with_sync0(300_000);
     fixture.write_u8(0x9011, 14, 1);
-    for id in 0..3 {
-        fixture.push(0, standard(id, &[]));
-    }
+    fixture.push_ids(0, 0..3);
     for tag in 0..2 {
-        let frame = standard(9, &[]);
-        let schedule = Schedule { tag, offset_ns: 300_000 };
-        fixture.writer.push_scheduled(&mut fixture.image, 1, 0, frame.as_ref(), schedule).unwrap();
+        fixture.push_scheduled(1, standard(9, &[]), Schedule { tag, offset_ns: 300_000 });
     }
     fixture.deliver(2, standard(1, &[]));
     fixture.cycle();

@@ -81,7 +81,7 @@ fn layout_cannot_change_in_op() {
     }
     fixture.write_u8(0x8011, 1, 1);
     assert_eq!(fixture.upload(0x8011, 2), 0, "what is active already changes no layout");
-    fixture.gateway.request_al_state(fixture.now, AlState::SafeOp);
+    fixture.request(AlState::SafeOp);
     assert_eq!(apply(&mut fixture, 0x8011, OPTIONS, 2), 0);
     assert_eq!(fixture.upload(0x8011, 12), 0x0040_01E7);
 }
@@ -95,19 +95,15 @@ fn assignment_must_be_the_first_chunks_in_order() {
     }
     fixture.write_u8(0x1C12, 0, 2);
     assert_eq!(apply(&mut fixture, 0x8011, MULTIPLIER, 2), 5);
-    for write in assignment_writes(Direction::RxPdo, 2) {
-        fixture.send(write);
-    }
+    fixture.send(assignment_writes(Direction::RxPdo, 2));
     assert_eq!(apply(&mut fixture, 0x8011, MULTIPLIER, 2), 0);
 }
 
 #[test]
 fn assignment_changed_under_an_active_profile_needs_a_reload() {
     let mut fixture = Fixture::configured(chunks(8), chunks(8));
-    for write in assignment_writes(Direction::TxPdo, 3) {
-        fixture.send(write);
-    }
-    fixture.send(PdoProfile::apply_write(Direction::TxPdo));
+    fixture.send(assignment_writes(Direction::TxPdo, 3));
+    fixture.send([PdoProfile::apply_write(Direction::TxPdo)]);
     assert_eq!(fixture.upload(0x8010, 2), 5);
     assert_eq!(fixture.upload(0x8010, 9), 1024);
 }

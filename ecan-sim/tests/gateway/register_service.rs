@@ -1,7 +1,6 @@
 //! 0xA000..0xA003: reading and writing MCAN registers (manual 13.6).
 
-use super::fixture::{Fixture, MS, chunks, standard};
-use ecan_protocol::can::{CanFrame, CanId};
+use super::fixture::{Fixture, MS, chunks, extended, standard};
 use ecan_protocol::object::WRITABLE_REGISTERS;
 use ecan_sim::{StationConfig, StationMode};
 use proptest::prelude::*;
@@ -27,21 +26,15 @@ const CHANGE: u32 = 3;
 /// FD with bit rate switch.
 const FD: u32 = 3 << 8;
 
-fn register(fixture: &mut Fixture, offset: u32, command: u8) -> (u32, u32) {
-    fixture.download(0xA000, 1, &offset.to_le_bytes()).unwrap();
-    fixture.write_u8(0xA000, 2, command);
-    (fixture.upload(0xA000, 3), fixture.upload(0xA000, 5))
-}
-
 fn read(fixture: &mut Fixture, offset: u32) -> u32 {
-    let (status, value) = register(fixture, offset, READ);
+    let (status, value) = fixture.register(offset, READ);
     assert_eq!(status, 0);
     value
 }
 
 fn write(fixture: &mut Fixture, offset: u32, value: u32) {
     fixture.download(0xA000, 4, &value.to_le_bytes()).unwrap();
-    assert_eq!(register(fixture, offset, WRITE).0, 0, "{offset:#x}");
+    assert_eq!(fixture.register(offset, WRITE).0, 0, "{offset:#x}");
 }
 
 /// In OP and engineering mode.
@@ -56,19 +49,19 @@ fn engineering() -> Fixture {
 fn registers_are_read_where_they_exist() {
     let mut fixture = Fixture::op(chunks(3), chunks(3));
     fixture.gateway.bus_state(fixture.now, 0, ecan_sim::ErrorState::Warning, 100, 3);
-    assert_eq!(register(&mut fixture, 0x40, 1), (0, 100 | 3 << 8), "ECR");
+    assert_eq!(fixture.register(0x40, 1), (0, 100 | 3 << 8), "ECR");
     // 1 Mbit/s at 80 MHz, one clock a quantum
-    let (status, nbtp) = register(&mut fixture, 0x1C, 1);
+    let (status, nbtp) = fixture.register(0x1C, 1);
     let (tseg1, tseg2) = (nbtp >> 8 & 0xFF, nbtp & 0x7F);
     assert_eq!((status, nbtp >> 16 & 0x1FF), (0, 0));
     assert_eq!(1 + (tseg1 + 1) + (tseg2 + 1), 80);
-    let (_, dbtp) = register(&mut fixture, 0x0C, 1);
+    let (_, dbtp) = fixture.register(0x0C, 1);
     assert_eq!(dbtp >> 23 & 1, 1, "delay compensation");
-    let (_, cccr) = register(&mut fixture, 0x18, 1);
+    let (_, cccr) = fixture.register(0x18, 1);
     assert_eq!(cccr, 3 << 8, "FD with bit rate switch");
-    assert_ne!(register(&mut fixture, 0x48, 1).1, 0, "TDCR");
+    assert_ne!(fixture.register(0x48, 1).1, 0, "TDCR");
     for (offset, expected) in [(0, 1), (2, 1), (0x41, 1), (0x408, 1), (0x404, 0), (0x0FC, 0)] {
-        assert_eq!(register(&mut fixture, offset, 1).0, expected, "{offset:#x}");
+        assert_eq!(fixture.register(offset, 1).0, expected, "{offset:#x}");
     }
     assert_eq!(fixture.upload(0xA000, 6), fixture.now as u32);
 }
@@ -85,7 +78,7 @@ fn only_the_whitelist_is_writable_in_engineering_mode() {
                 (true, 0) => 4,
                 (true, _) => 0,
             };
-            assert_eq!(register(&mut fixture, offset, WRITE).0, expected, "{offset:#x}");
+            assert_eq!(fixture.register(offset, WRITE).0, expected, "{offset:#x}");
         }
     }
 }
@@ -223,7 +216,6 @@ fn changed_timing_and_modes_take_effect() {
 #[test]
 fn changed_global_filters_take_effect() {
     let mut fixture = engineering();
-    let extended = |id| CanFrame::classic(CanId::extended(id).unwrap(), &[]).unwrap();
     write(&mut fixture, CCCR, INIT);
     write(&mut fixture, CCCR, CHANGE | FD);
     // standard frames without a filter are rejected, extended ones go into FIFO1
@@ -239,9 +231,7 @@ fn changed_global_filters_take_effect() {
 #[test]
 fn acknowledged_fifo_elements_are_removed() {
     let mut fixture = engineering();
-    for id in 0..5 {
-        fixture.deliver(0, standard(id, &[]));
-    }
+    fixture.deliver_ids(0, 0..5);
     assert_eq!(read(&mut fixture, RXF0S), 5 | 5 << 16);
     write(&mut fixture, RXF0A, 7);
     assert_eq!(read(&mut fixture, RXF0S), 5 | 5 << 16, "no such element");

@@ -65,11 +65,7 @@ fn power_cycle_makes_the_old_image_new_again() {
     fixture.cycle();
     assert_eq!(fixture.sent(0).len(), 1);
     let old = fixture.image.clone();
-    fixture.gateway.power(fixture.now, false);
-    fixture.gateway.power(fixture.now, true);
-    fixture.pass(1_000 * super::fixture::MS);
-    fixture.set_up_mailboxes();
-    fixture.gateway.request_al_state(fixture.now, ecan_protocol::device::AlState::PreOp);
+    fixture.power_cycle();
     fixture.apply_profiles(chunks(8), chunks(8));
     fixture.apply_channel(0, ecan_protocol::config::McanChannelConfig::default());
     fixture.start();

@@ -97,8 +97,8 @@ fn make_readable(fixture: &mut Fixture) {
     }
     if !fixture.gateway.mailbox_answers(fixture.now) || fixture.gateway.al_state() == AlState::Boot
     {
-        fixture.gateway.request_al_state(fixture.now, AlState::Init);
-        fixture.gateway.request_al_state(fixture.now, AlState::PreOp);
+        fixture.request(AlState::Init);
+        fixture.request(AlState::PreOp);
     }
 }
 

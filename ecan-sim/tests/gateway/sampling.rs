@@ -8,11 +8,7 @@ use ecan_sim::{BusError, DelayCompensation, DetectedError, GatewayModelConfig, P
 fn with(config: McanChannelConfig) -> Fixture {
     let model = GatewayModelConfig { transceiver_ns: 210, ..GatewayModelConfig::default() };
     let mut fixture = Fixture::preop_with(model);
-    for write in config.writes(0) {
-        fixture.send(write);
-    }
-    fixture.send(McanChannelConfig::apply_write(0));
-    assert_eq!(fixture.upload(0x8001, 2), 0, "apply status");
+    fixture.apply_channel(0, config);
     fixture
 }
 

@@ -16,24 +16,12 @@ const TIMER_MISS: u32 = 1 << 9;
 fn synchronous() -> (Fixture, u64) {
     let config = GatewayModelConfig { sync0_window: Sync0Window::OFF, ..Default::default() };
     let mut fixture = Fixture::configured_with(config, chunks(24), chunks(24));
-    let start = fixture.start_sync0();
-    fixture.pass(MS + 300_000);
-    fixture.start();
+    let start = fixture.start_with_sync0(300_000);
     (fixture, start)
 }
 
 fn schedule(fixture: &mut Fixture, channel: u8, id: u16, offset_ns: u32) {
-    let frame = standard(id, &[]);
-    fixture
-        .writer
-        .push_scheduled(
-            &mut fixture.image,
-            channel,
-            0,
-            frame.as_ref(),
-            Schedule { tag: 7, offset_ns },
-        )
-        .unwrap();
+    fixture.push_scheduled(channel, standard(id, &[]), Schedule { tag: 7, offset_ns });
 }
 
 fn diag_flags(fixture: &mut Fixture) -> u32 {
@@ -131,9 +119,7 @@ fn full_controller_at_the_phase_loses_the_frame() {
     let mut fixture = Fixture::configured(chunks(24), chunks(24));
     let ram = MessageRamLayout { tx_fifo_size: 2, ..MessageRamLayout::fd() };
     fixture.apply_channel(0, McanChannelConfig { ram, ..McanChannelConfig::default() });
-    fixture.start_sync0();
-    fixture.pass(MS + 300_000);
-    fixture.start();
+    fixture.start_with_sync0(300_000);
     for id in 0..3 {
         schedule(&mut fixture, 0, id, 100_000);
     }
@@ -188,9 +174,7 @@ fn pulses_follow_start_and_shift() {
 fn release_jitter_delays_and_keeps_the_order() {
     let config = GatewayModelConfig { release_jitter_ns: 13_000, ..GatewayModelConfig::default() };
     let mut fixture = Fixture::configured_with(config, chunks(24), chunks(24));
-    let start = fixture.start_sync0();
-    fixture.pass(MS);
-    fixture.start();
+    let start = fixture.start_with_sync0(0);
     let mut delays = Vec::new();
     for cycle in 4..54 {
         fixture.now = start + cycle * MS + 300_000;

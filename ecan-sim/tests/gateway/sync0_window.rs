@@ -8,9 +8,7 @@ use ecan_sim::{GatewayModelConfig, Sync0Window};
 fn synchronous(window: Sync0Window) -> (Fixture, u64) {
     let config = GatewayModelConfig { sync0_window: window, ..GatewayModelConfig::default() };
     let mut fixture = Fixture::configured_with(config, chunks(3), chunks(3));
-    let start = fixture.start_sync0();
-    fixture.pass(MS);
-    fixture.start();
+    let start = fixture.start_with_sync0(0);
     (fixture, start + 4 * MS)
 }
 

@@ -77,9 +77,9 @@ fn nothing_is_exchanged_below_safeop() {
     let mut fixture = Fixture::configured(chunks(3), chunks(3));
     assert!(!fixture.write());
     assert!(!fixture.read());
-    fixture.gateway.request_al_state(fixture.now, AlState::SafeOp);
+    fixture.request(AlState::SafeOp);
     assert!(fixture.read(), "the first image is there at once");
-    fixture.gateway.request_al_state(fixture.now, AlState::PreOp);
+    fixture.request(AlState::PreOp);
     assert!(!fixture.write());
     assert!(!fixture.read());
 }
@@ -87,7 +87,7 @@ fn nothing_is_exchanged_below_safeop() {
 #[test]
 fn safeop_empties_sm2_unread_and_refreshes_sm3() {
     let mut fixture = Fixture::configured(chunks(3), chunks(3));
-    fixture.gateway.request_al_state(fixture.now, AlState::SafeOp);
+    fixture.request(AlState::SafeOp);
     assert!(fixture.read());
     fixture.push(0, standard(0x10, &[]));
     for _ in 0..5 {

@@ -12,9 +12,7 @@ const KEYED: DiagnosticTest = DiagnosticTest { key: DIAGNOSTIC_TEST_KEY, ..Diagn
 
 fn with(test: DiagnosticTest) -> Fixture {
     let mut fixture = Fixture::op(chunks(3), chunks(3));
-    for write in test.writes() {
-        fixture.send(write);
-    }
+    fixture.send(test.writes());
     fixture
 }
 
@@ -77,9 +75,7 @@ fn rx_stages_can_be_skipped() {
         fixture.image[0] = 0;
         fixture.write_again();
         assert_eq!(fixture.upload(0x8011, 15) != 0, error_seen, "{bypass:?}");
-        for write in DiagnosticTest::OFF.writes() {
-            fixture.send(write);
-        }
+        fixture.send(DiagnosticTest::OFF.writes());
         fixture.read();
         assert_eq!(send_one(&mut fixture), 1);
     }
@@ -111,9 +107,7 @@ fn app_link_bypass_and_the_option_cut_off_the_same() {
         (chunks(3), option, Sides::Off, 0, 1),
     ] {
         let mut fixture = Fixture::op(tx, rx);
-        for write in (DiagnosticTest { app_link_bypass: sides, ..KEYED }).writes() {
-            fixture.send(write);
-        }
+        fixture.send((DiagnosticTest { app_link_bypass: sides, ..KEYED }).writes());
         assert_eq!(send_one(&mut fixture), sends, "{sides:?}");
         fixture.read();
         fixture.pass(MS);
@@ -132,9 +126,7 @@ fn crc_policy_overrides_the_option_both_ways() {
         (without, CrcTest::Force, true),
     ] {
         let mut fixture = Fixture::op(profile, profile);
-        for write in (DiagnosticTest { crc, ..KEYED }).writes() {
-            fixture.send(write);
-        }
+        fixture.send((DiagnosticTest { crc, ..KEYED }).writes());
         fixture.writer = ImageWriter::new(Direction::RxPdo, profile).with_crc(with_crc);
         fixture.reader = ImageReader::new(Direction::TxPdo, profile).with_crc(with_crc);
         assert_eq!(send_one(&mut fixture), 1, "{crc:?}");

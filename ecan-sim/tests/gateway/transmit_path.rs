@@ -1,7 +1,7 @@
 //! From the RxPDO to the controller: TX budget, ring of 64, overflow policies, and the order in
 //! which a FIFO and a queue send (manual 13.2.2, 13.4).
 
-use super::fixture::{Fixture, chunks, fd, standard};
+use super::fixture::{Fixture, chunks, extended, fd, standard};
 use ecan_protocol::can::{CanFrame, CanId, Dlc};
 use ecan_protocol::config::{
     DataPathConfig, McanChannelConfig, MessageRamLayout, TxMode, TxOverflow,
@@ -14,7 +14,13 @@ const DEGRADED: u8 = 15;
 
 /// In OP with this policy on channel 0 and this number of transmit elements.
 fn with(policy: DataPathConfig, tx_fifo_size: u8) -> Fixture {
-    let mut fixture = Fixture::configured(chunks(3), chunks(24));
+    with_pressure(GatewayModelConfig::default().tx_pressure_percent, policy, tx_fifo_size)
+}
+
+/// The same with this threshold of `tx_pressure`.
+fn with_pressure(tx_pressure_percent: u8, policy: DataPathConfig, tx_fifo_size: u8) -> Fixture {
+    let config = GatewayModelConfig { tx_pressure_percent, ..GatewayModelConfig::default() };
+    let mut fixture = Fixture::configured_with(config, chunks(3), chunks(24));
     let ram = MessageRamLayout { tx_fifo_size, ..MessageRamLayout::fd() };
     fixture.apply_channel(0, McanChannelConfig { ram, ..McanChannelConfig::default() });
     fixture.apply_data_path(0, policy);
@@ -22,16 +28,10 @@ fn with(policy: DataPathConfig, tx_fifo_size: u8) -> Fixture {
     fixture
 }
 
-fn push_many(fixture: &mut Fixture, ids: std::ops::Range<u16>) {
-    for id in ids {
-        fixture.push(0, standard(id, &[]));
-    }
-}
-
 #[test]
 fn default_budget_hands_four_frames_over_per_service() {
     let mut fixture = with(DataPathConfig::default(), 32);
-    push_many(&mut fixture, 0..10);
+    fixture.push_ids(0, 0..10);
     let mut per_cycle = Vec::new();
     for _ in 0..4 {
         fixture.cycle();
@@ -45,7 +45,7 @@ fn budget_follows_the_policy() {
     for max in [0, 1, 8] {
         let mut fixture =
             with(DataPathConfig { tx_budget_max: max, ..DataPathConfig::default() }, 32);
-        push_many(&mut fixture, 0..10);
+        fixture.push_ids(0, 0..10);
         fixture.cycle();
         assert_eq!(fixture.sent(0).len(), usize::from(max));
     }
@@ -58,7 +58,7 @@ fn drop_newest_and_drop_oldest_at_a_full_ring() {
     {
         let policy = DataPathConfig { tx_overflow, tx_budget_max: 8, ..DataPathConfig::default() };
         let mut fixture = with(policy, 32);
-        push_many(&mut fixture, 0..70);
+        fixture.push_ids(0, 0..70);
         let mut sent = Vec::new();
         for _ in 0..10 {
             fixture.cycle();
@@ -77,7 +77,7 @@ fn drop_newest_and_drop_oldest_at_a_full_ring() {
 #[test]
 fn full_fifo_is_counted_and_the_frames_wait_in_the_ring() {
     let mut fixture = with(DataPathConfig::default(), 2);
-    push_many(&mut fixture, 0..6);
+    fixture.push_ids(0, 0..6);
     fixture.cycle();
     assert_eq!(fixture.upload(0x9020, FIFO_FULL), 1);
     assert_eq!(fixture.upload(0x9000, 11), 6);
@@ -99,7 +99,7 @@ fn backoff_doubles_the_skipped_services() {
         ..DataPathConfig::default()
     };
     let mut fixture = with(policy, 1);
-    push_many(&mut fixture, 0..20);
+    fixture.push_ids(0, 0..20);
     let mut attempts = Vec::new();
     let mut last = 0;
     for cycle in 0..20 {
@@ -123,7 +123,7 @@ fn backoff_ends_with_a_sent_frame_and_keeps_the_minimum() {
         ..DataPathConfig::default()
     };
     let mut fixture = with(policy, 1);
-    push_many(&mut fixture, 0..4);
+    fixture.push_ids(0, 0..4);
     let mut ids = Vec::new();
     for _ in 0..5 {
         fixture.cycle();
@@ -141,7 +141,7 @@ fn degraded_channel_rejects_frames_until_empty() {
         ..DataPathConfig::default()
     };
     let mut fixture = with(policy, 1);
-    push_many(&mut fixture, 0..3);
+    fixture.push_ids(0, 0..3);
     for _ in 0..2 {
         fixture.cycle();
         assert_eq!(fixture.upload(0x9020, DEGRADED), 0);
@@ -165,7 +165,6 @@ fn degraded_channel_rejects_frames_until_empty() {
 
 #[test]
 fn queue_mode_sends_by_priority_and_fifo_in_order() {
-    let extended = |id| CanFrame::classic(CanId::extended(id).unwrap(), &[]).unwrap();
     let remote = |id| CanFrame::remote(CanId::standard(id).unwrap(), Dlc::new(0).unwrap()).unwrap();
     let frames = [
         standard(0x300, &[]),
@@ -195,7 +194,7 @@ fn queue_mode_sends_by_priority_and_fifo_in_order() {
 #[test]
 fn one_frame_is_in_arbitration_at_a_time() {
     let mut fixture = with(DataPathConfig::default(), 32);
-    push_many(&mut fixture, 0..3);
+    fixture.push_ids(0, 0..3);
     fixture.cycle();
     let first = fixture.gateway.next_transmit(0).unwrap();
     assert_eq!(fixture.gateway.next_transmit(0), None);
@@ -226,24 +225,10 @@ fn element_too_small_for_the_data_sends_filler() {
 #[test]
 fn channels_have_rings_of_their_own() {
     let mut fixture = Fixture::op(chunks(3), chunks(24));
-    for id in 0..64 {
-        fixture.push(0, standard(id, &[]));
-    }
+    fixture.push_ids(0, 0..64);
     fixture.push(3, standard(0x300, &[]));
     fixture.cycle();
     assert_eq!(Fixture::identifiers(&fixture.sent(3)), [0x300]);
-}
-
-/// In OP with this threshold of `tx_pressure`; see [`with`].
-fn with_pressure(tx_pressure_percent: u8, policy: DataPathConfig, tx_fifo_size: u8) -> Fixture {
-    let config = GatewayModelConfig { tx_pressure_percent, ..GatewayModelConfig::default() };
-    let mut fixture = Fixture::preop_with(config);
-    fixture.apply_profiles(chunks(3), chunks(24));
-    let ram = MessageRamLayout { tx_fifo_size, ..MessageRamLayout::fd() };
-    fixture.apply_channel(0, McanChannelConfig { ram, ..McanChannelConfig::default() });
-    fixture.apply_data_path(0, policy);
-    fixture.start();
-    fixture
 }
 
 #[test]
@@ -251,17 +236,17 @@ fn tx_pressure_threshold_is_configurable() {
     let still = DataPathConfig { tx_budget_max: 0, ..DataPathConfig::default() };
     for (percent, frames) in [(1, 1), (25, 16), (50, 32), (99, 64), (100, 64)] {
         let mut fixture = with_pressure(percent, still, 32);
-        push_many(&mut fixture, 0..frames - 1);
+        fixture.push_ids(0, 0..frames - 1);
         fixture.cycle();
         assert!(!fixture.input().header().channel_status[0].tx_pressure(), "{percent} %");
-        push_many(&mut fixture, 0..1);
+        fixture.push_ids(0, 0..1);
         fixture.cycle();
         assert!(fixture.input().header().channel_status[0].tx_pressure(), "{percent} %");
     }
     // a full transmit FIFO of the controller is pressure, except with 100 percent
     for (percent, shown) in [(99, true), (100, false)] {
         let mut fixture = with_pressure(percent, DataPathConfig::default(), 2);
-        push_many(&mut fixture, 0..6);
+        fixture.push_ids(0, 0..6);
         fixture.cycle();
         assert_eq!(fixture.input().header().channel_status[0].tx_pressure(), shown, "{percent} %");
     }

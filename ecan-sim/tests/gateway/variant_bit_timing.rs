@@ -1,38 +1,28 @@
 //! Alternatives for the bit timing that the firmware chooses, as NBTP and DBTP show it.
 
 use ecan_protocol::config::{McanChannelConfig, SamplePointWindow};
-use ecan_sim::GatewayModelConfig;
 use ecan_sim::variant::{BitTimingChoice, GatewayVariant};
 
-use super::fixture::Fixture;
+use super::fixture::{Fixture, with_variant};
 
 const BUILD_FAIL: u32 = 3;
 
 /// Applies a configuration in PREOP; returns the apply status.
 fn apply(bit_timing: BitTimingChoice, config: McanChannelConfig) -> (Fixture, u32) {
     let variant = GatewayVariant { bit_timing, ..GatewayVariant::default() };
-    let model = GatewayModelConfig { variant, ..GatewayModelConfig::default() };
-    let mut fixture = Fixture::preop_with(model);
-    for write in config.writes(0) {
-        fixture.send(write);
-    }
-    fixture.send(McanChannelConfig::apply_write(0));
-    let status = fixture.upload(0x8001, 2);
+    let mut fixture = Fixture::preop_with(with_variant(variant));
+    let status = fixture.try_apply_channel(0, config);
     (fixture, status)
-}
-
-fn register(fixture: &mut Fixture, offset: u32) -> u32 {
-    fixture.download(0xA000, 1, &offset.to_le_bytes()).unwrap();
-    fixture.write_u8(0xA000, 2, 1);
-    assert_eq!(fixture.upload(0xA000, 3), 0, "status");
-    fixture.upload(0xA000, 5)
 }
 
 /// Quanta before the sample point and quanta of a bit.
 type Point = (u32, u32);
 
 fn points(fixture: &mut Fixture) -> (Point, Point) {
-    let (nbtp, dbtp) = (register(fixture, 0x1C), register(fixture, 0x0C));
+    const READ: u8 = 1;
+    let [(0, nbtp), (0, dbtp)] = [0x1C, 0x0C].map(|offset| fixture.register(offset, READ)) else {
+        panic!("the registers are not readable")
+    };
     let point = |tseg1: u32, tseg2: u32| (tseg1 + 2, tseg1 + tseg2 + 3);
     (point(nbtp >> 8 & 0xFF, nbtp & 0x7F), point(dbtp >> 8 & 0x1F, dbtp >> 4 & 0x0F))
 }

@@ -2,31 +2,18 @@
 
 use ecan_protocol::can::BitTiming;
 use ecan_protocol::config::{BitTimingMode, DataPathConfig, McanChannelConfig};
+use ecan_sim::ErrorState;
 use ecan_sim::variant::{
     BusOffWait, ChannelApplyInOp, GatewayVariant, ManualTiming, Number, ProtectedRegister,
     RotationDirection, TdcPrescaler,
 };
-use ecan_sim::{ErrorState, GatewayModelConfig};
 
-use super::fixture::{Fixture, chunks};
+use super::fixture::{Fixture, chunks, with_variant};
 
 const OK: u32 = 0;
 const FAIL: u32 = 1;
 const BUILD_FAIL: u32 = 3;
 const RUNTIME_FAIL: u32 = 4;
-
-fn config(variant: GatewayVariant) -> GatewayModelConfig {
-    GatewayModelConfig { variant, ..GatewayModelConfig::default() }
-}
-
-/// Apply status of channel 0.
-fn apply(fixture: &mut Fixture, config: McanChannelConfig) -> u32 {
-    for write in config.writes(0) {
-        fixture.send(write);
-    }
-    fixture.send(McanChannelConfig::apply_write(0));
-    fixture.upload(0x8001, 2)
-}
 
 #[test]
 fn manual_timing_is_physical_or_in_register_values() {
@@ -40,8 +27,8 @@ fn manual_timing_is_physical_or_in_register_values() {
         (ManualTiming::RegisterValues, 80_000_000 / (10 * 16)),
     ] {
         let variant = GatewayVariant { manual_timing, ..GatewayVariant::default() };
-        let mut fixture = Fixture::preop_with(config(variant));
-        assert_eq!(apply(&mut fixture, manual), OK, "{manual_timing:?}");
+        let mut fixture = Fixture::preop_with(with_variant(variant));
+        assert_eq!(fixture.try_apply_channel(0, manual), OK, "{manual_timing:?}");
         let station = fixture.gateway.station_config(0).unwrap();
         assert_eq!(station.nominal_bitrate, bitrate, "{manual_timing:?}");
     }
@@ -53,8 +40,8 @@ fn delay_compensation_works_with_two_or_all_prescalers() {
     for (tdc_prescaler, expected) in [(TdcPrescaler::OneOrTwo, BUILD_FAIL), (TdcPrescaler::Any, OK)]
     {
         let variant = GatewayVariant { tdc_prescaler, ..GatewayVariant::default() };
-        let mut fixture = Fixture::preop_with(config(variant));
-        assert_eq!(apply(&mut fixture, slow), expected, "{tdc_prescaler:?}");
+        let mut fixture = Fixture::preop_with(with_variant(variant));
+        assert_eq!(fixture.try_apply_channel(0, slow), expected, "{tdc_prescaler:?}");
     }
 }
 
@@ -64,10 +51,10 @@ fn channel_is_applied_in_op_or_rejected() {
         [(ChannelApplyInOp::Executed, OK, 250_000), (ChannelApplyInOp::Rejected, FAIL, 1_000_000)]
     {
         let variant = GatewayVariant { channel_apply_in_op, ..GatewayVariant::default() };
-        let mut fixture = Fixture::configured_with(config(variant), chunks(1), chunks(1));
+        let mut fixture = Fixture::configured_with(with_variant(variant), chunks(1), chunks(1));
         fixture.start();
         let other = McanChannelConfig::classic(250_000);
-        assert_eq!(apply(&mut fixture, other), expected, "{channel_apply_in_op:?}");
+        assert_eq!(fixture.try_apply_channel(0, other), expected, "{channel_apply_in_op:?}");
         let station = fixture.gateway.station_config(0).unwrap();
         assert_eq!(station.nominal_bitrate, bitrate, "{channel_apply_in_op:?}");
     }
@@ -86,8 +73,8 @@ fn message_ram_limits_the_layout() {
     ] {
         let message_ram_bytes = Number::nearest(bytes);
         let variant = GatewayVariant { message_ram_bytes, ..GatewayVariant::default() };
-        let mut fixture = Fixture::preop_with(config(variant));
-        let statuses = [small, default, large].map(|config| apply(&mut fixture, config));
+        let mut fixture = Fixture::preop_with(with_variant(variant));
+        let statuses = [small, default, large].map(|config| fixture.try_apply_channel(0, config));
         assert_eq!(statuses, expected, "{bytes} bytes");
     }
 }
@@ -101,12 +88,10 @@ fn protected_register_is_ignored_or_rejected_in_operation() {
         [(ProtectedRegister::Ignored, 0), (ProtectedRegister::Rejected, 2)]
     {
         let variant = GatewayVariant { protected_register, ..GatewayVariant::default() };
-        let mut fixture = Fixture::configured_with(config(variant), chunks(1), chunks(1));
+        let mut fixture = Fixture::configured_with(with_variant(variant), chunks(1), chunks(1));
         fixture.write_u8(0xB000, 1, ENGINEERING);
-        fixture.download(0xA000, 1, &NBTP.to_le_bytes()).unwrap();
         fixture.download(0xA000, 4, &[0; 4]).unwrap();
-        fixture.write_u8(0xA000, 2, WRITE);
-        assert_eq!(fixture.upload(0xA000, 3), expected, "{protected_register:?}");
+        assert_eq!(fixture.register(NBTP, WRITE).0, expected, "{protected_register:?}");
     }
 }
 
@@ -116,7 +101,7 @@ fn rotation_moves_the_channels_up_or_down() {
         [(RotationDirection::Up, 1), (RotationDirection::Down, 3)]
     {
         let variant = GatewayVariant { rotation_direction, ..GatewayVariant::default() };
-        let mut fixture = Fixture::preop_with(config(variant));
+        let mut fixture = Fixture::preop_with(with_variant(variant));
         fixture.write_u8(0x8000, 12, 1);
         fixture.apply_channel(0, McanChannelConfig::classic(250_000));
         for connector in 0..4 {
@@ -130,7 +115,7 @@ fn rotation_moves_the_channels_up_or_down() {
 fn recovery_from_bus_off_waits_or_not() {
     for (bus_off_wait, waits) in [(BusOffWait::BackoffBase, true), (BusOffWait::Nothing, false)] {
         let variant = GatewayVariant { bus_off_wait, ..GatewayVariant::default() };
-        let mut fixture = Fixture::configured_with(config(variant), chunks(1), chunks(1));
+        let mut fixture = Fixture::configured_with(with_variant(variant), chunks(1), chunks(1));
         let policy = DataPathConfig { backoff_base_cycles: 3, ..DataPathConfig::default() };
         fixture.apply_data_path(0, policy);
         fixture.start();

@@ -11,12 +11,11 @@ use ecan_sim::variant::{
 };
 use ecan_sim::{GatewayModelConfig, StationMode, Sync0Window};
 
-use super::fixture::{Fixture, MS, SERVICE, chunks, standard};
+use super::fixture::{Fixture, MS, SERVICE, chunks, standard, with_variant};
 
 /// In OP with one chunk per direction.
 fn op(variant: GatewayVariant) -> Fixture {
-    let config = GatewayModelConfig { variant, ..GatewayModelConfig::default() };
-    let mut fixture = Fixture::configured_with(config, chunks(1), chunks(1));
+    let mut fixture = Fixture::configured_with(with_variant(variant), chunks(1), chunks(1));
     fixture.start();
     fixture
 }
@@ -56,8 +55,7 @@ fn node_modes_follow_the_numbers_of_the_variant() {
 }
 
 fn with_policy(variant: GatewayVariant, policy: DataPathConfig) -> Fixture {
-    let config = GatewayModelConfig { variant, ..GatewayModelConfig::default() };
-    let mut fixture = Fixture::configured_with(config, chunks(16), chunks(1));
+    let mut fixture = Fixture::configured_with(with_variant(variant), chunks(16), chunks(1));
     fixture.apply_data_path(0, policy);
     fixture.start();
     fixture
@@ -79,9 +77,7 @@ fn overload(rx_drain: RxDrain, rx_overflow: RxOverflow) -> (Vec<u32>, u32) {
     };
     let variant = GatewayVariant { rx_drain, ..GatewayVariant::default() };
     let mut fixture = with_policy(variant, policy);
-    for id in (0x10..0x1F).chain([EMCY]) {
-        fixture.deliver(0, standard(id, &[]));
-    }
+    fixture.deliver_ids(0, (0x10..0x1F).chain([EMCY]));
     let mut ids = Vec::new();
     let mut degraded = 0;
     for _ in 0..9 {
@@ -133,11 +129,9 @@ fn preserved(critical_frames: CriticalSet) -> Vec<u32> {
     let rx_drain = RxDrain::Cache;
     let variant = GatewayVariant { critical_frames, rx_drain, ..GatewayVariant::default() };
     let mut fixture = with_policy(variant, policy);
-    for id in (0x200..0x208).chain([SYNC, EMCY]) {
-        fixture.deliver(0, standard(id, &[]));
-    }
+    fixture.deliver_ids(0, (0x200..0x208).chain([SYNC, EMCY]));
     fixture.cycle();
-    fixture.received().iter().map(|(_, frame)| frame.id().raw()).collect()
+    fixture.received_ids()
 }
 
 #[test]
@@ -157,16 +151,14 @@ fn rx_budget_is_applied_or_not() {
         (RxBudgetPolicy::Applied, &[Ok, Ok, TxFifoFull], PdoError::PacketOverrun),
     ] {
         let variant = GatewayVariant { rx_budget, ..GatewayVariant::default() };
-        let config = GatewayModelConfig { variant, ..GatewayModelConfig::default() };
         let tx = PdoProfile { options: OptionFlags::TX_RESULT, ..chunks(1) };
         let rx = PdoProfile { budget: BudgetPolicy::Deterministic, ..chunks(1) };
-        let mut fixture = Fixture::configured_with(config, tx, rx);
+        let mut fixture = Fixture::configured_with(with_variant(variant), tx, rx);
         fixture.start();
         // 26 bytes for each of four channels
-        fixture.push(0, standard(1, &[0; 8]));
-        fixture.push(0, standard(2, &[0; 8]));
-        fixture.push(0, standard(3, &[0; 8]));
-        fixture.push(1, standard(4, &[0; 8]));
+        for (channel, id) in [(0, 1), (0, 2), (0, 3), (1, 4)] {
+            fixture.push(channel, standard(id, &[0; 8]));
+        }
         fixture.cycle();
         let results: Vec<_> = fixture
             .results()
@@ -188,14 +180,13 @@ fn frame_that_cannot_be_sent_has_a_result_or_none() {
         (UnsendableResult::Absent, &[]),
     ] {
         let variant = GatewayVariant { unsendable_result, ..GatewayVariant::default() };
-        let config = GatewayModelConfig { variant, ..GatewayModelConfig::default() };
         let tx = PdoProfile { options: OptionFlags::TX_RESULT, ..chunks(1) };
-        let mut fixture = Fixture::preop_with(config);
+        let mut fixture = Fixture::preop_with(with_variant(variant));
         fixture.apply_profiles(tx, chunks(1));
         fixture.start();
         fixture.push(0, standard(1, &[]));
         fixture.cycle();
-        assert_eq!(codes(&fixture), expected, "{unsendable_result:?}");
+        assert_eq!(fixture.result_codes(), expected, "{unsendable_result:?}");
     }
 }
 
@@ -205,9 +196,7 @@ fn rx_pending_counts_the_frames_of_its_image_or_not() {
         let policy = DataPathConfig { rx_drain_max: 2, ..DataPathConfig::default() };
         let variant = GatewayVariant { rx_pending, ..GatewayVariant::default() };
         let mut fixture = with_policy(variant, policy);
-        for id in 0..3 {
-            fixture.deliver(0, standard(id, &[]));
-        }
+        fixture.deliver_ids(0, 0..3);
         fixture.cycle();
         assert_eq!(fixture.received().len(), 2);
         let status = fixture.input().header().channel_status[0];
@@ -219,9 +208,7 @@ fn rx_pending_counts_the_frames_of_its_image_or_not() {
 fn tx_pending_counts_the_running_frame_or_not() {
     for (tx_pending, expected) in [(TxPending::WithRunning, 3), (TxPending::WithoutRunning, 2)] {
         let mut fixture = op(GatewayVariant { tx_pending, ..GatewayVariant::default() });
-        for id in 0..3 {
-            fixture.push(0, standard(id, &[]));
-        }
+        fixture.push_ids(0, 0..3);
         fixture.cycle();
         assert!(fixture.gateway.next_transmit(0).is_some());
         assert_eq!(fixture.upload(0x9000, 11), expected, "{tx_pending:?}");
@@ -235,21 +222,13 @@ fn with_results(variant: GatewayVariant) -> Fixture {
     let config = GatewayModelConfig { variant, sync0_window, ..GatewayModelConfig::default() };
     let tx = PdoProfile { options: OptionFlags::TX_RESULT, ..chunks(16) };
     let mut fixture = Fixture::configured_with(config, tx, chunks(16));
-    let start = fixture.start_sync0();
-    fixture.pass(MS);
-    fixture.start();
+    let start = fixture.start_with_sync0(0);
     fixture.now = start + 4 * MS + 300_000;
     fixture
 }
 
 fn schedule(fixture: &mut Fixture, id: u16, offset_ns: u32) {
-    let (frame, schedule) = (standard(id, &[]), Schedule { tag: 0, offset_ns });
-    let Fixture { writer, image, .. } = fixture;
-    writer.push_scheduled(image, 0, 0, frame.as_ref(), schedule).unwrap();
-}
-
-fn codes(fixture: &Fixture) -> Vec<ResultCode> {
-    fixture.results().iter().map(|result| result.code).collect()
+    fixture.push_scheduled(0, standard(id, &[]), Schedule { tag: 0, offset_ns });
 }
 
 /// Codes of a frame in the controller, of one that waits, and of a scheduled one that is late.
@@ -257,12 +236,10 @@ fn sent_waiting_late(variant: GatewayVariant) -> Vec<ResultCode> {
     let mut fixture = with_results(variant);
     let pulse = fixture.now.next_multiple_of(MS);
     fixture.pass(pulse - SERVICE / 2 - fixture.now);
-    for id in 0..5 {
-        fixture.push(0, standard(id, &[]));
-    }
+    fixture.push_ids(0, 0..5);
     schedule(&mut fixture, 5, 0);
     fixture.cycle();
-    let mut codes = codes(&fixture);
+    let mut codes = fixture.result_codes();
     codes.drain(..3.min(codes.len().saturating_sub(3)));
     codes
 }
@@ -297,10 +274,10 @@ fn scheduled_frame_has_one_or_two_results() {
         let mut fixture = with_results(variant);
         schedule(&mut fixture, 1, 100_000);
         fixture.cycle();
-        assert_eq!(codes(&fixture), [ResultCode::Queued], "{scheduled_results:?}");
+        assert_eq!(fixture.result_codes(), [ResultCode::Queued], "{scheduled_results:?}");
         fixture.cycle();
         assert_eq!(Fixture::identifiers(&fixture.sent(0)), [1]);
-        assert_eq!(codes(&fixture), second, "{scheduled_results:?}");
+        assert_eq!(fixture.result_codes(), second, "{scheduled_results:?}");
     }
 }
 
@@ -314,7 +291,7 @@ fn schedule_holds_as_many_frames_as_the_variant() {
             schedule(&mut fixture, id, 100_000);
         }
         fixture.cycle();
-        let accepted = codes(&fixture).iter().filter(|code| code.is_success()).count();
+        let accepted = fixture.result_codes().iter().filter(|code| code.is_success()).count();
         assert_eq!(accepted, (depth as usize).min(80), "{depth}");
         assert_eq!(fixture.gateway.counters().frames_scheduled, accepted as u64, "{depth}");
     }

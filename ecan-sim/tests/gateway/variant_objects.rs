@@ -1,11 +1,10 @@
 //! Alternatives for objects, profile and states, as the gateway shows them.
 
-use ecan_protocol::config::ProfileStatus;
+use ecan_protocol::config::{ProfileStatus, assignment_writes};
 use ecan_protocol::device::AlState;
 use ecan_protocol::image::{CommitFields, PdoProfile};
 use ecan_protocol::mapping::Direction;
 use ecan_protocol::object::AbortCode;
-use ecan_sim::GatewayModelConfig;
 use ecan_sim::variant::{
     ApplyAtSafeOp, AssignedAtStart, AssignmentRewritten, FilterIndex, GatewayVariant, LayoutCrc,
     MaintenanceMode, MaintenanceNumbers, MappedSubindex, MissingAbort, MissingEntries,
@@ -13,15 +12,11 @@ use ecan_sim::variant::{
     TxPdoNumbering,
 };
 
-use super::fixture::{Fixture, MS, chunks};
-
-fn config(variant: GatewayVariant) -> GatewayModelConfig {
-    GatewayModelConfig { variant, ..GatewayModelConfig::default() }
-}
+use super::fixture::{Fixture, MS, chunks, with_variant};
 
 /// In PREOP with one chunk per direction.
 fn configured(variant: GatewayVariant) -> Fixture {
-    Fixture::configured_with(config(variant), chunks(1), chunks(1))
+    Fixture::configured_with(with_variant(variant), chunks(1), chunks(1))
 }
 
 #[test]
@@ -34,7 +29,7 @@ fn missing_entries_abort_every_access() {
         let missing_entries = missing_entries.unwrap();
         let variant =
             GatewayVariant { missing_entries, missing_abort, ..GatewayVariant::default() };
-        let mut fixture = Fixture::preop_with(config(variant));
+        let mut fixture = Fixture::preop_with(with_variant(variant));
         for (index, subindex) in [(0xF000, 19), (0xF000, 30), (0x8030, 2), (0x8021, 0), (0x8024, 4)]
         {
             assert_eq!(fixture.try_upload(index, subindex), Err(code), "{index:04X}:{subindex}");
@@ -51,7 +46,7 @@ fn missing_entries_abort_every_access() {
 fn mapped_subindex_is_that_of_the_variant() {
     for (mapped_subindex, number) in [(MappedSubindex::One, 1), (MappedSubindex::Zero, 0)] {
         let variant = GatewayVariant { mapped_subindex, ..GatewayVariant::default() };
-        let mut fixture = Fixture::preop_with(config(variant));
+        let mut fixture = Fixture::preop_with(with_variant(variant));
         assert_eq!(fixture.upload(0x1600, 1), 0x7000_0080 | u32::from(number) << 8);
         assert_eq!(fixture.upload(0x1A01, 8), 0x60F0_0080 | u32::from(number) << 8);
         assert_eq!(fixture.try_upload(0x7000, number).unwrap().len(), 16);
@@ -92,9 +87,7 @@ fn profile_errors_show_in_the_status_or_in_counters_only() {
 /// As IgH does after the startup SDOs.
 fn rewrite_assignment(fixture: &mut Fixture) {
     for direction in Direction::ALL {
-        for write in ecan_protocol::config::assignment_writes(direction, 1) {
-            fixture.send(write);
-        }
+        fixture.send(assignment_writes(direction, 1));
     }
 }
 
@@ -123,9 +116,7 @@ fn rewritten_assignment_shows_status_5_until_the_next_apply() {
     assert_eq!(statuses(&mut fixture), [5, 5]);
     fixture.start();
     assert_eq!(statuses(&mut fixture), [5, 5]);
-    for direction in Direction::ALL {
-        fixture.send(PdoProfile::apply_write(direction));
-    }
+    fixture.send(Direction::ALL.map(PdoProfile::apply_write));
     assert_eq!(statuses(&mut fixture), [0, 0]);
     fixture.cycle();
 }
@@ -134,20 +125,15 @@ fn rewritten_assignment_shows_status_5_until_the_next_apply() {
 fn rewritten_assignment_drops_the_profile_at_safeop() {
     let mut fixture = rewritten(AssignmentRewritten::DroppedAtSafeOp);
     assert_eq!(statuses(&mut fixture), [0, 0], "valid in PREOP");
-    fixture.gateway.request_al_state(fixture.now, AlState::SafeOp);
-    assert_eq!(fixture.state(), (AlState::SafeOp, 0));
+    assert_eq!(fixture.request(AlState::SafeOp), (AlState::SafeOp, 0));
     assert_eq!(statuses(&mut fixture), [5, 5]);
     assert_eq!(fixture.upload(0x8010, 9), 0, "no active size");
     fixture.pass(2 * MS);
     assert!(!fixture.read(), "no image");
-    fixture.gateway.request_al_state(fixture.now, AlState::Op);
-    assert_eq!(fixture.state(), (AlState::SafeOp, 0x1D));
-    for direction in Direction::ALL {
-        fixture.send(PdoProfile::apply_write(direction));
-    }
+    assert_eq!(fixture.request(AlState::Op), (AlState::SafeOp, 0x1D));
+    fixture.send(Direction::ALL.map(PdoProfile::apply_write));
     assert_eq!(statuses(&mut fixture), [0, 0]);
-    fixture.gateway.request_al_state(fixture.now, AlState::Op);
-    assert_eq!(fixture.state(), (AlState::Op, 0));
+    assert_eq!(fixture.request(AlState::Op), (AlState::Op, 0));
 }
 
 #[test]
@@ -157,16 +143,13 @@ fn requested_profile_is_applied_at_safeop_or_rejected() {
         (ApplyAtSafeOp::Required, (AlState::PreOp, 0x1D)),
     ] {
         let variant = GatewayVariant { apply_at_safeop, ..GatewayVariant::default() };
-        let mut fixture = Fixture::preop_with(config(variant));
+        let mut fixture = Fixture::preop_with(with_variant(variant));
         rewrite_assignment(&mut fixture);
         for direction in Direction::ALL {
-            for write in chunks(1).writes(direction) {
-                fixture.send(write);
-            }
+            fixture.send(chunks(1).writes(direction));
             fixture.set_up_sync_manager(direction, 128);
         }
-        fixture.gateway.request_al_state(fixture.now, AlState::SafeOp);
-        assert_eq!(fixture.state(), expected, "{apply_at_safeop:?}");
+        assert_eq!(fixture.request(AlState::SafeOp), expected, "{apply_at_safeop:?}");
     }
 }
 
@@ -208,10 +191,10 @@ fn safeop_inputs_are_published_or_absent() {
         [(SafeOpInputs::Published, true), (SafeOpInputs::Absent, false)]
     {
         let mut fixture = configured(GatewayVariant { safeop_inputs, ..GatewayVariant::default() });
-        fixture.gateway.request_al_state(fixture.now, AlState::SafeOp);
+        fixture.request(AlState::SafeOp);
         fixture.pass(2 * MS);
         assert_eq!(fixture.read(), expected, "{safeop_inputs:?}");
-        fixture.gateway.request_al_state(fixture.now, AlState::Op);
+        fixture.request(AlState::Op);
         assert!(fixture.write());
         assert!(fixture.read(), "{safeop_inputs:?} in OP");
     }
@@ -224,10 +207,10 @@ fn safeop_outputs_are_discarded_or_kept() {
     {
         let mut fixture =
             configured(GatewayVariant { safeop_outputs, ..GatewayVariant::default() });
-        fixture.gateway.request_al_state(fixture.now, AlState::SafeOp);
+        fixture.request(AlState::SafeOp);
         assert!(fixture.write());
         assert_eq!(fixture.write(), expected, "{safeop_outputs:?}");
-        fixture.gateway.request_al_state(fixture.now, AlState::Op);
+        fixture.request(AlState::Op);
         assert!(fixture.write(), "{safeop_outputs:?} in OP");
         assert_eq!(fixture.gateway.counters().images_parsed, 1, "none of SAFEOP");
     }
@@ -237,7 +220,7 @@ fn safeop_outputs_are_discarded_or_kept() {
 fn assignment_after_power_on_is_complete_or_empty() {
     for (assigned_at_start, count) in [(AssignedAtStart::All, 24), (AssignedAtStart::Nothing, 0)] {
         let variant = GatewayVariant { assigned_at_start, ..GatewayVariant::default() };
-        let mut fixture = Fixture::preop_with(config(variant));
+        let mut fixture = Fixture::preop_with(with_variant(variant));
         assert_eq!(fixture.upload(0x1C12, 0), count, "{assigned_at_start:?}");
         assert_eq!(fixture.upload(0x1C13, 0), count, "{assigned_at_start:?}");
     }
@@ -249,9 +232,9 @@ fn undefined_budget_policy_has_the_status_of_the_variant() {
         [(RejectedBudget::UnsupportedOption, 10), (RejectedBudget::InvalidProfile, 4)]
     {
         let variant = GatewayVariant { rejected_budget, ..GatewayVariant::default() };
-        let mut fixture = Fixture::preop_with(config(variant));
+        let mut fixture = Fixture::preop_with(with_variant(variant));
         fixture.write_u8(0x8010, 6, 3);
-        fixture.send(PdoProfile::apply_write(Direction::TxPdo));
+        fixture.send([PdoProfile::apply_write(Direction::TxPdo)]);
         assert_eq!(fixture.upload(0x8010, 2), expected, "{rejected_budget:?}");
     }
 }
@@ -278,7 +261,7 @@ const DENIED: u32 = 2;
 /// Status of the command to validate the firmware image, of which there is none.
 fn validate(variant: GatewayVariant, mode: u8) -> u32 {
     const VALIDATE: u8 = 0x08;
-    let mut fixture = Fixture::preop_with(config(variant));
+    let mut fixture = Fixture::preop_with(with_variant(variant));
     fixture.write_u8(0xB000, 1, mode);
     fixture.write_u8(0xB000, 4, VALIDATE);
     fixture.pass(100 * MS);
@@ -315,12 +298,11 @@ fn maintenance_status_has_the_numbers_of_the_variant() {
 fn filter_index_is_lost_or_kept_by_a_restart() {
     for (filter_index, expected) in [(FilterIndex::Lost, 0), (FilterIndex::Kept, 5)] {
         let variant = GatewayVariant { filter_index, ..GatewayVariant::default() };
-        let mut fixture = Fixture::preop_with(config(variant));
+        let mut fixture = Fixture::preop_with(with_variant(variant));
         fixture.write_u8(0x8001, 43, 5);
         fixture.write_u8(0x8000, 1, 1);
         fixture.pass(1_000 * MS);
-        fixture.set_up_mailboxes();
-        fixture.gateway.request_al_state(fixture.now, AlState::PreOp);
+        fixture.enter_preop();
         assert_eq!(fixture.upload(0x8001, 43), expected, "{filter_index:?}");
     }
 }

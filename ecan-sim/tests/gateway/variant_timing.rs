@@ -9,10 +9,10 @@ use ecan_sim::variant::{
 };
 use ecan_sim::{GatewayModelConfig, Sync0Window};
 
-use super::fixture::{Fixture, MS, SERVICE, chunks, standard};
+use super::fixture::{Fixture, MS, SERVICE, chunks, standard, with_variant};
 
 fn config(variant: GatewayVariant) -> GatewayModelConfig {
-    GatewayModelConfig { variant, sync0_window: Sync0Window::OFF, ..GatewayModelConfig::default() }
+    GatewayModelConfig { sync0_window: Sync0Window::OFF, ..with_variant(variant) }
 }
 
 /// In PREOP with one chunk per direction.
@@ -23,9 +23,7 @@ fn configured(variant: GatewayVariant) -> Fixture {
 /// In OP with pulses at every whole millisecond, 300 us after one of them.
 fn with_sync0(variant: GatewayVariant) -> Fixture {
     let mut fixture = configured(variant);
-    let start = fixture.start_sync0();
-    fixture.pass(MS);
-    fixture.start();
+    let start = fixture.start_with_sync0(0);
     let now = start + 4 * MS + 300_000;
     fixture.pass(now - fixture.now);
     fixture
@@ -43,8 +41,11 @@ fn sync0_alone_suffices_or_is_rejected() {
             configured(GatewayVariant { assign_activate, ..GatewayVariant::default() });
         fixture.gateway.set_dc_sync1(has_sync1);
         fixture.start_sync0();
-        fixture.gateway.request_al_state(fixture.now, AlState::SafeOp);
-        assert_eq!(fixture.state(), expected, "{assign_activate:?}, Sync1 {has_sync1}");
+        assert_eq!(
+            fixture.request(AlState::SafeOp),
+            expected,
+            "{assign_activate:?}, Sync1 {has_sync1}"
+        );
     }
 }
 
@@ -91,9 +92,7 @@ fn channels_start_off_or_with_the_default_configuration() {
 /// Time from the arrival of an image to its scheduled frame, in us; `None` if it is dropped as late.
 fn released_after(scheduled_pulse: ScheduledPulse, offset_ns: u32) -> Option<u64> {
     let mut fixture = with_sync0(GatewayVariant { scheduled_pulse, ..GatewayVariant::default() });
-    let Fixture { writer, image, .. } = &mut fixture;
-    let frame = standard(1, &[]);
-    writer.push_scheduled(image, 0, 0, frame.as_ref(), Schedule { tag: 0, offset_ns }).unwrap();
+    fixture.push_scheduled(0, standard(1, &[]), Schedule { tag: 0, offset_ns });
     let start = fixture.now;
     assert!(fixture.write());
     for _ in 0..300 {
@@ -143,10 +142,7 @@ fn delta16_counts_microseconds_or_ticks() {
         fixture.deliver(0, standard(2, &[]));
         fixture.pass(SERVICE);
         fixture.cycle();
-        let stamps = fixture.packets(|packet| match packet {
-            ecan_protocol::image::Packet::Frame(frame) => Some(frame.timestamp),
-            _ => None,
-        });
+        let stamps = fixture.timestamps();
         let [Timestamp::Delta16(first), Timestamp::Delta16(second)] = stamps[..] else {
             panic!("{stamps:?}")
         };
