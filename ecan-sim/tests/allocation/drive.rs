@@ -1,9 +1,10 @@
 //! A moving drive allocates no memory: cycles of RPDO, SYNC and TPDO, heartbeats, SDO transfers.
 
+use crate::drive::fixture::config;
 use crate::ecrt_support::{Program, stepped};
-use ecan_canopen::{DriveState, NodeId};
+use ecan_canopen::DriveState;
 use ecan_protocol::can::{CanFrame, CanId};
-use ecan_sim::{Drive, DriveConfig, MotorConfig, Node, NodeOutput, drives};
+use ecan_sim::{Drive, Node, NodeOutput, drives};
 use ecan_test_support::allocations;
 
 struct Host {
@@ -59,12 +60,8 @@ impl Host {
 
 #[test]
 fn cycles_allocate_nothing() {
-    let config = DriveConfig {
-        sdo_delay_us: 0,
-        motor: MotorConfig { start_position: 1000, ..MotorConfig::default() },
-        ..DriveConfig::new(NodeId::new(5).unwrap())
-    };
-    let mut host = Host { drive: Drive::new(&config), out: NodeOutput::new(), now: 1, received: 0 };
+    let mut host =
+        Host { drive: Drive::new(&config()), out: NodeOutput::new(), now: 1, received: 0 };
     host.drive.started(1, &mut host.out);
     host.pass(100_000_000);
     for (index, sub, value, bytes) in [

@@ -1,94 +1,37 @@
 //! Nodes that are made from device files (EDS, DCF).
 
-use super::fixture::{Fixture, MS, NODE, config};
+use super::fixture::{Fixture, MS, NODE, config, expand, parse_file};
 use ecan_canopen::{
     Commissioning, DeviceFile, Download, DownloadScope, DriveState, NmtCommand, NmtState, NodeId,
     OperatingMode,
 };
 use ecan_sim::{Drive, DriveConfig};
 
-/// A small device; the tests change it line by line.
+/// A small device, in the notation of `expand`; the tests change some of its keys.
 const SMALL: &str = "\
 ; a comment
-[DeviceInfo]
-VendorName=none
-
-[MandatoryObjects]
-SupportedObjects=3
-1=0x1000
-2=0x1001
-3=0x1018
-
-[OptionalObjects]
-SupportedObjects=4
-1=0x1014
-2=0x2100
-3=0x2101
-4=0x2102
-
-[1000]
-ParameterName=Device type
-ObjectType=0x7
-DataType=0x0007
-AccessType=ro
-DefaultValue=0x00020192
-
-[1001]
-DataType=5
-AccessType=ro
-
-[1018]
-ObjectType=9
-SubNumber=2
-
-[1018sub0]
-DataType=5
-AccessType=const
-DefaultValue=1
-
-[1018sub1]
-DataType=7
-AccessType=ro
-DefaultValue=010
-
-[1014]
-DataType=0x0007
-AccessType=rw
-DefaultValue=$NODEID+0x80
-
-[2100]
-DataType=0x0003
-AccessType=rw
-LowLimit=-100
-HighLimit=0x64
-DefaultValue=-5
-
-[2101]
-ObjectType=0x8
-CompactSubObj=3
-DataType=0x0002
-AccessType=rw
-DefaultValue=0xFF
-
-[2102]
-DataType=0x0009
-AccessType=rw
-DefaultValue=hello world
+[DeviceInfo] VendorName=none
+[MandatoryObjects] SupportedObjects=3, 1=0x1000, 2=0x1001, 3=0x1018
+[OptionalObjects] SupportedObjects=4, 1=0x1014, 2=0x2100, 3=0x2101, 4=0x2102
+[1000] ParameterName=Device type, ObjectType=0x7, DataType=0x0007, AccessType=ro, DefaultValue=0x00020192
+[1001] DataType=5, AccessType=ro
+[1018] ObjectType=9, SubNumber=2
+[1018sub0] DataType=5, AccessType=const, DefaultValue=1
+[1018sub1] DataType=7, AccessType=ro, DefaultValue=010
+[1014] DataType=0x0007, AccessType=rw, DefaultValue=$NODEID+0x80
+[2100] DataType=0x0003, AccessType=rw, LowLimit=-100, HighLimit=0x64, DefaultValue=-5
+[2101] ObjectType=0x8, CompactSubObj=3, DataType=0x0002, AccessType=rw, DefaultValue=0xFF
+[2102] DataType=0x0009, AccessType=rw, DefaultValue=hello world
 ";
 
-fn read(text: &str) -> Drive {
-    read_with(&config(), text)
-}
-
 fn read_with(config: &DriveConfig, text: &str) -> Drive {
-    let file = DeviceFile::parse(text.as_bytes()).unwrap_or_else(|faults| panic!("{faults}"));
-    Drive::from_device_file(config, &file)
+    Drive::from_device_file(config, &parse_file(text))
 }
 
 #[test]
 fn eds_values_are_parsed() {
-    let drive = read(SMALL);
-    let number = |index, sub| drive.object(index, sub);
+    let mut fixture = Fixture::from_file(SMALL);
+    let number = |index, sub| fixture.drive.object(index, sub);
     assert_eq!(number(0x1000, 0), Some(0x0002_0192));
     // without a default
     assert_eq!(number(0x1001, 0), Some(0));
@@ -102,8 +45,6 @@ fn eds_values_are_parsed() {
     assert_eq!(number(0x2101, 4), None);
     // nothing of the built-in dictionary
     assert_eq!(number(0x6040, 0), None);
-    let mut fixture = Fixture::cold(drive);
-    fixture.pass_ms(50);
     assert_eq!(fixture.sdo([0x40, 0x02, 0x21, 0, 0, 0, 0, 0])[4], 11);
     assert_eq!(fixture.sdo([0x60, 0, 0, 0, 0, 0, 0, 0]), *b"\x00hello w");
     // limits
@@ -119,7 +60,7 @@ fn deviations_of_file_do_not_prevent_drive() {
         .replace("DefaultValue=-5", "DefaultValue=-101")
         .replace("AccessType=rw", "AccessType=wr")
         .replace("3=0x1018", "3=0x1019");
-    let drive = read(&text.replace('\n', "\r\n"));
+    let drive = read_with(&config(), &expand(&text).replace('\n', "\r\n"));
     assert_eq!(drive.object(0x1018, 1), Some(8));
     assert_eq!(drive.object(0x2101, 3), Some(-1));
     // outside its limits, but what the device has
@@ -128,11 +69,10 @@ fn deviations_of_file_do_not_prevent_drive() {
 
 #[test]
 fn parameter_value_counts_until_defaults_are_restored() {
-    let text = SMALL.replace("DefaultValue=-5", "DefaultValue=-5\nParameterValue=42")
-        + "[1011]\nObjectType=8\nSubNumber=2\n[1011sub0]\nDataType=5\nAccessType=ro\n\
-           DefaultValue=1\n[1011sub1]\nDataType=7\nAccessType=rw\n";
-    let mut fixture = Fixture::cold(read(&text));
-    fixture.pass_ms(50);
+    let text = SMALL.replace("DefaultValue=-5", "DefaultValue=-5, ParameterValue=42")
+        + "[1011] ObjectType=8, SubNumber=2\n[1011sub0] DataType=5, AccessType=ro, DefaultValue=1\n\
+           [1011sub1] DataType=7, AccessType=rw\n";
+    let mut fixture = Fixture::from_file(&text);
     assert_eq!(fixture.read(0x2100, 0), Ok(42));
     fixture.write(0x2100, 0, 7, 2).unwrap();
     fixture.nmt(NmtCommand::ResetNode);
@@ -148,12 +88,12 @@ fn parameter_value_counts_until_defaults_are_restored() {
 #[test]
 fn open_serial_number_is_that_of_configuration() {
     let with_serial = |default: &str| {
-        let sub = format!("[1018sub4]\nDataType=7\nAccessType=ro\n{default}\n");
+        let sub = format!("[1018sub4] DataType=7, AccessType=ro{default}\n");
         read_with(&DriveConfig { serial: 77, ..config() }, &(SMALL.to_owned() + &sub))
     };
     assert_eq!(with_serial("").object(0x1018, 4), Some(77));
-    assert_eq!(with_serial("DefaultValue=0").object(0x1018, 4), Some(77));
-    assert_eq!(with_serial("DefaultValue=5").object(0x1018, 4), Some(5));
+    assert_eq!(with_serial(", DefaultValue=0").object(0x1018, 4), Some(77));
+    assert_eq!(with_serial(", DefaultValue=5").object(0x1018, 4), Some(5));
 }
 
 /// One file, drives of different temper.
@@ -186,116 +126,37 @@ fn quirks_apply_to_drive_from_file() {
     assert_eq!(fixture.sdo(request)[0] & 0xE1, 0xC0);
 }
 
-/// A module with eight inputs (0x6000:01) and eight outputs (0x6200:01), by CiA 401.
+/// A module with eight inputs (0x6000:01) and eight outputs (0x6200:01), by CiA 401, in the notation of
+/// `expand`.
 pub const MODULE: &str = "\
-[MandatoryObjects]
-SupportedObjects=3
-1=0x1000
-2=0x1001
-3=0x1018
-
-[1000]
-DataType=7
-AccessType=ro
-DefaultValue=0x00030191
-
-[1001]
-DataType=5
-AccessType=ro
-PDOMapping=1
-
-[1016]
-ObjectType=8
-CompactSubObj=1
-DataType=7
-AccessType=rw
-
-[1018]
-ObjectType=9
-CompactSubObj=4
-DataType=7
-AccessType=ro
-
-[1400]
-ObjectType=9
-SubNumber=3
-[1400sub0]
-DataType=5
-AccessType=ro
-DefaultValue=2
-[1400sub1]
-DataType=7
-AccessType=rw
-DefaultValue=$NODEID+0x200
-[1400sub2]
-DataType=5
-AccessType=rw
-DefaultValue=255
-
-[1600]
-ObjectType=9
-SubNumber=2
-[1600sub0]
-DataType=5
-AccessType=rw
-DefaultValue=1
-[1600sub1]
-DataType=7
-AccessType=rw
-DefaultValue=0x62000108
-
-[1800]
-ObjectType=9
-SubNumber=3
-[1800sub0]
-DataType=5
-AccessType=ro
-DefaultValue=2
-[1800sub1]
-DataType=7
-AccessType=rw
-DefaultValue=$NODEID+0x180
-[1800sub2]
-DataType=5
-AccessType=rw
-DefaultValue=255
-
-[1A00]
-ObjectType=9
-SubNumber=2
-[1A00sub0]
-DataType=5
-AccessType=rw
-DefaultValue=1
-[1A00sub1]
-DataType=7
-AccessType=rw
-DefaultValue=0x60000108
-
-[6000]
-ObjectType=8
-CompactSubObj=1
-DataType=5
-AccessType=ro
-PDOMapping=1
-
-[6200]
-ObjectType=8
-CompactSubObj=1
-DataType=5
-AccessType=rww
-PDOMapping=1
-
-[6060]
-DataType=5
-AccessType=rw
+[MandatoryObjects] SupportedObjects=3, 1=0x1000, 2=0x1001, 3=0x1018
+[1000] DataType=7, AccessType=ro, DefaultValue=0x00030191
+[1001] DataType=5, AccessType=ro, PDOMapping=1
+[1016] ObjectType=8, CompactSubObj=1, DataType=7, AccessType=rw
+[1018] ObjectType=9, CompactSubObj=4, DataType=7, AccessType=ro
+[1400] ObjectType=9, SubNumber=3
+[1400sub0] DataType=5, AccessType=ro, DefaultValue=2
+[1400sub1] DataType=7, AccessType=rw, DefaultValue=$NODEID+0x200
+[1400sub2] DataType=5, AccessType=rw, DefaultValue=255
+[1600] ObjectType=9, SubNumber=2
+[1600sub0] DataType=5, AccessType=rw, DefaultValue=1
+[1600sub1] DataType=7, AccessType=rw, DefaultValue=0x62000108
+[1800] ObjectType=9, SubNumber=3
+[1800sub0] DataType=5, AccessType=ro, DefaultValue=2
+[1800sub1] DataType=7, AccessType=rw, DefaultValue=$NODEID+0x180
+[1800sub2] DataType=5, AccessType=rw, DefaultValue=255
+[1A00] ObjectType=9, SubNumber=2
+[1A00sub0] DataType=5, AccessType=rw, DefaultValue=1
+[1A00sub1] DataType=7, AccessType=rw, DefaultValue=0x60000108
+[6000] ObjectType=8, CompactSubObj=1, DataType=5, AccessType=ro, PDOMapping=1
+[6200] ObjectType=8, CompactSubObj=1, DataType=5, AccessType=rww, PDOMapping=1
+[6060] DataType=5, AccessType=rw
 ";
 
 #[test]
 fn module_without_motor_exchanges_process_data() {
-    let mut fixture = Fixture::cold(read(MODULE));
+    let mut fixture = Fixture::from_file(MODULE);
     assert!(!fixture.drive.is_drive());
-    fixture.pass_ms(50);
     assert_eq!(fixture.lines(), [(0x705, vec![0])]);
     // The number of the modes of a drive is any object here.
     fixture.write(0x6060, 0, 99, 1).unwrap();
@@ -312,21 +173,12 @@ fn module_without_motor_exchanges_process_data() {
 /// Objects of times with a wrong type and values that no time can have.
 #[test]
 fn times_beyond_their_range_are_the_longest() {
-    let time = |name: &str| {
-        format!(
-            "[{name}]\nParameterName=t{name}\nDataType=0x1B\nAccessType=rw\n\
-                 DefaultValue=0x7FFFFFFFFFFFFFFF\n"
-        )
-    };
+    let keys = "DataType=0x1B, AccessType=rw, DefaultValue=0x7FFFFFFFFFFFFFFF";
     let names =
         ["1015", "1017", "100C", "100D", "1800sub3", "1800sub5", "1400sub5", "6066", "6068"];
-    let mut text = MODULE.to_owned();
-    for name in names {
-        // The first section with a name counts.
-        text.insert_str(0, &time(name));
-    }
-    let mut fixture = Fixture::cold(read(&text));
-    fixture.pass_ms(50);
+    // The first section with a name counts.
+    let times = names.map(|name| format!("[{name}] ParameterName=t{name}, {keys}\n")).concat();
+    let mut fixture = Fixture::from_file(&(times + MODULE));
     fixture.nmt(NmtCommand::Start);
     fixture.lines();
     fixture.pass_ms(65_000);
@@ -337,11 +189,8 @@ fn times_beyond_their_range_are_the_longest() {
 
 #[test]
 fn module_without_motor_reports_lost_host_and_runs_on() {
-    let mut fixture = Fixture::cold(read(&MODULE.replace(
-        "[1018]",
-        "[1014]\nDataType=7\nAccessType=rw\nDefaultValue=$NODEID+0x80\n[1018]",
-    )));
-    fixture.pass_ms(50);
+    let emergency = "[1014] DataType=7, AccessType=rw, DefaultValue=$NODEID+0x80\n";
+    let mut fixture = Fixture::from_file(&(emergency.to_owned() + MODULE));
     // heartbeats of node 1 within 100 ms
     fixture.write(0x1016, 1, 0x0001_0064, 4).unwrap();
     fixture.nmt(NmtCommand::Start);
@@ -390,22 +239,13 @@ fn configure(file: &DeviceFile) -> (usize, Vec<(u16, u8, u32)>) {
 #[test]
 fn node_accepts_downloads_of_dcf() {
     let text = MODULE
-        .replace(
-            "DefaultValue=$NODEID+0x180\n",
-            "DefaultValue=$NODEID+0x180\nParameterValue=$NODEID+0x280\n",
-        )
-        .replace("DefaultValue=255\n", "DefaultValue=255\nParameterValue=1\n")
-        .replace("DefaultValue=0x60000108", "DefaultValue=0\nParameterValue=0x10010008")
-        .replace("[6060]", "[1600sub2]\nDataType=7\nAccessType=rw\n[6060]")
-        .replace(
-            "[6060]\nDataType=5\nAccessType=rw",
-            "[6060]\nDataType=5\nAccessType=rw\nParameterValue=3",
-        );
-    let file = DeviceFile::parse(text.as_bytes()).unwrap();
-    assert_eq!(configure(&file), (10, vec![]));
+        .replace("=$NODEID+0x180", "=$NODEID+0x180, ParameterValue=$NODEID+0x280")
+        .replace("DefaultValue=255", "DefaultValue=255, ParameterValue=1")
+        .replace("DefaultValue=0x60000108", "DefaultValue=0, ParameterValue=0x10010008")
+        .replace("[6060]", "[1600sub2] DataType=7, AccessType=rw\n[6060] ParameterValue=3,");
+    assert_eq!(configure(&parse_file(&text)), (10, vec![]));
     // In the order of the indices the node aborts: the COB-ID of a valid PDO cannot change.
-    let mut fixture = Fixture::cold(read(MODULE));
-    fixture.pass_ms(50);
+    let mut fixture = Fixture::from_file(MODULE);
     assert_eq!(fixture.write(0x1800, 1, 0x285, 4), Err(0x0601_0000));
     assert_eq!(fixture.write(0x1A00, 1, 0x1001_0008, 4), Err(0x0601_0000));
 }
@@ -414,14 +254,9 @@ fn node_accepts_downloads_of_dcf() {
 #[test]
 fn mapping_of_constant_cob_id_changes_while_valid() {
     let text = MODULE
-        .replacen(
-            "DataType=7\nAccessType=rw\nDefaultValue=$",
-            "DataType=7\nAccessType=ro\nDefaultValue=$",
-            2,
-        )
-        .replace("DefaultValue=0x60000108", "DefaultValue=0x60000108\nParameterValue=0x10010008");
-    let file = DeviceFile::parse(text.as_bytes()).unwrap();
-    assert_eq!(configure(&file), (3, vec![]));
+        .replace("AccessType=rw, DefaultValue=$", "AccessType=ro, DefaultValue=$")
+        .replace("=0x60000108", "=0x60000108, ParameterValue=0x10010008");
+    assert_eq!(configure(&parse_file(&text)), (3, vec![]));
 }
 
 /// Device files of other makers, in the directory that `ECAN_DEVICE_FILES` names.
@@ -481,7 +316,8 @@ fn shared() -> Option<String> {
 #[test]
 fn drive_from_foreign_eds_moves() {
     let Some(text) = shared() else { return };
-    let mut fixture = Fixture::cold(read(&text));
+    let file = DeviceFile::parse(text.as_bytes()).unwrap();
+    let mut fixture = Fixture::cold(Drive::from_device_file(&config(), &file));
     fixture.pass_ms(50);
     fixture.lines();
     assert_eq!(fixture.read(0x1000, 0), Ok(0xFFFF_0192));
@@ -495,12 +331,8 @@ fn drive_from_foreign_eds_moves() {
     assert_eq!(fixture.write(0x6060, 0, 9, 1), Err(0x0609_0030));
     fixture.write(0x60C2, 1, 1, 1).unwrap();
     fixture.write(0x60C2, 2, -3, 1).unwrap();
-    fixture.map_csp();
-    fixture.nmt(NmtCommand::Start);
     let mut target = 1000;
-    for word in [0x06, 0x07, 0x0F] {
-        fixture.cycle(word, target);
-    }
+    fixture.start_csp(target);
     for _ in 0..1000 {
         target += 50;
         fixture.cycle(0x0F, target);

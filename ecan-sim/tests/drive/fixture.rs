@@ -1,9 +1,9 @@
 //! A drive without a bus: frames go in and come out directly.
 use ecan_canopen::{
-    Command, Controlword, DriveState, NmtCommand, NmtRequest, NodeId, OperatingMode,
+    Command, Controlword, DeviceFile, DriveState, NmtCommand, NmtRequest, NodeId, OperatingMode,
 };
 use ecan_protocol::can::{CanFrame, CanId, Dlc};
-use ecan_sim::{Drive, DriveConfig, MotorConfig, Node, NodeOutput};
+use ecan_sim::{Drive, DriveConfig, DriveQuirks, MotorConfig, Node, NodeOutput};
 
 /// Node-ID of the drive.
 pub const NODE: u16 = 5;
@@ -30,6 +30,15 @@ pub fn config() -> DriveConfig {
     }
 }
 
+/// A device file whose sections have a line each: `[section] key=value, key=value`.
+pub fn expand(text: &str) -> String {
+    text.replace("] ", "]\n").replace(", ", "\n")
+}
+
+pub fn parse_file(text: &str) -> DeviceFile {
+    DeviceFile::parse(expand(text).as_bytes()).unwrap_or_else(|faults| panic!("{faults}"))
+}
+
 impl Fixture {
     /// A booted drive with the built-in objects.
     pub fn booted() -> Self {
@@ -40,6 +49,17 @@ impl Fixture {
         let mut fixture = Self::cold(Drive::new(config));
         fixture.pass_ms(u64::from(config.boot_ms) + 1);
         fixture.sent.clear();
+        fixture
+    }
+
+    pub fn with_quirks(quirks: DriveQuirks) -> Self {
+        Self::with(&DriveConfig { quirks, ..config() })
+    }
+
+    /// A node from a device file in the notation of [`expand`], 50 ms after power-on.
+    pub fn from_file(text: &str) -> Self {
+        let mut fixture = Self::cold(Drive::from_device_file(&config(), &parse_file(text)));
+        fixture.pass_ms(50);
         fixture
     }
 
@@ -192,6 +212,15 @@ impl Fixture {
             self.write(communication, 1, id | 0x4000_0000, 4).unwrap();
         }
         self.mode(OperatingMode::CyclicPosition);
+    }
+
+    /// Maps both PDOs, starts the node and enables the drive in CSP at this target.
+    pub fn start_csp(&mut self, target: i32) {
+        self.map_csp();
+        self.nmt(NmtCommand::Start);
+        for word in [0x06, 0x07, 0x0F] {
+            self.cycle(word, target);
+        }
     }
 
     /// One host cycle: RPDO 1, SYNC; returns statusword and actual position of TPDO 1.

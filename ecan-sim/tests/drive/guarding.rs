@@ -1,8 +1,8 @@
 //! Node guarding, life guarding and TIME of the drive (CiA 301).
 
-use super::fixture::{Fixture, MS, NODE, config};
+use super::fixture::{Fixture, MS, NODE};
 use ecan_canopen::{DriveState, NmtCommand, NmtState, OperatingMode, TimeOfDay};
-use ecan_sim::{DriveConfig, DriveQuirks};
+use ecan_sim::DriveQuirks;
 
 const GUARD: u16 = 0x700 + NODE;
 const EMCY: u16 = 0x080 + NODE;
@@ -10,7 +10,7 @@ const EMCY: u16 = 0x080 + NODE;
 /// A drive without heartbeat producer and consumer.
 fn guarding_only() -> Fixture {
     let quirks = DriveQuirks { missing: vec![0x1016, 0x1017], ..DriveQuirks::default() };
-    Fixture::with(&DriveConfig { quirks, ..config() })
+    Fixture::with_quirks(quirks)
 }
 
 #[test]

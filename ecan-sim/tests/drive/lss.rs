@@ -219,7 +219,7 @@ fn bit_rate_switches_after_both_delays() {
 #[test]
 fn drive_without_lss_is_silent() {
     let quirks = DriveQuirks { no_lss: true, ..DriveQuirks::default() };
-    let mut fixture = Fixture::with(&DriveConfig { quirks, ..config() });
+    let mut fixture = Fixture::with_quirks(quirks);
     assert_eq!(select(&mut fixture, IDENTITY), None);
     assert_eq!(lss(&mut fixture, &[0x04, 1]), None);
     assert_eq!(lss(&mut fixture, &[0x5E]), None);

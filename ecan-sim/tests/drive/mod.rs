@@ -1,7 +1,7 @@
 //! Tests of the CiA 402 drive.
 
 mod eds;
-mod fixture;
+pub mod fixture;
 mod guarding;
 mod host_loss;
 mod lss;

@@ -9,11 +9,7 @@ const ENABLE: u16 = 0x0F;
 /// A drive in CSP with 1 ms SYNC, enabled, at 1000.
 fn cyclic() -> Fixture {
     let mut fixture = Fixture::booted();
-    fixture.map_csp();
-    fixture.nmt(NmtCommand::Start);
-    for word in [0x06, 0x07, 0x0F] {
-        fixture.cycle(word, 1000);
-    }
+    fixture.start_csp(1000);
     assert_eq!(fixture.drive.state(), DriveState::OperationEnabled);
     fixture
 }
@@ -71,7 +67,7 @@ fn drive_enabled_without_target_stays_at_standstill() {
     assert_eq!(fixture.drive.position(), 1000);
     // the quirk: it moves to the previous value of 0x607A
     let quirks = DriveQuirks { follows_old_target: true, ..DriveQuirks::default() };
-    let mut fixture = Fixture::with(&DriveConfig { quirks, ..config() });
+    let mut fixture = Fixture::with_quirks(quirks);
     fixture.write(0x6065, 0, 0xFFFF_FFFF, 4).unwrap();
     fixture.write(0x607A, 0, 50_000, 4).unwrap();
     fixture.enable(OperatingMode::CyclicPosition);
@@ -186,12 +182,8 @@ fn software_limits_clamp_targets() {
 fn positions_wrap_at_32_bits() {
     let motor = MotorConfig { start_position: i32::MAX - 500, ..MotorConfig::default() };
     let mut fixture = Fixture::with(&DriveConfig { motor, ..config() });
-    fixture.map_csp();
-    fixture.nmt(NmtCommand::Start);
     let mut target = i32::MAX - 500;
-    for word in [0x06, 0x07, 0x0F] {
-        fixture.cycle(word, target);
-    }
+    fixture.start_csp(target);
     for _ in 0..100 {
         target = target.wrapping_add(100);
         fixture.cycle(ENABLE, target);
@@ -295,6 +287,14 @@ fn profile_position_accepts_set_points_on_edge() {
     assert_eq!(fixture.drive.position(), 30_000);
 }
 
+fn furthest_within_a_second(fixture: &mut Fixture) -> i32 {
+    let positions = (0..1000).map(|_| {
+        fixture.pass_ms(1);
+        fixture.drive.position()
+    });
+    positions.max().unwrap()
+}
+
 #[test]
 fn set_points_are_queued_or_replaced() {
     let mut fixture = Fixture::booted();
@@ -309,23 +309,14 @@ fn set_points_are_queued_or_replaced() {
     // the buffer is full: acknowledged until it is free
     set_point(&mut fixture, 1_000, 0x1F);
     assert_eq!(profile_bits(&fixture), (false, true));
-    let mut furthest = 0;
-    for _ in 0..1000 {
-        fixture.pass_ms(1);
-        furthest = furthest.max(fixture.drive.position());
-    }
+    let furthest = furthest_within_a_second(&mut fixture);
     assert!((50_900..51_100).contains(&furthest), "{furthest}");
     assert_eq!(fixture.drive.position(), 1_000);
     // immediately
     set_point(&mut fixture, 51_000, 0x1F);
     fixture.pass_ms(20);
     set_point(&mut fixture, -9_000, 0x3F);
-    let mut furthest = 0;
-    for _ in 0..1000 {
-        fixture.pass_ms(1);
-        furthest = furthest.max(fixture.drive.position());
-    }
-    assert!(furthest < 40_000);
+    assert!(furthest_within_a_second(&mut fixture) < 40_000);
     assert_eq!(fixture.drive.position(), -9_000);
 }
 
@@ -507,10 +498,9 @@ fn motor_coasts_after_loss_of_supply() {
 
 #[test]
 fn digital_inputs_show_switches() {
-    let motor = MotorConfig { start_position: 150_000, ..MotorConfig::default() };
-    let mut fixture = Fixture::with(&DriveConfig { motor, ..config() });
-    assert_eq!(fixture.read(0x60FD, 0), Ok(4));
-    let motor = MotorConfig { start_position: -500_000, ..MotorConfig::default() };
-    let mut fixture = Fixture::with(&DriveConfig { motor, ..config() });
-    assert_eq!(fixture.read(0x60FD, 0), Ok(1));
+    for (start_position, inputs) in [(150_000, 4), (-500_000, 1)] {
+        let motor = MotorConfig { start_position, ..MotorConfig::default() };
+        let mut fixture = Fixture::with(&DriveConfig { motor, ..config() });
+        assert_eq!(fixture.read(0x60FD, 0), Ok(inputs), "{start_position}");
+    }
 }

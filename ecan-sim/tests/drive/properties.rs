@@ -1,7 +1,8 @@
 //! The drive under any input: it neither panics nor violates its own rules.
 
 use super::fixture::{Fixture, config};
-use ecan_canopen::{DriveState, NmtCommand, OperatingMode};
+use super::sdo_server::block_upload;
+use ecan_canopen::{DriveState, OperatingMode};
 use ecan_sim::{Drive, MotorConfig, NodeOutput};
 use proptest::prelude::*;
 
@@ -143,17 +144,7 @@ proptest! {
             frame[1..=chunk.len()].copy_from_slice(chunk);
             prop_assert_eq!(fixture.sdo(frame)[0], 0x20 | toggle);
         }
-        prop_assert_eq!(fixture.sdo([0xA4, 0x00, 0x20, 0, block_size, 0, 0, 0])[0], 0xC6);
-        let mut read = Vec::new();
-        let mut segments = fixture.sdo_all([0xA3, 0, 0, 0, 0, 0, 0, 0]);
-        while segments[0][0] & 0xE0 != 0xC0 || segments.len() > 1 || read.len() < value.len() {
-            for segment in &segments {
-                read.extend_from_slice(&segment[1..]);
-            }
-            segments = fixture.sdo_all([0xA2, segments.len() as u8, block_size, 0, 0, 0, 0, 0]);
-        }
-        read.truncate(value.len());
-        prop_assert_eq!(read, value);
+        prop_assert_eq!(block_upload(&mut fixture, block_size), value);
     }
 
     /// For any targets, the motor's velocity and acceleration stay within their limits, and the
@@ -164,12 +155,8 @@ proptest! {
         jitter in prop::collection::vec(0..900_000u64, 60),
     ) {
         let mut fixture = Fixture::booted();
-        fixture.map_csp();
         fixture.write(0x6065, 0, 0xFFFF_FFFF, 4).unwrap();
-        fixture.nmt(NmtCommand::Start);
-        for word in [0x06, 0x07, 0x0F] {
-            fixture.cycle(word, 1000);
-        }
+        fixture.start_csp(1000);
         let (mut before, mut at) = (fixture.drive.clone(), fixture.now);
         for (target, jitter) in targets.iter().zip(&jitter) {
             fixture.cycle(0x0F, *target);

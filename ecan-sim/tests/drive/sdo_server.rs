@@ -10,38 +10,25 @@ fn aborted(response: [u8; 8], index: u16, sub: u8) -> u32 {
 }
 
 #[test]
-fn expedited_uploads_return_values() {
+fn expedited_transfers_read_and_write_values() {
     let mut fixture = Fixture::booted();
-    // device type, 4 bytes
-    assert_eq!(
-        fixture.sdo([0x40, 0x00, 0x10, 0, 0, 0, 0, 0]),
-        [0x43, 0x00, 0x10, 0, 0x92, 0x01, 0x02, 0x00]
-    );
-    // producer heartbeat time, 2 bytes
-    assert_eq!(fixture.sdo([0x40, 0x17, 0x10, 0, 0, 0, 0, 0]), [0x4B, 0x17, 0x10, 0, 0, 0, 0, 0]);
-    // error register, 1 byte
-    assert_eq!(fixture.sdo([0x40, 0x01, 0x10, 0, 0, 0, 0, 0]), [0x4F, 0x01, 0x10, 0, 0, 0, 0, 0]);
-    // actual position of a drive at 1000
-    assert_eq!(
-        fixture.sdo([0x40, 0x64, 0x60, 0, 0, 0, 0, 0]),
-        [0x43, 0x64, 0x60, 0, 0xE8, 0x03, 0, 0]
-    );
-}
-
-#[test]
-fn expedited_downloads_write_values() {
-    let mut fixture = Fixture::booted();
-    // profile velocity 123456, with its size
-    assert_eq!(
-        fixture.sdo([0x23, 0x81, 0x60, 0, 0x40, 0xE2, 0x01, 0x00]),
-        [0x60, 0x81, 0x60, 0, 0, 0, 0, 0]
-    );
+    for (request, response) in [
+        // device type, 4 bytes
+        ([0x40, 0x00, 0x10, 0, 0, 0, 0, 0], [0x43, 0x00, 0x10, 0, 0x92, 0x01, 0x02, 0x00]),
+        // producer heartbeat time, 2 bytes
+        ([0x40, 0x17, 0x10, 0, 0, 0, 0, 0], [0x4B, 0x17, 0x10, 0, 0, 0, 0, 0]),
+        // error register, 1 byte
+        ([0x40, 0x01, 0x10, 0, 0, 0, 0, 0], [0x4F, 0x01, 0x10, 0, 0, 0, 0, 0]),
+        // actual position of a drive at 1000
+        ([0x40, 0x64, 0x60, 0, 0, 0, 0, 0], [0x43, 0x64, 0x60, 0, 0xE8, 0x03, 0, 0]),
+        // profile velocity 123456, with its size
+        ([0x23, 0x81, 0x60, 0, 0x40, 0xE2, 0x01, 0x00], [0x60, 0x81, 0x60, 0, 0, 0, 0, 0]),
+        // mode of operation 8, without size
+        ([0x22, 0x60, 0x60, 0, 8, 0xAA, 0xBB, 0xCC], [0x60, 0x60, 0x60, 0, 0, 0, 0, 0]),
+    ] {
+        assert_eq!(fixture.sdo(request), response, "{request:02X?}");
+    }
     assert_eq!(fixture.drive.object(0x6081, 0), Some(123_456));
-    // mode of operation 8, without size
-    assert_eq!(
-        fixture.sdo([0x22, 0x60, 0x60, 0, 8, 0xAA, 0xBB, 0xCC]),
-        [0x60, 0x60, 0x60, 0, 0, 0, 0, 0]
-    );
     assert_eq!(fixture.drive.object(0x6060, 0), Some(8));
 }
 
@@ -163,7 +150,7 @@ fn block_download(fixture: &mut Fixture, value: &[u8], announce: bool) {
     assert_eq!(fixture.sdo(end), [0xA1, 0, 0, 0, 0, 0, 0, 0]);
 }
 
-fn block_upload(fixture: &mut Fixture, block_size: u8) -> Vec<u8> {
+pub fn block_upload(fixture: &mut Fixture, block_size: u8) -> Vec<u8> {
     let response = fixture.sdo([0xA4, 0x00, 0x20, 0, block_size, 0, 0, 0]);
     assert_eq!(response[..4], [0xC6, 0x00, 0x20, 0]);
     let size = u32::from_le_bytes(response[4..].try_into().unwrap()) as usize;
@@ -273,18 +260,15 @@ fn short_block_upload_may_be_answered_at_once() {
     );
 }
 
-fn with_quirks(quirks: DriveQuirks) -> Fixture {
-    Fixture::with(&DriveConfig { quirks, ..config() })
-}
-
 #[test]
 fn drive_without_block_transfer_aborts() {
-    let mut fixture = with_quirks(DriveQuirks { no_block_transfer: true, ..Default::default() });
+    let mut fixture =
+        Fixture::with_quirks(DriveQuirks { no_block_transfer: true, ..Default::default() });
     for request in [[0xA4, 0, 0x20, 0, 127, 0, 0, 0], [0xC6, 0, 0x20, 0, 9, 0, 0, 0]] {
         assert_eq!(aborted(fixture.sdo(request), 0x2000, 0), 0x0504_0001);
     }
     let quirks = DriveQuirks { block_upload_falls_back: true, ..Default::default() };
-    let mut fixture = with_quirks(quirks);
+    let mut fixture = Fixture::with_quirks(quirks);
     let response = fixture.sdo([0xA4, 0x08, 0x10, 0, 127, 0, 0, 0]);
     assert_eq!(response, [0x41, 0x08, 0x10, 0, 26, 0, 0, 0]);
     assert_eq!(fixture.sdo([0x60, 0, 0, 0, 0, 0, 0, 0]), *b"\x00ECAN si");
@@ -300,7 +284,7 @@ fn sdo_rules_make_transfers_fail() {
         times,
     };
     let abort = SdoEffect::Abort(ecan_protocol::object::AbortCode(0x0601_0000));
-    let mut fixture = with_quirks(DriveQuirks {
+    let mut fixture = Fixture::with_quirks(DriveQuirks {
         sdo_rules: vec![
             rule(0x60C2, SdoDirection::Write, abort, Some(2)),
             rule(0x1018, SdoDirection::Read, SdoEffect::Silence, Some(1)),

@@ -1,8 +1,8 @@
 //! Drives with several axes: each has objects, a state machine and a motor of its own.
 
 use super::fixture::{Fixture, NODE, config};
-use ecan_canopen::{DeviceFile, DriveState, NmtCommand, OperatingMode};
-use ecan_sim::{Drive, DriveConfig};
+use ecan_canopen::{DriveState, NmtCommand, OperatingMode};
+use ecan_sim::DriveConfig;
 
 const SECOND: u16 = 0x800;
 
@@ -75,10 +75,7 @@ fn pdos_carry_objects_of_each_axis() {
 fn fault_of_an_axis_leaves_the_other_enabled() {
     let mut fixture = two_axes();
     enable_second(&mut fixture);
-    fixture.write(0x6060, 0, 8, 1).unwrap();
-    for word in [0x06, 0x07, 0x0F] {
-        fixture.write(0x6040, 0, word, 2).unwrap();
-    }
+    fixture.enable(OperatingMode::CyclicPosition);
     let mut out = ecan_sim::NodeOutput::new();
     fixture.drive.fail_axis(fixture.now, 1, 0x2310, &mut out);
     fixture.pass_ms(50);
@@ -103,34 +100,22 @@ fn lost_host_stops_all_axes() {
 
 #[test]
 fn device_file_with_two_controlwords_gives_two_axes() {
-    let mut text = String::from(
-        "[DeviceInfo]\nVendorName=none\n[MandatoryObjects]\nSupportedObjects=1\n1=0x1000\n",
-    );
-    let objects = [0x6040, 0x6041, 0x6060, 0x6061, 0x6064, 0x607A, 0x6502];
-    let indices: Vec<u16> =
-        [0, SECOND].iter().flat_map(|axis| objects.map(|index| index + axis)).collect();
-    text += &format!("[OptionalObjects]\nSupportedObjects={}\n", indices.len());
-    for (nth, index) in indices.iter().enumerate() {
-        text += &format!("{}=0x{index:04X}\n", nth + 1);
+    let mut text = String::from("[1000] DataType=7, AccessType=ro, DefaultValue=0xFFFF0192\n");
+    for (index, data_type, access, value) in [
+        (0x6040, 6, "rw", 0),
+        (0x6041, 6, "ro", 0),
+        (0x6060, 2, "rw", 0),
+        (0x6061, 2, "ro", 0),
+        (0x6064, 4, "ro", 0),
+        (0x607A, 4, "rw", 0),
+        (0x6502, 7, "ro", 0x80),
+    ] {
+        let keys = format!("DataType={data_type}, AccessType={access}, DefaultValue={value}");
+        for index in [index, index + SECOND] {
+            text += &format!("[{index:04X}] {keys}, PDOMapping=1\n");
+        }
     }
-    text += "[1000]\nDataType=7\nAccessType=ro\nDefaultValue=0xFFFF0192\n";
-    for index in indices {
-        let (data_type, access, value) = match index & 0x7FF {
-            0x040 => (6, "rw", 0),
-            0x041 => (6, "ro", 0),
-            0x060 => (2, "rw", 0),
-            0x061 => (2, "ro", 0),
-            0x064 => (4, "ro", 0),
-            0x07A => (4, "rw", 0),
-            _ => (7, "ro", 0x80),
-        };
-        text += &format!(
-            "[{index:04X}]\nDataType={data_type}\nAccessType={access}\nDefaultValue={value}\nPDOMapping=1\n"
-        );
-    }
-    let file = DeviceFile::parse(text.as_bytes()).unwrap();
-    let mut fixture = Fixture::cold(Drive::from_device_file(&config(), &file));
-    fixture.pass_ms(100);
+    let mut fixture = Fixture::from_file(&text);
     fixture.sent.clear();
     assert_eq!(fixture.drive.axis_count(), 2);
     enable_second(&mut fixture);

@@ -1,5 +1,7 @@
 //! The CiA 402 state machine of the drive: transitions, option codes, faults.
 
+use std::collections::BTreeSet;
+
 use super::fixture::{Fixture, config};
 use ecan_canopen::DriveState::{
     self, Fault, FaultReactionActive, OperationEnabled, QuickStopActive, ReadyToSwitchOn,
@@ -40,84 +42,42 @@ fn way_to(state: DriveState) -> Fixture {
 
 #[test]
 fn every_controlword_in_every_state_has_its_transition() {
-    let table = [
-        (
-            SwitchOnDisabled,
-            [
-                (SHUTDOWN, ReadyToSwitchOn),
-                (SWITCH_ON, SwitchOnDisabled),
-                (ENABLE, SwitchOnDisabled),
-                (DISABLE_VOLTAGE, SwitchOnDisabled),
-                (QUICK_STOP, SwitchOnDisabled),
-                (FAULT_RESET, SwitchOnDisabled),
-            ],
-        ),
-        (
-            ReadyToSwitchOn,
-            [
-                (SHUTDOWN, ReadyToSwitchOn),
-                (SWITCH_ON, SwitchedOn),
-                // transitions 3 and 4 together
-                (ENABLE, OperationEnabled),
-                (DISABLE_VOLTAGE, SwitchOnDisabled),
-                (QUICK_STOP, SwitchOnDisabled),
-                // bit 7 has no meaning here, the rest is disable voltage
-                (FAULT_RESET, SwitchOnDisabled),
-            ],
-        ),
-        (
-            SwitchedOn,
-            [
-                (SHUTDOWN, ReadyToSwitchOn),
-                (SWITCH_ON, SwitchedOn),
-                (ENABLE, OperationEnabled),
-                (DISABLE_VOLTAGE, SwitchOnDisabled),
-                (QUICK_STOP, SwitchOnDisabled),
-                (FAULT_RESET, SwitchOnDisabled),
-            ],
-        ),
-        (
-            OperationEnabled,
-            [
-                (SHUTDOWN, ReadyToSwitchOn),
-                (SWITCH_ON, SwitchedOn),
-                (ENABLE, OperationEnabled),
-                (DISABLE_VOLTAGE, SwitchOnDisabled),
-                (QUICK_STOP, QuickStopActive),
-                (FAULT_RESET, SwitchOnDisabled),
-            ],
-        ),
-        (
-            QuickStopActive,
-            [
-                (SHUTDOWN, QuickStopActive),
-                (SWITCH_ON, QuickStopActive),
-                // transition 16
-                (ENABLE, OperationEnabled),
-                (DISABLE_VOLTAGE, SwitchOnDisabled),
-                (QUICK_STOP, QuickStopActive),
-                (FAULT_RESET, SwitchOnDisabled),
-            ],
-        ),
-        (
-            Fault,
-            [
-                (SHUTDOWN, Fault),
-                (SWITCH_ON, Fault),
-                (ENABLE, Fault),
-                (DISABLE_VOLTAGE, Fault),
-                (QUICK_STOP, Fault),
-                (FAULT_RESET, SwitchOnDisabled),
-            ],
-        ),
+    let table: [(_, &[u16], _); 21] = [
+        (SwitchOnDisabled, &[SHUTDOWN], ReadyToSwitchOn),
+        (SwitchOnDisabled, &[SWITCH_ON, ENABLE], SwitchOnDisabled),
+        (SwitchOnDisabled, &[DISABLE_VOLTAGE, QUICK_STOP, FAULT_RESET], SwitchOnDisabled),
+        (ReadyToSwitchOn, &[SHUTDOWN], ReadyToSwitchOn),
+        (ReadyToSwitchOn, &[SWITCH_ON], SwitchedOn),
+        // transitions 3 and 4 together
+        (ReadyToSwitchOn, &[ENABLE], OperationEnabled),
+        // bit 7 has no meaning here, the rest is disable voltage
+        (ReadyToSwitchOn, &[DISABLE_VOLTAGE, QUICK_STOP, FAULT_RESET], SwitchOnDisabled),
+        (SwitchedOn, &[SHUTDOWN], ReadyToSwitchOn),
+        (SwitchedOn, &[SWITCH_ON], SwitchedOn),
+        (SwitchedOn, &[ENABLE], OperationEnabled),
+        (SwitchedOn, &[DISABLE_VOLTAGE, QUICK_STOP, FAULT_RESET], SwitchOnDisabled),
+        (OperationEnabled, &[SHUTDOWN], ReadyToSwitchOn),
+        (OperationEnabled, &[SWITCH_ON], SwitchedOn),
+        (OperationEnabled, &[ENABLE], OperationEnabled),
+        (OperationEnabled, &[DISABLE_VOLTAGE, FAULT_RESET], SwitchOnDisabled),
+        (OperationEnabled, &[QUICK_STOP], QuickStopActive),
+        (QuickStopActive, &[SHUTDOWN, SWITCH_ON, QUICK_STOP], QuickStopActive),
+        // transition 16
+        (QuickStopActive, &[ENABLE], OperationEnabled),
+        (QuickStopActive, &[DISABLE_VOLTAGE, FAULT_RESET], SwitchOnDisabled),
+        (Fault, &[SHUTDOWN, SWITCH_ON, ENABLE, DISABLE_VOLTAGE, QUICK_STOP], Fault),
+        (Fault, &[FAULT_RESET], SwitchOnDisabled),
     ];
-    for (from, steps) in table {
-        for (word, to) in steps {
+    let mut pairs = BTreeSet::new();
+    for (from, words, to) in table {
+        for word in words {
             let mut fixture = way_to(from);
-            fixture.controlword(word);
+            fixture.controlword(*word);
             assert_eq!(fixture.drive.state(), to, "{from} with {word:#04X}");
+            pairs.insert((from.to_string(), word));
         }
     }
+    assert_eq!(pairs.len(), 6 * 6, "every controlword in every state");
 }
 
 #[test]
@@ -288,8 +248,8 @@ fn enabling_takes_brake_time() {
 
 #[test]
 fn state_machine_quirks_apply() {
-    let with = |quirks| Fixture::with(&DriveConfig { quirks, ..config() });
-    let mut fixture = with(DriveQuirks { needs_mode: true, ..DriveQuirks::default() });
+    let mut fixture =
+        Fixture::with_quirks(DriveQuirks { needs_mode: true, ..DriveQuirks::default() });
     for word in [SHUTDOWN, SWITCH_ON, ENABLE] {
         fixture.controlword(word);
     }
@@ -298,7 +258,8 @@ fn state_machine_quirks_apply() {
     fixture.controlword(ENABLE);
     assert_eq!(fixture.drive.state(), OperationEnabled);
 
-    let mut fixture = with(DriveQuirks { stuck_in_fault: true, ..DriveQuirks::default() });
+    let mut fixture =
+        Fixture::with_quirks(DriveQuirks { stuck_in_fault: true, ..DriveQuirks::default() });
     fixture.drive.fail(fixture.now, 0x2310, &mut NodeOutput::new());
     for word in [0, FAULT_RESET, 0, FAULT_RESET] {
         fixture.controlword(word);
@@ -308,7 +269,8 @@ fn state_machine_quirks_apply() {
     fixture.pass_ms(50);
     assert_eq!(fixture.drive.state(), SwitchOnDisabled);
 
-    let mut fixture = with(DriveQuirks { ignores_quick_stop: true, ..DriveQuirks::default() });
+    let mut fixture =
+        Fixture::with_quirks(DriveQuirks { ignores_quick_stop: true, ..DriveQuirks::default() });
     fixture.mode(OperatingMode::CyclicPosition);
     for word in [SHUTDOWN, SWITCH_ON, ENABLE, QUICK_STOP] {
         fixture.controlword(word);
@@ -319,7 +281,7 @@ fn state_machine_quirks_apply() {
     assert_eq!(fixture.drive.state(), SwitchedOn);
 
     let quirks = DriveQuirks { ignored_modes: vec![8], mode_delay_ms: 5, ..Default::default() };
-    let mut fixture = with(quirks);
+    let mut fixture = Fixture::with_quirks(quirks);
     fixture.mode(OperatingMode::CyclicPosition);
     fixture.pass_ms(100);
     assert_eq!((fixture.read(0x6060, 0), fixture.read(0x6061, 0)), (Ok(8), Ok(0)));

@@ -1,6 +1,6 @@
 //! The trace of the drive.
 
-use ecan_canopen::{Command, Controlword, DriveState, NmtCommand, OperatingMode};
+use ecan_canopen::{Command, Controlword, DriveState, OperatingMode};
 use ecan_sim::{CommandSource, DriveConfig, TraceCause, TraceEvent};
 
 use super::fixture::{Fixture, MS, config};
@@ -48,11 +48,7 @@ fn trace_shows_enabling_stop_and_release_with_causes() {
 #[test]
 fn trace_samples_every_controller_period() {
     let mut fixture = traced(1_000);
-    fixture.map_csp();
-    fixture.nmt(NmtCommand::Start);
-    for word in [0x06, 0x07, 0x0F] {
-        fixture.cycle(word, 1_000);
-    }
+    fixture.start_csp(1_000);
     let since = fixture.drive.trace().recorded();
     for n in 1..=10 {
         fixture.pass(MS / 3);
