@@ -154,10 +154,8 @@ fn events_are_latched_until_read() {
 #[test]
 fn pending_counts_saturate_at_7() {
     let mut fixture = with(BusOffRecovery::Manual);
-    for id in 0..20 {
-        fixture.deliver(0, standard(id, &[]));
-        fixture.push(0, standard(id, &[]));
-    }
+    fixture.deliver_ids(0, 0..20);
+    fixture.push_ids(0, 0..20);
     fixture.cycle();
     let status = fixture.input().header().channel_status[0];
     assert_eq!((status.rx_pending(), status.tx_pending()), (7, 7));

@@ -279,8 +279,7 @@ fn blocking_fifo_keeps_old_frames_and_overwriting_keeps_new_ones() {
         fixture.deliver_ids(0, 0..6);
         assert_eq!(fixture.upload(0x9000, 4) & (1 << 24 | 1 << 25 | 0x7F), 1 << 25 | 1 << 24 | 4);
         fixture.cycle();
-        let ids: Vec<_> = fixture.received_ids();
-        assert_eq!(ids, expected, "{mode:?}");
+        assert_eq!(fixture.received_ids(), expected, "{mode:?}");
         assert_eq!(fixture.gateway.counters().receive_losses.controller_full, 2);
     }
 }

@@ -68,8 +68,7 @@ fn frames_come_oldest_first_over_all_channels() {
         fixture.now += 10;
     }
     fixture.cycle();
-    let ids: Vec<_> = fixture.received_ids();
-    assert_eq!(ids, [1, 2, 3, 4, 5]);
+    assert_eq!(fixture.received_ids(), [1, 2, 3, 4, 5]);
 }
 
 /// Eight frames of 12 bytes wait on channel 0 before one each on some others.
@@ -141,9 +140,7 @@ fn oversized_frame_is_an_overrun_and_blocks_no_other() {
 fn overflow_count_saturates() {
     let mut fixture = with(chunks(1));
     assert!(fixture.write());
-    for id in 0..2000 {
-        fixture.deliver(0, standard(id & 0x7FF, &[]));
-    }
+    fixture.deliver_ids(0, (0..2000).map(|id| id & 0x7FF));
     assert!(fixture.write());
     assert!(fixture.read());
     fixture.cycle();

@@ -39,10 +39,8 @@ fn access_mode_is_granted_and_times_out() {
 #[test]
 fn clear_diagnostics_resets_the_channels_counters() {
     let mut fixture = Fixture::op(chunks(3), chunks(24));
-    for id in 0..70 {
-        fixture.push(0, standard(id, &[]));
-        fixture.deliver(0, standard(id, &[]));
-    }
+    fixture.push_ids(0, 0..70);
+    fixture.deliver_ids(0, 0..70);
     fixture.cycle();
     assert_ne!(fixture.upload(0x9020, 5), 0);
     assert_ne!(fixture.upload(0x9020, 12), 0);
@@ -96,10 +94,8 @@ fn clearing_the_cycle_statistics_clears_the_channels_service_times() {
 #[test]
 fn data_path_diagnostics_show_what_happens() {
     let mut fixture = Fixture::op(chunks(3), chunks(24));
-    for id in 0..3 {
-        fixture.deliver(0, standard(id, &[]));
-        fixture.deliver(1, standard(id, &[]));
-    }
+    fixture.deliver_ids(0, 0..3);
+    fixture.deliver_ids(1, 0..3);
     fixture.push(1, standard(9, &[]));
     fixture.cycle();
     let show =
