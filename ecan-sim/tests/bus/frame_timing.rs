@@ -21,29 +21,35 @@ fn timing(frame: CanFrame) -> (u16, u16, u16) {
     (t.nominal_bits, t.data_bits, t.stuff_bits)
 }
 
-/// 44 bits of frame; the 34 zeros from SOF to the CRC (which is 0) need a stuff bit after every
-/// fifth one: 6.
 #[test]
-fn standard_frame_of_zeros_has_known_length() {
-    let frame = CanFrame::classic(std_id(0), &[]).unwrap();
-    assert_eq!(timing(frame), (50, 0, 6));
-}
-
-/// 1 + 11 + 1 + 1 + 1 + 4 + 15 + 1 + 1 + 1 + 7 = 44, and 8 per byte. Identifier 0x555 and bytes
-/// 0x55 alternate; the only stuff bit is in the CRC 001101100000100, after five zeros.
-#[test]
-fn alternating_standard_frame_has_known_length() {
-    let frame = CanFrame::classic(std_id(0x555), &[0x55; 8]).unwrap();
-    assert_eq!(timing(frame), (44 + 64 + 1, 0, 1));
-    assert_eq!(WireFrame::new(&frame).crc(), 0b001_1011_0000_0100);
-}
-
-/// The example frame of manual 5.4.4.1.
-#[test]
-fn frame_of_manual_has_known_length() {
-    let data = [0x11, 0x22, 0x33, 0x44, 0x55, 0x66, 0x77, 0x88];
-    let frame = CanFrame::classic(std_id(0x123), &data).unwrap();
-    assert_eq!(timing(frame), (44 + 64 + 1, 0, 1));
+fn frames_have_known_lengths() {
+    let classic = |id, data: &[u8]| CanFrame::classic(id, data).unwrap();
+    let fd = |id, data: &[u8], esi| CanFrame::fd(id, data, true, esi).unwrap();
+    let example = [0x11, 0x22, 0x33, 0x44, 0x55, 0x66, 0x77, 0x88];
+    for (frame, expected) in [
+        // 44 bits of frame; the 34 zeros from SOF to the CRC (which is 0) need a stuff bit after every
+        // fifth one: 6.
+        (classic(std_id(0), &[]), (50, 0, 6)),
+        // 1 + 11 + 1 + 1 + 1 + 4 + 15 + 1 + 1 + 1 + 7 = 44, and 8 per byte. Identifier 0x555 and bytes
+        // 0x55 alternate; the only stuff bit is in the CRC 001101100000100, after five zeros.
+        (classic(std_id(0x555), &[0x55; 8]), (44 + 64 + 1, 0, 1)),
+        // The example frame of manual 5.4.4.1.
+        (classic(std_id(0x123), &example), (44 + 64 + 1, 0, 1)),
+        // 17 bits up to BRS, then ESI, DLC, 512 data bits, 32 bits of CRC field and the CRC delimiter,
+        // then 9 nominal bits. No stuff bits.
+        (fd(std_id(0x555), &[0x55; 64], false), (17 + 9, 1 + 4 + 512 + 32 + 1, 0)),
+        // SOF to IDE are 14 zeros, so 2 stuff bits before the switch; 512 zeros of data take 102.
+        (fd(std_id(0), &[0; 64], false), (17 + 2 + 9, 550 + 102, 104)),
+        // 31 ones up to the last identifier bit take 6 stuff bits, 518 ones from BRS on take 103.
+        (fd(ext_id(0x1FFF_FFFF), &[0xFF; 64], true), (36 + 6 + 9, 550 + 103, 109)),
+        // 160 zeros are 32 runs of five; after the last one comes the fixed stuff bit of the CRC field
+        // instead of a dynamic one.
+        (fd(std_id(0x555), &[0; 20], false), (26, 1 + 4 + 160 + 31 + 32 + 1, 31)),
+    ] {
+        assert_eq!(timing(frame), expected, "{frame:?}");
+    }
+    let alternating = classic(std_id(0x555), &[0x55; 8]);
+    assert_eq!(WireFrame::new(&alternating).crc(), 0b001_1011_0000_0100);
 }
 
 /// A remote frame has no data for any DLC: 64 bits extended, 44 standard.
@@ -56,36 +62,6 @@ fn remote_frames_carry_no_data() {
         assert_eq!(short.nominal_bits - short.stuff_bits, 44);
         assert_eq!(long.nominal_bits - long.stuff_bits, 64);
     }
-}
-
-/// 17 bits up to BRS, then ESI, DLC, 512 data bits, 32 bits of CRC field and the CRC delimiter,
-/// then 9 nominal bits. No stuff bits.
-#[test]
-fn alternating_fd_frame_has_known_length() {
-    let frame = CanFrame::fd(std_id(0x555), &[0x55; 64], true, false).unwrap();
-    assert_eq!(timing(frame), (17 + 9, 1 + 4 + 512 + 32 + 1, 0));
-}
-
-/// SOF to IDE are 14 zeros, so 2 stuff bits before the switch; 512 zeros of data take 102.
-#[test]
-fn fd_frame_of_zeros_has_known_length() {
-    let frame = CanFrame::fd(std_id(0), &[0; 64], true, false).unwrap();
-    assert_eq!(timing(frame), (17 + 2 + 9, 550 + 102, 104));
-}
-
-/// 31 ones up to the last identifier bit take 6 stuff bits, 518 ones from BRS on take 103.
-#[test]
-fn extended_fd_frame_of_ones_has_known_length() {
-    let frame = CanFrame::fd(ext_id(0x1FFF_FFFF), &[0xFF; 64], true, true).unwrap();
-    assert_eq!(timing(frame), (36 + 6 + 9, 550 + 103, 109));
-}
-
-/// 160 zeros are 32 runs of five; after the last one comes the fixed stuff bit of the CRC field
-/// instead of a dynamic one.
-#[test]
-fn fd_data_field_ending_in_five_equal_bits_has_no_stuff_bit() {
-    let frame = CanFrame::fd(std_id(0x555), &[0; 20], true, false).unwrap();
-    assert_eq!(timing(frame), (26, 1 + 4 + 160 + 31 + 32 + 1, 31));
 }
 
 /// Up to 16 bytes the CRC field has 4 + 17 + 6 bits, from 20 on 4 + 21 + 7.
