@@ -104,8 +104,7 @@ fn init_discards_mailbox_contents() {
 
 #[test]
 fn boot_state_serves_only_firmware() {
-    let mut line = Line::of(1);
-    line.address(0);
+    let mut line = Line::addressed(1);
     line.request(0x1001, 3);
     assert_eq!(line.state(0x1001), (0x11, 0x15), "no mailboxes for BOOT");
     line.set_up_mailboxes(0x1001);
@@ -134,8 +133,7 @@ fn unusable_mailboxes_are_rejected() {
         (changed(12, 0x20), "three buffers"),
     ];
     for (registers, what) in cases {
-        let mut line = Line::of(1);
-        line.address(0);
+        let mut line = Line::addressed(1);
         line.write(FPWR, 0x1001, 0x0800, &registers);
         line.request(0x1001, 2);
         assert_eq!(line.state(0x1001), (0x11, 0x16), "{what}");

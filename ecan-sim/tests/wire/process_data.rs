@@ -132,20 +132,14 @@ fn watchdog_forces_safeop_and_is_counted() {
 fn op_with_sync0_waits_for_its_pulse() {
     let mut line = Line::op();
     line.request(0x1001, 4);
-    let start = |line: &mut Line, ahead_ns: u64| {
-        let (time, _) = line.read(FPRD, 0x1001, 0x0910, 8);
-        let time = u64::from_le_bytes(time.try_into().unwrap()) + ahead_ns;
-        line.write(FPWR, 0x1001, 0x0980, &[0, 0]);
-        assert_eq!(line.write(FPWR, 0x1001, 0x0990, &time.to_le_bytes()), 1);
-        assert_eq!(line.write(FPWR, 0x1001, 0x09A0, &1_000_000_u32.to_le_bytes()), 1);
-        assert_eq!(line.write(FPWR, 0x1001, 0x0980, &[0, 3]), 1);
-    };
-    start(&mut line, 10_000 * MS);
+    let now = line.read_u64(0x1001, 0x0910);
+    line.start_sync0(now + 10_000 * MS, 1_000_000);
     line.request(0x1001, 8);
     assert_eq!(line.state(0x1001), (4, 0), "it waits");
     line.pass(2_100 * MS);
     assert_eq!(line.state(0x1001), (0x14, 0x2D), "no Sync0");
-    start(&mut line, 5 * MS);
+    let now = line.read_u64(0x1001, 0x0910);
+    line.start_sync0(now + 5 * MS, 1_000_000);
     line.request(0x1001, 0x18);
     line.pass(10 * MS);
     assert_eq!(line.state(0x1001), (8, 0));

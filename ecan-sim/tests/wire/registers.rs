@@ -1,16 +1,12 @@
 //! Commands, addresses, working counters and registers of the slave controllers on the wire.
 
-use crate::wire_support::{Datagram, Line, command::*};
+use crate::wire_support::{Datagram, Line, MS, command::*};
 use ecan_sim::{Fault, LossDirection};
 
 #[test]
 fn positions_and_stations_find_their_slave() {
-    let mut line = Line::of(3);
-    let (_, counter) = line.read(BRD, 0, 0x0000, 1);
-    assert_eq!(counter, 3);
-    for position in 0..3 {
-        line.address(position);
-    }
+    let mut line = Line::addressed(3);
+    assert_eq!(line.read(BRD, 0, 0x0000, 1).1, 3);
     for (station, expected) in [(0x1001, 1), (0x1002, 1), (0x1003, 1), (0x1004, 0)] {
         assert_eq!(line.read(FPRD, station, 0x0010, 2).1, expected);
     }
@@ -24,8 +20,7 @@ fn positions_and_stations_find_their_slave() {
 
 #[test]
 fn broadcasts_read_by_or_and_write_everywhere() {
-    let mut line = Line::of(3);
-    (0..3).for_each(|position| line.address(position));
+    let mut line = Line::addressed(3);
     let (data, counter) = line.read(BRD, 0, 0x0010, 2);
     assert_eq!((data, counter), (vec![0x03, 0x10], 3));
     assert_eq!(line.write(BWR, 0, 0x0F80, &[0xA5]), 3);
@@ -36,8 +31,7 @@ fn broadcasts_read_by_or_and_write_everywhere() {
 
 #[test]
 fn exchange_reads_before_it_writes() {
-    let mut line = Line::of(1);
-    line.address(0);
+    let mut line = Line::addressed(1);
     assert_eq!(line.write(FPWR, 0x1001, 0x0F80, &[1, 2]), 1);
     let back = line.one(Datagram::new(FPRW, 0x1001, 0x0F80, &[8, 9]));
     assert_eq!((back.data, back.counter), (vec![1, 2], 3));
@@ -48,8 +42,7 @@ fn exchange_reads_before_it_writes() {
 
 #[test]
 fn armw_reads_one_slave_and_writes_the_others() {
-    let mut line = Line::of(3);
-    (0..3).for_each(|position| line.address(position));
+    let mut line = Line::addressed(3);
     line.write(FPWR, 0x1002, 0x0F80, &[7]);
     let back = line.one(Datagram::new(FRMW, 0x1002, 0x0F80, &[1]));
     assert_eq!((back.data, back.counter), (vec![7], 3));
@@ -62,8 +55,7 @@ fn armw_reads_one_slave_and_writes_the_others() {
 
 #[test]
 fn many_datagrams_of_a_frame_are_served_in_order() {
-    let mut line = Line::of(2);
-    (0..2).for_each(|position| line.address(position));
+    let mut line = Line::addressed(2);
     let back = line
         .exchange(&[
             Datagram::new(FPWR, 0x1001, 0x0F80, &[0x11]),
@@ -80,8 +72,7 @@ fn many_datagrams_of_a_frame_are_served_in_order() {
 
 #[test]
 fn information_and_port_registers_are_readable() {
-    let mut line = Line::of(2);
-    (0..2).for_each(|position| line.address(position));
+    let mut line = Line::addressed(2);
     let (information, _) = line.read(FPRD, 0x1001, 0x0000, 10);
     assert_eq!(information[4..8], [8, 8, 8, 0x0F], "FMMUs, sync managers, KiB, ports");
     assert_eq!(information[8] & 0x0C, 0x0C, "distributed clocks, 64 bits");
@@ -92,8 +83,7 @@ fn information_and_port_registers_are_readable() {
 
 #[test]
 fn rejected_register_write_is_not_counted() {
-    let mut line = Line::of(1);
-    line.address(0);
+    let mut line = Line::addressed(1);
     for read_only in [0x0000, 0x0110, 0x0130, 0x0134, 0x0918, 0x092C] {
         assert_eq!(line.write(FPWR, 0x1001, read_only, &[0xFF]), 0, "{read_only:#06x}");
     }
@@ -104,8 +94,7 @@ fn rejected_register_write_is_not_counted() {
 
 #[test]
 fn state_requests_are_answered_with_state_and_code() {
-    let mut line = Line::of(1);
-    line.address(0);
+    let mut line = Line::addressed(1);
     line.request(0x1001, 2);
     assert_eq!(line.state(0x1001), (0x11, 0x16), "no mailboxes");
     line.set_up_mailboxes(0x1001);
@@ -141,22 +130,21 @@ fn events_follow_the_event_mask() {
 
 #[test]
 fn eeprom_is_read_written_and_checked() {
-    let mut line = Line::of(2);
-    (0..2).for_each(|position| line.address(position));
+    let mut line = Line::addressed(2);
     let [vendor, _] = line.eeprom(0x1001, 0x0008);
     assert_eq!(vendor, 0x4543);
     assert_eq!(line.eeprom(0x1002, 0x0018), [0x1000, 0x0080]);
     // station alias: write, reload, use
     assert_eq!(line.write(FPWR, 0x1001, 0x0502, &[1, 2, 4, 0, 0, 0, 0x34, 0x12]), 1);
-    line.pass(crate::wire_support::MS);
+    line.pass(MS);
     assert_eq!(line.eeprom(0x1001, 4)[0], 0x1234);
     assert_eq!(line.read_u16(0x1001, 0x0012), 0, "not loaded yet");
     assert_eq!(line.write(FPWR, 0x1001, 0x0502, &[0, 4]), 1);
-    line.pass(crate::wire_support::MS);
+    line.pass(MS);
     assert_eq!(line.read_u16(0x1001, 0x0012), 0, "nor by a reload");
     assert_eq!(line.read_u16(0x1001, 0x0502) & 0x0800, 0x0800, "the checksum is the old one");
     line.wire.world_mut().inject(Fault::PowerCycle { gateway: 0, off_ms: 10 });
-    line.pass(500 * crate::wire_support::MS);
+    line.pass(500 * MS);
     line.address(0);
     assert_eq!(line.read(FPRD, 0x1234, 0x0012, 2).1, 0);
     line.write(FPWR, 0x1001, 0x0103, &[1]);
@@ -168,8 +156,7 @@ fn eeprom_is_read_written_and_checked() {
 
 #[test]
 fn lost_gateway_closes_the_line_after_it() {
-    let mut line = Line::of(3);
-    (0..3).for_each(|position| line.address(position));
+    let mut line = Line::addressed(3);
     line.wire.world_mut().inject(Fault::PowerOff { gateway: 1 });
     assert_eq!(line.read(BRD, 0, 0x0000, 1).1, 1);
     assert_eq!(line.read_u16(0x1001, 0x0110), 0x5613, "port 1 is closed");
@@ -183,7 +170,7 @@ fn power_cycle_clears_registers_and_keeps_the_eeprom() {
     let mut line = Line::preop(2);
     line.write(FPWR, 0x1001, 0x0502, &[1, 2, 4, 0, 0, 0, 0x34, 0x12]);
     line.wire.world_mut().inject(Fault::PowerCycle { gateway: 0, off_ms: 10 });
-    line.pass(500 * crate::wire_support::MS);
+    line.pass(500 * MS);
     assert_eq!(line.read(FPRD, 0x1001, 0x0130, 2).1, 0, "no station address");
     line.address(0);
     assert_eq!(line.state(0x1001), (1, 0));
@@ -206,8 +193,7 @@ fn scenario_faults_affect_process_data_frames() {
 
 #[test]
 fn error_counters_count_and_are_cleared_by_a_write() {
-    let mut line = Line::of(1);
-    line.address(0);
+    let mut line = Line::addressed(1);
     let mut torn = crate::wire_support::encode(&[Datagram::new(BRD, 0, 0, &[0])]);
     torn.truncate(torn.len() - 1);
     line.wire.pass(line.now, &mut torn);

@@ -36,8 +36,7 @@ fn parse(line: &str) -> Option<Access> {
 fn in_state(state: u8) -> Line {
     match state {
         1 | 3 => {
-            let mut line = Line::of(1);
-            line.address(0);
+            let mut line = Line::addressed(1);
             if state == 3 {
                 line.set_up_mailboxes(0x1001);
                 line.request(0x1001, 3);

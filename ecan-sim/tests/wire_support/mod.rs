@@ -106,11 +106,17 @@ impl Line {
         Some(Self { wire: self.wire.try_clone()?, now: self.now })
     }
 
+    /// Gateways with the station addresses 0x1001 and up, in INIT.
+    pub fn addressed(gateways: usize) -> Self {
+        let mut line = Self::of(gateways);
+        (0..gateways as u16).for_each(|position| line.address(position));
+        line
+    }
+
     /// Station addresses 0x1001 and up, mailboxes, PREOP.
     pub fn preop(gateways: usize) -> Self {
-        let mut line = Self::of(gateways);
+        let mut line = Self::addressed(gateways);
         for position in 0..gateways as u16 {
-            line.address(position);
             line.set_up_mailboxes(0x1001 + position);
             line.request(0x1001 + position, 2);
             assert_eq!(line.state(0x1001 + position), (2, 0));
@@ -163,6 +169,18 @@ impl Line {
 
     pub fn write(&mut self, command: u8, slave: u16, offset: u16, data: &[u8]) -> u16 {
         self.one(Datagram::new(command, slave, offset, data)).counter
+    }
+
+    pub fn read_u64(&mut self, station: u16, offset: u16) -> u64 {
+        u64::from_le_bytes(self.read(FPRD, station, offset, 8).0.try_into().unwrap())
+    }
+
+    /// Starts Sync0 of the first slave at this system time.
+    pub fn start_sync0(&mut self, start: u64, cycle_ns: u32) {
+        self.write(FPWR, 0x1001, 0x0980, &[0, 0]);
+        assert_eq!(self.write(FPWR, 0x1001, 0x0990, &start.to_le_bytes()), 1);
+        assert_eq!(self.write(FPWR, 0x1001, 0x09A0, &cycle_ns.to_le_bytes()), 1);
+        assert_eq!(self.write(FPWR, 0x1001, 0x0980, &[0, 3]), 1);
     }
 
     pub fn read_u16(&mut self, station: u16, offset: u16) -> u16 {
