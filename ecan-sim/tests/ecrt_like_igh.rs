@@ -42,6 +42,15 @@ fn pass_until(simulation: &Simulation, what: &str, condition: impl Fn() -> bool)
     panic!("not {what}: {:#?}", simulation.kernel_log());
 }
 
+/// Runs cycles until the condition holds, at most this number.
+fn cycle_until(program: &mut Program, most: usize, condition: impl Fn(&Program) -> bool) {
+    let is_met = (0..most).any(|_| {
+        program.cycle();
+        condition(program)
+    });
+    assert!(is_met, "{:#?}", program.simulation().kernel_log());
+}
+
 /// Waits until the fetch of the dictionary has begun.
 fn wait_for_fetch(simulation: &Simulation, master: &Master) {
     pass_until(simulation, "fetching", || master.slave_info(0).unwrap().sdo_count > 0);
@@ -231,13 +240,7 @@ fn dictionary_fetch_in_op_delays_requests() {
     program.cycles(400);
     cycles_until_op(&mut program, 0);
     let is_fetching = |program: &Program| program.master.slave_info(0).unwrap().sdo_count > 0;
-    for _ in 0..20_000 {
-        if is_fetching(&program) {
-            break;
-        }
-        program.cycle();
-    }
-    assert!(is_fetching(&program));
+    cycle_until(&mut program, 20_000, is_fetching);
     let cycles = cycles_of(&mut program, &requests);
     assert!((10_000..16_000).contains(&cycles), "{cycles} cycles");
     assert!(cycles_of(&mut program, &requests) < 30);
@@ -293,13 +296,7 @@ fn watchdog_runs_out_when_a_program_ends_in_op() {
     let mut program = Program::new(like_igh(4, |_| {}), &[1; 4]);
     program.activate();
     let is_in_op = |program: &Program| (0..4).all(|slave| program.state(slave).operational);
-    for _ in 0..60_000 {
-        if is_in_op(&program) {
-            break;
-        }
-        program.cycle();
-    }
-    assert!(is_in_op(&program));
+    cycle_until(&mut program, 60_000, is_in_op);
     let log = log_after_the_end(program);
     assert!(log.iter().any(|line| line.contains("0-3: ")), "{log:?}");
     assert!(!log.iter().any(|line| line.contains("0-0: ")), "{log:?}");
@@ -313,12 +310,7 @@ fn watchdog_runs_out_while_the_master_reads_a_dictionary() {
     let mut program = Program::new(backend, &[1]);
     program.activate();
     cycles_until_op(&mut program, 0);
-    for _ in 0..10_000 {
-        if observer.slave_info(0).unwrap().sdo_count > 0 {
-            break;
-        }
-        program.cycle();
-    }
+    cycle_until(&mut program, 10_000, |_| observer.slave_info(0).unwrap().sdo_count > 0);
     assert_eq!(log_after_the_end(program).len(), 1);
 }
 

@@ -2,7 +2,7 @@
 //! are stored here. A change for speed must not change them; a change of the simulated behaviour
 //! needs new ones.
 
-use crate::ecrt_support::{Program, stepped};
+use crate::ecrt_support::{Program, frame, stepped};
 use ecan_canopen::{NmtState, NodeId};
 use ecan_protocol::can::{CanFrame, CanId, FrameKind};
 use ecan_protocol::config::DataPathConfig;
@@ -241,20 +241,12 @@ fn scenario() -> Scenario {
 
 const MS: u64 = 1_000_000;
 
-fn id(raw: u16) -> CanId {
-    CanId::standard(raw).unwrap()
-}
-
-fn data(raw: u16, bytes: &[u8]) -> CanFrame {
-    CanFrame::classic(id(raw), bytes).unwrap()
-}
-
 /// An expedited download.
 fn download(node: u8, index: u16, subindex: u8, size: u8, value: u32) -> CanFrame {
     let [low, high] = index.to_le_bytes();
     let mut bytes = [0x23 | (4 - size) << 2, low, high, subindex, 0, 0, 0, 0];
     bytes[4..].copy_from_slice(&value.to_le_bytes());
-    data(0x600 + u16::from(node), &bytes)
+    frame(0x600 + u16::from(node), &bytes)
 }
 
 /// Commands of the drive with this number.
@@ -283,10 +275,10 @@ fn set_up(number: usize, node: u8) -> Vec<CanFrame> {
         download(node, 0x6098, 0, 1, [35, 1, 17][number % 3]),
         download(node, 0x6060, 0, 1, mode.into()),
         // a read of a missing object, and a text in segments
-        data(0x600 + u16::from(node), &[0x40, 0x99, 0x99, 0, 0, 0, 0, 0]),
-        data(0x600 + u16::from(node), &[0x40, 0x08, 0x10, 0, 0, 0, 0, 0]),
-        data(0x600 + u16::from(node), &[0x60, 0, 0, 0, 0, 0, 0, 0]),
-        data(0x600 + u16::from(node), &[0x70, 0, 0, 0, 0, 0, 0, 0]),
+        frame(0x600 + u16::from(node), &[0x40, 0x99, 0x99, 0, 0, 0, 0, 0]),
+        frame(0x600 + u16::from(node), &[0x40, 0x08, 0x10, 0, 0, 0, 0, 0]),
+        frame(0x600 + u16::from(node), &[0x60, 0, 0, 0, 0, 0, 0, 0]),
+        frame(0x600 + u16::from(node), &[0x70, 0, 0, 0, 0, 0, 0, 0]),
     ]
 }
 
@@ -328,7 +320,7 @@ fn frames(cycle: u64, random: &mut Random) -> Vec<(usize, u8, CanFrame)> {
     for index in 0..6 {
         let (slave, channel) = (index / CHANNELS, (index % CHANNELS) as u8);
         if matches!(cycle, 106 | 900) {
-            frames.push((slave, channel, data(0, &[1, 0])));
+            frames.push((slave, channel, frame(0, &[1, 0])));
         }
         for drive in 0..3u8 {
             let (number, node) = (3 * index + usize::from(drive), drive + 1);
@@ -340,16 +332,16 @@ fn frames(cycle: u64, random: &mut Random) -> Vec<(usize, u8, CanFrame)> {
             if cycle > 105 && cycle.is_multiple_of(2) {
                 let bytes = command(number, cycle);
                 let length = if MODES[number % MODES.len()] == 10 { 4 } else { 6 };
-                let rpdo = data(0x400 + u16::from(node), &bytes[..length]);
+                let rpdo = frame(0x400 + u16::from(node), &bytes[..length]);
                 frames.push((slave, channel, rpdo));
             }
         }
         if cycle > 20 && cycle.is_multiple_of(2) {
-            frames.push((slave, channel, data(0x080, &[])));
+            frames.push((slave, channel, frame(0x080, &[])));
         }
         if cycle == 1_700 {
-            frames.push((slave, channel, data(0, &[0x81, 2])));
-            frames.push((slave, channel, data(0, &[0x80, 3])));
+            frames.push((slave, channel, frame(0, &[0x81, 2])));
+            frames.push((slave, channel, frame(0, &[0x80, 3])));
         }
     }
     for channel in [2, 3] {
@@ -357,7 +349,7 @@ fn frames(cycle: u64, random: &mut Random) -> Vec<(usize, u8, CanFrame)> {
             let bytes: [u8; 8] = std::array::from_fn(|_| random.below(256) as u8);
             let length = random.below(9) as usize;
             let raw = 0x100 + random.below(0x400) as u16;
-            frames.push((1, channel, data(raw, &bytes[..length])));
+            frames.push((1, channel, frame(raw, &bytes[..length])));
         }
     }
     frames

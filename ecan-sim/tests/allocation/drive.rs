@@ -1,7 +1,7 @@
 //! A moving drive allocates no memory: cycles of RPDO, SYNC and TPDO, heartbeats, SDO transfers.
 
 use crate::drive::fixture::config;
-use crate::ecrt_support::{Program, stepped};
+use crate::ecrt_support::{Program, frame, stepped};
 use ecan_canopen::DriveState;
 use ecan_protocol::can::{CanFrame, CanId};
 use ecan_sim::{Drive, Node, NodeOutput, drives};
@@ -104,20 +104,16 @@ fn world_of_drives_allocates_nothing() {
     let mut program = Program::new(stepped(drives(1, 4)), &[8]).into_op();
     program.received.reserve(100_000);
     program.cycles(100);
-    let standard =
-        |id: u16, data: &[u8]| CanFrame::classic(CanId::standard(id).unwrap(), data).unwrap();
     let on_all = |frame: CanFrame| (0..4u8).map(move |channel| (0, channel, frame));
     // heartbeats every 5 ms and events of all drives
     for node in 1..=4 {
-        let write = standard(0x600 + node, &[0x2B, 0x17, 0x10, 0, 5, 0, 0, 0]);
+        let write = frame(0x600 + node, &[0x2B, 0x17, 0x10, 0, 5, 0, 0, 0]);
         program.cycle_with(&on_all(write).collect::<Vec<_>>());
         program.cycles(10);
     }
-    let start: Vec<_> = on_all(standard(0, &[1, 0])).collect();
-    let shutdown: Vec<_> =
-        (1..=4).flat_map(|node| on_all(standard(0x200 + node, &[6, 0]))).collect();
-    let disable: Vec<_> =
-        (1..=4).flat_map(|node| on_all(standard(0x200 + node, &[0, 0]))).collect();
+    let start: Vec<_> = on_all(frame(0, &[1, 0])).collect();
+    let shutdown: Vec<_> = (1..=4).flat_map(|node| on_all(frame(0x200 + node, &[6, 0]))).collect();
+    let disable: Vec<_> = (1..=4).flat_map(|node| on_all(frame(0x200 + node, &[0, 0]))).collect();
     program.cycle_with(&start);
     let run = |program: &mut Program, cycles: usize| {
         for _ in 0..cycles {

@@ -1,8 +1,7 @@
 //! The simulated library allocates nothing in the steady state, so that a counting allocator
 //! around an application's cycle counts the application.
 
-use crate::ecrt_support::{Program, stepped_echo};
-use ecan_protocol::can::{CanFrame, CanId};
+use crate::ecrt_support::{Program, frame, stepped_echo};
 use ecan_test_support::allocations;
 
 #[test]
@@ -12,14 +11,9 @@ fn cycles_with_traffic_allocate_nothing() {
     let request = program.master.create_sdo_request(config, 0x1018, 1, 4).unwrap();
     let mut program = program.into_op();
     program.received.reserve(10_000);
-    let data = [0x55; 8];
-    let frames: Vec<_> = (0..8u16)
-        .map(|number| {
-            let id = CanId::standard(0x100 + number).unwrap();
-            let frame = CanFrame::classic(id, &data).unwrap();
-            (usize::from(number / 4), (number % 4) as u8, frame)
-        })
-        .collect();
+    let frames = [0, 1, 2, 3, 4, 5, 6, 7].map(|number| {
+        (usize::from(number / 4), (number % 4) as u8, frame(0x100 + number, &[0x55; 8]))
+    });
     let run = |program: &mut Program, cycles: usize| {
         for cycle in 0..cycles {
             if cycle % 4 == 0 {

@@ -3,9 +3,9 @@
 use std::path::Path;
 
 use super::fixture::expand;
-use crate::ecrt_support::{Program, stepped};
+use crate::ecrt_support::{Program, frame, stepped};
 use ecan_canopen::{DriveState, NmtState, NodeId};
-use ecan_protocol::can::{CanFrame, CanId};
+use ecan_protocol::can::CanFrame;
 use ecan_protocol::object::AbortCode;
 use ecan_sim::{
     BackendError, ClockKind, DriveConfig, DriveFault, DriveQuirks, DriveSpec, EcrtSetting, Fault,
@@ -15,10 +15,6 @@ use ecan_sim::{
 
 fn id(node: u8) -> NodeId {
     NodeId::new(node).unwrap()
-}
-
-fn frame(id: u16, data: &[u8]) -> CanFrame {
-    CanFrame::classic(CanId::standard(id).unwrap(), data).unwrap()
 }
 
 /// A program on some drives, with one slave per gateway.

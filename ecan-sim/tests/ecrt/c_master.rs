@@ -2,31 +2,41 @@
 
 use std::ptr::null_mut;
 
+use crate::ecrt_support::stepped;
 use ecan_protocol::config::assignment_writes;
 use ecan_protocol::image::PdoProfile;
 use ecan_protocol::mapping::{Direction, data_object_index, pdo_map_index, sync_manager};
 use ecan_protocol::object::{MAPPED_SUBINDEX, SdoWrite};
 use ecan_sim::{
-    ClockKind, Scenario, ScenarioChoice, SimOptions, Simulation, libethercat as c, open_scenario,
-    simulate,
+    ClockKind, Scenario, ScenarioChoice, SimOptions, Simulation, libethercat as c, simulate,
 };
 use ecrt_sys::{
-    EC_DIR_INPUT, EC_DIR_OUTPUT, EC_WD_DEFAULT, ec_domain_t, ec_master_t, ec_pdo_entry_info_t,
-    ec_pdo_entry_reg_t, ec_pdo_info_t, ec_slave_config_state_t, ec_slave_config_t, ec_slave_info_t,
-    ec_sync_info_t,
+    EC_DIR_INPUT, EC_DIR_OUTPUT, EC_WD_DEFAULT, ec_domain_state_t, ec_domain_t, ec_master_t,
+    ec_pdo_entry_info_t, ec_pdo_entry_reg_t, ec_pdo_info_t, ec_slave_config_state_t,
+    ec_slave_config_t, ec_slave_info_t, ec_sync_info_t, ec_watchdog_mode_t,
 };
 
 /// Longest wait for OP in cycles.
-const PATIENCE: usize = 3_000;
+pub const PATIENCE: usize = 3_000;
 
-/// One gateway with one chunk in each direction, configured by lists.
+/// The owner of a master with one slave in one domain.
 pub struct CMaster {
     pub simulation: Simulation,
     pub master: *mut ec_master_t,
     pub config: *mut ec_slave_config_t,
     pub domain: *mut ec_domain_t,
+    pub position: u16,
     pub vendor_id: u32,
     pub product_code: u32,
+}
+
+/// A sync manager of a list: its number and watchdog, its only PDO and the entries of the PDO.
+pub type SyncManager = (u8, ec_watchdog_mode_t, u16, Vec<ec_pdo_entry_info_t>);
+
+pub fn slave_info(master: *mut ec_master_t, position: u16) -> (i32, ec_slave_info_t) {
+    let mut info = ec_slave_info_t::default();
+    // SAFETY: the handle is the library's, the place is there.
+    (unsafe { c::master_get_slave(master, position, &mut info) }, info)
 }
 
 /// The built-in scenario on stepped time.
@@ -36,34 +46,46 @@ pub fn stepped_echo() -> Simulation {
 }
 
 impl CMaster {
-    /// Requests the master and configures the slave at position 0.
+    /// One gateway with one chunk in each direction.
     pub fn configured() -> Self {
-        Self::on(stepped_echo())
+        Self::with_chunks(stepped_echo())
     }
 
     /// The same in another world with one gateway.
     pub fn in_scenario(scenario: Scenario) -> Self {
-        let options = SimOptions { clock: Some(ClockKind::Stepped), ..SimOptions::default() };
-        let backend = open_scenario(scenario, &options).expect("the scenario is good");
-        Self::on(backend.simulation.expect("it is simulated"))
+        Self::with_chunks(stepped(scenario).simulation.expect("it is simulated"))
     }
 
-    fn on(simulation: Simulation) -> Self {
+    fn with_chunks(simulation: Simulation) -> Self {
+        let owner = Self::of_slave(simulation, 0);
+        owner.add_startup_sdos();
+        let pdos = [Direction::RxPdo, Direction::TxPdo].map(|direction| {
+            let entry = |unit| ec_pdo_entry_info_t {
+                index: data_object_index(direction, 0, unit),
+                subindex: MAPPED_SUBINDEX,
+                bit_length: 128,
+            };
+            let entries = (0..8).map(entry).collect();
+            (sync_manager(direction), EC_WD_DEFAULT, pdo_map_index(direction, 0), entries)
+        });
+        owner.set_pdos(pdos);
+        owner
+    }
+
+    /// Requests the master, and creates a domain and the configuration of a slave.
+    pub fn of_slave(simulation: Simulation, position: u16) -> Self {
         let master = c::request_master(&simulation, 0);
         assert!(!master.is_null());
-        let mut info = ec_slave_info_t::default();
-        // SAFETY: the handles are the library's, the places are there.
+        let (result, info) = slave_info(master, position);
+        assert_eq!(result, 0);
+        let (vendor_id, product_code) = (info.vendor_id, info.product_code);
+        // SAFETY: the handle is the library's.
         let (config, domain) = unsafe {
-            assert_eq!(c::master_get_slave(master, 0, &mut info), 0);
-            let (vendor, product) = (info.vendor_id, info.product_code);
-            (c::master_slave_config(master, 0, 0, vendor, product), c::master_create_domain(master))
+            let config = c::master_slave_config(master, 0, position, vendor_id, product_code);
+            (config, c::master_create_domain(master))
         };
         assert!(!config.is_null() && !domain.is_null());
-        let (vendor_id, product_code) = (info.vendor_id, info.product_code);
-        let made = Self { simulation, master, config, domain, vendor_id, product_code };
-        made.add_startup_sdos();
-        made.set_pdos();
-        made
+        Self { simulation, master, config, domain, position, vendor_id, product_code }
     }
 
     fn add_startup_sdos(&self) {
@@ -89,37 +111,29 @@ impl CMaster {
         }
     }
 
-    fn set_pdos(&self) {
-        let directions = [(Direction::RxPdo, EC_DIR_OUTPUT), (Direction::TxPdo, EC_DIR_INPUT)];
-        let lists = directions.map(|(direction, dir)| {
-            let entries: Vec<_> = (0..8)
-                .map(|unit| ec_pdo_entry_info_t {
-                    index: data_object_index(direction, 0, unit),
-                    subindex: MAPPED_SUBINDEX,
-                    bit_length: 128,
-                })
-                .collect();
-            ((direction, dir), entries)
+    /// Sets the PDOs of outputs and inputs by one list.
+    pub fn set_pdos(&self, mut pdos: [SyncManager; 2]) {
+        let mut infos = pdos.each_mut().map(|(_, _, index, entries)| ec_pdo_info_t {
+            index: *index,
+            n_entries: entries.len() as u32,
+            entries: entries.as_mut_ptr(),
         });
-        for ((direction, dir), mut entries) in lists {
-            let mut pdo = ec_pdo_info_t {
-                index: pdo_map_index(direction, 0),
-                n_entries: 8,
-                entries: entries.as_mut_ptr(),
-            };
-            let sync = ec_sync_info_t {
-                index: sync_manager(direction),
-                dir,
-                n_pdos: 1,
-                pdos: &mut pdo,
-                watchdog_mode: EC_WD_DEFAULT,
-            };
-            let end = ec_sync_info_t { index: 0xFF, ..sync };
-            // SAFETY: the lists have the given lengths, and the second one is the end.
-            let result =
-                unsafe { c::slave_config_pdos(self.config, u32::MAX, [sync, end].as_ptr()) };
-            assert_eq!(result, 0);
-        }
+        let [outputs, inputs] = infos.each_mut().map(|info| &raw mut *info);
+        let sync = |index, dir, pdos, watchdog_mode| ec_sync_info_t {
+            index,
+            dir,
+            n_pdos: 1,
+            pdos,
+            watchdog_mode,
+        };
+        let syncs = [
+            sync(pdos[0].0, EC_DIR_OUTPUT, outputs, pdos[0].1),
+            sync(pdos[1].0, EC_DIR_INPUT, inputs, pdos[1].1),
+            sync(0xFF, EC_DIR_INPUT, null_mut(), EC_WD_DEFAULT),
+        ];
+        // SAFETY: the handle is the library's, the lists have the given lengths and their end.
+        let result = unsafe { c::slave_config_pdos(self.config, u32::MAX, syncs.as_ptr()) };
+        assert_eq!(result, 0);
     }
 
     /// Registers the first entries of both directions; returns their offsets.
@@ -128,7 +142,7 @@ impl CMaster {
         let [outputs, inputs] = &mut offsets;
         let entry = |index, offset: *mut u32| ec_pdo_entry_reg_t {
             alias: 0,
-            position: 0,
+            position: self.position,
             vendor_id: self.vendor_id,
             product_code: self.product_code,
             index,
@@ -148,14 +162,23 @@ impl CMaster {
     }
 
     pub fn cycle(&self) {
-        // SAFETY: the handles are the library's.
+        self.cycle_with(|| {});
+    }
+
+    /// One cycle, which writes outputs between receive and send.
+    pub fn cycle_with(&self, write_outputs: impl FnOnce()) -> ec_domain_state_t {
+        let mut state = ec_domain_state_t::default();
+        // SAFETY: the handles are the library's, the place is there.
         unsafe {
             assert_eq!(c::master_receive(self.master), 0);
             assert_eq!(c::domain_process(self.domain), 0);
+            assert_eq!(c::domain_state(self.domain, &mut state), 0);
+            write_outputs();
             assert_eq!(c::domain_queue(self.domain), 0);
             assert_eq!(c::master_send(self.master), 0);
         }
         self.simulation.pass_ns(1_000_000);
+        state
     }
 
     pub fn state(&self) -> ec_slave_config_state_t {
@@ -176,9 +199,8 @@ impl CMaster {
     /// AL state and error flag of a slave that does not reach OP.
     pub fn ends_without_op(&self) -> (u8, bool) {
         assert!(!self.reaches_op());
-        let mut info = ec_slave_info_t::default();
-        // SAFETY: the handle is the library's, the pointer is valid.
-        assert_eq!(unsafe { c::master_get_slave(self.master, 0, &mut info) }, 0);
+        let (result, info) = slave_info(self.master, self.position);
+        assert_eq!(result, 0);
         (info.al_state, info.error_flag == 1)
     }
 

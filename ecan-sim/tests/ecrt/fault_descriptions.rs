@@ -22,6 +22,11 @@ node_id = 1
 name = "shoulder"
 "#;
 
+fn cell() -> Simulation {
+    let scenario = Scenario::from_toml(CELL, "cell", Path::new(".")).unwrap();
+    stepped(scenario).simulation.unwrap()
+}
+
 /// A value of each key; that of a number without a row is 1.
 const VALUES: [(&str, &str); 18] = [
     ("gateway", "0"),
@@ -58,8 +63,7 @@ fn logged(simulation: &Simulation) -> Vec<String> {
 
 #[test]
 fn every_kind_takes_effect_with_its_keys() {
-    let scenario = Scenario::from_toml(CELL, "cell", Path::new(".")).unwrap();
-    let simulation = stepped(scenario).simulation.unwrap();
+    let simulation = cell();
     for kind in FaultKind::ALL {
         let before = logged(&simulation).len();
         let row = |key: &str| VALUES.iter().find(|(name, _)| *name == key);
@@ -79,8 +83,7 @@ fn every_kind_takes_effect_with_its_keys() {
 
 #[test]
 fn random_values_of_every_kind_are_valid() {
-    let scenario = Scenario::from_toml(CELL, "cell", Path::new(".")).unwrap();
-    let simulation = stepped(scenario).simulation.unwrap();
+    let simulation = cell();
     for (kind, draw) in FaultKind::ALL.iter().filter_map(|kind| Some((kind, kind.draw()?))) {
         let place = |key: &&str| ["gateway", "io", "channel", "node"].contains(key);
         let of_place = VALUES.iter().filter(|(key, _)| place(key) && kind.keys().contains(key));
@@ -123,8 +126,7 @@ fn fault_that_concerns_nothing_is_rejected() {
 
 #[test]
 fn only_gateway_and_io_are_the_default() {
-    let scenario = Scenario::from_toml(CELL, "cell", Path::new(".")).unwrap();
-    let simulation = stepped(scenario).simulation.unwrap();
+    let simulation = cell();
     let text = |text| execute(&simulation, text).unwrap().to_string();
     assert!(text("kind = 'link_loss'\nfor_ms = 1").ends_with("before gateway 0 for 1 ms"));
     assert!(text("kind = 'io_power_cycle'").ends_with("I/O 0 without supply for 1000 ms"));

@@ -256,13 +256,11 @@ fn slaves_are_found_by_alias_and_distance() {
 
 #[test]
 fn requests_run_in_parallel_with_the_cycle() {
-    let mut program = {
-        let backend = stepped_echo(1);
-        Program::new(backend, &[1])
-    };
+    let mut program = Program::new(stepped_echo(1), &[1]);
     let config = program.slaves[0].config;
     let read = program.master.create_sdo_request(config, 0x1018, 1, 4).unwrap();
     let bad = program.master.create_sdo_request(config, 0x5FFF, 0, 4).unwrap();
+    let write = program.master.create_sdo_request(config, 0x8010, 8, 1).unwrap();
     let status = program.master.create_reg_request(config, 2).unwrap();
     let mut program = program.into_op();
     assert_eq!(program.master.requests().sdo_state(read).unwrap(), RequestState::Unused);
@@ -278,22 +276,13 @@ fn requests_run_in_parallel_with_the_cycle() {
     program.master.requests().sdo_read(read).unwrap();
     program.master.requests().sdo_read(bad).unwrap();
     program.master.requests().register_read(status, 0x0130, 2).unwrap();
-    program.cycles(12);
+    program.master.requests().sdo_write(write, &[2]).unwrap();
+    program.cycles(18);
     assert_eq!(program.master.requests().sdo_state(read).unwrap(), RequestState::Success);
     let product = GatewaySpec::at(0).config.product_code;
     assert_eq!(program.master.requests().sdo_data(read), product.to_le_bytes());
     assert_eq!(program.master.requests().sdo_state(bad).unwrap(), RequestState::Error);
     assert_eq!(program.master.requests().register_state(status).unwrap(), RequestState::Success);
     assert_eq!(program.master.requests().register_data(status), [8, 0]);
-}
-
-#[test]
-fn request_writes() {
-    let mut program = Program::new(stepped_echo(1), &[1]);
-    let config = program.slaves[0].config;
-    let write = program.master.create_sdo_request(config, 0x8010, 8, 1).unwrap();
-    let mut program = program.into_op();
-    program.master.requests().sdo_write(write, &[2]).unwrap();
-    program.cycles(6);
     assert_eq!(program.master.requests().sdo_state(write).unwrap(), RequestState::Success);
 }

@@ -3,34 +3,27 @@
 use std::path::Path;
 use std::ptr::null_mut;
 
+use super::c_master::{CMaster, PATIENCE, slave_info};
+use crate::ecrt_support::stepped;
 use ecan_sim::{
-    BackendError, ClockKind, Fault, IoBehaviour, IoSpec, Scenario, SimOptions, Simulation, Wire,
-    echo, libethercat as c, open_scenario,
+    BackendError, Fault, IoBehaviour, IoSpec, Scenario, Simulation, Wire, echo, libethercat as c,
 };
 use ecrt_sys::{
-    EC_DIR_INPUT, EC_DIR_OUTPUT, EC_WC_COMPLETE, EC_WC_ZERO, EC_WD_DEFAULT, EC_WD_ENABLE,
-    ec_domain_state_t, ec_domain_t, ec_master_t, ec_pdo_entry_info_t, ec_pdo_entry_reg_t,
-    ec_pdo_info_t, ec_slave_config_state_t, ec_slave_config_t, ec_slave_info_t, ec_sync_info_t,
+    EC_WC_COMPLETE, EC_WC_ZERO, EC_WD_DEFAULT, EC_WD_ENABLE, ec_domain_state_t,
+    ec_pdo_entry_info_t, ec_slave_info_t,
 };
-
-const PATIENCE: usize = 3_000;
 
 /// A program that configures the I/O and leaves the gateway in PREOP.
 struct Program {
-    simulation: Simulation,
-    master: *mut ec_master_t,
-    config: *mut ec_slave_config_t,
-    domain: *mut ec_domain_t,
+    owner: CMaster,
     data: *mut u8,
     outputs: usize,
     inputs: usize,
 }
 
 fn world(io: IoSpec, gateways: usize) -> Simulation {
-    let options = SimOptions { clock: Some(ClockKind::Stepped), ..SimOptions::default() };
     let scenario = Scenario { ios: vec![io], ..echo(gateways) };
-    let backend = open_scenario(scenario, &options).expect("the scenario is good");
-    backend.simulation.expect("it is simulated")
+    stepped(scenario).simulation.expect("it is simulated")
 }
 
 /// Entries of one direction, 8 bits each.
@@ -41,77 +34,37 @@ fn entries(object: u16, bytes: u8) -> Vec<ec_pdo_entry_info_t> {
 }
 
 impl Program {
-    /// Configures the PDOs by `ecrt_slave_config_pdos`, registers them by
-    /// `ecrt_domain_reg_pdo_entry_list`.
     fn new(io: IoSpec, mapped: (u8, u8)) -> Self {
-        let simulation = world(io.clone(), 1);
-        let (alias, position) = (0, io.position as u16);
-        let master = c::request_master(&simulation, 0);
-        let (mut outputs, mut inputs) = (entries(0x7000, mapped.0), entries(0x6000, mapped.1));
-        let pdo = |index, entries: &mut Vec<ec_pdo_entry_info_t>| ec_pdo_info_t {
-            index,
-            n_entries: entries.len() as u32,
-            entries: entries.as_mut_ptr(),
-        };
-        let (mut rx, mut tx) = (pdo(0x1600, &mut outputs), pdo(0x1A00, &mut inputs));
-        let sync = |index, dir, pdos, watchdog_mode| ec_sync_info_t {
-            index,
-            dir,
-            n_pdos: 1,
-            pdos,
-            watchdog_mode,
-        };
-        let syncs = [
-            sync(0, EC_DIR_OUTPUT, &raw mut rx, EC_WD_ENABLE),
-            sync(1, EC_DIR_INPUT, &raw mut tx, EC_WD_DEFAULT),
-            sync(0xFF, EC_DIR_INPUT, null_mut(), EC_WD_DEFAULT),
-        ];
-        let mut offsets = [0_u32; 2];
-        let [first_output, first_input] = &mut offsets;
-        let entry = |index, offset: *mut u32| ec_pdo_entry_reg_t {
-            alias,
-            position,
-            vendor_id: io.vendor_id,
-            product_code: io.product_code,
-            index,
-            subindex: 1,
-            offset,
-            bit_position: null_mut(),
-        };
-        let list = [entry(0x7000, first_output), entry(0x6000, first_input), entry(0, null_mut())];
-        // SAFETY: the handles are the library's, the lists have their ends.
-        let (config, domain) = unsafe {
-            let config =
-                c::master_slave_config(master, alias, position, io.vendor_id, io.product_code);
-            let domain = c::master_create_domain(master);
-            assert_eq!(c::slave_config_pdos(config, u32::MAX, syncs.as_ptr()), 0);
-            assert_eq!(c::domain_reg_pdo_entry_list(domain, list.as_ptr()), 0);
-            (config, domain)
-        };
+        let position = io.position as u16;
+        let owner = CMaster::of_slave(world(io, 1), position);
+        owner.set_pdos([
+            (0, EC_WD_ENABLE, 0x1600, entries(0x7000, mapped.0)),
+            (1, EC_WD_DEFAULT, 0x1A00, entries(0x6000, mapped.1)),
+        ]);
+        let (result, offsets) = owner.register_by_list();
+        assert_eq!(result, 0);
         let [outputs, inputs] = offsets.map(|offset| offset as usize);
-        Self { simulation, master, config, domain, data: null_mut(), outputs, inputs }
+        Self { owner, data: null_mut(), outputs, inputs }
     }
 
     fn activated(mut self) -> Self {
-        // SAFETY: the handles are the library's.
-        unsafe {
-            assert_eq!(c::master_activate(self.master), 0);
-            self.data = c::domain_data(self.domain);
-        }
+        self.owner.activate();
+        // SAFETY: the handle is the library's.
+        self.data = unsafe { c::domain_data(self.owner.domain) };
         assert!(!self.data.is_null());
         self
     }
 
     fn into_op(self) -> Self {
         let program = self.activated();
-        assert!(program.reaches_op(), "{:?}", program.simulation.kernel_log());
+        assert!(program.reaches_op(), "{}", program.owner.log());
         program
     }
 
     fn reaches_op(&self) -> bool {
         (0..PATIENCE).any(|_| {
             let is_complete = self.cycle().wc_state == EC_WC_COMPLETE;
-            is_complete && self.state().operational() == 1
+            is_complete && self.owner.state().operational() == 1
         })
     }
 
@@ -121,27 +74,12 @@ impl Program {
 
     /// One cycle; the first output bytes are written between receive and send.
     fn cycle_with(&self, outputs: &[u8]) -> ec_domain_state_t {
-        let mut state = ec_domain_state_t::default();
-        // SAFETY: the handles are the library's, the place is there.
-        unsafe {
-            assert_eq!(c::master_receive(self.master), 0);
-            assert_eq!(c::domain_process(self.domain), 0);
-            assert_eq!(c::domain_state(self.domain, &mut state), 0);
+        self.owner.cycle_with(|| {
             for (at, value) in outputs.iter().enumerate() {
-                self.data.add(self.outputs + at).write(*value);
+                // SAFETY: the domain has this byte.
+                unsafe { self.data.add(self.outputs + at).write(*value) };
             }
-            assert_eq!(c::domain_queue(self.domain), 0);
-            assert_eq!(c::master_send(self.master), 0);
-        }
-        self.simulation.pass_ns(1_000_000);
-        state
-    }
-
-    fn state(&self) -> ec_slave_config_state_t {
-        let mut state = ec_slave_config_state_t::default();
-        // SAFETY: the handle is the library's, the place is there.
-        assert_eq!(unsafe { c::slave_config_state(self.config, &mut state) }, 0);
-        state
+        })
     }
 
     fn read(&self, at: usize) -> u8 {
@@ -150,17 +88,11 @@ impl Program {
     }
 
     fn driven(&self) -> Vec<u8> {
-        self.simulation.with_world(|world| {
+        self.owner.simulation.with_world(|world| {
             let now = world.now_ns();
             world.io(0).map(|io| io.outputs(now).collect()).unwrap_or_default()
         })
     }
-}
-
-fn slave_info(master: *mut ec_master_t, position: u16) -> (i32, ec_slave_info_t) {
-    let mut info = ec_slave_info_t::default();
-    // SAFETY: the handle is the library's, the place is there.
-    (unsafe { c::master_get_slave(master, position, &mut info) }, info)
 }
 
 fn name(info: &ec_slave_info_t) -> String {
@@ -187,7 +119,7 @@ fn io_lies_at_its_position_and_the_gateways_at_the_others() {
 fn outputs_are_looped_back_by_the_owners_domain() {
     let program = Program::new(IoSpec::at(0), (2, 2)).into_op();
     // SAFETY: the handle is the library's.
-    assert_eq!(unsafe { c::domain_size(program.domain) }, 4);
+    assert_eq!(unsafe { c::domain_size(program.owner.domain) }, 4);
     program.cycle_with(&[0x5A, 0xC3]);
     assert_eq!(program.cycle().working_counter, 3, "LRW: 2 + 1");
     program.cycle();
@@ -204,7 +136,7 @@ fn inputs_follow_the_behaviour() {
     program.cycle();
     assert_eq!(program.read(0), first.wrapping_add(1));
     let fixed = IoBehaviour::Fixed(vec![9, 8]);
-    program.simulation.with_world(|world| world.io_mut(0).expect("it").set_behaviour(fixed));
+    program.owner.simulation.with_world(|world| world.io_mut(0).expect("it").set_behaviour(fixed));
     program.cycle();
     program.cycle();
     assert_eq!([0, 1, 2].map(|at| program.read(at)), [9, 8, 0]);
@@ -226,9 +158,9 @@ fn io_without_mailbox_answers_no_sdo() {
 fn mapping_of_another_length_is_rejected_in_safeop() {
     let program = Program::new(IoSpec::at(1), (1, 2)).activated();
     assert!(!program.reaches_op());
-    let (_, info) = slave_info(program.master, 1);
+    let (_, info) = slave_info(program.owner.master, 1);
     assert_eq!((info.al_state, info.error_flag), (2, 1));
-    let log = program.simulation.kernel_log().join("\n");
+    let log = program.owner.log();
     assert!(log.contains("0-1: does not support changing its PDO assignment"), "{log}");
     assert!(log.contains("0-1: rejected the change to SAFEOP: AL status code 0x001D"), "{log}");
 }
@@ -237,10 +169,10 @@ fn mapping_of_another_length_is_rejected_in_safeop() {
 fn startup_sdo_of_an_io_fails() {
     let program = Program::new(IoSpec::at(1), (2, 2));
     // SAFETY: the handle is the library's.
-    assert_eq!(unsafe { c::slave_config_sdo8(program.config, 0x8000, 1, 1) }, 0);
+    assert_eq!(unsafe { c::slave_config_sdo8(program.owner.config, 0x8000, 1, 1) }, 0);
     let program = program.activated();
     assert!(!program.reaches_op());
-    let log = program.simulation.kernel_log().join("\n");
+    let log = program.owner.log();
     assert!(log.contains("the slave does not support CoE"), "{log}");
 }
 
@@ -249,7 +181,7 @@ fn watchdog_clears_outputs_without_a_cycle() {
     let program = Program::new(IoSpec::at(0), (2, 2)).into_op();
     program.cycle_with(&[0xFF]);
     assert_eq!(program.driven(), [0xFF, 0]);
-    program.simulation.pass_ns(99_000_000);
+    program.owner.simulation.pass_ns(99_000_000);
     assert_eq!(program.driven(), [0, 0]);
     program.cycle();
     assert_eq!(program.driven(), [0xFF, 0], "the next write drives them again");
@@ -258,11 +190,11 @@ fn watchdog_clears_outputs_without_a_cycle() {
 #[test]
 fn io_returns_configured_after_a_loss_of_supply() {
     let program = Program::new(IoSpec::at(1), (2, 2)).into_op();
-    program.simulation.inject(Fault::IoPowerCycle { io: 0, off_ms: 200 });
+    program.owner.simulation.inject(Fault::IoPowerCycle { io: 0, off_ms: 200 });
     program.cycle();
     program.cycle();
     assert_eq!(program.cycle().wc_state, EC_WC_ZERO);
-    assert!(program.reaches_op(), "{:?}", program.simulation.kernel_log());
+    assert!(program.reaches_op(), "{}", program.owner.log());
 }
 
 #[test]

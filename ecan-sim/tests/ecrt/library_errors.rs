@@ -1,17 +1,10 @@
 //! Library calls that fail as if interrupted by a signal.
 
-use crate::ecrt_support::{CYCLE_NS, Program, stepped, stepped_echo};
+use crate::ecrt_support::{CYCLE_NS, Program, frame, stepped};
 use ecan_host::{Errno, WcState};
-use ecan_protocol::can::{CanFrame, CanId};
 use ecan_sim::{EcrtVersion, Fault, LibraryCall, Scenario, echo};
 
 const EINTR: i32 = 4;
-
-fn operational() -> Program {
-    let mut program = Program::new(stepped_echo(1), &[3]).into_op();
-    program.cycles(5);
-    program
-}
 
 fn fails(program: &Program, call: LibraryCall, times: u32) {
     program.simulation().inject(Fault::LibraryError { call, errno: EINTR, times });
@@ -19,7 +12,7 @@ fn fails(program: &Program, call: LibraryCall, times: u32) {
 
 #[test]
 fn only_the_configured_calls_fail() {
-    let mut program = operational();
+    let mut program = Program::operational(&[3]);
     let domain = program.slaves[0].domain;
     for (position, call) in LibraryCall::ALL.into_iter().enumerate() {
         fails(&program, call, 2);
@@ -42,7 +35,7 @@ fn only_the_configured_calls_fail() {
 
 #[test]
 fn receive_after_an_interrupted_one_gets_its_frames() {
-    let mut program = operational();
+    let mut program = Program::operational(&[3]);
     let domain = program.slaves[0].domain;
     fails(&program, LibraryCall::Receive, 1);
     assert_eq!(program.master.receive(), Err(Errno::EINTR));
@@ -57,24 +50,21 @@ fn receive_after_an_interrupted_one_gets_its_frames() {
 
 #[test]
 fn send_after_an_interrupted_one_sends_its_datagrams() {
-    let mut program = operational();
+    let mut program = Program::operational(&[3]);
     let domain = program.slaves[0].domain;
-    let images = |program: &Program| {
-        program.simulation().with_world(|world| world.counters(0)).unwrap().images_written
-    };
-    let before = images(&program);
+    let before = program.counters(0).images_written;
     program.master.receive().unwrap();
     program.master.domain_queue(domain).unwrap();
     fails(&program, LibraryCall::Send, 1);
     assert_eq!(program.master.send(), Err(Errno::EINTR));
-    assert_eq!(images(&program), before);
+    assert_eq!(program.counters(0).images_written, before);
     program.master.send().unwrap();
-    assert_eq!(images(&program), before + 1);
+    assert_eq!(program.counters(0).images_written, before + 1);
 }
 
 #[test]
 fn interrupted_process_keeps_the_last_working_counter() {
-    let mut program = operational();
+    let mut program = Program::operational(&[3]);
     let domain = program.slaves[0].domain;
     program.simulation().pass_ns(CYCLE_NS);
     program.master.domain_queue(domain).unwrap();
@@ -101,7 +91,7 @@ fn version_1_5_leaves_the_error_in_errno() {
 
 #[test]
 fn bus_with_interrupted_calls_still_carries_frames() {
-    let mut program = operational();
+    let mut program = Program::operational(&[3]);
     for call in [LibraryCall::Receive, LibraryCall::Send, LibraryCall::DomainQueue] {
         fails(&program, call, 1);
         let domain = program.slaves[0].domain;
@@ -110,7 +100,7 @@ fn bus_with_interrupted_calls_still_carries_frames() {
         let _ = program.master.send();
         program.simulation().pass_ns(CYCLE_NS);
         program.received.clear();
-        let frame = CanFrame::classic(CanId::standard(0x77).unwrap(), &[7]).unwrap();
+        let frame = frame(0x77, &[7]);
         program.cycle_with(&[(0, 0, frame)]);
         program.receive_frames(1);
         assert_eq!(program.received, [(0, 0, frame)], "{call:?}");

@@ -3,9 +3,7 @@
 
 use std::path::Path;
 
-use ecan_protocol::can::{CanFrame, CanId};
-
-use crate::ecrt_support::{Program, stepped, stepped_echo};
+use crate::ecrt_support::{Program, frame, stepped, stepped_echo};
 use ecan_host::Master;
 use ecan_sim::{
     Backend, Fault, FirmwarePackage, FirmwareProgress, FirmwareUpdateError, Gateway, Scenario,
@@ -125,24 +123,19 @@ fn stopped_controller_keeps_its_frames() {
     const CCCR: u32 = 0x18;
     const INIT: u32 = 1;
     let mut program = Program::new(stepped_echo(1), &[3]).into_op();
-    let frames: Vec<_> = (1..=6u16)
-        .map(|id| (0, 0, CanFrame::classic(CanId::standard(id).unwrap(), &[7; 8]).unwrap()))
-        .collect();
+    let frames: Vec<_> = (1..=6).map(|id| (0, 0, frame(id, &[7; 8]))).collect();
     // stopped at each phase of the transmission
     for delay_us in (0..1_500).step_by(100) {
         program.received.clear();
         program.cycle_with(&frames);
         program.simulation().pass_ns(delay_us * 1_000);
         write_register(&program, CCCR, INIT);
-        let before =
-            program.simulation().with_world(|world| world.counters(0)).unwrap().frames_on_bus;
+        let before = program.counters(0).frames_on_bus;
         program.cycles(5);
-        let after =
-            program.simulation().with_world(|world| world.counters(0)).unwrap().frames_on_bus;
-        assert_eq!(after, before, "off the bus");
+        assert_eq!(program.counters(0).frames_on_bus, before, "off the bus");
         write_register(&program, CCCR, 0);
         program.cycles(20);
-        let sent = program.simulation().with_world(|world| world.counters(0)).unwrap();
+        let sent = program.counters(0);
         assert_eq!(sent.frames_on_bus, sent.frames_parsed, "delay {delay_us} us");
     }
 }

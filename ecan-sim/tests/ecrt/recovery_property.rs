@@ -1,7 +1,6 @@
 //! After any faults of line, supply and bus, the slave returns to OP and works.
 
-use crate::ecrt_support::{Program, stepped_echo};
-use ecan_protocol::can::{CanFrame, CanId};
+use crate::ecrt_support::{Program, frame, stepped_echo};
 use ecan_protocol::device::AlState;
 use ecan_sim::{Fault, GatewayFault, LossDirection};
 use proptest::prelude::*;
@@ -70,15 +69,10 @@ proptest! {
         prop_assert!(program.reaches_op(), "{:#?}", program.simulation().kernel_log());
         program.cycles(20);
         program.received.clear();
-        let frames: Vec<_> = (0..2u16)
-            .map(|slave| {
-                let id = CanId::standard(0x100 + slave).unwrap();
-                (usize::from(slave), 1, CanFrame::classic(id, &[7]).unwrap())
-            })
-            .collect();
+        let frames = [0, 1].map(|slave| (slave, 1, frame(0x100 + slave as u16, &[7])));
         program.cycle_with(&frames);
         program.receive_frames(2);
         program.received.sort_by_key(|(slave, ..)| *slave);
-        prop_assert_eq!(&program.received, &frames);
+        prop_assert_eq!(&program.received[..], &frames);
     }
 }

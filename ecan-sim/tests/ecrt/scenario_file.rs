@@ -157,39 +157,17 @@ for_ms = 9000
         babble_us: 400,
     };
     assert_eq!(scenario.nodes[2].kind, NodeKind::Faulty(faulty));
-    assert_eq!(
-        scenario.faults,
-        [
-            ScriptedFault {
-                when: When::Cycle(100),
-                fault: Fault::LostFrame { direction: LossDirection::Return, cycles: 3 },
-            },
-            ScriptedFault {
-                when: When::At(20_000_000),
-                fault: Fault::Gateway {
-                    gateway: 0,
-                    fault: GatewayFault::SdoAbort {
-                        index: 0x8010,
-                        subindex: 1,
-                        code: 0x0609_0030,
-                        times: 1,
-                    },
-                },
-            },
-            ScriptedFault {
-                when: When::Cycle(7),
-                fault: Fault::LibraryError { call: LibraryCall::DomainState, errno: 4, times: 2 },
-            },
-            ScriptedFault {
-                when: When::Cycle(8),
-                fault: Fault::LibraryError { call: LibraryCall::Receive, errno: 5, times: 1 },
-            },
-            ScriptedFault {
-                when: When::At(30_000_000),
-                fault: Fault::RequestsHeld { for_ms: 9_000 },
-            },
-        ]
-    );
+    let fault = |when, fault| ScriptedFault { when, fault };
+    let abort = GatewayFault::SdoAbort { index: 0x8010, subindex: 1, code: 0x0609_0030, times: 1 };
+    let library_error = |call, errno, times| Fault::LibraryError { call, errno, times };
+    let expected = [
+        fault(When::Cycle(100), Fault::LostFrame { direction: LossDirection::Return, cycles: 3 }),
+        fault(When::At(20_000_000), Fault::Gateway { gateway: 0, fault: abort }),
+        fault(When::Cycle(7), library_error(LibraryCall::DomainState, 4, 2)),
+        fault(When::Cycle(8), library_error(LibraryCall::Receive, 5, 1)),
+        fault(When::At(30_000_000), Fault::RequestsHeld { for_ms: 9_000 }),
+    ];
+    assert_eq!(scenario.faults, expected);
 }
 
 #[test]
@@ -208,7 +186,6 @@ fn documented_keys_are_accepted() {
 /// Text, line and part of the message.
 #[test]
 fn scenario_fault_is_reported_with_its_line() {
-    let gateway = "[[gateway]]\n";
     for (text, line, reason) in [
         ("sead = 1", 1, "unknown field `sead`"),
         ("seed = 1\nclock = \"fast\"", 2, "unknown variant `fast`"),
@@ -226,64 +203,61 @@ fn scenario_fault_is_reported_with_its_line() {
         ("[[gateway]]\ntransceiver_ns = 1001", 1, "`transceiver_ns` 1001 is out of range"),
         ("[[gateway", 1, ""),
         ("[[node]]\nkind = \"echo\"\nbus = \"x\"", 1, "there are no gateways"),
+        (
+            "[[gateway]]\n[[node]]\nkind = \"echo\"\nbus = \"1.0\"",
+            2,
+            "there are: 0.0, 0.1, 0.2, 0.3",
+        ),
+        ("[[gateway]]\n[[fault]]\nkind = \"lost_frame\"", 2, "one of `cycle`, `at_ms`, `after_ms`"),
     ] {
         let error = read(text).unwrap_err();
         assert!(error.starts_with(&format!("line {line}: ")), "{text}: {error}");
         assert!(error.contains(reason), "{text}: {error}");
     }
-    for (text, reason) in [
-        ("[[node]]\nkind = \"echo\"\nbus = \"1.0\"", "there are: 0.0, 0.1, 0.2, 0.3"),
-        ("[[node]]\nkind = \"echo\"\nbus = \"0.0\"\nfile = \"x\"", "\"replay\""),
-        ("[[node]]\nkind = \"replay\"\nbus = \"0.0\"", "needs `file`"),
+    // Nodes of bus 0.0 and faults of cycle 1.
+    for (kind, keys, reason) in [
+        ("echo", "file = \"x\"", "\"replay\""),
+        ("replay", "", "needs `file`"),
+        ("replay", "file = \"x\"\nformat = \"blf\"", "`format`: expected log, screen, asc or trc"),
+        ("silent", "babble_us = 3", "\"faulty\""),
+        ("faulty", "drop_permille = 1001", "0 to 1000"),
+        ("echo", "data_bitrate = 1", "needs `bitrate`"),
+        ("echo", "cable_ns = 1", "needs `sample_point`"),
+        ("echo", "sample_point = 45", "`sample_point` 45 is out of range; allowed: 50 to 95"),
         (
-            "[[node]]\nkind = \"replay\"\nbus = \"0.0\"\nfile = \"x\"\nformat = \"blf\"",
-            "`format`: expected log, screen, asc or trc",
-        ),
-        ("[[node]]\nkind = \"silent\"\nbus = \"0.0\"\nbabble_us = 3", "\"faulty\""),
-        ("[[node]]\nkind = \"faulty\"\nbus = \"0.0\"\ndrop_permille = 1001", "0 to 1000"),
-        ("[[node]]\nkind = \"echo\"\nbus = \"0.0\"\ndata_bitrate = 1", "needs `bitrate`"),
-        ("[[node]]\nkind = \"echo\"\nbus = \"0.0\"\ncable_ns = 1", "needs `sample_point`"),
-        (
-            "[[node]]\nkind = \"echo\"\nbus = \"0.0\"\nsample_point = 45",
-            "`sample_point` 45 is out of range; allowed: 50 to 95",
-        ),
-        (
-            "[[node]]\nkind = \"echo\"\nbus = \"0.0\"\nsample_point = 80\ndata_sample_point = 95.1",
+            "echo",
+            "sample_point = 80\ndata_sample_point = 95.1",
             "`data_sample_point` 95.1 is out of range; allowed: 50 to 95",
         ),
         (
-            "[[node]]\nkind = \"echo\"\nbus = \"0.0\"\nsample_point = 80\ncable_ns = 10001",
+            "echo",
+            "sample_point = 80\ncable_ns = 10001",
             "`cable_ns` 10001 is out of range; allowed: 0 to 10000",
         ),
         (
-            "[[node]]\nkind = \"echo\"\nbus = \"0.0\"\nsample_point = 80\ntdc = false\n\
-             tdc_offset_ns = 100",
+            "echo",
+            "sample_point = 80\ntdc = false\ntdc_offset_ns = 100",
             "`tdc_offset_ns` needs `tdc`",
         ),
-        ("[[fault]]\nkind = \"lost_frame\"", "one of `cycle`, `at_ms`, `after_ms`"),
-        ("[[fault]]\nkind = \"lost_frame\"\ncycle = 1\nat_ms = 1", "only one of `cycle`, `at_ms`"),
-        ("[[fault]]\nkind = \"al_error\"\ncycle = 1\ngateway = 0\ncode = 65536", "0 to 0xFFFF"),
-        ("[[fault]]\nkind = \"bus_off\"\ncycle = 1", "needs `channel`"),
-        ("[[fault]]\nkind = \"power_cycle\"\ncycle = 1\ngateway = 1", "there are 1"),
-        ("[[fault]]\nkind = \"lost_frame\"\ncycle = 1\ngateway = 0", "`gateway` does not belong"),
-        ("[[fault]]\nkind = \"bus_off\"\ncycle = 1\ngateway = 0\nchannel = 4", "channel 4"),
-        ("[[fault]]\nkind = \"library_error\"\ncycle = 1\nerrno = 4", "needs `call`"),
-        ("[[fault]]\nkind = \"library_error\"\ncycle = 1\ncall = \"send\"", "needs `errno`"),
-        (
-            "[[fault]]\nkind = \"library_error\"\ncycle = 1\ncall = \"send\"\nerrno = \"EWHAT\"",
-            "one of: EPERM",
-        ),
-        (
-            "[[fault]]\nkind = \"library_error\"\ncycle = 1\ncall = \"send\"\nerrno = 4096",
-            "1 to 4095",
-        ),
-        ("[[fault]]\nkind = \"lost_frame\"\ncycle = 1\nerrno = 4", "`errno` does not belong"),
-        (
-            "[[fault]]\nkind = \"node_silent\"\ncycle = 1\nnode = \"x\"\nfor_ms = 1",
-            "node \"x\" does not exist",
-        ),
+        ("lost_frame", "at_ms = 1", "only one of `cycle`, `at_ms`"),
+        ("al_error", "gateway = 0\ncode = 65536", "0 to 0xFFFF"),
+        ("bus_off", "", "needs `channel`"),
+        ("power_cycle", "gateway = 1", "there are 1"),
+        ("lost_frame", "gateway = 0", "`gateway` does not belong"),
+        ("bus_off", "gateway = 0\nchannel = 4", "channel 4"),
+        ("library_error", "errno = 4", "needs `call`"),
+        ("library_error", "call = \"send\"", "needs `errno`"),
+        ("library_error", "call = \"send\"\nerrno = \"EWHAT\"", "one of: EPERM"),
+        ("library_error", "call = \"send\"\nerrno = 4096", "1 to 4095"),
+        ("lost_frame", "errno = 4", "`errno` does not belong"),
+        ("node_silent", "node = \"x\"\nfor_ms = 1", "node \"x\" does not exist"),
     ] {
-        let error = read(&format!("{gateway}{text}")).unwrap_err();
+        let (table, place) = match kind {
+            "echo" | "replay" | "silent" | "faulty" => ("node", "bus = \"0.0\""),
+            _ => ("fault", "cycle = 1"),
+        };
+        let text = format!("[[{table}]]\nkind = \"{kind}\"\n{place}\n{keys}");
+        let error = read(&format!("[[gateway]]\n{text}")).unwrap_err();
         assert!(error.starts_with("line 2: "), "{text}: {error}");
         assert!(error.contains(reason), "{text}: {error}");
     }

@@ -5,14 +5,16 @@ use ecan_host::{
     DomainId, DomainState, Master, SlaveConfigId, SlaveConfigState, SyncDirection, WatchdogMode,
     WcState,
 };
-use ecan_protocol::can::CanFrame;
+use ecan_protocol::can::{CanFrame, CanId};
 use ecan_protocol::config::{McanChannelConfig, assignment_writes};
 use ecan_protocol::image::{
     CommitFields, HeaderFlags, ImageReader, ImageWriter, Packet, PdoProfile, Timestamp,
 };
 use ecan_protocol::mapping::{Direction, data_object_index, pdo_map_index, sync_manager};
 use ecan_protocol::object::{MAPPED_SUBINDEX, SdoWrite};
-use ecan_sim::{Backend, ClockKind, Scenario, SimOptions, Simulation, echo, open_scenario};
+use ecan_sim::{
+    Backend, ClockKind, GatewayCounters, Scenario, SimOptions, Simulation, echo, open_scenario,
+};
 
 /// Cycle time of the program.
 pub const CYCLE_NS: u64 = 1_000_000;
@@ -28,6 +30,10 @@ pub fn stepped(scenario: Scenario) -> Backend {
 /// The built-in scenario on stepped time.
 pub fn stepped_echo(gateways: usize) -> Backend {
     stepped(echo(gateways))
+}
+
+pub fn frame(id: u16, data: &[u8]) -> CanFrame {
+    CanFrame::classic(CanId::standard(id).unwrap(), data).unwrap()
 }
 
 /// One configured slave.
@@ -82,6 +88,14 @@ impl Program {
         self
     }
 
+    /// A program in OP with one gateway per multiplier, some cycles later.
+    pub fn operational(multipliers: &[u8]) -> Self {
+        let mut program = Self::new(stepped_echo(multipliers.len()), multipliers).into_op();
+        program.cycles(5);
+        program.bad_images = 0;
+        program
+    }
+
     pub fn activate(&mut self) {
         self.master.set_send_interval(1000).expect("set_send_interval");
         self.master.activate().expect("activate");
@@ -104,6 +118,18 @@ impl Program {
 
     pub fn state(&self, slave: usize) -> SlaveConfigState {
         self.master.config_state(self.slaves[slave].config).expect("config_state")
+    }
+
+    pub fn counters(&self, gateway: usize) -> GatewayCounters {
+        self.simulation().with_world(|world| world.counters(gateway)).expect("it is a gateway")
+    }
+
+    /// AL state, error flag and AL status code of a gateway.
+    pub fn al_status(&self, gateway: usize) -> (u8, bool, u16) {
+        self.simulation().with_world(|world| {
+            let gateway = world.gateway(gateway).expect("it is a gateway");
+            (gateway.al_state().raw(), gateway.al_error(), gateway.al_status_code())
+        })
     }
 
     pub fn domain(&self, slave: usize) -> DomainState {

@@ -3,11 +3,11 @@
 use std::sync::{Arc, Mutex};
 
 use crate::ecrt_support::Program;
-use ecan_protocol::can::{CanFrame, CanId};
+use ecan_protocol::can::CanFrame;
 use ecan_sim::{GatewaySpec, Node, NodeOutput, Scenario, StationConfig};
 
 fn frame(data: u8) -> CanFrame {
-    CanFrame::classic(CanId::standard(0x123).unwrap(), &[data]).unwrap()
+    crate::ecrt_support::frame(0x123, &[data])
 }
 
 /// Records its bit rates and what it receives; answers frame 1 with frame 2.

@@ -1,13 +1,10 @@
 //! Behaviour of the nodes.
 
+use crate::ecrt_support::frame;
 use ecan_protocol::can::{CanFrame, CanId, Dlc};
 use ecan_sim::{
     EchoNode, FaultyConfig, FaultyNode, Node, NodeOutput, ReplayNode, ReplayRecord, SilentNode,
 };
-
-fn frame(id: u16, data: &[u8]) -> CanFrame {
-    CanFrame::classic(CanId::standard(id).unwrap(), data).unwrap()
-}
 
 fn drain(out: &mut NodeOutput) -> Vec<CanFrame> {
     std::iter::from_fn(|| out.pop()).collect()
