@@ -50,12 +50,7 @@ fn sample_point_in_a_window_follows_the_choice() {
 
 #[test]
 fn equal_bounds_leave_no_choice() {
-    let exact = SamplePointWindow { min: 875, max: 875 };
-    let config = McanChannelConfig {
-        nominal_sample_point: exact,
-        data_sample_point: exact,
-        ..McanChannelConfig::fd(1_000_000, 5_000_000)
-    };
+    let config = McanChannelConfig::fd(1_000_000, 5_000_000).sample_point(875, 875);
     for choice in [
         BitTimingChoice::Middle,
         BitTimingChoice::Lowest,
@@ -71,13 +66,8 @@ fn equal_bounds_leave_no_choice() {
 /// 87.5 % at 500 kbit/s and 2 Mbit/s needs a data prescaler of 5, with which the core has no TDC.
 #[test]
 fn driver_has_no_timing_for_some_windows() {
-    let exact = SamplePointWindow { min: 875, max: 875 };
-    let config = McanChannelConfig {
-        nominal_sample_point: exact,
-        data_sample_point: exact,
-        tdc: false,
-        ..McanChannelConfig::fd(500_000, 2_000_000)
-    };
+    let rates = McanChannelConfig::fd(500_000, 2_000_000);
+    let config = McanChannelConfig { tdc: false, ..rates.sample_point(875, 875) };
     let (mut fixture, status) = apply(BitTimingChoice::Middle, config);
     assert_eq!(status, 0);
     assert_eq!(points(&mut fixture).1, (7, 8));
