@@ -1,5 +1,5 @@
 //! Every Last PDO error of 0x8011:14 (manual 13.2): the image that causes it, and the frames that
-//! are still sent. The errors of 0x8010 (2, 3 and 12) are in gateway_input_budget.
+//! are still sent. The errors of 0x8010 (2, 3 and 12) are in `input_budget`.
 
 use super::fixture::{Fixture, chunks, standard};
 use ecan_protocol::image::{
