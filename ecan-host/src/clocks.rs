@@ -352,6 +352,9 @@ mod tests {
         assert!(after(1_000_000, 1_000_050));
         assert!(!after(1_000_000, 0), "the library repeats the last value");
         assert!(!after(1_000_000, 1_300_000));
+        // The oscillators may differ by 1000 ppm of an outage.
+        assert!(after(2_000_000_000, 2_002_200_000));
+        assert!(!after(2_000_000_000, 2_002_300_000));
         // An outage that is longer than the range of the time.
         let range = 1 << 32;
         assert!(after(range + 1_000_000, 1_000_000));
@@ -393,6 +396,13 @@ mod tests {
                 assert!(worst <= 1.0, "{start_ns} ns, {fast_ppm} ppm: {worst} ns");
             }
         }
+    }
+
+    #[test]
+    fn loop_is_damped() {
+        let errors = errors(5_000.0, 0.0, 500, 0..0);
+        let past = errors.iter().fold(0.0_f64, |past, error| past.min(*error));
+        assert!((-1_000.0..-100.0).contains(&past), "{past} ns beyond the phase");
     }
 
     #[test]
