@@ -44,6 +44,12 @@ fn start(point: u64, late_ns: u64, skipped: u64, has_overrun: bool) -> CycleStar
 }
 
 #[test]
+fn timer_reports_its_cycle() {
+    let cycle_ns = |cycle_ns| CycleTimer::new(cycle_ns, CycleTiming::default()).cycle_ns();
+    assert_eq!((cycle_ns(250_000), cycle_ns(0)), (250_000, 1));
+}
+
+#[test]
 fn cycle_in_time_keeps_the_grid() {
     for timing in [CycleTiming::default(), catch_up(0), catch_up(3)] {
         let starts = starts_after(timing, 300_000, 2);
