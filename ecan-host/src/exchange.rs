@@ -331,6 +331,31 @@ mod tests {
     }
 
     #[test]
+    fn working_counter_shows_what_was_delivered() {
+        use Delivery::{Confirmed, Missed, Unknown};
+        let cases = [
+            (WcState::Complete, 3, (Confirmed, Confirmed), (Confirmed, Confirmed), false),
+            (WcState::Zero, 0, (Missed, Missed), (Missed, Missed), false),
+            (WcState::Incomplete, 1, (Missed, Confirmed), (Unknown, Unknown), false),
+            (WcState::Incomplete, 2, (Confirmed, Missed), (Unknown, Unknown), false),
+            (WcState::Incomplete, 6, (Unknown, Unknown), (Unknown, Unknown), true),
+        ];
+        for (wc_state, working_counter, one_datagram, two_datagrams, is_shared) in cases {
+            for (chunks, expected) in [(5, one_datagram), (6, two_datagrams)] {
+                let mut report =
+                    DomainReport { expected_working_counter: 3, ..DomainReport::default() };
+                let state = DomainState { working_counter, wc_state, redundancy_active: false };
+                report.record(DomainLayout::new(chunks, chunks), state);
+                assert_eq!((report.outputs, report.inputs), expected, "{wc_state:?} {chunks}");
+                assert_eq!(report.is_shared(), is_shared, "{wc_state:?} {chunks}");
+                report.clear();
+                assert_eq!((report.outputs, report.inputs), (Unknown, Unknown));
+                assert_eq!((report.working_counter, report.expected_working_counter), (0, 3));
+            }
+        }
+    }
+
+    #[test]
     fn eleven_chunks_are_the_limit() {
         assert_eq!(MAX_PLAIN_MULTIPLIER, 11);
     }
