@@ -1,5 +1,6 @@
 //! From a configuration to a configured bus, and every way in which that fails.
 
+use std::path::Path;
 use std::time::Duration;
 
 use crate::common::{open, raw_config, simulated};
@@ -7,6 +8,7 @@ use ecan_host::{
     Adapter, AdapterConfig, Diagnostics, Error, Identity, Phase, StartupPlan, StartupStep,
 };
 use ecan_protocol::object::{ObjectType, SdoWrite};
+use ecan_sim::Scenario;
 
 #[test]
 fn identity_is_taken_from_the_bus() {
@@ -128,6 +130,32 @@ fn readback_mismatch_is_described() {
     };
     let text = error.to_string();
     assert!(text.contains("reload") && text.contains("OK"), "{text}");
+}
+
+/// The write of an optional object is left out for firmware without it, and only then.
+#[test]
+fn optional_object_is_left_out_where_it_is_missing() {
+    let written = |variant: &str, abort_code| {
+        let text = format!("[[gateway]]\n[gateway.variant]\n{variant}\n");
+        let scenario = Scenario::from_toml(&text, "test", Path::new(".")).unwrap();
+        let (ecrt, simulation) = simulated(scenario);
+        if let Some(code) = abort_code {
+            let abort =
+                ecan_sim::GatewayFault::SdoAbort { index: 0x8021, subindex: 1, code, times: 1 };
+            simulation.inject(ecan_sim::Fault::Gateway { gateway: 0, fault: abort });
+        }
+        let write = SdoWrite { index: 0x8021, subindex: 8, value: 0, ty: ObjectType::U8 };
+        let plan = StartupPlan::from_iter([vec![StartupStep::Download(write)]]);
+        let mut adapter = Adapter::open(&ecrt, raw_config().0, plan).unwrap();
+        adapter.wait_op(Duration::from_secs(20)).unwrap();
+        drop(adapter);
+        let diagnostics = Diagnostics::open(&ecrt, &AdapterConfig::new(1)).unwrap();
+        diagnostics.sdo_upload_u32(0, 0x8021, 8)
+    };
+    assert_eq!(written("", None).unwrap(), 0);
+    let missing = written("missing_entries = [\"0x8021\"]", None).unwrap_err();
+    assert!(missing.is_missing_object(), "{missing}");
+    assert_eq!(written("", Some(0x0800_0022)).unwrap(), 0, "it cannot be read now");
 }
 
 #[test]

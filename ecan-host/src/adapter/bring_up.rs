@@ -162,12 +162,14 @@ fn prepare(
     let settings = settings_of(config, slave)?;
     let identified = recognition::identify(diagnostics, slave, settings)?;
     let mut capabilities = identified.capabilities;
-    let steps = startup.preparation(config, slave);
+    let missing = find_missing(diagnostics, startup, slave)?;
+    let mut available = startup.clone();
+    available.leave_out(slave, &missing);
+    let steps = available.preparation(config, slave);
     diagnostics.run_startup_with(slave, &steps, &mut capabilities, |_| {})?;
     let begun_ns = diagnostics.clock().now_ns();
     diagnostics.sdo_upload_u32(slave, Capabilities::INDEX, SIZE_UNIT)?;
     let sdo_time = Duration::from_nanos(diagnostics.clock().now_ns().saturating_sub(begun_ns));
-    let missing = find_missing(diagnostics, startup, slave)?;
     let mapping = |direction, n| read_mapping(diagnostics, slave, direction, n);
     Ok(Prepared {
         identity: identified.identity,
