@@ -230,7 +230,9 @@ impl HistoryEntry {
 
     /// The value of the entry.
     pub const fn raw(self) -> u32 {
-        (self.additional as u32) << 16 | self.code as u32
+        let [[low, high], [add_low, add_high]] =
+            [self.code.to_le_bytes(), self.additional.to_le_bytes()];
+        u32::from_le_bytes([low, high, add_low, add_high])
     }
 
     /// Class of the code.
@@ -274,6 +276,50 @@ mod tests {
         );
         assert_eq!(Emcy { code: 0, ..emcy }.class(), EmcyClass::NoError);
         assert_eq!(Emcy::parse(&[0; 7]), None);
+    }
+
+    /// Codes that CiA 301 and CiA 402-2 name.
+    const NAMED: [u16; 51] = [
+        0x0000, 0x1000, 0x2110, 0x2250, 0x2310, 0x2320, 0x2330, 0x2350, 0x3110, 0x3120, 0x3130,
+        0x3210, 0x3220, 0x4210, 0x4310, 0x5100, 0x5441, 0x5530, 0x6010, 0x6100, 0x6310, 0x6320,
+        0x7121, 0x7122, 0x7300, 0x7305, 0x7310, 0x7320, 0x7500, 0x8110, 0x8120, 0x8130, 0x8140,
+        0x8150, 0x8210, 0x8220, 0x8240, 0x8250, 0x8311, 0x8331, 0x8400, 0x8480, 0x8500, 0x8600,
+        0x8611, 0x8612, 0x8680, 0x8700, 0x9000, 0xF001, 0xFF01,
+    ];
+
+    #[test]
+    fn named_codes_have_texts_of_their_own() {
+        let texts = NAMED.map(|code| error_code_text(code).unwrap());
+        for (nth, text) in texts.iter().enumerate() {
+            assert!(!text.is_empty() && !texts[..nth].contains(text), "{text}");
+        }
+        let named = (0..=u16::MAX).filter(|code| error_code_text(*code).is_some());
+        assert_eq!(named.count(), NAMED.len());
+    }
+
+    #[test]
+    fn class_is_that_of_the_high_byte() {
+        use EmcyClass as Class;
+        for (first, last, class) in [
+            (0x00, 0x00, Class::NoError),
+            (0x01, 0x0F, Class::Unknown),
+            (0x10, 0x1F, Class::Generic),
+            (0x20, 0x2F, Class::Current),
+            (0x30, 0x3F, Class::Voltage),
+            (0x40, 0x4F, Class::Temperature),
+            (0x50, 0x5F, Class::Hardware),
+            (0x60, 0x6F, Class::Software),
+            (0x70, 0x7F, Class::AdditionalModules),
+            (0x80, 0x8F, Class::Monitoring),
+            (0x90, 0x9F, Class::External),
+            (0xA0, 0xEF, Class::Unknown),
+            (0xF0, 0xFE, Class::AdditionalFunctions),
+            (0xFF, 0xFF, Class::DeviceSpecific),
+        ] {
+            for code in [first << 8, first << 8 | 0xFF, last << 8, last << 8 | 0xFF] {
+                assert_eq!(EmcyClass::of(code), class, "0x{code:04X}");
+            }
+        }
     }
 
     #[test]

@@ -89,7 +89,8 @@ pub struct HeartbeatConsumer {
 impl HeartbeatConsumer {
     /// The value of the entry.
     pub const fn raw(self) -> u32 {
-        (self.producer.get() as u32) << 16 | self.time_ms as u32
+        let [low, high] = self.time_ms.to_le_bytes();
+        u32::from_le_bytes([low, high, self.producer.get(), 0])
     }
 
     /// Reads an entry; `None` for one that is not used.

@@ -27,7 +27,8 @@ impl MappingEntry {
 
     /// The value of the entry.
     pub const fn raw(self) -> u32 {
-        (self.index as u32) << 16 | (self.subindex as u32) << 8 | self.bits as u32
+        let [low, high] = self.index.to_le_bytes();
+        u32::from_le_bytes([self.bits, self.subindex, low, high])
     }
 
     /// The entry with this value.
@@ -329,7 +330,8 @@ pub struct ScannerEntry {
 impl ScannerEntry {
     /// The value of the entry.
     pub const fn raw(self) -> u32 {
-        (self.count as u32) << 24 | (self.index as u32) << 8 | self.subindex as u32
+        let [low, high] = self.index.to_le_bytes();
+        u32::from_le_bytes([self.subindex, low, high, self.count])
     }
 
     /// Reads an entry; `None` for an empty one. A block size of 0 counts as 1.
