@@ -74,25 +74,24 @@ print('^(' + '|'.join(map(re.escape, names[:$count])) + ')\$' if names else '')"
 [ -n "$chosen" ] || { echo "no line of these parts has a mutant"; exit; }
 
 end=${MUTANTS_SECONDS:-0}
+is_over() { ((end > 0 && SECONDS >= end)); }
 try_sample() { # ARGUMENTS OF CARGO TEST...
     local status=0 limit=()
-    if ((end > 0)); then
-        ((SECONDS < end)) || return 0
-        limit=(timeout --signal=INT "$((end - SECONDS))")
-    fi
+    ((end == 0)) || limit=(timeout --signal=INT "$((end - SECONDS))")
     "${limit[@]}" cargo mutants "${selection[@]}" --re "$chosen" --in-place --colors never --baseline skip \
         --timeout 60 --iterate --output "$output" "$@" || status=$?
     # 2: some were not noticed; 3: the tests of some did not end; 124, 130: the time is over.
     case $status in 0 | 2 | 3 | 124 | 130) ;; *) exit "$status" ;; esac
 }
-lines() { cat "${@/%/.txt}" 2>/dev/null | wc -l; }
+count_of() { # RESULTS...
+    (cd "$output/mutants.out" && cat "${@/%/.txt}" | wc -l)
+}
 
 try_sample -- --lib
-cd "$output/mutants.out"
-unviable=$(lines unviable)
-cd "$tree"
-try_sample
-cd "$output/mutants.out"
-missed=$(lines missed) noticed=$(($(lines previously_caught caught timeout) - unviable))
+noticed=$(count_of caught) missed=0
+if (($(count_of missed timeout) > 0)) && ! is_over; then
+    try_sample
+    noticed=$((noticed + $(count_of caught timeout))) missed=$(count_of missed)
+fi
 echo "$part: $noticed noticed, $missed survive"
 ((missed * 100 <= most * (noticed + missed)))
