@@ -557,7 +557,6 @@ impl MotionGuard {
             return Err(TargetRejection::Counter { target: next });
         }
         if let Some((min, max)) = limits.bounds
-            && beyond(next, min, max) > 0
             && beyond(next, min, max) >= beyond(last, min, max).max(1)
             && next != last
         {
