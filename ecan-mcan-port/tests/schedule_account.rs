@@ -110,7 +110,7 @@ fn diagnostics_are_known_before_the_interval_even_if_a_transfer_fails() {
     }
 }
 
-/// It says nothing about a frame.
+/// A reading that fails shows nothing about a frame.
 #[test]
 fn counter_that_is_never_readable_leaves_no_frame_unknown() {
     let mut fixture = with_sync0(echo(1), SHIFT_NS, |gateway| gateway.schedule.watch_ms = 10);

@@ -465,7 +465,7 @@ mod tests {
         }
     }
 
-    /// Its transfer began after the image 65,500; images of another gateway are 16,384 numbers away.
+    /// A runner whose transfer began after image 65,500; images of another gateway are 16,384 numbers away.
     fn runner() -> CheckRunner {
         CheckRunner {
             slave: 0,

@@ -17,7 +17,7 @@ fn with(policy: DataPathConfig, tx_fifo_size: u8) -> Fixture {
     with_pressure(GatewayModelConfig::default().tx_pressure_percent, policy, tx_fifo_size)
 }
 
-/// The same with this threshold of `tx_pressure`.
+/// A gateway as that of [`with`], with this threshold of `tx_pressure`.
 fn with_pressure(tx_pressure_percent: u8, policy: DataPathConfig, tx_fifo_size: u8) -> Fixture {
     let config = GatewayModelConfig { tx_pressure_percent, ..GatewayModelConfig::default() };
     let mut fixture = Fixture::configured_with(config, chunks(3), chunks(24));

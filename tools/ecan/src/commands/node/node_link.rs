@@ -31,7 +31,7 @@ pub struct SdoRequest {
     pub gateway: usize,
     pub target: NodeTarget,
     pub client: SdoClient,
-    /// A frame of it was not sent, or whether it was is unknown.
+    /// A frame of this transfer was not sent, or its result is unknown.
     pub has_lost_frame: bool,
 }
 
@@ -209,8 +209,8 @@ impl NodeLink {
         }
     }
 
-    /// Sends a frame in this cycle, of an SDO transfer with a node if it is given; false if there is no
-    /// space.
+    /// Sends a frame in this cycle, of an SDO transfer with a node if it is given; false without space,
+    /// or while the gateway is not ready.
     fn send(
         &mut self,
         gateway: usize,

@@ -15,7 +15,7 @@ use super::node_client::{decode_unsigned, requirements};
 use super::node_link::{NodeLink, SdoRequest};
 use super::node_target::NodeTarget;
 use super::object_value::DeviceType;
-use crate::context::{Context, Failure, Output, Result, Tone};
+use crate::context::{Context, Failure, Output, Result, Tone, note};
 use crate::frames::{Channels, FrameOptions, Prepared};
 use crate::output;
 use crate::output::Progress;
@@ -312,15 +312,21 @@ impl Scan {
                 }
                 None => {
                     let is_unasked = *stage == 0 && request.has_lost_frame;
+                    let place = (request.gateway, channel);
+                    let mut channels = self.channels.iter_mut();
                     if is_unasked
-                        && let Some(scan) = self
-                            .channels
-                            .iter_mut()
-                            .find(|scan| (scan.gateway, scan.channel) == (request.gateway, channel))
-                        && let Some(repeats) = scan.repeats.checked_sub(1)
+                        && let Some(scan) =
+                            channels.find(|scan| (scan.gateway, scan.channel) == place)
                     {
-                        scan.repeats = repeats;
-                        scan.waiting.push(node);
+                        match scan.repeats.checked_sub(1) {
+                            Some(repeats) => {
+                                scan.repeats = repeats;
+                                scan.waiting.push(node);
+                            }
+                            None => note(format_args!(
+                                "# can{channel}: node {node} was not asked: its request was lost"
+                            )),
+                        }
                     }
                     self.requests.swap_remove(number);
                     self.stages.swap_remove(number);
