@@ -13,7 +13,7 @@ pub const CRC_ALG_NONE: u8 = 0;
 pub const CRC_ALG_CCITT_FALSE: u8 = 1;
 
 /// Flags of the image header (manual 6.1).
-#[derive(Clone, Copy, Default, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct HeaderFlags(u8);
 
 impl HeaderFlags {
@@ -70,12 +70,6 @@ impl HeaderFlags {
     #[inline]
     pub const fn is_empty(self) -> bool {
         self.0 == 0
-    }
-}
-
-impl fmt::Debug for HeaderFlags {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "HeaderFlags({:#04x})", self.0)
     }
 }
 
