@@ -78,8 +78,8 @@ is_over() { ((end > 0 && SECONDS >= end)); }
 try_sample() { # ARGUMENTS OF CARGO TEST...
     local status=0 limit=()
     ((end == 0)) || limit=(timeout --signal=INT "$((end - SECONDS))")
-    "${limit[@]}" cargo mutants "${selection[@]}" --re "$chosen" --in-place --colors never --baseline skip \
-        --timeout 60 --iterate --output "$output" "$@" || status=$?
+    "${limit[@]}" cargo mutants "${selection[@]}" --re "$chosen" --all-features --in-place --colors never \
+        --baseline skip --timeout 60 --iterate --output "$output" "$@" || status=$?
     # 2: some were not noticed; 3: the tests of some did not end; 124, 130: the time is over.
     case $status in 0 | 2 | 3 | 124 | 130) ;; *) exit "$status" ;; esac
 }
