@@ -189,7 +189,13 @@ impl DataPath {
         {
             return;
         }
-        if let Err(error) = self.parse_image(image, times) {
+        if self.parser.repeats_rejected(image) {
+            self.counters.images_repeated += 1;
+            return;
+        }
+        let result = self.parse_image(image, times);
+        self.parser.note_rejected(image, result.is_err());
+        if let Err(error) = result {
             self.counters.images_faulty += 1;
             self.options.rx.note_error(error);
         }

@@ -260,6 +260,8 @@ pub(super) struct RxPdoParser {
     reader: Option<ImageReader>,
     last_image: Vec<u8>,
     last_sequence: Option<u16>,
+    /// The previous image, if it was rejected.
+    rejected_image: Vec<u8>,
     repeated: RepeatedImage,
     errors: PdoErrorNumbers,
 }
@@ -270,6 +272,7 @@ impl RxPdoParser {
             reader: None,
             last_image: Vec::with_capacity(MAX_PDO_BYTES),
             last_sequence: None,
+            rejected_image: Vec::with_capacity(MAX_PDO_BYTES),
             repeated: variant.repeated_image,
             errors: variant.pdo_errors,
         }
@@ -278,12 +281,30 @@ impl RxPdoParser {
     pub(super) fn configure(&mut self, profile: Option<PdoProfile>, crc: bool) {
         self.reader =
             profile.map(|profile| ImageReader::new(Direction::RxPdo, profile).with_crc(crc));
+        self.rejected_image.clear();
     }
 
     /// Clears the last sequence number, so that the next image is new with any number.
     pub(super) fn reset_session(&mut self) {
         self.last_sequence = None;
         self.last_image.clear();
+        self.rejected_image.clear();
+    }
+
+    /// Returns whether the previous image was rejected and comes again, byte for byte: a no-op, unless
+    /// the variant counts it as an error (manual 13.8).
+    pub(super) fn repeats_rejected(&self, image: &[u8]) -> bool {
+        self.repeated == RepeatedImage::NoOp
+            && !self.rejected_image.is_empty()
+            && self.rejected_image == image
+    }
+
+    /// Keeps a copy of an image that was rejected; an accepted one ends the repetition.
+    pub(super) fn note_rejected(&mut self, image: &[u8], is_rejected: bool) {
+        self.rejected_image.clear();
+        if is_rejected {
+            self.rejected_image.extend_from_slice(image);
+        }
     }
 
     /// Checks header, CRC and sequence number of an image, and keeps a copy of a new one; `None` for

@@ -26,6 +26,23 @@ fn exact_repeat_is_a_no_op() {
 }
 
 #[test]
+fn rejected_image_is_counted_once_until_another_one_arrives() {
+    let mut fixture = Fixture::op(chunks(8), chunks(8));
+    for counted in 1..=2 {
+        fixture.image.fill(0);
+        for _ in 0..3 {
+            assert!(fixture.write_again());
+            assert_eq!(fixture.upload(0x8011, 14), 14);
+            assert_eq!(fixture.upload(0x8011, 15), counted);
+        }
+        fixture.push(0, standard(0x10, &[1]));
+        fixture.cycle();
+        assert_eq!(fixture.sent(0).len(), 1);
+    }
+    assert_eq!(fixture.gateway.counters().images_repeated, 4);
+}
+
+#[test]
 fn next_sequence_executes_the_same_frames_again() {
     let mut fixture = Fixture::op(with_results(), chunks(8));
     for sequence in 1..4 {
