@@ -215,6 +215,7 @@ impl Adapter {
                 .map_err(|e| Error::library("ecrt_master_application_time", None, e))?;
         }
         self.master.activate().map_err(|e| Error::library("ecrt_master_activate", None, e))?;
+        self.write_empty_images();
         // The grid starts with the first cycle, and with it the application time, to which the
         // master refers the phase of Sync0.
         self.cycle_clock.restart();
@@ -236,8 +237,15 @@ impl Adapter {
         self.master
             .refresh_domain_data()
             .map_err(|e| Error::library("ecrt_domain_data", None, e))?;
+        self.write_empty_images();
         self.phase = Phase::Active;
         Ok(())
+    }
+
+    fn write_empty_images(&mut self) {
+        for slave in &self.slaves {
+            slave.write_empty_image(&mut self.master);
+        }
     }
 
     /// Leaves cyclic operation, takes another configuration and applies it (manual 14.2): the
@@ -450,7 +458,8 @@ impl Adapter {
     /// The RxPDO of a slave, written by the application: 128 * N continuous bytes.
     ///
     /// Real-time safe. Empty before activation and for an index out of range. What is written
-    /// between [`receive`](Self::receive) and [`send`](Self::send) goes out with that send.
+    /// between [`receive`](Self::receive) and [`send`](Self::send) goes out with that send. After
+    /// activation it is a valid image without packets, of sequence number 0xFFFF (manual 6.1).
     #[inline]
     pub fn rx_pdo_mut(&mut self, slave: usize) -> &mut [u8] {
         let Some(slave) = self.slaves.get(slave) else { return &mut [] };

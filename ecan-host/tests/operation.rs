@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use crate::common::{open, raw_config, run, simulated};
+use crate::common::{add_profile, open, raw_config, run, simulated};
 use ecan_host::{
     Adapter, AdapterConfig, DcSync, Delivery, Diagnostics, Error, Master, Phase, RequestState,
     StartupPlan, StartupStep, WcState,
@@ -10,7 +10,9 @@ use ecan_host::{
 use ecan_protocol::can::{CanFrame, CanId};
 use ecan_protocol::config::McanChannelConfig;
 use ecan_protocol::device::AlState;
-use ecan_protocol::image::{CommitFields, ImageWriter, Timestamp};
+use ecan_protocol::image::{
+    BudgetPolicy, CommitFields, ImageReader, ImageWriter, OptionFlags, PdoProfile, Timestamp,
+};
 use ecan_protocol::mapping::Direction;
 use ecan_protocol::object::{ObjectType, SdoWrite};
 use ecan_sim::{Fault, GatewayFault, IoSpec, Scenario};
@@ -37,6 +39,40 @@ fn raw_images_carry_frames() {
     let counters = simulation.with_world(|world| world.counters(0).unwrap());
     assert_eq!((counters.frames_on_bus, counters.frames_from_bus), (1, 1));
     assert!(counters.images_repeated > 5, "the image stayed and was a no-op");
+    assert_eq!(counters.images_faulty, 0, "the image before OP is a valid one");
+    let cycle = |adapter: &mut Adapter| adapter.receive().and_then(|()| adapter.send());
+    let read = |diagnostics: &Diagnostics| {
+        [2, 14, 15].map(|subindex| diagnostics.sdo_upload_u32(0, 0x8011, subindex).unwrap())
+    };
+    assert_eq!(adapter.diagnose(cycle, read).unwrap(), [0; 3], "status, last error, counter");
+}
+
+#[test]
+fn image_before_op_has_the_profile_of_the_startup_or_the_slave() {
+    let profile = PdoProfile {
+        multiplier: 3,
+        channel_mask: 0x05,
+        budget: BudgetPolicy::Deterministic,
+        options: OptionFlags::NO_CRC16.with(OptionFlags::ALIGN4),
+        ..PdoProfile::default()
+    };
+    let (ecrt, simulation) = simulated(ecan_sim::echo(1));
+    let mut first = AdapterConfig::new(1);
+    for direction in [Direction::TxPdo, Direction::RxPdo] {
+        add_profile(&mut first, 0, direction, &profile);
+    }
+    // The second application writes no profile: the slave keeps that of the first one.
+    for config in [first, AdapterConfig::new(1)] {
+        let mut adapter = Adapter::open(&ecrt, config, StartupPlan::default()).unwrap();
+        adapter.wait_op(Duration::from_secs(20)).unwrap();
+        run(&mut adapter, 10);
+        let image = ImageReader::new(Direction::RxPdo, profile).read(adapter.rx_pdo(0)).unwrap();
+        assert!(!image.layout_changed() && image.payload().is_empty());
+        assert_eq!(image.sequence(), u16::MAX);
+        let counters = simulation.with_world(|world| world.counters(0).unwrap());
+        assert_eq!(counters.images_faulty, 0);
+        assert!(counters.images_parsed > 0);
+    }
 }
 
 #[test]

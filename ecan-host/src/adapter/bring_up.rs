@@ -4,7 +4,9 @@
 use std::thread;
 use std::time::Duration;
 
+use ecan_protocol::config::ConfigObject;
 use ecan_protocol::device::{AlState, Capabilities, OptionalObject};
+use ecan_protocol::image::PdoProfile;
 use ecan_protocol::mapping::Direction;
 use ecan_protocol::object::describe;
 use ecrt_sys::{Clock, Ecrt};
@@ -15,7 +17,7 @@ use super::slave::{Prepared, Slave, settings_of};
 use crate::bus::mapping::read_mapping;
 use crate::bus::{Diagnostics, recognition};
 use crate::clocks::DistributedClocks;
-use crate::config::AdapterConfig;
+use crate::config::{AdapterConfig, StartupStep};
 use crate::error::Error;
 use crate::master::{Master, RequestState};
 use crate::startup::StartupPlan;
@@ -24,6 +26,8 @@ use crate::startup::StartupPlan;
 const FIND_POLL_NS: u64 = 50_000_000;
 /// Subindex of 0xF000 that each gateway has: the size of a PDO unit.
 const SIZE_UNIT: u8 = 17;
+/// Subindex of 0x8011 with N, which the configuration has.
+const MULTIPLIER: u8 = 3;
 
 /// The parts of an Adapter that is being configured.
 pub(super) struct BringUp<'a> {
@@ -176,9 +180,40 @@ fn prepare(
         capabilities,
         rx_units: mapping(Direction::RxPdo, settings.rx_multiplier)?,
         tx_units: mapping(Direction::TxPdo, settings.tx_multiplier)?,
+        rx_profile: requested_profile(diagnostics, config, &available, slave)?,
         sdo_time,
         missing,
     })
+}
+
+/// The RxPDO profile after the startup: what its last steps write, and what the slave has where none writes.
+fn requested_profile(
+    diagnostics: &Diagnostics,
+    config: &AdapterConfig,
+    startup: &StartupPlan,
+    slave: usize,
+) -> Result<PdoProfile, Error> {
+    let object = Direction::RxPdo.profile_object();
+    let multiplier = settings_of(config, slave)?.rx_multiplier;
+    let mut profile = PdoProfile { multiplier, ..PdoProfile::default() };
+    let steps = startup.steps(config, slave);
+    for subindex in PdoProfile::fields().map(|entry| entry.subindex) {
+        let written = steps.iter().rev().find_map(|step| match step {
+            StartupStep::Download(sdo) if step.object() == (object, subindex) => Some(sdo.value),
+            _ => None,
+        });
+        let value = match written {
+            _ if subindex == MULTIPLIER => continue,
+            Some(value) => value,
+            None => match diagnostics.sdo_upload_u32(slave, object, subindex) {
+                Err(error) if error.is_missing_object() => continue,
+                value => value?,
+            },
+        };
+        // The gateway rejects a value without meaning, and keeps the profile that it has.
+        let _ = profile.set_value(subindex, value);
+    }
+    Ok(profile)
 }
 
 /// Reads an entry of each optional object of the startup, since a write that the slave rejects would end the startup.

@@ -3,6 +3,7 @@
 use std::time::Duration;
 
 use ecan_protocol::device::{Capabilities, OptionalObject};
+use ecan_protocol::image::{CommitFields, ImageWriter, PdoProfile};
 use ecan_protocol::mapping::Direction;
 use ecrt_sys::Ecrt;
 use tracing::{debug, info, warn};
@@ -28,6 +29,8 @@ pub(super) struct Prepared {
     pub(super) capabilities: CapabilityValues,
     pub(super) rx_units: Vec<Unit>,
     pub(super) tx_units: Vec<Unit>,
+    /// Profile of the RxPDO after the startup.
+    pub(super) rx_profile: PdoProfile,
     /// Time of an SDO transfer, measured once.
     pub(super) sdo_time: Duration,
     /// Objects of the startup that the slave does not have.
@@ -46,6 +49,7 @@ pub struct Slave {
     /// Objects of the startup that the slave does not have.
     missing: Vec<OptionalObject>,
     layout: DomainLayout,
+    rx_profile: PdoProfile,
     rx: ImageId,
     tx: ImageId,
     report: DomainReport,
@@ -104,7 +108,8 @@ impl Slave {
     ) -> Result<Self, Error> {
         let settings = *settings_of(all, slave)?;
         let (rx_n, tx_n) = (settings.rx_multiplier, settings.tx_multiplier);
-        let Prepared { identity, capabilities, rx_units, tx_units, sdo_time, missing } = prepared;
+        let Prepared { identity, capabilities, rx_units, tx_units, rx_profile, sdo_time, missing } =
+            prepared;
 
         let fail = |call| move |errno| Error::library(call, Some(slave), errno);
         let config = master
@@ -166,6 +171,7 @@ impl Slave {
             sdo_time,
             missing,
             layout,
+            rx_profile,
             rx: master.add_image(domain, rx_start..rx_start + layout.rx_bytes),
             tx: master.add_image(domain, tx_start..tx_start + layout.tx_bytes),
             report: DomainReport {
@@ -235,6 +241,14 @@ impl Slave {
     #[inline]
     pub(super) fn report(&self) -> &DomainReport {
         &self.report
+    }
+
+    /// Writes an image without packets into the process data, since the gateway counts zeros as a bad
+    /// header. The sequence number precedes 0 and 1, with which applications start.
+    pub(super) fn write_empty_image(&self, master: &mut Master) {
+        let mut writer = ImageWriter::new(Direction::RxPdo, self.rx_profile);
+        writer.set_next_sequence(u16::MAX);
+        writer.commit(master.image_mut(self.rx), CommitFields::default());
     }
 
     /// Forgets the last exchange before the next one is evaluated.
