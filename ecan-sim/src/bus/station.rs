@@ -43,6 +43,9 @@ pub struct StationConfig {
     /// True if the station supports CAN FD. Without support it destroys FD frames with error flags
     /// and sends its own in classic format, cut to 8 bytes, as M_CAN does.
     pub fd: bool,
+    /// True if CAN FD frames have the format before ISO 11898-1:2015, which stations with ISO format
+    /// cannot read, and the other way round.
+    pub non_iso: bool,
     /// Operating mode.
     pub mode: StationMode,
     /// True if failed transmissions and lost arbitrations are repeated.
@@ -63,6 +66,7 @@ impl StationConfig {
             nominal_bitrate,
             data_bitrate,
             fd: true,
+            non_iso: false,
             mode: StationMode::Normal,
             auto_retransmit: true,
         }
@@ -100,7 +104,9 @@ impl StationConfig {
             return Err(Mismatch::NominalBitrate);
         }
         match frame.kind() {
-            FrameKind::Fd { .. } if !self.fd => Err(Mismatch::FdFormat),
+            FrameKind::Fd { .. } if !self.fd || self.non_iso != sender.non_iso => {
+                Err(Mismatch::FdFormat)
+            }
             FrameKind::Fd { brs: true, .. } if self.data_bitrate != sender.data_bitrate => {
                 Err(Mismatch::DataBitrate)
             }

@@ -162,6 +162,7 @@ pub(super) fn build(
         nominal_bitrate,
         data_bitrate: data.map_or(nominal_bitrate, |data| rate(config.data_bitrate, data)),
         fd: config.fd,
+        non_iso: config.non_iso,
         mode: station_mode(config.node_mode, variant.node_modes),
         auto_retransmit: !config.disable_auto_retransmission,
     };

@@ -47,8 +47,8 @@ impl CanBus {
         for station in &self.stations {
             let Some(config) = &station.config else { continue };
             let is_equal = first.is_none_or(|first| {
-                (first.nominal_bitrate, first.data_bitrate, first.fd)
-                    == (config.nominal_bitrate, config.data_bitrate, config.fd)
+                (first.nominal_bitrate, first.data_bitrate, first.fd, first.non_iso)
+                    == (config.nominal_bitrate, config.data_bitrate, config.fd, config.non_iso)
             });
             let is_sound = config.mode == StationMode::Normal
                 && station.counters == ErrorCounters::default()

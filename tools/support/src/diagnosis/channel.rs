@@ -230,15 +230,28 @@ fn error_passive(channel: &Channel<'_>, counters: ErrorCounters) -> Option<Findi
         || (counters.transmit == 128 && counters.receive == 0 && !counters.is_receive_passive);
     if is_alone {
         let what = format!("no node acknowledges frames from this channel: {counters}");
+        // The frames of a node that is alone are not disturbed, and never lead to bus-off.
+        let is_disturbed =
+            counters.receive > 0 || channel.information(15).is_some_and(|count| count > 0);
+        let rates = format!(
+            "a node has another bit rate and disturbs the frames: {}",
+            compare_rates(channel)
+        );
         return channel
             .fault("no-acknowledge", what)
-            .cause("no other active node on this bus (off, or in listen mode)")
+            .cause_if(is_disturbed.then_some(rates))
+            .cause(format!(
+                "no other active node on this bus with this bit rate (off, in listen mode, or with another rate); \
+                 this channel: {}",
+                channel.rates()
+            ))
             .cause_if(rotation(channel))
-            .cause(compare_rates(channel))
             .cause("the cable is open or connected to another channel")
             .next_step("connect a second node with the same bit rates; see `ecan pins`", "16.3");
     }
+    let has_form_error = protocol.last_error == LastErrorCode::Form || is_non_iso(channel);
     channel.fault("error-passive", format!("error passive: {counters}"))
+        .cause_if(iso_format(channel).filter(|_| has_form_error))
         .cause(compare_rates(channel))
         .causes(&[
             "termination is missing, or too many terminations",
@@ -271,6 +284,8 @@ pub(super) fn bus_error(channel: &Channel<'_>) -> Option<Finding> {
         return None;
     }
     let error = protocol.last_error;
+    let is_fd = channel.config(15) == Some(1);
+    let format = iso_format(channel);
     let causes: &[&str] = match error {
         LastErrorCode::None | LastErrorCode::NoChange if !is_repeated => return None,
         LastErrorCode::Acknowledge => {
@@ -280,10 +295,19 @@ pub(super) fn bus_error(channel: &Channel<'_>) -> Option<Finding> {
             "two nodes send the same CAN ID",
             "CAN_H or CAN_L is short-circuited, or the transceiver has no supply",
         ],
+        LastErrorCode::Form if is_fd => {
+            &["a node that is configured for classic CAN rejects CAN FD frames"]
+        }
         LastErrorCode::Form => {
             &["the channel is configured for classic CAN and receives CAN FD frames"]
         }
         _ => &["interference, termination or contact"],
+    };
+    let (first, last) = match error {
+        LastErrorCode::Form => (format, None),
+        LastErrorCode::Crc if is_non_iso(channel) => (format, None),
+        LastErrorCode::Crc => (None, format),
+        _ => (None, None),
     };
     let what = if error.is_error() {
         format!("the last error on the bus was a {error}")
@@ -292,9 +316,30 @@ pub(super) fn bus_error(channel: &Channel<'_>) -> Option<Finding> {
     };
     channel
         .warning("bus-error", what)
+        .cause_if(first)
         .causes(causes)
         .cause(compare_rates(channel))
+        .cause_if(last)
         .next_step("watch the error counters while frames are sent", "16.3")
+}
+
+/// Returns whether the channel has CAN FD in the format before ISO 11898-1:2015.
+fn is_non_iso(channel: &Channel<'_>) -> bool {
+    channel.config(15) == Some(1) && channel.config(9).is_some_and(|mode| mode != 0)
+}
+
+/// The format of CAN FD frames as a cause of form and CRC errors: ISO 11898-1 has a stuff count before the CRC.
+fn iso_format(channel: &Channel<'_>) -> Option<String> {
+    let entry = channel.config_entry(9);
+    if is_non_iso(channel) {
+        return Some(format!(
+            "this channel is in Non-ISO mode ({entry} = 1); nodes with ISO format reject its frames"
+        ));
+    }
+    let is_iso = channel.config(15) == Some(1) && channel.config(9) == Some(0);
+    is_iso.then(|| {
+        format!("a node sends CAN FD frames in Non-ISO format; this channel has ISO format ({entry} = 0)")
+    })
 }
 
 fn data_phase_error(channel: &Channel<'_>, phases: ErrorPhases) -> Option<Finding> {
@@ -311,6 +356,9 @@ fn data_phase_error(channel: &Channel<'_>, phases: ErrorPhases) -> Option<Findin
     }
     let own = own_compensation(channel);
     let finding = channel.warning("data-phase-error", what);
+    let is_format = matches!(code, LastErrorCode::Form | LastErrorCode::Crc);
+    let is_non_iso = is_non_iso(channel);
+    let finding = finding.cause_if(iso_format(channel).filter(|_| is_non_iso));
     // A bit 0 error is the own echo; the other codes also come from the error flag of another node.
     let finding = match code {
         LastErrorCode::Bit0 => finding
@@ -320,6 +368,7 @@ fn data_phase_error(channel: &Channel<'_>, phases: ErrorPhases) -> Option<Findin
         _ => finding
             .cause("the sample points of the data phase differ, or the nominal ones, at which it begins")
             .cause_if(own)
+            .cause_if(iso_format(channel).filter(|_| is_format && !is_non_iso))
             .cause("transmitter delay compensation (TDC) of a peer is off, but needed from 5 Mbit/s"),
     };
     let settings = compensation(channel).map_or_else(String::new, |text| format!(", {text}"));

@@ -15,6 +15,15 @@ const CLOSE_BEFORE_US: f64 = 50.0;
 /// N from which process data exceed one datagram.
 const LARGE_CHUNKS: u32 = 12;
 
+const SHIFT_TOO_SMALL: &str =
+    "the DC shift is too small: outputs arrive around or after Sync0, and the firmware misses them";
+const OTHER_CHUNKS: &str =
+    "the assignment 0x1C12/0x1C13 has another number of chunks than N of 0x8010/0x8011";
+const WRONG_SII: &str = "SM2/SM3 in the SII are not 0x1100 and 0x1D00 with 3072 bytes and control bytes \
+                         0x66 and 0x22";
+const OTHER_DOMAIN: &str = "the FMMUs do not cover the process data: the master needs a domain for each gateway, \
+                            and one with patches for large PDOs only where N exceeds a datagram";
+
 pub(super) fn findings(snapshot: &Snapshot) -> Vec<Finding> {
     let mut found = Vec::new();
     found.extend(state(snapshot));
@@ -84,23 +93,21 @@ fn held(snapshot: &Snapshot, state: AlState) -> Option<Finding> {
         AlState::SafeOp | AlState::Op => finding.causes(&[
             "process data stop for longer than the watchdog time: the application misses its \
              cycle, or frames are lost",
-            "the DC shift is too small: outputs arrive around or after Sync0, and are missed",
+            SHIFT_TOO_SMALL,
             "SM2, the assignment 0x1C12 and the profile 0x8011 do not match",
         ]),
         _ => finding.causes(&[
             "a startup SDO was aborted: a value of the configuration that this firmware does not \
              take",
-            "the assignment 0x1C12/0x1C13 has another number of chunks than N of 0x8010/0x8011",
-            "SM2/SM3 in the SII are not 0x1100 and 0x1D00 with 3072 bytes and control bytes 0x66 \
-             and 0x22",
+            OTHER_CHUNKS,
+            WRONG_SII,
         ]),
     };
     let code = match snapshot.al_status_code {
         None => "read the AL status code (ethercat reg_read 0x0134) and the kernel log",
         Some(_) => "read the kernel log for the failed SDO or step",
     };
-    let next =
-        format!("{code}; check the SII: `ecan doctor` or scripts/ecan_sii_sm_layout.sh check");
+    let next = format!("{code}; check the SII: `ecan doctor` or ecan_sii_sm_layout.sh check");
     finding.next_step(next, "16.1")
 }
 
@@ -114,28 +121,27 @@ fn status_code(snapshot: &Snapshot, code: AlStatusCode) -> Option<Finding> {
             &[
                 "the application stopped, or a cycle was late by more than the watchdog time",
                 "EtherCAT frames are lost: cable, connector, network interface",
+                SHIFT_TOO_SMALL,
                 "the host pauses: no real-time priority, power saving, interrupt coalescing",
                 "the watchdog time is too short for the cycle of the application",
             ],
-            "check the cycle statistics of the application, then run `ecan doctor`",
+            "check the cycle statistics of the application and its DC shift, then run `ecan doctor`",
         ),
         0x0017 | 0x001C | 0x001D | 0x001E | 0x0024 | 0x0025 => (
             "al-sync-manager",
             &[
-                "the assignment 0x1C12/0x1C13 has another number of chunks than N of \
-                 0x8010/0x8011",
-                "SM2/SM3 in the SII are not 0x1100 and 0x1D00 with 3072 bytes and control bytes \
-                 0x66 and 0x22",
+                OTHER_CHUNKS,
+                WRONG_SII,
                 "the profile was written but not applied before SAFEOP",
+                OTHER_DOMAIN,
             ],
             "compare N on both sides, then check the SII: `ecan doctor` or \
-             scripts/ecan_sii_sm_layout.sh check",
+             ecan_sii_sm_layout.sh check",
         ),
         0x001A | 0x002C..=0x002E | 0x0030..=0x0037 => (
             "al-sync",
             &[
-                "the DC shift is too small: outputs arrive around or after Sync0, and the firmware \
-                 misses them",
+                SHIFT_TOO_SMALL,
                 "Sync0 is not generated: AssignActivate or the Sync0 period is wrong",
                 "the jitter of the host's cycle exceeds the shift",
             ],
@@ -148,7 +154,7 @@ fn status_code(snapshot: &Snapshot, code: AlStatusCode) -> Option<Finding> {
                 "the mailbox sync managers of the SII are damaged",
                 "the configuration of the master uses other mailbox addresses",
             ],
-            "run scripts/ecan_sii_sm_layout.sh check; compare the ESI file with the firmware",
+            "run ecan_sii_sm_layout.sh check; compare the ESI file with the firmware",
         ),
         0x0006 | 0x0050 | 0x0051 => (
             "al-eeprom",
@@ -167,7 +173,41 @@ fn status_code(snapshot: &Snapshot, code: AlStatusCode) -> Option<Finding> {
             "read the kernel log for the failed step",
         ),
     };
-    Finding::fault(id, Location::Slave, what).causes(causes).next_step(next, "16.1")
+    let mut causes = causes.to_vec();
+    if let Some(first) = evident_cause(snapshot, id)
+        && let Some(index) = causes.iter().position(|cause| *cause == first)
+    {
+        causes[..=index].rotate_right(1);
+    }
+    Finding::fault(id, Location::Slave, what).causes(&causes).next_step(next, "16.1")
+}
+
+/// Cause that other values of the snapshot show, or that remains since they exclude the others.
+fn evident_cause(snapshot: &Snapshot, id: &str) -> Option<&'static str> {
+    match id {
+        "al-watchdog" => {
+            let is_close = sync_phase(snapshot).is_some_and(|found| found.id == "sync-shift-small");
+            is_close.then_some(SHIFT_TOO_SMALL)
+        }
+        "al-sync-manager" => {
+            let has = |id| sync_managers(snapshot).iter().any(|finding| finding.id == id);
+            let has_profiles =
+                [0x8010, 0x8011].iter().all(|object| snapshot.active_bytes(*object).is_some());
+            match () {
+                () if has("sync-manager-layout") => Some(WRONG_SII),
+                () if !has_profiles || has("sync-manager-length") => None,
+                () if differs(snapshot) => None,
+                () => snapshot.sync_managers.map(|_| OTHER_DOMAIN),
+            }
+        }
+        _ => None,
+    }
+}
+
+/// Returns whether an assignment has another size than the active profile.
+fn differs(snapshot: &Snapshot) -> bool {
+    assignment(snapshot, 0x8010, 0x1C13, Location::TxPdo).is_some()
+        || assignment(snapshot, 0x8011, 0x1C12, Location::RxPdo).is_some()
 }
 
 fn silence(snapshot: &Snapshot) -> Option<Finding> {
@@ -267,7 +307,7 @@ fn wrong_sync_manager(
             "the project of the master has other sync managers, from an ESI file of another firmware",
         ])
         .next_step(
-            "run `ecan doctor` or scripts/ecan_sii_sm_layout.sh check, then fix; power-cycle the gateway",
+            "run `ecan doctor` or ecan_sii_sm_layout.sh check, then fix; power-cycle the gateway",
             "15.7, 16.1",
         )
 }

@@ -1,7 +1,7 @@
 //! Findings of inactive profiles and invalid images (manual 5.4.6, 13.2, 16.2).
 
 use ecan_protocol::config::ProfileStatus;
-use ecan_protocol::image::{OptionFlags, PdoError};
+use ecan_protocol::image::{BudgetPolicy, OptionFlags, PdoError, PdoProfile};
 
 use super::{Finding, Location};
 use crate::diagnosis::snapshot::Snapshot;
@@ -91,10 +91,14 @@ fn frame_area(snapshot: &Snapshot, index: u16, location: Location) -> Option<Fin
 fn last_error(snapshot: &Snapshot, index: u16, location: Location) -> Option<Finding> {
     let (raw, count) = (snapshot.get(index, 14)?, snapshot.get(index, 15));
     let error = u16::try_from(raw).ok().and_then(PdoError::from_raw);
-    if raw == 0 && count.unwrap_or(0) == 0 {
+    let is_of_budget = location == Location::RxPdo && exceeded_budget(snapshot).is_some();
+    if raw == 0 && count.unwrap_or(0) == 0 || is_of_budget {
         return None;
     }
-    let (id, causes, next): (_, &[&str], _) = explain(error);
+    let (id, causes, next): (_, &[&str], _) = match location {
+        Location::TxPdo => explain_built(error),
+        _ => explain(error),
+    };
     let last = match error {
         Some(PdoError::Ok) => "the last image was valid".to_owned(),
         Some(error) => format!("the last error was {raw} ({error})"),
@@ -111,8 +115,76 @@ fn last_error(snapshot: &Snapshot, index: u16, location: Location) -> Option<Fin
     finding.causes(causes).next_step(next, "5.4.6, 16.2")
 }
 
+/// Name, causes and next step of an RxPDO error.
+type Explanation = (&'static str, &'static [&'static str], &'static str);
+
+/// The budget policy of the RxPDO by which frames were dropped: packets exceeded the share of their channel, not
+/// the frame area, which would count as an error of the image (manual 12, assumption H7).
+fn exceeded_budget(snapshot: &Snapshot) -> Option<&'static str> {
+    snapshot.active_bytes(0x8011)?;
+    let value = |subindex| snapshot.get(0x8011, subindex);
+    let error = value(14).and_then(|raw| PdoError::from_raw(u16::try_from(raw).ok()?));
+    if error != Some(PdoError::PacketOverrun) || value(15) != Some(0) || value(16)? == 0 {
+        return None;
+    }
+    match PdoProfile::from_word(value(12)?)?.budget {
+        BudgetPolicy::Deterministic => Some(
+            "the budget policy 0x8011:06 is 2 (Deterministic): an image has more frames for a channel than its \
+             equal share",
+        ),
+        BudgetPolicy::Balanced => Some(
+            "the budget policy 0x8011:06 is 0 (Balanced): an image has more frames for a channel than its minimum \
+             and what the others leave",
+        ),
+        BudgetPolicy::SharedOnly => None,
+    }
+}
+
+/// Name, causes and next step of an error of the images that the gateway builds itself (0x8010:14).
+fn explain_built(error: Option<PdoError>) -> Explanation {
+    match error {
+        Some(PdoError::Ok) => (
+            "pdo-errors-past",
+            &["images could not be built before; later ones are valid"],
+            "clear with `ecan diag --clear` and check whether the counter increases",
+        ),
+        Some(PdoError::FrameOverrun) => (
+            "pdo-frame-overrun",
+            &[
+                "a received CAN FD frame is longer than the profile 0x8010:05 supports",
+                "the frame area of the TxPDO is smaller than one packet: N is too small",
+            ],
+            "use a profile that supports the frames of the bus, and a larger N",
+        ),
+        Some(PdoError::PacketOverrun) => (
+            "pdo-packet-overrun",
+            &[
+                "a received frame does not fit into the frame area of the TxPDO, or the share of its channel: N \
+                 is too small",
+                "the budget policy 0x8010:06 reserves space for idle channels",
+            ],
+            "plan the traffic with `ecan plan`; use a larger N, or Shared only (0x8010:06 = 1)",
+        ),
+        Some(PdoError::UnsupportedProfile | PdoError::UnsupportedOption) => explain(error),
+        Some(PdoError::ActiveArea) => (
+            "pdo-active-area",
+            &[
+                "SM3 has another length than the active TxPDO profile",
+                "0x1C13 assigns another number of chunks than N in 0x8010:03",
+            ],
+            "compare 0x8010:09 with the length of SM3 and with 0x1C13:00",
+        ),
+        Some(_) => (
+            "pdo-build-error",
+            &["the firmware built a faulty TxPDO image", "the firmware uses other error numbers"],
+            "reset the session (0x8010:08 = 3); if it recurs, send a bundle to support",
+        ),
+        None => explain(error),
+    }
+}
+
 /// Name, causes and next step of the encapsulation errors of manual 13.2.
-fn explain(error: Option<PdoError>) -> (&'static str, &'static [&'static str], &'static str) {
+fn explain(error: Option<PdoError>) -> Explanation {
     const CODEC: &str = "compare the image that the master writes with 5.4.4 byte by byte";
     match error {
         Some(PdoError::Ok) => (
@@ -166,9 +238,9 @@ fn explain(error: Option<PdoError>) -> (&'static str, &'static [&'static str], &
         Some(PdoError::DuplicateSequence) => (
             "pdo-duplicate",
             &[
-                "an image was repeated after a lost frame, which is harmless",
                 "the master does not increment seq_begin with each image",
                 "two programs write the process data",
+                "an image was repeated after a lost frame, which is harmless",
             ],
             "check whether CAN frames are missing; if so, increment the sequence",
         ),
@@ -180,8 +252,8 @@ fn explain(error: Option<PdoError>) -> (&'static str, &'static [&'static str], &
         Some(PdoError::ActiveArea) => (
             "pdo-active-area",
             &[
-                "N of the profile and the mapping of the master differ",
                 "layout_id in the header belongs to another profile",
+                "N of the profile and the mapping of the master differ",
             ],
             "compare 0x8011:09 with the length of SM2, and layout_id with 0x8011:12",
         ),
@@ -196,8 +268,8 @@ fn explain(error: Option<PdoError>) -> (&'static str, &'static [&'static str], &
         Some(PdoError::BadHeader) => (
             "pdo-bad-header",
             &[
-                "the process data are all zero: no header is written",
-                "ver_ihl is not 0x16, or seq_begin and seq_end differ",
+                "no complete header is written: the process data are all zero, ver_ihl is not 0x16, or seq_begin and \
+                 seq_end differ",
                 "the image is modified while the master sends it",
             ],
             "write a complete header in every cycle, seq_end last",
@@ -242,13 +314,17 @@ fn overflow(snapshot: &Snapshot, index: u16, location: Location) -> Option<Findi
             .next_step("plan the traffic with `ecan plan`; increase N or shorten the cycle", "12")
     } else {
         finding
+            .cause_if(exceeded_budget(snapshot).map(str::to_owned))
             .causes(&[
                 "the host sends more frames than the bit rates allow",
                 "no acknowledgement on a bus: its queue stays full",
                 "a channel's transmit budget (0x8021:12 to 0x8024:12) is smaller than the frames of a \
                  cycle",
             ])
-            .next_step("compare the sent frames with the bit rate, then check the channels", "12")
+            .next_step(
+                "compare the frames of a cycle with 0x8011:06, N and the bit rate, then check the channels",
+                "12, 16.2",
+            )
     }
 }
 

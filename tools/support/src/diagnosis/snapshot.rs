@@ -171,7 +171,7 @@ impl Snapshot {
             (0x8001..=0x8004, 49 | 55) if !self.is_unused(index - 0x8001) => {
                 is_not(index, 36, 0) && is_not(index, 37, 0)
             }
-            (0x8001..=0x8004, 7 | 8 | 15 | 16 | 19..=24 | 33 | 34 | 36 | 37) => {
+            (0x8001..=0x8004, 7..=9 | 15 | 16 | 19..=24 | 33 | 34 | 36 | 37) => {
                 is_unapplied(index - 0x8001) || !self.is_unused(index - 0x8001)
             }
             (0x8001..=0x8004, _) => {

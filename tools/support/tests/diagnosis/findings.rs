@@ -53,6 +53,7 @@ fn missing_value_is_shown_as_unknown() {
 fn al_status_codes_have_their_causes() {
     for (code, id, cause) in [
         (0x001B, "al-watchdog", "the application stopped"),
+        (0x002A, "al-watchdog", "the application stopped"),
         (0x001D, "al-sync-manager", "0x1C12/0x1C13 has another number of chunks"),
         (0x001E, "al-sync-manager", "0x1C12/0x1C13 has another number of chunks"),
         (0x002C, "al-sync", "DC shift is too small"),
@@ -223,9 +224,9 @@ fn each_pdo_error_has_its_cause() {
         (7, "pdo-invalid-timestamp", "timestamp format"),
         (8, "pdo-truncated", "payload_len"),
         (9, "pdo-unsupported-profile", "0xF000:12"),
-        (10, "pdo-duplicate", "is harmless"),
+        (10, "pdo-duplicate", "does not increment seq_begin"),
         (11, "pdo-unsupported-option", "0xF000:15"),
-        (12, "pdo-active-area", "mapping of the master differ"),
+        (12, "pdo-active-area", "layout_id in the header"),
         (13, "pdo-reserved-bit", "must be 0"),
         (14, "pdo-bad-header", "all zero"),
         (15, "pdo-bad-crc", "[24, 24 + payload_len)"),
@@ -241,6 +242,17 @@ fn each_pdo_error_has_its_cause() {
         assert!(found.causes[0].contains(cause), "{found:#?}");
         assert!(found.what.starts_with("42 PDO errors"), "{found:#?}");
     }
+    for (error, id, cause) in [
+        (2, "pdo-frame-overrun", "a received CAN FD frame is longer"),
+        (3, "pdo-packet-overrun", "a received frame does not fit"),
+        (12, "pdo-active-area", "SM3 has another length"),
+        (15, "pdo-build-error", "the firmware built a faulty TxPDO"),
+    ] {
+        let found = with(0x8010, 14, error);
+        assert_eq!((found.id, found.location), (id, Location::TxPdo));
+        assert!(found.causes[0].contains(cause), "{found:#?}");
+        assert!(!found.causes.concat().contains("0x8011"), "{found:#?}");
+    }
     let past = with(0x8010, 15, 3);
     assert_eq!((past.id, past.severity), ("pdo-errors-past", Severity::Warning));
 }
@@ -254,6 +266,18 @@ fn overflow_causes_depend_on_direction() {
     );
     assert!(tx.causes[0].contains("N is too small"));
     assert!(rx.causes[0].contains("host sends more"));
+    for (budget, cause) in [(0, "0x8011:06 is 0 (Balanced)"), (2, "0x8011:06 is 2 (Deterministic)")]
+    {
+        let of_budget = only(|snapshot| {
+            let word = snapshot.get(0x8011, 12).unwrap() & !(3 << 19);
+            snapshot.set(0x8011, 12, word | budget << 19);
+            snapshot.set(0x8011, 14, 3);
+            snapshot.set(0x8011, 15, 0);
+            snapshot.set(0x8011, 16, 100);
+        });
+        assert_eq!((of_budget.id, of_budget.location), ("pdo-overflow", Location::RxPdo));
+        assert!(of_budget.causes[0].contains(cause), "{of_budget:#?}");
+    }
 }
 
 #[test]
@@ -300,6 +324,14 @@ fn missing_partner_differs_from_bad_bus() {
     });
     assert_eq!(alone.id, "no-acknowledge");
     assert!(alone.causes[0].contains("no other active node"));
+    // A node that is alone never becomes bus-off.
+    let mut snapshot = healthy();
+    for (subindex, value) in [(1, 128), (2, 0x077B), (15, 2)] {
+        snapshot.set(0x9000, subindex, value);
+    }
+    let disturbed = &findings(&snapshot)[0];
+    assert_eq!(disturbed.id, "no-acknowledge");
+    assert!(disturbed.causes[0].starts_with("a node has another bit rate"), "{disturbed:#?}");
     let rotated = only(|snapshot| {
         snapshot.set(0x8000, 13, 3);
         snapshot.set(0x9002, 1, 128);
@@ -338,6 +370,21 @@ fn last_error_code_has_its_causes() {
         let found = with(0x9003, 2, 0x0708 | code);
         assert_eq!(found.id, "bus-error");
         assert!(found.what.contains(word) && found.causes[0].contains(cause), "{found:#?}");
+    }
+    for (non_iso, cause) in
+        [(0, "in Non-ISO format"), (1, "this channel is in Non-ISO mode (0x8004:09 = 1)")]
+    {
+        for code in if non_iso == 1 { vec![2, 6] } else { vec![2] } {
+            let mut snapshot = healthy();
+            for (index, subindex, value) in
+                [(0x8004, 15, 1), (0x8004, 9, non_iso), (0x9003, 2, 0x0708 | code)]
+            {
+                snapshot.set(index, subindex, value);
+            }
+            let found = findings(&snapshot);
+            let found = found.iter().find(|finding| finding.id == "bus-error").unwrap();
+            assert!(found.causes[0].contains(cause), "{found:#?}");
+        }
     }
 }
 

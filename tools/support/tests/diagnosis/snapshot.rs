@@ -37,9 +37,9 @@ fn read_count(shown: &[(u16, u8, u32)]) -> usize {
 fn idle_gateway_needs_few_entries() {
     assert_eq!(read_count(&[]), 47);
     // A running channel, an active profile, dropped frames.
-    assert_eq!(read_count(&[(0x9001, 9, 2)]), 47 + 11 + 12 + 8 + 1);
+    assert_eq!(read_count(&[(0x9001, 9, 2)]), 47 + 11 + 13 + 8 + 1);
     assert_eq!(read_count(&[(0x8010, 9, 1024)]), 47 + 2 + 13);
-    assert_eq!(read_count(&[(0x9001, 9, 2), (0x9021, 5, 7)]), 47 + 32 + 3);
+    assert_eq!(read_count(&[(0x9001, 9, 2), (0x9021, 5, 7)]), 47 + 33 + 3);
 }
 
 #[test]
