@@ -3,7 +3,9 @@
  *     igh_canopen_sdo_probe --ecrt sim --node 1 --index 0x1000 --sub 0
  *     igh_canopen_sdo_probe --ecrt sim --node 1 --index 0x6081 --sub 0 --type u32 --write 5000
  */
+#include <inttypes.h>
 #include <stdio.h>
+#include <string.h>
 
 #include "bring_up.h"
 #include "igh_cia402_protocol.h"
@@ -16,10 +18,35 @@ enum { MAX_VALUE_BYTES = 1024 };
 typedef struct {
     bus_settings_t bus;
     uint64_t channel, node_id, index, subindex, timeout_ms;
+    const char *index_text;
     const char *type_name; /* NULL: unknown */
     object_type_t type;
     const char *written; /* NULL: only read */
 } arguments_t;
+
+/* Parses an index. The numbers of objects begin at 0x1000, so that four digits without 0x are read in
+ * two ways. */
+static uint64_t parse_index(const char *text)
+{
+    char prefixed[8];
+    uint64_t meant = 0, read = 0;
+    bool is_number = parse_number(text, &read) && read <= UINT16_MAX;
+    bool has_prefix = text[0] == '0' && (text[1] == 'x' || text[1] == 'X');
+    snprintf(prefixed, sizeof(prefixed), "0x%.5s", text);
+    if (!has_prefix && strlen(text) < 5 && parse_number(prefixed, &meant) && meant >= 0x1000) {
+        if (is_number) {
+            options_wrong_use("--index %s: read as the decimal number of 0x%04" PRIX64 "; for the "
+                              "hexadecimal index 0x%04" PRIX64 " write %s, or 0x%04" PRIX64
+                              " for the other", text, read, meant, prefixed, read);
+        }
+        options_wrong_use("--index %s: index without prefix; for 0x%04" PRIX64 " write %s", text,
+                          meant, prefixed);
+    }
+    if (!is_number) {
+        options_wrong_use("--index %s: expected a number from 0 to 65535 (0xFFFF)", text);
+    }
+    return read;
+}
 
 static void parse_arguments(arguments_t *arguments, int argc, char **argv)
 {
@@ -41,8 +68,8 @@ static void parse_arguments(arguments_t *arguments, int argc, char **argv)
         .minimum = 1, .maximum = 127, .is_required = true,
         .help = "Node id"});
     options_add(&list, (option_t){
-        .name = "index", .value_name = "INDEX", .number = &arguments->index,
-        .maximum = UINT16_MAX, .is_required = true,
+        .name = "index", .value_name = "INDEX", .text = &arguments->index_text,
+        .is_required = true,
         .help = "Index of the object, hexadecimal with 0x"});
     options_add(&list, (option_t){
         .name = "sub", .value_name = "SUB", .number = &arguments->subindex, .maximum = UINT8_MAX,
@@ -60,6 +87,7 @@ static void parse_arguments(arguments_t *arguments, int argc, char **argv)
         .help = "Timeout of the transfer in milliseconds"});
     options_parse(&list, argc, argv);
 
+    arguments->index = parse_index(arguments->index_text);
     arguments->bus.channel_masks[0] = (uint8_t)(1u << arguments->channel);
     if (arguments->written != NULL && arguments->type_name == NULL) {
         options_wrong_use("--write needs --type TYPE");

@@ -32,10 +32,6 @@ int main(int argc, char **argv)
     motion_default(&motion, 1000);
     motion.bus.slaves = 3;
     motion_add_options(&motion, &list);
-    options_add(&list, (option_t){
-        .name = "slaves", .value_name = "N", .number = &motion.bus.slaves,
-        .minimum = 1, .maximum = AXES,
-        .help = "Number of gateways"});
     options_parse(&list, argc, argv);
     real_time_check(&motion.thread);
 

@@ -36,6 +36,10 @@ void motion_add_options(motion_t *motion, option_list_t *list)
     bus_settings_add_plan_option(bus, list);
     real_time_add_options(&motion->thread, list);
     options_add(list, (option_t){
+        .name = "slaves", .value_name = "N", .number = &bus->slaves,
+        .minimum = 1, .maximum = MOTION_MAX_AXES,
+        .help = "Number of gateways"});
+    options_add(list, (option_t){
         .name = "cycles", .value_name = "N", .number = &motion->cycles, .maximum = UINT64_MAX,
         .help = "Number of cycles with motion"});
     options_add(list, (option_t){
@@ -340,10 +344,16 @@ static bool run_axes(igh_cia402_context_t *cia402, bus_t *bus, const motion_t *m
     return is_good;
 }
 
-bool motion_run(const motion_t *motion)
+bool motion_run(motion_t *motion)
 {
     bus_t bus = {0};
     igh_cia402_context_t cia402 = {0};
+    /* A gateway without a drive takes part with its first channel. */
+    for (size_t slave = 0; slave < motion->bus.slaves; slave++) {
+        if (motion->bus.channel_masks[slave] == 0) {
+            motion->bus.channel_masks[slave] = 1;
+        }
+    }
     /* What --plan calls a fault keeps the axes from moving as they should. */
     bool is_planned = check_plan(motion);
     if (!is_planned || motion->bus.plan) {

@@ -32,7 +32,7 @@ typedef struct {
 /* No drives, and no motion. */
 void motion_default(motion_t *motion, uint64_t cycles);
 
-/* The options of the manual's table, except --slaves. */
+/* The options of the manual's table. The number of gateways has its default already. */
 void motion_add_options(motion_t *motion, option_list_t *list);
 
 /* Adds a drive and enables its channel. */
@@ -40,6 +40,6 @@ void motion_add_drive(motion_t *motion, drive_place_t index);
 
 /* Runs the demo. Returns true if every axis followed its targets until the end; every other
  * result has a message on standard error or a line in the table. */
-bool motion_run(const motion_t *motion);
+bool motion_run(motion_t *motion);
 
 #endif /* MOTION_H */

@@ -39,7 +39,7 @@ struct Arguments {
     #[arg(long, value_name = "ID", value_parser = clap::value_parser!(u8).range(1..=127))]
     node: u8,
     /// Index of the object; hexadecimal with 0x
-    #[arg(long, value_name = "INDEX", value_parser = parse_u16)]
+    #[arg(long, value_name = "INDEX", value_parser = parse_index)]
     index: u16,
     /// Subindex of the object
     #[arg(long, value_name = "SUB", default_value = "0", value_parser = parse_u8)]
@@ -68,6 +68,21 @@ fn parse_u16(text: &str) -> Result<u16, String> {
         None => text.parse(),
     };
     parsed.map_err(|_| "expected a number from 0 to 65535 (0xFFFF)".into())
+}
+
+/// The numbers of objects begin at 0x1000, so that four digits without 0x are read in two ways.
+fn parse_index(text: &str) -> Result<u16, String> {
+    let hexadecimal = u16::from_str_radix(text, 16).ok().filter(|meant| *meant >= 0x1000);
+    match (hexadecimal, text.parse::<u16>()) {
+        (Some(meant), Ok(read)) => Err(format!(
+            "read as the decimal number of 0x{read:04X}; for the hexadecimal index 0x{meant:04X} \
+             write 0x{text}, or 0x{read:04X} for the other"
+        )),
+        (Some(meant), Err(_)) => {
+            Err(format!("index without prefix; for 0x{meant:04X} write 0x{text}"))
+        }
+        (None, _) => parse_u16(text),
+    }
 }
 
 fn parse_u8(text: &str) -> Result<u8, String> {

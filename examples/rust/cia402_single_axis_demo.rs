@@ -27,6 +27,10 @@ struct Arguments {
     /// Number of cycles with motion
     #[arg(long, value_name = "N", default_value_t = 20)]
     cycles: u64,
+    /// Number of gateways; the drive is on the first one
+    #[arg(long, value_name = "N", default_value_t = 1,
+          value_parser = clap::value_parser!(u16).range(1..=10))]
+    slaves: u16,
     /// CAN channel of the drive
     #[arg(long, value_name = "CHANNEL", default_value_t = 0,
           value_parser = clap::value_parser!(u8).range(0..4))]
@@ -43,8 +47,8 @@ fn main() -> ExitCode {
 
 /// Runs the demo. Returns whether the axis followed its targets until the end.
 fn run(arguments: &Arguments) -> Result<bool, Box<dyn Error>> {
-    let Arguments { motion, cycles, channel, node } = arguments;
+    let Arguments { motion, cycles, slaves, channel, node } = arguments;
     let node = NodeId::new(*node).ok_or("invalid node-ID")?;
     let address = NodeAddress { slave: 0, channel: *channel, node };
-    run_motion(NAME, motion, 1, [AxisConfig::new(address)], *cycles)
+    run_motion(NAME, motion, *slaves, [AxisConfig::new(address)], *cycles)
 }

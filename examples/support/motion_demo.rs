@@ -199,11 +199,13 @@ impl MotionArguments {
         for (slave, gateway) in config.gateways.iter_mut().enumerate() {
             (gateway.tx_encapsulation, gateway.rx_encapsulation) = (profile, profile);
             (gateway.tx_options, gateway.rx_options) = (options, options);
+            // A gateway without a drive takes part with its first channel.
+            let is_idle = axes.iter().all(|axis| axis.address.slave != slave);
             for channel in 0..CHANNELS {
                 let is_here = |axis: &AxisConfig| {
                     axis.address.slave == slave && usize::from(axis.address.channel) == channel
                 };
-                if axes.iter().any(is_here) {
+                if axes.iter().any(is_here) || is_idle && channel == 0 {
                     let settings = ChannelConfig::classic(self.bitrate);
                     gateway.channels[channel] = Some(settings.with_traffic(Traffic::default()));
                 }

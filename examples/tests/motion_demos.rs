@@ -21,7 +21,8 @@ fn axis_line(printed: &str, axis: usize) -> (String, Vec<i64>) {
 
 #[test]
 fn one_axis_is_enabled_without_motion() {
-    let printed = succeeds(SINGLE, &["--ecrt", "sim", "--step", "0"]);
+    let printed = succeeds(SINGLE, &["--ecrt", "sim", "--step", "0", "--slaves", "2"]);
+    assert!(printed.contains("2 gateway(s) ready"), "{printed}");
     assert!(printed.starts_with("SIMULATED"), "{printed}");
     assert!(printed.contains("all axes enabled"), "{printed}");
     let (line, numbers) = axis_line(&printed, 0);
@@ -189,7 +190,12 @@ fn sdo_probe_reads_and_writes_objects() {
 fn sdo_probe_names_the_cause_of_failures() {
     let base = ["--ecrt", "sim"];
     let probe = |extra: &[&str]| fails(PROBE, &[&base[..], extra].concat());
-    let cases: [(&[&str], &str); 7] = [
+    let cases: [(&[&str], &str); 9] = [
+        (
+            &["--node", "1", "--index", "1000"],
+            "0x03E8; for the hexadecimal index 0x1000 write 0x1000",
+        ),
+        (&["--node", "1", "--index", "60FF"], "for 0x60FF write 0x60FF"),
         (&["--node", "1", "--index", "0x5FFF"], "0x06020000"),
         (&["--node", "1", "--index", "0x1000", "--type", "u8"], "4 bytes, expected 1"),
         (&["--node", "1", "--index", "0x1000", "--type", "u32", "--write", "1"], "0x06010002"),
