@@ -135,6 +135,22 @@ for library in "$build"/moved/lib*/libecan_*.so "$build"/moved/lib/*/libecan_*.s
     readelf -lW "$library" | grep -q GNU_RELRO
 done
 
+say "scripts and programs that messages name"
+while read -r command; do
+    [ -x "$build/moved/bin/$command" ] || { echo "messages name $command, which is not installed" >&2 && exit 1; }
+done < <(git grep -ohE '\b(ecan_[a-z_]+|setup_host)\.sh\b|\bigh_[a-z0-9_]+_(loop|demo|network)\b|\bigh_[a-z]+_(sdo|gateway_tx)_probe\b' \
+    -- '*/src/*.rs' 'examples/*.[ch]' 'examples/*.rs' | sort -u)
+
+say "AUTO warns of a header and a library that do not exist, ON rejects them"
+missing=(-DECRT_INCLUDE_DIR=/no/such/include -DECRT_LIBRARY=/no/such/libethercat.so)
+for mode in AUTO ON; do
+    is_configured=yes
+    cmake -S . -B "$build/options" "-DECAN_IGH_BUILD_DEMO=$mode" "${missing[@]}" \
+        >"$build/options.log" 2>&1 || is_configured=no
+    grep -q "ECRT_INCLUDE_DIR is /no/such/include: there is no ecrt.h" "$build/options.log"
+    [[ $mode$is_configured == AUTOyes || $mode$is_configured == ONno ]]
+done
+
 say "consumers"
 cmake -S capi/tests/consumer -B "$build/consumer" -DCMAKE_PREFIX_PATH="$build/moved" \
     >"$build/consumer.log" || { cat "$build/consumer.log"; exit 1; }

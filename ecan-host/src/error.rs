@@ -484,7 +484,7 @@ impl SlaveReport {
         if !wrong.is_empty() {
             write!(f, " ({}: the SII is wrong, manual 15.7, 16.1", wrong.join("; "))?;
             if let Some(position) = self.ring_position {
-                f.write_str("; repair it with scripts/ecan_sii_sm_layout.sh fix")?;
+                f.write_str("; repair it with ecan_sii_sm_layout.sh fix")?;
                 if self.master_index != 0 {
                     write!(f, " --master {}", self.master_index)?;
                 }

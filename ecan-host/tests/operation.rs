@@ -149,7 +149,7 @@ fn al_status_code_is_read_before_the_master_acknowledges_it() {
 
 #[test]
 fn wrong_sync_managers_of_the_sii_are_named() {
-    let fixed = "scripts/ecan_sii_sm_layout.sh fix --position 0, then power-cycle the gateway";
+    let fixed = "ecan_sii_sm_layout.sh fix --position 0, then power-cycle the gateway";
     for (sm, change, text) in [
         (
             0,

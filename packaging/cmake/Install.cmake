@@ -1,4 +1,4 @@
-# Headers, libraries, pkg-config files, a CMake package, the documents and the licences.
+# Programs, scripts, headers, libraries, pkg-config files, a CMake package, the documents and the licences.
 set(_libraries ecan_mcan_host)
 if(TARGET ecan_igh_host)
     list(APPEND _libraries ecan_igh_host)
@@ -26,6 +26,12 @@ install(DIRECTORY examples/zenoh DESTINATION ${CMAKE_INSTALL_DOCDIR}/examples US
     FILES_MATCHING PATTERN "*.json5" PATTERN "*.sh")
 install(FILES packaging/wireshark/README.md packaging/wireshark/ecan_pdo.lua
     DESTINATION ${CMAKE_INSTALL_DOCDIR}/packaging/wireshark)
+# Messages name these scripts.
+install(PROGRAMS scripts/ecan_sii_sm_layout.sh scripts/setup_host.sh
+    DESTINATION ${CMAKE_INSTALL_BINDIR})
+if(TARGET ecan_igh_host)
+    install(TARGETS ${_programs} RUNTIME DESTINATION ${CMAKE_INSTALL_BINDIR})
+endif()
 install(TARGETS ${_libraries} LIBRARY DESTINATION ${CMAKE_INSTALL_LIBDIR})
 foreach(_library IN LISTS _libraries)
     install(FILES "${CMAKE_CURRENT_BINARY_DIR}/lib${_library}.a"

@@ -129,3 +129,55 @@ fn reject(arguments: &[OsString], error: &clap::Error) -> u8 {
     Output::new(is_json, Color::Never).failure(&failure, failure.status());
     print_message(error)
 }
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use super::*;
+
+    /// Calls `visit` with the path and the text of each Rust file below a folder.
+    fn visit_sources(folder: &Path, visit: &mut dyn FnMut(&Path, &str)) {
+        for entry in std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path()) {
+            if entry.is_dir() && !entry.ends_with("target") {
+                visit_sources(&entry, visit);
+            } else if entry.extension().is_some_and(|extension| extension == "rs") {
+                visit(&entry, &std::fs::read_to_string(&entry).unwrap());
+            }
+        }
+    }
+
+    /// Returns whether the words name a command of the program, as far as they are names.
+    fn is_command(words: &str) -> bool {
+        let mut command = command();
+        for word in words.split_whitespace().take_while(|word| !word.starts_with('-')) {
+            if !command.has_subcommands() {
+                break;
+            }
+            match command.find_subcommand(word) {
+                Some(inner) => command = inner.clone(),
+                None => return false,
+            }
+        }
+        true
+    }
+
+    #[test]
+    fn commands_that_messages_name_exist() {
+        let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
+        let mut count = 0;
+        visit_sources(&root, &mut |path, text| {
+            // Lines that a string continues are one text.
+            let text = text.replace("\\\n", " ");
+            for quoted in text.split('`').filter_map(|quoted| quoted.strip_prefix("ecan ")) {
+                // The last one is in some builds only.
+                let is_text = quoted.len() < 80 && !quoted.contains(['{', '\n', '"']);
+                if is_text && !quoted.starts_with("zenoh") {
+                    assert!(is_command(quoted), "{}: `ecan {quoted}`", path.display());
+                    count += 1;
+                }
+            }
+        });
+        assert!(count > 100, "{count}");
+    }
+}

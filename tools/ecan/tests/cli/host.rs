@@ -148,7 +148,7 @@ fn each_problem_has_a_remedy() {
             )]),
             "real-time priority",
             "RLIMIT_RTPRIO is 0",
-            "scripts/setup_host.sh apply",
+            "setup_host.sh apply",
         ),
         (
             Put(&[(
@@ -352,7 +352,7 @@ fn library_and_bus_are_checked() {
         "good     SII layout          slave 0: SM2 and SM3 match",
         "bad      SII layout          slave 1: SM2 has start 0x1180, 3072 bytes, control byte 0x66 instead of \
          start 0x1100, 3072 bytes, control byte 0x66, SM3 has start 0x1D00, 1024 bytes, control byte 0x20",
-        "remedy: scripts/ecan_sii_sm_layout.sh check --position 1, then fix, then power-cycle",
+        "remedy: ecan_sii_sm_layout.sh check --position 1, then fix, then power-cycle",
     ] {
         assert!(report.contains(line), "{line}: {report}");
     }

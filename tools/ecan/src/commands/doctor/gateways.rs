@@ -95,7 +95,7 @@ fn simulated_sii(simulation: &Simulation, slave: usize) -> Vec<u8> {
 
 /// Check of the SII with IgH's tool: the library does not read it.
 fn check_layout(slave: usize, sii: Result<Vec<u8>, ToolError>) -> Check {
-    let script = format!("scripts/ecan_sii_sm_layout.sh check --position {slave}");
+    let script = format!("ecan_sii_sm_layout.sh check --position {slave}");
     let sii = match sii {
         Ok(sii) => sii,
         Err(error) => return Check::skipped(format!("slave {slave}: {error}; see {script}")),
@@ -264,7 +264,7 @@ fn check_opening(node: &str, kind: ErrorKind, reason: &str) -> Check {
         ),
         ErrorKind::PermissionDenied => Check::bad(
             format!("no permission for {node}"),
-            "run scripts/setup_host.sh apply for a group by a udev rule; then join the group and \
+            "run setup_host.sh apply for a group by a udev rule; then join the group and \
              log in again",
         ),
         _ => Check::bad(
@@ -329,7 +329,7 @@ mod tests {
     fn unreadable_sii_refers_to_the_script() {
         let check = check_layout(3, Err(ToolError::NotFound));
         assert!(!check.has_problem());
-        assert!(check.found.ends_with("see scripts/ecan_sii_sm_layout.sh check --position 3"));
+        assert!(check.found.ends_with("see ecan_sii_sm_layout.sh check --position 3"));
         let check = check_layout(1, Ok(Vec::new()));
         assert_eq!(check.found, "slave 1: the SII has no category 41 (sync managers)");
         assert!(check.has_problem());

@@ -213,7 +213,7 @@ pub(super) fn priority_limit(root: &Root) -> Check {
         Some(Some(limit)) if limit >= PRIORITY => Check::good(format!("RLIMIT_RTPRIO is {limit}")),
         Some(Some(limit)) => Check::warning(
             format!("RLIMIT_RTPRIO is {limit}; a cycle thread needs {PRIORITY}"),
-            "run scripts/setup_host.sh apply for a group; or LimitRTPRIO=90 of a systemd service, \
+            "run setup_host.sh apply for a group; or LimitRTPRIO=90 of a systemd service, \
              or setcap cap_sys_nice+ep PROGRAM",
         ),
     }
@@ -231,7 +231,7 @@ pub(super) fn memory_limit(root: &Root) -> Check {
         }
         Some(Some(bytes)) => Check::warning(
             format!("RLIMIT_MEMLOCK is {} KiB: memory may be paged out in a cycle", bytes >> 10),
-            "run scripts/setup_host.sh apply for a group; or LimitMEMLOCK=infinity of a systemd \
+            "run setup_host.sh apply for a group; or LimitMEMLOCK=infinity of a systemd \
              service, or setcap cap_ipc_lock+ep PROGRAM",
         ),
     }

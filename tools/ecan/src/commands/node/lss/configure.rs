@@ -1,4 +1,4 @@
-//! `ecan node lss configure`, `select` and `release`: node-ID and bit rate of an LSS slave.
+//! `ecan node lss set-id`, `set-bitrate`, `store`, `select` and `release`: node-ID and bit rate of an LSS slave.
 
 use std::str::FromStr;
 use std::time::Duration;
