@@ -99,16 +99,25 @@ impl OpenEcrt for Ecrt {
     }
 
     fn open_loaded() -> Result<Self> {
-        EcrtOptions::default().find_loaded()
+        let ecrt = EcrtOptions::default().find_loaded()?;
+        warn_of_release(&ecrt);
+        Ok(ecrt)
     }
 }
 
-/// Opens a library; the log names a simulation.
+/// Opens a library; the log names a simulation, and a release that was not tested.
 fn announce(options: EcrtOptions) -> Result<Ecrt> {
     let opened = options.open()?;
     #[cfg(feature = "sim")]
     if let Some(simulation) = &opened.simulation {
         tracing::warn!("{}", simulation.banner());
     }
+    warn_of_release(&opened.ecrt);
     Ok(opened.ecrt)
+}
+
+fn warn_of_release(ecrt: &Ecrt) {
+    if let Some(warning) = ecrt.release_warning() {
+        tracing::warn!("{warning}");
+    }
 }

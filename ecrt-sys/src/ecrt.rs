@@ -10,7 +10,7 @@ use crate::bindings::ec_master_t;
 use crate::clock::{Clock, MonotonicClock};
 use crate::functions::Functions;
 use crate::library::{self, LoadedLibrary, OpenMaster, SimulatedClock};
-use crate::load_error::LoadError;
+use crate::load_error::{LoadError, RELEASES, tested_releases};
 
 /// Source of the functions of an [`Ecrt`].
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -70,7 +70,8 @@ impl Ecrt {
     ///
     /// # Errors
     ///
-    /// The file is missing or not a libethercat, or its release is unknown or lacks functions.
+    /// The file is missing or not a libethercat, or its release is unknown or lacks functions. A minor
+    /// release after the tested [`RELEASES`](crate::RELEASES) is accepted if no function is missing.
     pub fn load(path: Option<&Path>) -> Result<Self, LoadError> {
         let (library, functions) = library::load(path)?;
         Self::of_library(library, functions)
@@ -160,6 +161,21 @@ impl Ecrt {
     #[must_use]
     pub fn version(&self) -> (u8, u8) {
         self.shared.version
+    }
+
+    /// Warning for the user if the SDK was not tested with the release of the library; `None`
+    /// otherwise. Allocates.
+    pub fn release_warning(&self) -> Option<String> {
+        let Origin::Library { .. } = self.origin() else { return None };
+        let is_tested = RELEASES.contains(&self.version());
+        (!is_tested).then(|| {
+            format!(
+                "{}: not tested with this SDK, which was tested with {}; all its functions were found; \
+                 compare its types with CMake's ECRT_INCLUDE_DIR, and report what differs",
+                self.origin(),
+                tested_releases()
+            )
+        })
     }
 
     /// Clock of this library.

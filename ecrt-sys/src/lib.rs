@@ -1,7 +1,7 @@
 //! Binding of the IgH EtherCAT master library `libethercat`, loaded at run time.
 //!
 //! [`Ecrt`] is a loaded library: a table of functions ([`Functions`]) and a [`Clock`]. It comes
-//! from a shared object ([`Ecrt::load`]), version 1.5 or 1.6, or from a simulated libethercat that
+//! from a shared object ([`Ecrt::load`]), version 1.5, 1.6 or later, or from a simulated libethercat that
 //! fills the same table ([`Ecrt::simulated`]). Neither replaces the other automatically.
 //!
 //! This crate has no safe handles: `Master` of the crate `ecan-host` owns the pointers that the

@@ -148,11 +148,14 @@ fn look_up(path: &Path, library: Library) -> Result<(LoadedLibrary, Functions), 
     Ok((loaded, functions))
 }
 
-/// The supported release of a version magic.
+/// The release of a version magic: a tested one, or a later minor release, since IgH changes neither a
+/// function nor a type within a major release and its soname.
 fn release(version_magic: u32) -> Option<(u8, u8)> {
+    let [minor, major, 0, 0] = version_magic.to_le_bytes() else { return None };
     RELEASES
         .into_iter()
-        .find(|&(major, minor)| version_magic == u32::from(major) << 8 | u32::from(minor))
+        .any(|tested| tested.0 == major && tested.1 <= minor)
+        .then_some((major, minor))
 }
 
 /// Text of the dynamic loader without the crate's prefix.
@@ -286,10 +289,12 @@ mod tests {
     use super::*;
 
     #[test]
-    fn only_supported_releases_are_accepted() {
+    fn tested_and_later_minor_releases_are_accepted() {
         assert_eq!(release(0x105), Some((1, 5)));
         assert_eq!(release(0x106), Some((1, 6)));
-        assert_eq!(release(0x107), None);
+        assert_eq!(release(0x107), Some((1, 7)));
+        assert_eq!(release(0x104), None);
+        assert_eq!(release(0x206), None);
         // A fork that counts three parts, and lays its structures out differently.
         assert_eq!(release(0x0001_050a), None);
         assert_eq!(release(0), None);

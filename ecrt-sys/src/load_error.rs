@@ -6,7 +6,8 @@ use thiserror::Error;
 /// Environment variable of the setting `ecrt`.
 pub const ECRT_VARIABLE: &str = "ECAN_ECRT";
 
-/// Supported releases: 1.5 and 1.6.
+/// Releases that the SDK was tested with: 1.5 and 1.6. A newer minor release with all functions is
+/// accepted, see [`Ecrt::release_warning`](crate::Ecrt::release_warning).
 pub const RELEASES: [(u8, u8); 2] = [(1, 5), (1, 6)];
 
 /// Error of [`Ecrt::load`](crate::Ecrt::load). The text states what was searched, the cause
@@ -117,11 +118,11 @@ pub enum LoadError {
     },
     /// A libethercat of an unknown release.
     #[error(
-        "{} reports version {}, but this program supports {} only: install \
+        "{} reports version {}, but this program supports {} and newer minor releases only: install \
          one of these, or a newer version of this program",
         Printable(path.display()),
         version_text(*version_magic),
-        known_releases()
+        tested_releases()
     )]
     UnknownVersion {
         /// Path of the library.
@@ -162,7 +163,8 @@ fn advice_not_found(path: &std::path::Path, elsewhere: Option<&PathBuf>) -> Stri
     }
 }
 
-fn known_releases() -> String {
+/// `1.5 and 1.6`
+pub(crate) fn tested_releases() -> String {
     RELEASES.map(|(major, minor)| format!("{major}.{minor}")).join(" and ")
 }
 

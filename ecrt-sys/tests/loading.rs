@@ -90,16 +90,32 @@ fn library_that_lacks_functions_lists_all_of_them() {
 }
 
 #[test]
+fn later_minor_release_needs_all_functions_and_is_announced() {
+    let build = |macros| Fake::build(macros);
+    let (Some(complete), Some(lacking)) =
+        (build(&["MAGIC=0x107"]), build(&["MAGIC=0x107", "LACKING"]))
+    else {
+        return;
+    };
+    let ecrt = complete.load();
+    assert_eq!(ecrt.version(), (1, 7));
+    let warning = ecrt.release_warning().unwrap();
+    assert_contains(&warning, &["libfake.so (version 1.7)", "tested with 1.5 and 1.6"]);
+    let error = Ecrt::load(Some(&lacking.path())).unwrap_err();
+    assert_contains(&error.to_string(), &["version 1.7, but lacks ecrt_domain_queue"]);
+}
+
+#[test]
 fn unknown_release_is_rejected() {
     for (magic, version) in
-        [("MAGIC=0x107", "version 1.7"), ("MAGIC=0x1050a", "version 1.5.10 (a fork")]
+        [("MAGIC=0x206", "version 2.6"), ("MAGIC=0x1050a", "version 1.5.10 (a fork")]
     {
         let Some(fake) = Fake::build(&[magic]) else {
             return;
         };
         let error = Ecrt::load(Some(&fake.path())).unwrap_err();
         assert!(matches!(error, LoadError::UnknownVersion { .. }), "{error:?}");
-        assert_contains(&error.to_string(), &[version, "1.5 and 1.6 only"]);
+        assert_contains(&error.to_string(), &[version, "1.5 and 1.6 and newer minor"]);
     }
 }
 
@@ -112,6 +128,7 @@ fn loaded_library_reports_its_origin() {
         let ecrt = fake.load();
         assert_eq!(ecrt.version(), version);
         assert!(!ecrt.is_simulated());
+        assert_eq!(ecrt.release_warning(), None);
         let Origin::Library { path, version_magic } = ecrt.origin() else {
             panic!("{:?}", ecrt.origin());
         };

@@ -61,6 +61,9 @@ impl MasterArguments {
             print_line!("{}", simulation.banner());
             simulation.observe_faults(|record| print_error_line!("{record}"));
         }
+        if let Some(warning) = backend.ecrt.release_warning() {
+            print_error_line!("{warning}");
+        }
         Ok(backend)
     }
 }

@@ -62,6 +62,10 @@ impl Context<'_> {
             BANNER.call_once(|| note(simulation.banner()));
             simulation.observe_faults(|record| note(record));
         }
+        if let Some(warning) = backend.ecrt.release_warning() {
+            static WARNING: Once = Once::new();
+            WARNING.call_once(|| note(warning));
+        }
         Ok(backend)
     }
 }

@@ -372,12 +372,22 @@ fn open_library(call: Call, config: &IghConfig) -> Result<Library, ecan_result_t
     if let Some(simulation) = &opened.simulation {
         crate::callback::write_line(&simulation.banner());
     }
+    warn_of_release(&opened.ecrt);
     Ok(Library::of(opened.ecrt))
 }
 
 /// The library that this process has loaded, of which the owner of a master has its handle.
 fn find_loaded(call: Call, config: &IghConfig) -> Result<Library, ecan_result_t> {
-    ecrt_options(config).find_loaded().or_code(call).map(Library::of)
+    let ecrt = ecrt_options(config).find_loaded().or_code(call)?;
+    warn_of_release(&ecrt);
+    Ok(Library::of(ecrt))
+}
+
+/// Writes the warning of a release that was not tested on standard error.
+fn warn_of_release(ecrt: &Ecrt) {
+    if let Some(warning) = ecrt.release_warning() {
+        crate::callback::write_line(&warning);
+    }
 }
 
 fn ecrt_options(config: &IghConfig) -> EcrtOptions {

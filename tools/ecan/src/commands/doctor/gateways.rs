@@ -287,6 +287,12 @@ pub(super) fn check(library: &Result<Backend, String>) -> Check {
     match library {
         Ok(Backend { ecrt, .. }) => {
             let (major, minor) = ecrt.version();
+            if let Some(warning) = ecrt.release_warning() {
+                return Check::warning(
+                    warning,
+                    "use a tested release, or test the machine with it",
+                );
+            }
             Check::good(format!("{}, version {major}.{minor}", ecrt.origin()))
         }
         Err(error) if cfg!(all(target_env = "musl", target_feature = "crt-static")) => {
