@@ -1,7 +1,7 @@
 //! Configuration files: read, checked, and exported as startup lists.
 #![no_main]
 
-use ecan_lite::config::export::{Format, SlaveAddress, export};
+use ecan_lite::config::export::{Format, ProcessData, SlaveAddress, export};
 use ecan_mcan_port::PortPlan;
 use libfuzzer_sys::fuzz_target;
 
@@ -10,8 +10,11 @@ fuzz_target!(|text: &str| {
         Ok(file) => {
             for gateway in 0..file.port.gateways.len() {
                 let steps = ecan_lite::config::startup(&file, gateway);
-                for format in [Format::Csv, Format::TwinCat, Format::Codesys, Format::Ethercat] {
-                    assert!(!export(format, &steps, SlaveAddress::default()).is_empty());
+                let Some(data) = ProcessData::of(&file.adapter, gateway) else { continue };
+                for format in
+                    [Format::Csv, Format::TwinCat, Format::Codesys, Format::Ethercat, Format::Steps]
+                {
+                    assert!(!export(format, &steps, SlaveAddress::default(), &data).is_empty());
                 }
             }
             let plan = PortPlan::of(&file.adapter, &file.port, &[]);

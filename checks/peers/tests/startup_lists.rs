@@ -5,7 +5,7 @@ use crate::config_files::two;
 use crate::ethercrab_support::{Fixture, Group, MAX_GATEWAYS, MAX_PDI, MS, on_a_deep_stack};
 use crate::list_readers::{Line, codesys, csv, run_script, twincat};
 use ecan_host::StartupStep;
-use ecan_lite::config::export::{Format, SlaveAddress, export};
+use ecan_lite::config::export::{Format, ProcessData, SlaveAddress, export};
 use ecan_mcan_port::Config;
 use ecan_protocol::can::{CanFrame, CanId};
 use ecan_protocol::image::{CommitFields, ImageReader, ImageWriter, Packet, Timestamp};
@@ -97,7 +97,8 @@ fn brings_gateways_to_op(lists: [Vec<Line>; 2]) {
 
 fn steps_and_list(gateway: usize, format: Format) -> (Vec<StartupStep>, String) {
     let steps = ecan_lite::config::startup(&two(), gateway);
-    let list = export(format, &steps, SlaveAddress::default());
+    let process_data = ProcessData::of(&two().adapter, gateway).unwrap();
+    let list = export(format, &steps, SlaveAddress::default(), &process_data);
     (steps, list)
 }
 
@@ -162,8 +163,9 @@ fn ethercat_lines_start_gateways_up_to_op() {
 #[test]
 fn failed_check_stops_the_ethercat_lines() {
     let steps = ecan_lite::config::startup(&two(), 1);
-    let script =
-        export(Format::Ethercat, &steps, SlaveAddress { master: 1, alias: 7, position: 0 });
+    let address = SlaveAddress { master: 1, alias: 7, position: 0 };
+    let process_data = ProcessData::of(&two().adapter, 1).unwrap();
+    let script = export(Format::Ethercat, &steps, address, &process_data);
     assert!(script.contains("transfer download -m 1 -a 7 -p 0 --type uint16 0x1c12 1 5632  # "));
     let (output, lines) = run_script(&script, &steps, None);
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));

@@ -1,11 +1,16 @@
 //! The startup sequence of a gateway as lists for other EtherCAT masters (manual 5.4.3, 5.4.5).
 //!
-//! CSV and `ethercat` lines contain the checks of the sequence; the startup lists of TwinCAT and
-//! CODESYS can only write.
+//! CSV and `ethercat` lines execute the checks of the sequence; the startup lists of TwinCAT and
+//! CODESYS can only write, and contain the expected values as comments. What a person enters in the
+//! project of the master is a text of its own.
 
 use std::fmt::{self, Write};
+use std::time::Duration;
 
-use ecan_host::{Expectation, StartupStep};
+use ecan_host::{AdapterConfig, DcSync, Expectation, StartupStep};
+use ecan_protocol::mapping::{
+    CHUNK_BYTES, Direction, SyncManagerLayout, assignment_index, pdo_map_index,
+};
 use ecan_protocol::object::{ObjectType, SdoWrite, describe, lookup};
 
 /// Format of a list.
@@ -17,12 +22,108 @@ pub enum Format {
     /// several values separated by bars (`expect_one_of`), or a value in the bits of a mask
     /// (`expect_masked`, value and mask separated by a bar).
     Csv,
-    /// XML of the startup list of TwinCAT, for the transition from PREOP to SAFEOP.
+    /// XML of the startup list of TwinCAT, for the transition from PREOP to SAFEOP. Comments have the
+    /// checks, and the steps by hand.
     TwinCat,
-    /// Columns of the startup parameters of CODESYS, separated by semicolons.
+    /// Columns of the startup parameters of CODESYS, separated by semicolons. The comment of a write has
+    /// the checks that follow it.
     Codesys,
-    /// Calls of the `ethercat` tool of IgH.
+    /// Calls of the `ethercat` tool of IgH. Comments have the steps by hand.
     Ethercat,
+    /// Text of the steps by hand, for each master: PDO chunks, lengths of the sync managers, process
+    /// image, cycle, distributed clocks, and the values to read after the startup (manual 5.1.1,
+    /// 5.4.1, 5.4.3, 5.4.5).
+    Steps,
+}
+
+/// Process data of a gateway, which are declared in the project of a master.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ProcessData {
+    /// N of the RxPDO, in chunks of 128 bytes.
+    pub rx_multiplier: u8,
+    /// N of the TxPDO.
+    pub tx_multiplier: u8,
+    /// Cycle of the master.
+    pub cycle: Duration,
+    /// Distributed clocks with Sync0.
+    pub dc: Option<DcSync>,
+}
+
+impl ProcessData {
+    /// The process data of a gateway in a configuration; `None` if the gateway does not exist.
+    pub fn of(config: &AdapterConfig, gateway: usize) -> Option<Self> {
+        let slave = config.slaves.get(gateway)?;
+        let (rx_multiplier, tx_multiplier) = (slave.rx_multiplier, slave.tx_multiplier);
+        Some(Self { rx_multiplier, tx_multiplier, cycle: config.cycle, dc: config.dc })
+    }
+
+    /// The steps by hand, a line each.
+    fn lines(&self) -> Vec<String> {
+        let directions =
+            [(Direction::RxPdo, self.rx_multiplier), (Direction::TxPdo, self.tx_multiplier)];
+        let each = |line: &dyn Fn(Direction, usize) -> String| {
+            directions.map(|(direction, n)| line(direction, n.into())).join("; ")
+        };
+        let sii = each(&|direction, _| {
+            let SyncManagerLayout { start, length, control, .. } =
+                SyncManagerLayout::required(direction);
+            let name = manager(direction);
+            format!("{name} has start 0x{start:04X}, {length} bytes, control byte 0x{control:02X}")
+        });
+        let chunks = each(&|direction, n| {
+            let (name, assignment) = (manager(direction), assignment_index(direction));
+            let [first, last] =
+                [0, n.saturating_sub(1)].map(|chunk| pdo_map_index(direction, chunk as u8));
+            format!("for {name} (0x{assignment:04X}) the first {n}, 0x{first:04X} to 0x{last:04X}")
+        });
+        let lengths =
+            each(&|direction, n| format!("{} {} bytes", manager(direction), n * CHUNK_BYTES));
+        let image = each(&|direction, n| {
+            let (access, data) = match direction {
+                Direction::RxPdo => ("outputs", 0x7000),
+                Direction::TxPdo => ("inputs", 0x6000),
+            };
+            let bytes = n * CHUNK_BYTES;
+            format!(
+                "{access} ARRAY[0..{}] OF BYTE, at offset 16 * u the 16 bytes of the entry 0x{data:04X} + \
+                 0x10 * u, u = 0 to {}",
+                bytes.saturating_sub(1),
+                (bytes / 16).saturating_sub(1)
+            )
+        });
+        let us = |duration: Duration| duration.as_nanos() as f64 / 1e3;
+        let clocks = match self.dc {
+            None => "off (the gateway runs synchronous to process data)".to_owned(),
+            Some(dc) => format!(
+                "Sync0 with AssignActivate 0x{:04X}, cycle {} us, shift {} us",
+                dc.assign_activate,
+                us(dc.cycle),
+                us(dc.shift)
+            ),
+        };
+        [
+            format!("SII, and the ESI file made of it: {sii} (manual 15.7)"),
+            format!("PDO chunks: select {chunks}; skip none, keep the order (5.4.1)"),
+            format!("lengths of the sync managers: {lengths} (5.4.1)"),
+            format!("process image: {image} (5.1.1)"),
+            format!("cycle: {} us", us(self.cycle)),
+            format!("distributed clocks: {clocks} (15.6)"),
+            "startup list: execute the writes in PREOP, before SAFEOP, in their order (5.4.2)"
+                .to_owned(),
+        ]
+        .into_iter()
+        .zip(1..)
+        .map(|(line, number)| format!("{number}. {line}"))
+        .collect()
+    }
+}
+
+/// Name of the sync manager of a direction.
+fn manager(direction: Direction) -> &'static str {
+    match direction {
+        Direction::RxPdo => "SM2",
+        Direction::TxPdo => "SM3",
+    }
 }
 
 /// Address of a slave in calls of the `ethercat` tool.
@@ -50,20 +151,67 @@ impl fmt::Display for SlaveAddress {
 }
 
 /// Returns the list in a format; only the `ethercat` lines use the address.
-pub fn export(format: Format, steps: &[StartupStep], address: SlaveAddress) -> String {
+pub fn export(
+    format: Format,
+    steps: &[StartupStep],
+    address: SlaveAddress,
+    process_data: &ProcessData,
+) -> String {
     match format {
         Format::Csv => csv(steps),
-        Format::TwinCat => twincat(steps),
+        Format::TwinCat => twincat(steps, process_data),
         Format::Codesys => codesys(steps),
-        Format::Ethercat => ethercat(steps, address),
+        Format::Ethercat => ethercat(steps, address, process_data),
+        Format::Steps => steps_by_hand(steps, process_data),
     }
 }
 
-fn downloads(steps: &[StartupStep]) -> impl Iterator<Item = &SdoWrite> {
-    steps.iter().filter_map(|step| match step {
-        StartupStep::Download(write) => Some(write),
-        StartupStep::Expect { .. } => None,
-    })
+/// `0x8010:02, expected 0`; `None` for a write.
+fn check(step: &StartupStep) -> Option<String> {
+    let (index, subindex) = step.object();
+    match step {
+        StartupStep::Expect { expected, .. } => {
+            Some(format!("0x{index:04X}:{subindex:02}, expected {expected}"))
+        }
+        StartupStep::Download(_) => None,
+    }
+}
+
+/// The writes, each with the text of its checks: those before the first one, and those that follow.
+fn writes_with_checks(steps: &[StartupStep]) -> Vec<(&SdoWrite, String)> {
+    let mut writes: Vec<(&SdoWrite, String)> = Vec::new();
+    let mut before = String::new();
+    for step in steps {
+        if let StartupStep::Download(write) = step {
+            writes.push((write, std::mem::take(&mut before)));
+        } else if let Some(check) = check(step) {
+            let (text, word) = match writes.last_mut() {
+                Some((_, text)) => (text, "then"),
+                None => (&mut before, "before,"),
+            };
+            let _ = write!(text, "; {word} check {check}");
+        }
+    }
+    writes
+}
+
+fn steps_by_hand(steps: &[StartupStep], process_data: &ProcessData) -> String {
+    let mut out = String::from("Steps by hand in the project of the EtherCAT master:\n");
+    for line in process_data.lines() {
+        let _ = writeln!(out, "{line}");
+    }
+    let _ = writeln!(out, "Values to read around the writes of the startup list:");
+    let mut writes = 0;
+    for step in steps {
+        let (index, subindex) = step.object();
+        match check(step) {
+            Some(check) => {
+                let _ = writeln!(out, "after {writes} writes: {check} ({})", name(index, subindex));
+            }
+            None => writes += 1,
+        }
+    }
+    out
 }
 
 /// Name of the entry, without its numbers.
@@ -133,11 +281,23 @@ fn csv(steps: &[StartupStep]) -> String {
     out
 }
 
-fn twincat(steps: &[StartupStep]) -> String {
-    let mut out = String::from(
-        "<?xml version=\"1.0\" encoding=\"utf-8\"?>\n<EtherCATMailbox>\n  <CoE>\n    <InitCmds>\n",
-    );
-    for write in downloads(steps) {
+/// Text in a comment of XML, which cannot contain two hyphens.
+fn comment(text: &str) -> String {
+    format!("<!-- {} -->", text.replace("--", "- -"))
+}
+
+fn twincat(steps: &[StartupStep], process_data: &ProcessData) -> String {
+    let mut out = String::from("<?xml version=\"1.0\" encoding=\"utf-8\"?>\n");
+    for line in process_data.lines() {
+        let _ = writeln!(out, "{}", comment(&line));
+    }
+    out.push_str("<EtherCATMailbox>\n  <CoE>\n    <InitCmds>\n");
+    for step in steps {
+        let StartupStep::Download(write) = step else {
+            let check = check(step).unwrap_or_default();
+            let _ = writeln!(out, "      {}", comment(&format!("check {check}")));
+            continue;
+        };
         let (bytes, length) = write.bytes();
         let data: String = bytes
             .get(..length)
@@ -145,11 +305,11 @@ fn twincat(steps: &[StartupStep]) -> String {
             .iter()
             .map(|byte| format!("{byte:02x}"))
             .collect();
-        let comment = name(write.index, write.subindex);
+        let name = name(write.index, write.subindex);
         let _ = write!(
             out,
             "      <InitCmd>\n        <Transition>PS</Transition>\n        \
-             <Comment><![CDATA[{comment}]]></Comment>\n        <Timeout>5000</Timeout>\n        \
+             <Comment><![CDATA[{name}]]></Comment>\n        <Timeout>5000</Timeout>\n        \
              <Ccs>1</Ccs>\n        <Index>{}</Index>\n        <SubIndex>{}</SubIndex>\n        \
              <Data>{data}</Data>\n      </InitCmd>\n",
             write.index, write.subindex
@@ -164,15 +324,15 @@ fn codesys(steps: &[StartupStep]) -> String {
         "Line;Index:Subindex;Name;Value;Bit length;Abort on error;Jump to line on error;Next line;\
          Comment\n",
     );
-    for (line, write) in downloads(steps).enumerate() {
+    for (line, (write, checks)) in writes_with_checks(steps).into_iter().enumerate() {
         let (index, subindex) = (write.index, write.subindex);
         let entry = lookup(index, subindex).map_or("", |(_, entry)| entry.name);
         let object = lookup(index, subindex).map_or("", |(object, _)| object.name);
         let bits = write.bytes().1 * 8;
-        let (entry, object) = (quoted(entry), quoted(object));
+        let (entry, comment) = (quoted(entry), quoted(&format!("{object}{checks}")));
         let _ = writeln!(
             out,
-            "{};16#{index:04X}:16#{subindex:02X};{entry};{};{bits};TRUE;FALSE;0;{object}",
+            "{};16#{index:04X}:16#{subindex:02X};{entry};{};{bits};TRUE;FALSE;0;{comment}",
             line + 1,
             write.value
         );
@@ -210,8 +370,11 @@ check() {
 }
 "#;
 
-fn ethercat(steps: &[StartupStep], address: SlaveAddress) -> String {
+fn ethercat(steps: &[StartupStep], address: SlaveAddress, process_data: &ProcessData) -> String {
     let mut out = String::from(FUNCTIONS);
+    for line in process_data.lines() {
+        let _ = writeln!(out, "# {line}");
+    }
     for step in steps {
         let (index, subindex) = step.object();
         let comment = name(index, subindex);

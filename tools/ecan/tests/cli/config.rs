@@ -361,6 +361,37 @@ fn export_works_offline() {
         serde_json::from_str(&good(&["config", "export", text(&path), "--json"])).unwrap();
     assert_eq!(json[12]["index"], 0x1C12);
     assert_eq!(json[12]["bytes"], serde_json::json!([0]));
+    let json = json.as_array().unwrap();
+    let checks = json.iter().filter(|step| step["is_write"] == false).count();
+    assert_eq!(checks, 24, "profiles, capabilities, two channels");
+    for (format, text) in [
+        ("twincat", "<!-- check 0x"),
+        ("codesys", " check 0x"),
+        ("ethercat", "\ncheck \"$(transfer upload "),
+        ("steps", "\nafter "),
+    ] {
+        assert_eq!(list(format).matches(text).count(), checks, "{format}");
+    }
+    // Manual 5.1.1, 5.4.1, 5.4.5, 15.7.
+    for text in [
+        "SM2 has start 0x1100, 3072 bytes, control byte 0x66; SM3 has start 0x1D00, 3072 bytes",
+        "for SM2 (0x1C12) the first 8, 0x1600 to 0x1607; for SM3 (0x1C13) the first 8, 0x1A00 to 0x1A07",
+        "SM2 1024 bytes; SM3 1024 bytes",
+        "inputs ARRAY[0..1023] OF BYTE, at offset 16 * u the 16 bytes of the entry 0x6000 + 0x10 * u, u = 0 to 63",
+        "distributed clocks: off",
+    ] {
+        for format in ["steps", "twincat", "ethercat"] {
+            assert!(list(format).contains(text), "{format}: {text}");
+        }
+    }
+}
+
+#[test]
+fn exported_steps_name_the_distributed_clocks() {
+    let (_directory, path) = file(&format!("{SMALL}[dc]\nshift_us = 450\n"));
+    let steps = good(&["config", "export", text(&path), "--format", "steps"]);
+    let expected = "Sync0 with AssignActivate 0x0300, cycle 1000 us, shift 450 us";
+    assert!(steps.contains(expected), "{steps}");
 }
 
 #[test]

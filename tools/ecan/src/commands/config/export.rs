@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueEnum};
 use ecan_host::{Expectation, StartupStep};
-use ecan_lite::config::export::{Format, SlaveAddress, export};
+use ecan_lite::config::export::{Format, ProcessData, SlaveAddress, export};
 use ecan_lite::config::{Difference, Expected, ResolvedGateway, differences};
 use serde::Serialize;
 
@@ -30,12 +30,14 @@ pub struct ExportArguments {
 enum ListFormat {
     /// Every write and check, one per line
     Csv,
-    /// XML of a TwinCAT startup list
+    /// XML of a TwinCAT startup list, with the checks as comments
     Twincat,
     /// Columns of the CODESYS startup parameters, separated by semicolons
     Codesys,
     /// Shell script with `ethercat download` and checks
     Ethercat,
+    /// Text: what to enter in the project of a master, and which values to read
+    Steps,
 }
 
 impl From<ListFormat> for Format {
@@ -45,6 +47,7 @@ impl From<ListFormat> for Format {
             ListFormat::Twincat => Self::TwinCat,
             ListFormat::Codesys => Self::Codesys,
             ListFormat::Ethercat => Self::Ethercat,
+            ListFormat::Steps => Self::Steps,
         }
     }
 }
@@ -87,7 +90,9 @@ pub fn export_steps(arguments: &ExportArguments, context: &Context) -> Result {
             return Err(Failure::Usage(message));
         }
     };
-    let Some(slave) = slaves.get(gateway) else {
+    let (Some(slave), Some(process_data)) =
+        (slaves.get(gateway), ProcessData::of(&file.adapter, gateway))
+    else {
         let message = format!("gateway {gateway} does not exist; the file has {}", slaves.len());
         return Err(Failure::Usage(message));
     };
@@ -96,10 +101,15 @@ pub fn export_steps(arguments: &ExportArguments, context: &Context) -> Result {
     let (alias, position) = (slave.alias, slave.position);
     let address =
         SlaveAddress { master: config_file::master(&file, context.global), alias, position };
+    let format = arguments.format.unwrap_or(ListFormat::Csv);
     context.output.data(&data, |out| {
-        let list = export(arguments.format.unwrap_or(ListFormat::Csv).into(), &steps, address);
+        let list = export(format.into(), &steps, address, &process_data);
         out.write_all(list.as_bytes())
-    })
+    })?;
+    if matches!(format, ListFormat::Csv | ListFormat::Codesys) {
+        note("the project also needs PDO chunks, lengths and clocks: see --format steps");
+    }
+    Ok(())
 }
 
 #[derive(Debug, Serialize)]
