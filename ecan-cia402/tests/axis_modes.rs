@@ -364,9 +364,12 @@ fn moving(count: usize) -> Vec<AxisConfig> {
 
 #[test]
 fn targets_and_sync_go_out_at_their_phases() {
-    for (target, sync) in
-        [(Some(100_000), Some(100_000)), (Some(100_000), None), (None, Some(300_000))]
-    {
+    for (target, sync) in [
+        (Some(100_000), Some(100_000)),
+        (Some(300_000), Some(100_000)),
+        (Some(100_000), None),
+        (None, Some(300_000)),
+    ] {
         let mut fixture = Fixture::open(ecan_sim::drives(1, 4), with_dc(2_000), moving(2));
         fixture.cia402.set_scheduled_tx(&fixture.port, target, sync).unwrap();
         fixture.start();
@@ -389,8 +392,36 @@ fn impossible_schedule_is_rejected() {
     let mut fixture = Fixture::open(ecan_sim::drives(1, 4), with_dc(2_000), moving(1));
     let late = fixture.cia402.set_scheduled_tx(&fixture.port, Some(2_000_000), None);
     assert!(matches!(late, Err(ScheduleError::NotSchedulable { .. })), "{late:?}");
-    let early = fixture.cia402.set_scheduled_tx(&fixture.port, Some(200_000), Some(100_000));
-    assert!(matches!(early, Err(ScheduleError::SyncFirst { .. })), "{early:?}");
+}
+
+/// Manual 15.5.4: targets and SYNC are scheduled independently. A SYNC before the target of its image applies
+/// the target before.
+#[test]
+fn sync_before_the_target_applies_the_previous_one() {
+    let applied = |target_ns, sync_ns, every_cycles| {
+        let sync = SyncConfig { every_cycles, ..SyncConfig::default() };
+        let settings = Cia402Config { sync, ..Cia402Config::default() };
+        let scenario = ecan_sim::drives(1, 4);
+        let mut fixture = Fixture::open_with(scenario, with_dc(2_000), moving(1), settings);
+        fixture.cia402.set_scheduled_tx(&fixture.port, target_ns, sync_ns).unwrap();
+        fixture.start();
+        fixture.idle(100);
+        let target = fixture.axis(0).target().unwrap() + 7;
+        fixture.axis_mut(0).set_target(target).unwrap();
+        while fixture.axis(0).decision() != Decision::Target(target) {
+            fixture.idle(1);
+        }
+        let sent_ns = fixture.now_ns();
+        fixture.idle(20);
+        let history = fixture.history(0);
+        history.iter().find(|record| record.target == target).unwrap().time_ns - sent_ns
+    };
+    for every_cycles in [1, 3] {
+        let after = applied(Some(100_000), Some(300_000), every_cycles);
+        let before = applied(Some(300_000), Some(100_000), every_cycles);
+        let period_ns = u64::from(every_cycles) * 2_000_000;
+        assert_eq!(before, after + period_ns - 200_000, "SYNC every {every_cycles} cycles");
+    }
 }
 
 #[test]

@@ -339,13 +339,19 @@ fn accelerate(fixture: &mut Fixture, cycles: usize) {
     }
 }
 
+/// Phases of targets and SYNC: the SYNC after its targets, before them, and one of both at once.
+const PHASES: [(Option<u32>, Option<u32>); 4] = [
+    (Some(200_000), Some(300_000)),
+    (Some(300_000), Some(200_000)),
+    (Some(200_000), None),
+    (None, Some(300_000)),
+];
+
 /// Nothing is released late. A late frame is dropped, and the next target makes its step, too: the
 /// image in the sync manager of the stalled gateway is the only one.
 #[test]
 fn scheduled_targets_are_not_released_late() {
-    for (target_ns, sync_ns) in
-        [(Some(200_000), Some(300_000)), (Some(200_000), None), (None, Some(300_000))]
-    {
+    for (target_ns, sync_ns) in PHASES {
         for ms in [2, 6, 20] {
             let mut fixture = scheduled(2_000, (target_ns, sync_ns), config(1, 1));
             let disturbed = Disturbed::run(&mut fixture, |fixture| {
@@ -379,8 +385,7 @@ fn scheduled(
 /// The next target must not make their step, too.
 #[test]
 fn time_lost_inside_a_cycle_adds_no_scheduled_target() {
-    let phases = [(None, Some(300_000)), (Some(200_000), None), (Some(200_000), Some(300_000))];
-    for phases in phases {
+    for phases in PHASES {
         for lost_us in [400, 1_300, 3_000, 9_700, 100_000, 2_000_000] {
             let mut fixture = scheduled(2_000, phases, config(1, 1));
             for _ in 0..3 {
@@ -405,7 +410,12 @@ fn time_lost_inside_a_cycle_adds_no_scheduled_target() {
 /// one period.
 #[test]
 fn late_sync_keeps_scheduled_targets_a_period_apart() {
-    let mut fixture = scheduled(2_000, (Some(116_000), None), config(4, 3));
+    for sync_ns in [None, Some(50_000)] {
+        keep_a_period_apart(scheduled(2_000, (Some(116_000), sync_ns), config(4, 3)));
+    }
+}
+
+fn keep_a_period_apart(mut fixture: Fixture) {
     let watch = MotorWatch::new(&fixture, 0);
     let mut random = Random(7);
     for _ in 0..1_500 {
@@ -425,9 +435,13 @@ fn late_sync_keeps_scheduled_targets_a_period_apart() {
 /// The motor still creeps to the last target when the axis is enabled again, in each phase of the SYNC period.
 #[test]
 fn first_target_after_a_hold_is_the_position_when_it_takes_effect() {
-    for (every_cycles, phases) in
-        [(1, (None, None)), (1, (Some(200_000), None)), (4, (Some(200_000), None))]
-    {
+    for (every_cycles, phases) in [
+        (1, (None, None)),
+        (1, (Some(200_000), None)),
+        (4, (Some(200_000), None)),
+        (1, (Some(300_000), Some(200_000))),
+        (4, (Some(300_000), Some(200_000))),
+    ] {
         for phase in 0..12 {
             let mut fixture = scheduled(1_000, phases, config(1, every_cycles));
             fixture.inject(Fault::LostFrame { direction: LossDirection::Return, cycles: 5 });

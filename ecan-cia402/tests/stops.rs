@@ -97,7 +97,7 @@ fn configure_of_a_moving_axis_does_not_coast() {
 /// A target that waits in the drive for its SYNC must not undo the stop that a configuration begins.
 #[test]
 fn waiting_target_does_not_undo_the_stop_of_configure() {
-    for cycles in 0..8 {
+    for (cycles, sync_ns) in (0..8).flat_map(|cycles| [(cycles, None), (cycles, Some(50_000))]) {
         let mode = OperatingMode::CyclicVelocity;
         let mut adapter = AdapterConfig::new(1).with_cycle(Duration::from_millis(1));
         adapter.dc = Some(DcSync::new(Duration::from_millis(1), Duration::from_micros(700)));
@@ -107,7 +107,7 @@ fn waiting_target_does_not_undo_the_stop_of_configure() {
         let settings = Cia402Config { motion_div: 4, ..config(HostHeartbeat::Off) };
         let traced = drives(|drive| drive.trace = 100_000);
         let mut fixture = Fixture::open_with(traced, adapter, axes, settings);
-        fixture.cia402.set_scheduled_tx(&fixture.port, Some(100_000), None).unwrap();
+        fixture.cia402.set_scheduled_tx(&fixture.port, Some(100_000), sync_ns).unwrap();
         let mut fixture = at_speed_with(fixture, mode);
         fixture.steps(cycles);
         let call = LibraryCall::DomainState;

@@ -127,10 +127,11 @@ impl Axis {
         self.set_mode(self.path.mode());
     }
 
-    /// Sets how long a target waits in the gateway: cycles from the target to its SYNC, and images.
-    pub(crate) fn set_schedule(&mut self, lead: u32, images: u16) {
+    /// Sets how long a target waits: cycles from the target to its SYNC, and before in the gateway.
+    pub(crate) fn set_schedule(&mut self, lead: u32, in_gateway: u16) {
         self.path.set_period(self.path.period().with_lead(lead));
-        self.plan.schedule_images = images;
+        let in_drive = u16::try_from(lead).unwrap_or(u16::MAX);
+        self.plan.schedule_images = in_gateway.saturating_add(in_drive);
         self.set_mode(self.path.mode());
     }
 

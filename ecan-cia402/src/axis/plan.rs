@@ -36,8 +36,8 @@ pub(crate) struct AxisPlan {
     /// There are RPDOs after the first.
     pub(crate) has_auxiliary: bool,
     pub(crate) cycles_per_sync: u32,
-    /// New images, beyond those of the configuration, that a scheduled target may wait in the
-    /// gateway.
+    /// New images, beyond those of the configuration, that a scheduled target may wait for its phase in the
+    /// gateway, and then for its SYNC in the drive.
     pub(crate) schedule_images: u16,
     /// Treatment of an enabled drive at the first contact.
     pub(crate) takeover: Takeover,

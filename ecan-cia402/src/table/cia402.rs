@@ -330,8 +330,9 @@ impl Cia402 {
     /// A gateway drops a scheduled frame that arrives after its phase, and the drive then keeps its
     /// previous target; leave a margin. The drain of old targets includes the gateway's schedule.
     ///
-    /// If only the targets are scheduled, they take effect with the SYNC of a later cycle. If only one of both is
-    /// scheduled, its phase must not be a time at which frames that are sent at once are on the bus: a target would
+    /// Where SYNC leaves before the targets, at an earlier phase or at once, it makes the targets of the SYNC period
+    /// before effective: motion, drains and stops take one SYNC period more. If only one of both is scheduled, its
+    /// phase must not be a time at which frames that are sent at once are on the bus: a target would
     /// take effect with one or another SYNC (docs/SAFETY.md, residual risks).
     ///
     /// Only while no axis is active: an immediate target would overtake one that is still scheduled.
@@ -350,11 +351,6 @@ impl Cia402 {
         for offset_ns in [target_offset_ns, sync_offset_ns].into_iter().flatten() {
             self.check_offset(port, offset_ns)?;
         }
-        if let (Some(target_offset_ns), Some(sync_offset_ns)) = (target_offset_ns, sync_offset_ns)
-            && sync_offset_ns < target_offset_ns
-        {
-            return Err(ScheduleError::SyncFirst { target_offset_ns, sync_offset_ns });
-        }
         let at = |offset: Option<u32>| offset.map(|offset_ns| Schedule { tag: 0, offset_ns });
         self.target_options.schedule = at(target_offset_ns);
         self.sync.schedule = at(sync_offset_ns);
@@ -370,10 +366,11 @@ impl Cia402 {
         Ok(())
     }
 
-    /// Targets wait for their phase and SYNC does not: the SYNC of an image leaves before its targets, which take
-    /// effect with the next one.
+    /// Returns whether the SYNC of an image leaves before its targets, which take effect with the next SYNC.
     pub(super) fn is_sync_first(&self) -> bool {
-        self.target_options.schedule.is_some() && self.sync.schedule.is_none()
+        let phase = |schedule: Option<Schedule>| schedule.map(|schedule| schedule.offset_ns);
+        // A frame without a phase leaves at once, before all others.
+        phase(self.target_options.schedule) > phase(self.sync.schedule)
     }
 
     fn check_offset(&self, port: &Port, offset_ns: u32) -> Result<(), ScheduleError> {

@@ -295,16 +295,6 @@ pub enum ScheduleError {
         /// Index of the axis.
         axis: usize,
     },
-    /// SYNC would be sent before the targets that it makes effective.
-    #[error(
-        "SYNC at {sync_offset_ns} ns would be sent before the targets at {target_offset_ns} ns"
-    )]
-    SyncFirst {
-        /// Phase of the targets.
-        target_offset_ns: u32,
-        /// Phase of SYNC.
-        sync_offset_ns: u32,
-    },
 }
 
 /// Faults of an axis table.

@@ -71,7 +71,7 @@ pub struct Bounds {
     cycle_ns: u64,
     sync_ns: u64,
     target_ns: u64,
-    /// P: longest wait of a scheduled frame for its phase, two periods of Sync0.
+    /// P: longest wait of a scheduled frame for its phase, two periods of Sync0, and S if SYNC leaves first.
     phase_ns: u64,
     /// G: service period of a gateway with a clock of its own.
     service_ns: u64,
@@ -100,7 +100,8 @@ impl Bounds {
             cycle_ns: plan.cycle_ns,
             sync_ns: plan.sync_ns(),
             target_ns: plan.target_ns(),
-            phase_ns: if plan.schedules_frames() { 2 * plan.cycle_ns } else { 0 },
+            phase_ns: if plan.schedules_frames() { 2 * plan.cycle_ns } else { 0 }
+                + if plan.has_sync_first() { plan.sync_ns() } else { 0 },
             service_ns: variants::service_period_ns(&plan.variants),
             response_ns: u64::from(drive.sdo_delay_us) * 1_000,
             node_axes: plan.axes_of_node(axis).count() as u64,

@@ -248,6 +248,11 @@ impl Plan {
             sync_cycles: every_cycles.into(),
         };
         let variants = variants::draw(r, &axes, &timing);
+        // Drawn last: everything else of a seed stays.
+        let clock = match clock {
+            Some((Some(_), Some(sync_ns))) if r.chance(50) => Some((Some(300_000), Some(sync_ns))),
+            other => other,
+        };
         Self {
             seed,
             gateways,
@@ -272,6 +277,11 @@ impl Plan {
     /// Returns whether the gateway sends frames at a time after Sync0.
     pub fn schedules_frames(&self) -> bool {
         !matches!(self.clock, None | Some((None, None)))
+    }
+
+    /// Returns whether SYNC leaves before the targets of its image.
+    pub fn has_sync_first(&self) -> bool {
+        self.clock.is_some_and(|(target, sync)| target > sync)
     }
 
     pub fn sync_ns(&self) -> u64 {

@@ -170,12 +170,13 @@ pub fn igh_cia402_set_motion_div(context: *mut igh_cia402_context_t, motion_div:
 ///
 /// @param enable          0 sends both at once, for any offsets; else they are scheduled.
 /// @param rpdo_offset_ns  Nanoseconds after Sync0 at which targets are sent, or IGH_CIA402_AT_ONCE.
-/// @param sync_offset_ns  The same for SYNC; not before the targets.
+/// @param sync_offset_ns  The same for SYNC. Before the targets, it applies those of the SYNC period
+///                        before, which take effect one SYNC period later.
 ///
 /// @usage   not rt, the cycle's thread, after init
 /// @return  ECAN_OK; ECAN_ERR_SCHEDULE without Sync0, beyond its period, or on a gateway that
-///          cannot; ECAN_ERR_AXIS_STATE while an axis is active; ECAN_ERR_ARGUMENT for SYNC ahead
-///          of the targets. After an error everything is as it was.
+///          cannot; ECAN_ERR_AXIS_STATE while an axis is active. After an error everything is as it
+///          was.
 #[export(call, layer(cia402, port))]
 pub fn igh_cia402_set_scheduled_tx(
     context: *mut igh_cia402_context_t,
