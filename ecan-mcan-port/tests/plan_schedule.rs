@@ -36,10 +36,10 @@ fn scheduled_frames_have_a_margin() {
     let plan = scheduled(&with_sync0(700_000), &config, 100_000);
     assert_eq!((&plan.rejections[..], &plan.warnings[..]), (&[][..], &[][..]));
     let margin = plan.schedule_margin(0, 100_000).unwrap();
-    assert_eq!((margin.earliest_arrival_ns, margin.latest_arrival_ns), (30_720, 197_200));
+    assert_eq!((margin.earliest_arrival_ns, margin.latest_arrival_ns), (30_720, 142_200));
     assert_eq!((margin.pulse_ns, margin.release_ns), (700_000, 800_000));
-    assert_eq!((margin.after_pulse_ns, margin.before_pulse_ns), (330_720, 502_800));
-    assert_eq!((margin.before_release_ns, margin.least_ns()), (552_800, 330_720));
+    assert_eq!((margin.after_pulse_ns, margin.before_pulse_ns), (330_720, 557_800));
+    assert_eq!((margin.before_release_ns, margin.least_ns()), (607_800, 330_720));
     let none = plan.schedule_margin(1, 100_000);
     assert_eq!(none, Err(NotSchedulable::NotSupported), "there is no slave 1");
     // An application that works for 600 us before it sends cuts it fine: 697.2 us.
@@ -128,11 +128,11 @@ fn frames_of_all_cycles_of_a_sync0_period_meet_at_its_pulse() {
     );
 }
 
-/// Arrivals until 197.2 us and 50 us of processing; the times of each gateway move their end.
+/// Arrivals until 142.2 us and 50 us of processing; the times of each gateway move their end.
 #[test]
 fn sync0_margin_follows_the_times_of_the_gateways() {
     let mut config = one_channel(classic());
-    let adapter = with_sync0(230_000);
+    let adapter = with_sync0(175_000);
     let sync0 = |config: &PortConfig| {
         let plan = PortPlan::of(&adapter, config, &[]);
         let latest_ns = plan.ethercat.output_arrivals().unwrap().latest_ns;
@@ -141,38 +141,38 @@ fn sync0_margin_follows_the_times_of_the_gateways() {
     };
     let lacking = |lacking_ns, best_ns| {
         let best_ns = Some(best_ns);
-        Some(PlanWarning::Sync0Shift { shift_ns: 230_000, lacking_ns, best_ns })
+        Some(PlanWarning::Sync0Shift { shift_ns: 175_000, lacking_ns, best_ns })
     };
-    assert_eq!(sync0(&config), (247_200, lacking(17_200, 638_000)));
+    assert_eq!(sync0(&config), (192_200, lacking(17_200, 611_000)));
     config.gateways[0].schedule.processing_ns = 30_000;
-    assert_eq!(sync0(&config), (227_200, None));
+    assert_eq!(sync0(&config), (172_200, None));
     config.gateways[0].schedule.latest_send_ns = 150_000;
-    assert_eq!(sync0(&config), (277_200, lacking(47_200, 653_000)));
+    assert_eq!(sync0(&config), (277_200, lacking(102_200, 653_000)));
     config.gateways[0].schedule.transport_ns = 0;
     assert_eq!(sync0(&config).0, 247_200);
 }
 
-/// A pulse at 100 us, images until 197.2 us: what is counted by default is rejected on wish.
+/// A pulse at 100 us, images until 142.2 us: what is counted by default is rejected on wish.
 #[test]
 fn short_margin_is_warned_of_or_rejected_as_in_the_port() {
     let mut config = one_channel(classic());
     let adapter = with_sync0(100_000);
-    let (offset_ns, lacking_ns) = (100_000, 97_200);
+    let (offset_ns, lacking_ns) = (100_000, 42_200);
     let counted = scheduled(&adapter, &config, offset_ns);
     let short = PortWarning::NoMargin { slave: 0, offset_ns, lacking_ns };
-    assert!(short.to_string().contains("short by 97.2 us"), "{short}");
+    assert!(short.to_string().contains("short by 42.2 us"), "{short}");
     // Whether frames are scheduled or not.
     let among_arrivals = PortWarning::EtherCat(PlanWarning::Sync0Shift {
         shift_ns: 100_000,
         lacking_ns: 69_280,
-        best_ns: Some(638_000),
+        best_ns: Some(611_000),
     });
     assert_eq!((counted.rejections, counted.warnings), (vec![], vec![among_arrivals, short]));
     config.gateways[0].schedule.margin_check = MarginCheck::Reject;
     let rejected = scheduled(&adapter, &config, offset_ns);
     let reason = NotSchedulable::NoMargin { lacking_ns };
     let expected = PortPlanError::NotSchedulable { slave: 0, offset_ns, reason };
-    assert!(expected.to_string().contains("short by 97.2 us; move the Sync0 shift"), "{expected}");
+    assert!(expected.to_string().contains("short by 42.2 us; move the Sync0 shift"), "{expected}");
     assert_eq!((rejected.rejections, rejected.warnings), (vec![expected], vec![among_arrivals]));
 }
 

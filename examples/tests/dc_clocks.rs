@@ -32,11 +32,11 @@ fn clocks_settle_with_either_reference() {
 #[test]
 fn shift_among_the_arrivals_is_a_warning() {
     let base = ["--ecrt", "sim", "--cycles", "5000", "--shift-us"];
-    for (shift_us, is_warned) in [("230", true), ("700", false)] {
+    for (shift_us, is_warned) in [("175", true), ("700", false)] {
         let output = run(PROGRAM, &[&base[..], &[shift_us]].concat());
         let errors = text(&output.stderr);
         assert!(output.status.success(), "{errors}");
-        let warning = "warning: Sync0 230.0 us after the start of the cycle falls into the arrival";
+        let warning = "warning: Sync0 175.0 us after the start of the cycle falls into the arrival";
         assert_eq!(errors.contains(warning), is_warned, "{errors}");
     }
 }

@@ -129,22 +129,22 @@ fn schedule(printed: &str) -> Vec<&str> {
 }
 
 /// The clocks make the frame 48 bytes longer: 868 bytes, of which the last 12 are gap, so that the
-/// image arrives 68.5 us after it is sent, and 100 us of work and 30 us through the host later at
+/// image arrives 68.5 us after it is sent, and 45 us of work and 30 us through the host later at
 /// the latest. A Sync0 at 700 us is 330.7 us before the first arrival that counts from the next.
 #[test]
 fn plan_with_sync0_shows_the_schedule_margin() {
     let sync0 = ["--plan", "--cycle-us", "1000", "--dc-sync0", "--dc-shift-us", "700"];
     let printed = succeeds(SINGLE, &sync0);
     contains_all(&printed, &["slave 0 LRW 768, clock 4, clock 4", "shifted by 700.0 us"]);
-    contains_all(&printed, &["margin 330.7 us (usable: 248.5 us to 30.7 us)"]);
+    contains_all(&printed, &["margin 330.7 us (usable: 193.5 us to 30.7 us)"]);
     let arrival = ["68.5", "us", "after", "they", "are", "sent,", "the", "last", "one"];
     assert_eq!(line(&printed, "images arrive")[2..], arrival);
     assert_eq!(
         schedule(&printed),
-        ["100.0", "us", "30.7", "us", "198.5", "us", "700.0", "us", "800.0", "us", "330.7", "us"]
+        ["100.0", "us", "30.7", "us", "143.5", "us", "700.0", "us", "800.0", "us", "330.7", "us"]
     );
     let planned = succeeds(SINGLE, &["--plan", "--cycle-us", "1000", "--dc-sync0"]);
-    contains_all(&planned, &["shifted by 639.0 us, margin 390.5 us"]);
+    contains_all(&planned, &["shifted by 612.0 us, margin 418.5 us"]);
     let message = fails(SINGLE, &["--plan", "--dc-sync0", "--dc-shift-us", "10000"]);
     contains_all(&message, &["Sync0 shift of 10000 us is not below its period"]);
 }
@@ -161,7 +161,7 @@ fn plan_of_the_tx_probe_contains_the_offset() {
     assert_eq!(line(&printed, "slave 0 RxPDO")[3..], ["360", "1", "(1)", "20", "(20)"]);
     assert_eq!(
         schedule(&printed),
-        ["250.0", "us", "30.7", "us", "198.5", "us", "639.0", "us", "889.0", "us", "391.7", "us"]
+        ["250.0", "us", "30.7", "us", "143.5", "us", "612.0", "us", "862.0", "us", "418.7", "us"]
     );
     contains_all(&printed, &["no problems found"]);
     assert!(!printed.contains("SIMULATED") && !printed.contains("ready"), "{printed}");
@@ -177,23 +177,23 @@ fn plan_of_the_tx_probe_contains_the_offset() {
     assert_eq!(line(&printed, "slave 0 can3")[3], "0");
 }
 
-/// Images until 198.5 us, in the firmware until 248.5 us: a pulse at 150 us is among them, one at
-/// 210 us is 11.5 us after the last one.
+/// Images until 143.5 us, in the firmware until 193.5 us: a pulse at 100 us is among them, one at
+/// 155 us is 11.5 us after the last one.
 #[test]
 fn plan_of_the_tx_probe_warns_of_missed_phases() {
     let shift = |us| ["--plan", "--dc-shift-us", us];
-    let printed = succeeds(PROBE, &shift("150"));
+    let printed = succeeds(PROBE, &shift("100"));
     contains_all(
         &printed,
         &[
-            "warning: Sync0 150.0 us after the start of the cycle falls into the arrival of the \
-             outputs, by 98.5 us: ",
-            "use a shift of 639.0 us (manual 16.1)",
-            "warning: slave 0: the margin of frames 100.0 us after Sync0 is short by 48.5 us",
+            "warning: Sync0 100.0 us after the start of the cycle falls into the arrival of the \
+             outputs, by 69.3 us: ",
+            "use a shift of 612.0 us (manual 16.1)",
+            "warning: slave 0: the margin of frames 100.0 us after Sync0 is short by 43.5 us",
         ],
     );
-    assert_eq!(schedule(&printed)[10], "-48.5");
-    let printed = succeeds(PROBE, &shift("210"));
+    assert_eq!(schedule(&printed)[10], "-43.5");
+    let printed = succeeds(PROBE, &shift("155"));
     contains_all(
         &printed,
         &["warning: slave 0: frames 100.0 us after Sync0 have little to spare, margin 11.5 us"],

@@ -134,8 +134,8 @@ fn planned_shift_uses_the_times_of_the_gateways() {
         let text = format!("cycle_us = 1000\n{gateway}[gateway.schedule]\n{schedule}");
         read(&text).unwrap().adapter.dc.unwrap().shift
     };
-    let later = shift("latest_send_us = 200\nprocessing_us = 90");
-    assert_eq!(later, shift("") + Duration::from_micros(70), "half of the difference");
+    let later = shift("latest_send_us = 185\nprocessing_us = 90");
+    assert_eq!(later, shift("") + Duration::from_micros(90), "half of the difference");
 }
 
 #[test]

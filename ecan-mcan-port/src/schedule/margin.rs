@@ -253,6 +253,10 @@ mod tests {
 
     use super::*;
 
+    fn settings() -> ScheduleConfig {
+        ScheduleConfig { latest_send_ns: 100_000, ..ScheduleConfig::default() }
+    }
+
     /// An image of 30 us, in the gateway 70 us after the send.
     fn times(settings: ScheduleConfig, dc: Option<DcSync>) -> ScheduleTimes {
         let mut adapter = AdapterConfig::new(1).with_cycle(Duration::from_millis(1));
@@ -264,7 +268,7 @@ mod tests {
 
     fn margin(shift_ns: u32, offset_ns: u32) -> ScheduleMargin {
         let dc = DcSync::new(Duration::from_millis(1), Duration::from_nanos(shift_ns.into()));
-        times(ScheduleConfig::default(), Some(dc)).margin(offset_ns).unwrap()
+        times(settings(), Some(dc)).margin(offset_ns).unwrap()
     }
 
     #[test]
@@ -313,7 +317,7 @@ mod tests {
     fn pulse_during_the_transfer_means_the_next_one() {
         for shift_ns in [30_001, 65_000, 100_000] {
             let times = times(
-                ScheduleConfig::default(),
+                settings(),
                 Some(DcSync::new(Duration::from_millis(1), Duration::from_nanos(shift_ns))),
             );
             let margin = times.margin(100_000).unwrap();
@@ -337,10 +341,10 @@ mod tests {
     #[test]
     fn longer_sync0_period_has_its_pulse_in_one_of_its_cycles() {
         let dc = DcSync::new(Duration::from_millis(4), Duration::from_micros(2500));
-        let margin = times(ScheduleConfig::default(), Some(dc)).margin(3_000_000).unwrap();
+        let margin = times(settings(), Some(dc)).margin(3_000_000).unwrap();
         assert_eq!((margin.pulse_ns, margin.release_ns), (500_000, 3_500_000));
         // It is missed in that cycle only, and images of the others meet the same one.
-        let times = times(ScheduleConfig::default(), Some(dc));
+        let times = times(settings(), Some(dc));
         let cycles = [0, 1_000_000, 2_000_000, 3_000_000, 6_000_000];
         let pulses = cycles.map(|place_ns| times.pulse_of(place_ns).unwrap());
         assert_eq!(pulses, [2_500_000, 2_500_000, 2_500_000, 6_500_000, 6_500_000]);
@@ -350,7 +354,7 @@ mod tests {
 
     #[test]
     fn without_a_pulse_or_beyond_the_period_there_is_no_phase() {
-        let times = |dc| times(ScheduleConfig::default(), dc);
+        let times = |dc| times(settings(), dc);
         assert_eq!(times(None).margin(100_000), Err(NotSchedulable::NoSync0));
         assert!(!times(None).misses_pulse(0, u64::MAX));
         let times = times(Some(DcSync::new(Duration::from_millis(1), Duration::from_micros(700))));
@@ -367,8 +371,7 @@ mod tests {
         adapter.dc = Some(DcSync::new(adapter.cycle, Duration::from_millis(5)));
         let slaves = Plan::of(&adapter).slaves;
         let of = |slave: usize| {
-            let settings = ScheduleConfig::default();
-            ScheduleTimes::new(&settings, &adapter, &slaves[slave]).margin(0).unwrap()
+            ScheduleTimes::new(&settings(), &adapter, &slaves[slave]).margin(0).unwrap()
         };
         let sent_ns = 100_000 + 30_000;
         assert_eq!(of(0).earliest_arrival_ns, 384 * 80);

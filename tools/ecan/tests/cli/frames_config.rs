@@ -271,8 +271,8 @@ fn shift_among_the_arrivals_is_a_warning() {
         let dc = format!("cycle_us = 1000\n[dc]\nshift_us = {us}\n");
         bus.write("cell.toml", &CELL.replace("cycle_us = 1000\n", &dc))
     };
-    let warning = "warning: Sync0 240.0 us after the start of the cycle falls into the arrival";
-    for (shift_us, is_warned) in [(240, true), (700, false)] {
+    let warning = "warning: Sync0 190.0 us after the start of the cycle falls into the arrival";
+    for (shift_us, is_warned) in [(190, true), (700, false)] {
         let path = with_shift(shift_us);
         let commands =
             [&["send", "--config", &path, "700#01"][..], &["monitor", "--once", "--config", &path]];
