@@ -151,7 +151,8 @@ pub struct GatewayConfig {
     pub rx_encapsulation: EncapsulationProfile,
     /// Division of the TxPDO among the channels, 0x8010:06 (manual 12).
     pub tx_budget: BudgetPolicy,
-    /// Division of the RxPDO among the channels, 0x8011:06. The Port itself does not limit channels by it.
+    /// Division of the RxPDO among the channels, 0x8011:06: a channel that has used its share sends the next frames
+    /// in the following images ([`Backpressure::Share`](crate::Backpressure::Share)).
     pub rx_budget: BudgetPolicy,
     /// Options of the TxPDO, 0x8010:07 (manual 9.1). [`OptionFlags::TX_RESULT`] requests a result
     /// for every frame sent.

@@ -10,7 +10,7 @@ use std::collections::BTreeMap;
 use ecan_host::{AdapterConfig, Plan};
 use ecan_protocol::can::{CanFrame, CanId, FrameBits};
 use ecan_protocol::config::{DataSize, FilterAction, NodeMode, NonMatch};
-use ecan_protocol::image::{BudgetPolicy, OptionFlags, PdoProfile};
+use ecan_protocol::image::OptionFlags;
 use ecan_protocol::mapping::Direction;
 use finding::{Elements, FD_MULTIPLIER, PortPlanError, PortWarning, SettingWarning};
 use image::{CpuCost, ImagePlan};
@@ -427,7 +427,7 @@ fn short_share(
     let frame = largest_frame(settings.can.fd)?;
     let direction = image.direction;
     let frame_bytes = image.packet_bytes(frame.as_ref(), false);
-    let share_bytes = share(direction, &image.profile);
+    let share_bytes = image.channel_bytes();
     (frame_bytes > share_bytes).then_some(SettingWarning::ShareBelowFrame {
         slave,
         channel,
@@ -464,17 +464,6 @@ fn largest_frame(is_fd: bool) -> Option<CanFrame> {
     match is_fd {
         true => CanFrame::fd(id, &[0; 64], true, false).ok(),
         false => CanFrame::classic(id, &[0; 8]).ok(),
-    }
-}
-
-/// Bytes of the frame area that one channel can use. The Port lets any channel fill an RxPDO.
-fn share(direction: Direction, profile: &PdoProfile) -> usize {
-    let area = profile.frame_area_bytes();
-    match (direction, profile.budget) {
-        (Direction::TxPdo, BudgetPolicy::Deterministic) => {
-            area / profile.channel_mask.count_ones().max(1) as usize
-        }
-        _ => area,
     }
 }
 

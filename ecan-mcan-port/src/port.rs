@@ -301,6 +301,13 @@ impl Port {
         self.state.find(gateway).map_or(0, |gateway| gateway.transmitter.room())
     }
 
+    /// Bytes that a channel has left in the RxPDO image that is being filled, by the budget policy of the image
+    /// (0x8011:06, manual 12). Real-time safe.
+    pub fn channel_room(&self, channel: ChannelHandle) -> usize {
+        let gateway = self.state.gateways.get(channel.slave());
+        gateway.map_or(0, |gateway| gateway.transmitter.channel_room(channel.channel()))
+    }
+
     /// Discards every frame that is not known to have reached the gateway, and returns their
     /// number. The gateway may have executed frames of an unconfirmed image all the same: they count
     /// as unknown, the others as discarded.

@@ -6,7 +6,6 @@ use std::sync::atomic::Ordering;
 use std::sync::atomic::{AtomicU32, AtomicU64};
 
 use ecan_protocol::can::{CanFrame, CanId, Dlc, FrameKind, FrameRef};
-use ecan_protocol::image::PushError;
 use ecan_protocol::mapping::CHANNELS;
 #[cfg(loom)]
 use loom::sync::atomic::{AtomicU32, AtomicU64};
@@ -316,9 +315,7 @@ impl Gateway {
                 self.statistics.channel(channel).frames_accepted += 1;
                 Verdict::Sent
             }
-            Err(
-                PushError::NoRoom { .. } | PushError::TooManyPackets | PushError::Buffer { .. },
-            ) => Verdict::Wait,
+            Err(fault) if fault.is_temporary() => Verdict::Wait,
             Err(_) => Verdict::Rejected { is_expired: false },
         }
     }

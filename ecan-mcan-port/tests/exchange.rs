@@ -10,8 +10,9 @@ use ecan_mcan_port::{
 };
 use ecan_protocol::can::{CanFrame, CanId, Dlc, FrameRef};
 use ecan_protocol::config::{FilterAction, StandardFilter, StandardMatch};
-use ecan_protocol::image::{EncapsulationProfile, OptionFlags, Timestamp};
+use ecan_protocol::image::{BudgetPolicy, EncapsulationProfile, OptionFlags, Timestamp};
 use ecan_protocol::mapping::CHANNELS;
+use ecan_sim::variant::RxBudgetPolicy;
 
 #[test]
 fn example_of_the_manual_lies_in_the_process_image() {
@@ -227,6 +228,60 @@ fn full_image_rejects_the_frame_and_counts_it() {
     let back = frames_of(&fixture.idle(10));
     assert_eq!(back.len(), 9);
     assert_eq!(back[8].frame, frame(9, &[0; 4]));
+}
+
+/// Manual 12, on a gateway that applies the budget policy of the RxPDO: 104 bytes for two channels. A packet has 12.
+#[test]
+fn channel_sends_only_its_share_of_an_image() {
+    for (rx_budget, fitting) in [
+        (BudgetPolicy::Balanced, 7),
+        (BudgetPolicy::SharedOnly, 8),
+        (BudgetPolicy::Deterministic, 4),
+    ] {
+        let adapter = AdapterConfig::new(1).with_multiplier(1).with_cycle(Duration::from_millis(2));
+        let mut gateway = GatewayConfig::on_channel(0, classic()).with_channel(1, classic());
+        gateway.rx_budget = rx_budget;
+        let mut scenario = ecan_sim::echo(1);
+        scenario.gateways[0].config.variant.rx_budget = RxBudgetPolicy::Applied;
+        let mut fixture = Fixture::ready(scenario, adapter, PortConfig::uniform(1, gateway));
+        fixture.cycle(|cycle| {
+            let sent = (0..30).take_while(|n| cycle.send_can(0, 0, id(*n), &[0; 8]).is_ok());
+            assert_eq!(sent.count(), fitting, "{rx_budget}");
+            let what = match rx_budget {
+                BudgetPolicy::SharedOnly => Backpressure::Image,
+                _ => Backpressure::Share,
+            };
+            let rejected = cycle.send_can(0, 0, id(9), &[0; 8]);
+            assert_eq!(rejected, Err(SendError::Backpressure { slave: 0, channel: 0, what }));
+            let other = cycle.send_can(0, 1, id(9), &[0; 8]);
+            assert_eq!(other.is_ok(), rx_budget != BudgetPolicy::SharedOnly, "{rx_budget}");
+        });
+        fixture.idle(10);
+        let frames: Vec<_> = (0..200).map(|n| frame(n, &[0; 8])).collect();
+        let back: Vec<_> = fixture.carry(0, &frames, 500).iter().map(|f| f.frame).collect();
+        assert_eq!(back, frames, "{rx_budget}");
+        let counters = fixture.simulation.with_world(|world| world.counters(0).unwrap());
+        assert_eq!(counters.transmit_losses.over_budget, 0, "{rx_budget}");
+    }
+}
+
+/// A CAN FD packet of 68 bytes never fits a share of 26 or 56 bytes.
+#[test]
+fn packet_beyond_the_share_of_its_channel_is_an_error() {
+    for (rx_budget, share) in [(BudgetPolicy::Deterministic, 26), (BudgetPolicy::Balanced, 56)] {
+        let adapter = AdapterConfig::new(1).with_multiplier(1);
+        let fd = ChannelConfig::fd(1_000_000, 5_000_000);
+        let gateway = GatewayConfig { rx_budget, ..GatewayConfig::on_all_channels(fd) };
+        let mut fixture =
+            Fixture::ready(ecan_sim::echo(1), adapter, PortConfig::uniform(1, gateway));
+        fixture.cycle(|cycle| {
+            let frame = CanFrame::fd(id(1), &[0; 64], true, false).unwrap();
+            let sent = cycle.send(cycle.ch(0, 1), &frame);
+            let expected = SendError::BeyondShare { slave: 0, channel: 1, bytes: 68, share };
+            assert_eq!(sent, Err(expected));
+            assert!(!expected.is_temporary());
+        });
+    }
 }
 
 #[test]

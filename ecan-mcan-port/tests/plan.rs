@@ -116,19 +116,38 @@ fn frames_that_do_not_fit_an_image_are_rejected_or_wait() {
     assert!(plan.warnings.contains(&expected), "{:?}", plan.warnings);
 }
 
-/// 360 bytes for four channels are 90 each: seven frames of 12 bytes fit, eight do not.
+/// 360 bytes for four channels are 90 each: seven frames of 12 bytes fit, eight do not. Balanced keeps 16 bytes for
+/// each of the other three channels of an RxPDO: 26 frames fit into 312 bytes. In a TxPDO the gateway lends them.
 #[test]
-fn fixed_shares_are_judged_by_themselves() {
-    let mut gateway = GatewayConfig::on_all_channels(classic());
-    gateway.tx_budget = BudgetPolicy::Deterministic;
-    let config = PortConfig::uniform(1, gateway);
-    let rejections = |frames| {
-        let traffic = [FrameStream::from_bus(0, 2, eight(), FrameRate::PerCycle(frames))];
-        PortPlan::of(&adapter(3), &config, &traffic).rejections
+fn share_of_a_channel_is_that_of_the_budget_policy() {
+    let rejection = |budget, direction, frames| {
+        let mut gateway = GatewayConfig::on_all_channels(classic());
+        (gateway.tx_budget, gateway.rx_budget) = (budget, budget);
+        let config = PortConfig::uniform(1, gateway);
+        let rate = FrameRate::PerCycle(frames);
+        let traffic = match direction {
+            Direction::RxPdo => [FrameStream::to_bus(0, 2, eight(), rate)],
+            Direction::TxPdo => [FrameStream::from_bus(0, 2, eight(), rate)],
+        };
+        let found = PortPlan::of(&adapter(3), &config, &traffic).rejections;
+        found.into_iter().find(|found| matches!(found, PortPlanError::ShareTooSmall { .. }))
     };
-    assert_eq!(rejections(7), []);
-    let expected = PortPlanError::ShareTooSmall { slave: 0, channel: 2, bytes: 96, share: 90 };
-    assert!(rejections(8).contains(&expected), "{:?}", rejections(8));
+    let share_of = |budget, direction, fitting: u32| {
+        assert_eq!(rejection(budget, direction, fitting), None, "{budget} {direction}");
+        match rejection(budget, direction, fitting + 1) {
+            Some(PortPlanError::ShareTooSmall { slave: 0, channel: 2, bytes, share, .. }) => {
+                Some((bytes, share))
+            }
+            _ => None,
+        }
+    };
+    for direction in [Direction::RxPdo, Direction::TxPdo] {
+        let deterministic = share_of(BudgetPolicy::Deterministic, direction, 7);
+        assert_eq!(deterministic, Some((96, 90)), "{direction}");
+        assert_eq!(share_of(BudgetPolicy::SharedOnly, direction, 30), None, "{direction}");
+    }
+    assert_eq!(share_of(BudgetPolicy::Balanced, Direction::RxPdo, 26), Some((324, 312)));
+    assert_eq!(share_of(BudgetPolicy::Balanced, Direction::TxPdo, 30), None);
 }
 
 /// Eight frames of 111 to 135 bits in 1000: 89 to 108 %.

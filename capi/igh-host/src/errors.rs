@@ -142,9 +142,11 @@ impl Coded for AddressError {
 impl Coded for SendError {
     fn code_of_c(&self) -> (ecan_result_t, u32) {
         let code = match self {
-            Self::Backpressure { what: Backpressure::Image | Backpressure::Phase, .. } => {
-                ECAN_ERR_NO_ROOM
-            }
+            Self::Backpressure {
+                what: Backpressure::Image | Backpressure::Share | Backpressure::Phase,
+                ..
+            } => ECAN_ERR_NO_ROOM,
+            Self::BeyondShare { .. } => ECAN_ERR_CONFIG,
             Self::Backpressure { what: Backpressure::Queue, .. } => ECAN_ERR_QUEUE_FULL,
             Self::Backpressure { what: Backpressure::BusOff, .. } => ECAN_ERR_BUS_OFF,
             Self::NotReady { .. } => ECAN_ERR_NOT_READY,

@@ -226,10 +226,6 @@ impl Machine {
         if most.unwrap_or(0) > 3 && variant("publishes_after_read").is_some() {
             return false;
         }
-        // An image then carries a share of each channel only.
-        if most.unwrap_or(0) > 0 && variant("rx_budget").is_some() {
-            return false;
-        }
         let period_us = variant("service_period_us").and_then(|value| value.parse().ok());
         period_us.unwrap_or(0) <= self.cycle_us
             && (self.sync0_shift_us.is_none() || variant("assign_activate").is_none())

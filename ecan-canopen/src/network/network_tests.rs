@@ -95,7 +95,7 @@ impl FrameSink for RecordingSink {
         self.pending
     }
 
-    fn room(&self, _slave: usize) -> usize {
+    fn room(&self, _slave: usize, _channel: u8) -> usize {
         self.room
     }
 

@@ -174,7 +174,7 @@ impl<O: FrameSink> ServiceSender<'_, O> {
         let (slave, channel) = (self.channel.slave, self.channel.channel);
         let needed = self.config.reserved_image_bytes.saturating_add(SDO_PACKET_BYTES);
         self.sink.pending(slave, channel) < self.config.sdo_pending_limit
-            && self.sink.room(slave) >= needed
+            && self.sink.room(slave, channel) >= needed
     }
 
     /// Sends one frame of a node, if it has one; an error ends the turn.
@@ -238,8 +238,8 @@ pub(super) trait FrameSink {
     /// Frames that the gateway has not sent yet on a channel, by its status.
     fn pending(&self, slave: usize, channel: u8) -> u8;
 
-    /// Bytes left in the image of this cycle.
-    fn room(&self, slave: usize) -> usize;
+    /// Bytes that a channel has left in the image of this cycle.
+    fn room(&self, slave: usize, channel: u8) -> usize;
 
     fn is_ready(&self, slave: usize) -> bool;
 
@@ -264,8 +264,8 @@ impl FrameSink for Cycle<'_> {
         channel.map_or(0, |channel| self.channel_status(channel).tx_pending())
     }
 
-    fn room(&self, slave: usize) -> usize {
-        self.gateway(slave).map_or(0, |gateway| self.image_room(gateway))
+    fn room(&self, slave: usize, channel: u8) -> usize {
+        self.channel(slave, channel).map_or(0, |channel| self.channel_room(channel))
     }
 
     fn is_ready(&self, slave: usize) -> bool {

@@ -68,35 +68,37 @@ fn short_shares(text: &str) -> Vec<SettingWarning> {
     all
 }
 
-#[test]
-fn share_smaller_than_a_frame_is_reported() {
-    // A quarter of 104 bytes; the packet is control word, 4 bytes of CAN ID and 64 of data.
-    let found = short_shares(&four(1, "budget = \"deterministic\""));
-    let expected = |channel| SettingWarning::ShareBelowFrame {
-        slave: 0,
-        channel,
-        direction: Direction::TxPdo,
-        frame_bytes: 70,
-        share_bytes: 26,
-    };
-    assert_eq!(found, [0, 1, 2, 3].map(expected));
-    assert!(
-        found[3]
-            .to_string()
-            .contains("the largest frame needs 70 bytes of the TxPDO, the channel has 26")
-    );
-    // With timestamp and padding it needs 72, and (3 * 128 - 24) / 4 are 90.
-    let padded = "budget = \"deterministic\", profile = 1, options = [\"align4\"]";
-    let bytes = short_shares(&four(2, padded)).into_iter().map(|warning| match warning {
-        SettingWarning::ShareBelowFrame { frame_bytes, share_bytes, .. } => {
-            (frame_bytes, share_bytes)
+/// Direction, bytes of the largest frame and of the share of each of four channels.
+fn of_four(found: &[SettingWarning]) -> Vec<(Direction, usize, usize)> {
+    let parts = |warning: &SettingWarning| match *warning {
+        SettingWarning::ShareBelowFrame { direction, frame_bytes, share_bytes, .. } => {
+            (direction, frame_bytes, share_bytes)
         }
         other => panic!("{other}"),
-    });
-    assert_eq!(bytes.collect::<Vec<_>>(), [(72, 58); 4]);
+    };
+    let mut all: Vec<_> = found.iter().map(parts).collect();
+    all.sort_unstable_by_key(|(direction, ..)| *direction == Direction::TxPdo);
+    let (first, rest) = (all.iter().step_by(4), all.len());
+    assert_eq!(rest % 4, 0, "{all:?}");
+    first.copied().collect()
+}
+
+#[test]
+fn share_smaller_than_a_frame_is_reported() {
+    // A quarter of 104 bytes; the packet is control word, 4 bytes of CAN ID and 64 of data. The RxPDO is balanced:
+    // 16 bytes of it are kept for each of the other channels.
+    let rx = (Direction::RxPdo, 70, 56);
+    let found = short_shares(&four(1, "budget = \"deterministic\""));
+    assert_eq!(of_four(&found), [rx, (Direction::TxPdo, 70, 26)]);
+    let texts: Vec<_> = found.iter().map(ToString::to_string).collect();
+    let expected = "the largest frame needs 70 bytes of the TxPDO, the channel has 26";
+    assert!(texts.iter().any(|text| text.contains(expected)), "{texts:?}");
+    // With timestamp and padding it needs 72, and (3 * 128 - 24) / 4 are 90.
+    let padded = "budget = \"deterministic\", profile = 1, options = [\"align4\"]";
+    assert_eq!(of_four(&short_shares(&four(2, padded))), [(Direction::TxPdo, 72, 58)]);
     assert_eq!(short_shares(&four(3, padded)), []);
-    // With other policies a channel can use the whole area; a classic frame fits into 26 bytes.
-    assert_eq!(short_shares(&four(1, "budget = \"balanced\"")), []);
+    // The gateway lends the unused reserves of a balanced TxPDO; a classic frame fits into 26 bytes.
+    assert_eq!(of_four(&short_shares(&four(1, "budget = \"balanced\""))), [rx]);
     let classic = four(1, "budget = \"deterministic\"").replace(", data_bitrate = 2_000_000", "");
     assert_eq!(short_shares(&classic), []);
 }

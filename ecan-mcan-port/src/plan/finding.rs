@@ -103,17 +103,19 @@ pub enum PortPlanError {
         /// Bytes of the frame area.
         area: u64,
     },
-    /// More in the long run than a channel's fixed share of the TxPDO.
+    /// More in the long run than a channel's share of an image, by the budget policy.
     #[error(
-        "slave {slave}, channel {channel}: {bytes} bytes per cycle do not fit the channel's fixed \
-         share of {share} bytes of the TxPDO: use a larger N or another budget policy than \
-         Deterministic"
+        "slave {slave}, channel {channel}: {bytes} bytes per cycle do not fit the channel's share \
+         of {share} bytes of the {direction} (manual 12): use a larger N or the budget policy \
+         SharedOnly"
     )]
     ShareTooSmall {
         /// Slave index.
         slave: usize,
         /// The channel.
         channel: u8,
+        /// The direction.
+        direction: Direction,
         /// Bytes per cycle on the average, rounded up.
         bytes: u64,
         /// Bytes of the share.
@@ -211,17 +213,19 @@ pub enum PortWarning {
         /// Bytes of the frame area.
         area: u64,
     },
-    /// The fullest cycle exceeds a channel's fixed share of the TxPDO.
+    /// The fullest cycle exceeds a channel's share of an image, by the budget policy.
     #[error(
         "slave {slave}, channel {channel}: the fullest cycle has {bytes} bytes for the channel's \
-         fixed share of {share} bytes of the TxPDO: frames wait for the next image. Use a larger N \
-         or another budget policy than Deterministic"
+         share of {share} bytes of the {direction} (manual 12): frames wait for the next image. \
+         Use a larger N or the budget policy SharedOnly"
     )]
     SharePeak {
         /// Slave index.
         slave: usize,
         /// The channel.
         channel: u8,
+        /// The direction.
+        direction: Direction,
         /// Bytes in that cycle.
         bytes: u64,
         /// Bytes of the share.
@@ -325,8 +329,8 @@ pub enum SettingWarning {
     /// The largest frame of a channel does not fit its share of an image (manual 12).
     #[error(
         "slave {slave}, channel {channel}: the largest frame needs {frame_bytes} bytes of the \
-         {direction}, the channel has {share_bytes}; such frames are never received; use a larger \
-         `n` or another `budget` than deterministic"
+         {direction}, the channel has {share_bytes}; such frames never pass; use a larger `n` or \
+         the `budget` \"shared_only\""
     )]
     ShareBelowFrame {
         /// Slave index.

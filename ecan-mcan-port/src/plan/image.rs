@@ -2,7 +2,8 @@
 
 use ecan_protocol::can::FrameRef;
 use ecan_protocol::image::{
-    BudgetPolicy, ImageWriter, OptionFlags, PdoProfile, ResultCode, Timestamp, TxResult,
+    BudgetPolicy, FrameBudget, ImageWriter, OptionFlags, PdoProfile, ResultCode, Timestamp,
+    TxResult,
 };
 use ecan_protocol::mapping::{CHANNELS, Direction, MAX_PACKETS};
 
@@ -94,6 +95,31 @@ impl ImagePlan {
         self.profile.frame_area_bytes()
     }
 
+    /// Bytes of an otherwise empty image that one channel can use, by the budget policy (manual 12).
+    pub fn channel_bytes(&self) -> usize {
+        let first = self.profile.channel_mask.trailing_zeros() as u8;
+        self.budget().left(first)
+    }
+
+    /// The gateway lends unused reserves of a TxPDO when it has served all channels; the Port keeps those of an
+    /// RxPDO, since the application may send on any channel until the end of the cycle.
+    fn budget(&self) -> FrameBudget {
+        let mut budget = FrameBudget::new(&self.profile);
+        if self.direction == Direction::TxPdo {
+            budget.release_reserves();
+        }
+        budget
+    }
+
+    /// Bytes that a channel has left by the budget policy beside these of all channels.
+    fn share(&self, channel: u8, bytes: impl Fn(&(ImageFill, ImageFill)) -> f64) -> f64 {
+        let mut budget = self.budget();
+        for (other, fills) in (0u8..).zip(&self.channels).filter(|(other, _)| *other != channel) {
+            budget.take(other, bytes(fills).ceil() as usize);
+        }
+        budget.left(channel) as f64
+    }
+
     /// Bytes that a frame takes: scheduled ones carry their record, received ones a timestamp of
     /// 16 bits and a window of 64 bytes wherever the profile allows them.
     pub fn packet_bytes(&self, frame: FrameRef<'_>, is_scheduled: bool) -> usize {
@@ -117,9 +143,9 @@ impl ImagePlan {
         writer.used()
     }
 
-    /// Number of such frames that an otherwise empty image holds; 255 at most.
+    /// Number of such frames of one channel that an otherwise empty image holds; 255 at most.
     pub fn frames_per_image(&self, frame: FrameRef<'_>, is_scheduled: bool) -> usize {
-        (self.area_bytes() / self.packet_bytes(frame, is_scheduled).max(1)).min(MAX_PACKETS)
+        (self.channel_bytes() / self.packet_bytes(frame, is_scheduled).max(1)).min(MAX_PACKETS)
     }
 
     pub(super) fn check(
@@ -142,20 +168,26 @@ impl ImagePlan {
             let (packets, bytes) = (self.peak.packets_up(), self.peak.bytes_up());
             warnings.push(PortWarning::ImagePeak { slave, direction, packets, bytes, area });
         }
-        // The Port lets any channel fill an RxPDO image.
-        if direction == Direction::RxPdo || self.profile.budget != BudgetPolicy::Deterministic {
+        if self.profile.budget == BudgetPolicy::SharedOnly {
             return;
         }
-        let enabled = (0..CHANNELS as u8).filter(|c| self.profile.has_channel(*c)).count().max(1);
-        let share = self.area_bytes() / enabled;
+        let is_fixed = self.profile.budget == BudgetPolicy::Deterministic;
+        let fits = |fill: ImageFill| is_fixed || !fill.exceeds(self.area_bytes());
         for (channel, (mean, peak)) in (0u8..).zip(&self.channels) {
-            let share = share as u64;
-            if mean.bytes > share as f64 {
-                let bytes = mean.bytes_up();
-                rejections.push(PortPlanError::ShareTooSmall { slave, channel, bytes, share });
-            } else if peak.bytes > share as f64 {
-                let bytes = peak.bytes_up();
-                warnings.push(PortWarning::SharePeak { slave, channel, bytes, share });
+            let share = self.share(channel, |(mean, _)| mean.bytes);
+            let peak_share = self.share(channel, |(_, peak)| peak.bytes);
+            if mean.bytes > share && fits(self.mean) {
+                let (bytes, share) = (mean.bytes_up(), share as u64);
+                rejections.push(PortPlanError::ShareTooSmall {
+                    slave,
+                    channel,
+                    direction,
+                    bytes,
+                    share,
+                });
+            } else if peak.bytes > peak_share && fits(self.peak) {
+                let (bytes, share) = (peak.bytes_up(), peak_share as u64);
+                warnings.push(PortWarning::SharePeak { slave, channel, direction, bytes, share });
             }
         }
     }

@@ -81,6 +81,8 @@ impl TransmitFrame {
 pub enum Backpressure {
     /// The RxPDO image of this cycle is full: its bytes or its 255 packets.
     Image,
+    /// The channel has used its share of the RxPDO image of this cycle, by the budget policy (0x8011:06, manual 12).
+    Share,
     /// The channel's transmit queue in the gateway may be full, by its status.
     Queue,
     /// The channel is bus-off: the gateway would drop the frame.
@@ -99,6 +101,7 @@ pub enum SendError {
         "slave {slave} channel {channel}: no room for a frame: {}; retry in a later cycle",
         match what {
             Backpressure::Image => "the image of this cycle is full",
+            Backpressure::Share => "its share of the image (0x8011:06) is used in this cycle",
             Backpressure::Queue => "the gateway's transmit queue is full",
             Backpressure::BusOff => "the channel is bus-off",
             Backpressure::Phase => "this cycle is too late for its Sync0 phase",
@@ -139,6 +142,21 @@ pub enum SendError {
         slave: usize,
         /// Channel.
         channel: u8,
+    },
+    /// A packet that is larger than the channel's share of an RxPDO image (0x8011:06, manual 12).
+    #[error(
+        "slave {slave} channel {channel}: a packet of {bytes} bytes exceeds the channel's share of {share} bytes of \
+         the RxPDO (0x8011:06); use a larger N or the budget policy `shared_only`"
+    )]
+    BeyondShare {
+        /// Slave index.
+        slave: usize,
+        /// Channel.
+        channel: u8,
+        /// Bytes of the packet, padding included.
+        bytes: usize,
+        /// Most bytes of the channel in an image.
+        share: usize,
     },
     /// A schedule that the configuration or the gateway does not support.
     #[error("slave {slave} cannot schedule a frame at {offset_ns} ns: {reason}")]

@@ -2,7 +2,6 @@
 
 use ecan_host::Adapter;
 use ecan_protocol::can::FrameRef;
-use ecan_protocol::image::PushError;
 
 use super::options::{Backpressure, SendError, SendOptions, SendTicket, TransmitFrame};
 use crate::address::{AddressError, ChannelHandle};
@@ -12,6 +11,7 @@ use crate::cycle_state::CycleState;
 use crate::gateway::Gateway;
 use crate::port::Port;
 use crate::schedule::margin::NotSchedulable;
+use crate::transmit::transmitter::PushFault;
 
 /// Result of a batch.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -225,13 +225,21 @@ fn reject_paced(gateway: &mut Gateway, to: ChannelHandle) -> SendError {
 
 #[cold]
 #[inline(never)]
-fn reject_push(gateway: &mut Gateway, to: ChannelHandle, error: PushError) -> SendError {
+fn reject_push(gateway: &mut Gateway, to: ChannelHandle, fault: PushFault) -> SendError {
     let (slave, channel) = (to.slave(), to.channel());
-    match error {
-        PushError::NoRoom { .. } | PushError::TooManyPackets | PushError::Buffer { .. } => {
-            gateway.statistics.channel(channel).rejected_image_full += 1;
+    if fault.is_temporary() {
+        gateway.statistics.channel(channel).rejected_image_full += 1;
+    }
+    match fault {
+        PushFault::Share { bytes, most } if bytes > most => {
+            SendError::BeyondShare { slave, channel, bytes, share: most }
+        }
+        PushFault::Share { .. } => {
+            SendError::Backpressure { slave, channel, what: Backpressure::Share }
+        }
+        PushFault::Image(_) if fault.is_temporary() => {
             SendError::Backpressure { slave, channel, what: Backpressure::Image }
         }
-        _ => AddressError::Disabled { slave, channel }.into(),
+        PushFault::Image(_) => AddressError::Disabled { slave, channel }.into(),
     }
 }

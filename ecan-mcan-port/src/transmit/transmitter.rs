@@ -6,8 +6,8 @@
 use ecan_host::{Delivery, DomainReport};
 use ecan_protocol::can::FrameRef;
 use ecan_protocol::image::{
-    ChannelStatus, CommitFields, ImageReader, ImageWriter, Packet, PdoProfile, PushError,
-    ResultCode, Schedule, Timestamp, TxResult,
+    ChannelStatus, CommitFields, FrameBudget, ImageReader, ImageWriter, Packet, PdoProfile,
+    PushError, ResultCode, Schedule, Timestamp, TxResult,
 };
 use ecan_protocol::mapping::{CHANNELS, Direction, HEADER_BYTES};
 
@@ -17,9 +17,35 @@ use crate::statistics::SlaveStatistics;
 use crate::transmit::history::{OpenFrame, TransmitHistory};
 use crate::transmit::window::TransmitWindow;
 
+/// Reason for which a frame was not added to the image.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum PushFault {
+    /// The image cannot take the frame.
+    Image(PushError),
+    /// The packet has more bytes than the budget of its channel has left. `most` are those of a channel in an empty
+    /// image.
+    Share { bytes: usize, most: usize },
+}
+
+impl PushFault {
+    /// Returns whether a later image may take the frame.
+    pub(crate) fn is_temporary(&self) -> bool {
+        match self {
+            Self::Image(error) => matches!(
+                error,
+                PushError::NoRoom { .. } | PushError::TooManyPackets | PushError::Buffer { .. }
+            ),
+            Self::Share { bytes, most } => bytes <= most,
+        }
+    }
+}
+
 #[derive(Debug)]
 pub(crate) struct Transmitter {
     writer: ImageWriter,
+    /// Bytes that each channel can use, of an empty image and of the one being filled.
+    whole_budget: FrameBudget,
+    budget: FrameBudget,
     spare: Box<[u8]>,
     /// Frames of the last published image, until its delivery is known.
     published: Option<Counts>,
@@ -57,6 +83,8 @@ impl Transmitter {
     ) -> Self {
         Self {
             writer,
+            whole_budget: FrameBudget::new(profile),
+            budget: FrameBudget::new(profile),
             spare: vec![0; profile.pdo_bytes()].into_boxed_slice(),
             published: None,
             is_unconfirmed: false,
@@ -147,6 +175,11 @@ impl Transmitter {
 
     pub(crate) fn room(&self) -> usize {
         self.writer.room()
+    }
+
+    /// Bytes that a channel has left in the image, by its budget.
+    pub(crate) fn channel_room(&self, channel: u8) -> usize {
+        self.budget.left(channel).min(self.room())
     }
 
     /// Last image that a gateway which is in OP from now on has parsed: it emptied the buffer for
@@ -289,6 +322,7 @@ impl Transmitter {
 
     fn start_image(&mut self) {
         self.writer.begin();
+        self.budget = self.whole_budget;
         self.filling_scheduled = 0;
         let Self { history, accounts, writer, .. } = self;
         history.make_room(writer.next_sequence(), |channel| {
@@ -308,14 +342,19 @@ impl Transmitter {
         id_aux: u8,
         frame: FrameRef<'_>,
         schedule: Option<Schedule>,
-    ) -> Result<(u16, u8), PushError> {
+    ) -> Result<(u16, u8), PushFault> {
         let image = if self.is_unconfirmed { &mut *self.spare } else { image };
-        let index = match schedule {
-            Some(schedule) => {
-                self.writer.push_scheduled(image, channel, id_aux, frame, schedule)?
-            }
-            None => self.writer.push(image, channel, id_aux, frame, Timestamp::None)?,
+        let record = if schedule.is_some() { Timestamp::Full64(0) } else { Timestamp::None };
+        let bytes = self.writer.packet_bytes(frame, record);
+        if bytes > self.budget.left(channel) && bytes <= self.writer.room() {
+            return Err(PushFault::Share { bytes, most: self.whole_budget.left(channel) });
+        }
+        let pushed = match schedule {
+            Some(schedule) => self.writer.push_scheduled(image, channel, id_aux, frame, schedule),
+            None => self.writer.push(image, channel, id_aux, frame, Timestamp::None),
         };
+        let index = pushed.map_err(PushFault::Image)?;
+        self.budget.take(channel, bytes);
         let sequence = self.writer.next_sequence();
         self.window(channel).add_frame();
         self.filling_scheduled += u8::from(schedule.is_some());
@@ -329,7 +368,7 @@ impl Transmitter {
         image: &mut [u8],
         channel: u8,
         frame: FrameRef<'_>,
-    ) -> Result<(), PushError> {
+    ) -> Result<(), PushFault> {
         let (sequence, index) = self.push(image, channel, 0, frame, None)?;
         self.history.set_queued(sequence, index);
         Ok(())
@@ -352,6 +391,7 @@ impl Transmitter {
         self.published_sequence = self.writer.next_sequence();
         self.published_scheduled = std::mem::take(&mut self.filling_scheduled);
         self.writer.commit(image, CommitFields::default());
+        self.budget = self.whole_budget;
         statistics.rxpdo_published += 1;
         let filling = self.filling();
         for (channel, count) in filling.iter().enumerate() {
@@ -416,12 +456,13 @@ impl Transmitter {
         self.writer.clone().commit(&mut self.spare, CommitFields::default());
         let reader = ImageReader::new(Direction::RxPdo, *self.writer.profile()).with_crc(false);
         let sequence = self.writer.next_sequence();
-        let Self { history, accounts, writer, spare, .. } = self;
+        let Self { history, accounts, writer, spare, budget, .. } = self;
         history.close_scheduled(sequence, |channel| {
             accounts.close_frame(channel, ScheduledFrameState::Withdrawn)
         });
         history.move_up(sequence);
         writer.begin();
+        *budget = self.whole_budget;
         for window in &mut self.windows {
             window.abandon_image();
         }
@@ -434,6 +475,7 @@ impl Transmitter {
                     .push(image, packet.channel, packet.id_aux, packet.frame, Timestamp::None)
                     .is_ok();
             if is_kept {
+                budget.take(packet.channel, writer.packet_bytes(packet.frame, Timestamp::None));
                 self.windows[usize::from(packet.channel) % CHANNELS].add_frame();
             }
         }

@@ -9,7 +9,7 @@ mod reader;
 mod writer;
 
 pub use crate::object::pdo_profile::{
-    BudgetPolicy, EncapsulationProfile, OptionFlags, PdoProfile, ProfileError,
+    BudgetPolicy, EncapsulationProfile, FrameBudget, OptionFlags, PdoProfile, ProfileError,
 };
 #[doc(hidden)]
 pub use crc::crc16_use_portable;

@@ -345,6 +345,71 @@ impl PdoProfile {
     }
 }
 
+/// Bytes that the balanced policy reserves for each enabled channel: the largest packet of a classic frame without
+/// timestamp, padded. The manual specifies only "a minimum packet budget" (docs/ASSUMPTIONS.md, H7).
+const BALANCED_RESERVE_BYTES: usize = 16;
+
+/// Division of the frame area of one image among the channels, by its budget policy (manual 12).
+///
+/// A channel uses its own reserve, then the shared bytes. With `Deterministic` nothing is shared, with `SharedOnly`
+/// nothing is reserved.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct FrameBudget {
+    reserved: [u16; crate::mapping::CHANNELS],
+    shared: u16,
+    policy: BudgetPolicy,
+}
+
+impl FrameBudget {
+    /// The budget of an empty image.
+    pub fn new(profile: &PdoProfile) -> Self {
+        let area = profile.frame_area_bytes();
+        let enabled = (profile.channel_mask & EXISTING_CHANNELS).count_ones().max(1) as usize;
+        let reserve = match profile.budget {
+            BudgetPolicy::Balanced => BALANCED_RESERVE_BYTES.min(area / enabled),
+            BudgetPolicy::SharedOnly => 0,
+            BudgetPolicy::Deterministic => area / enabled,
+        };
+        let shared = match profile.budget {
+            BudgetPolicy::Deterministic => 0,
+            _ => area - reserve * enabled,
+        };
+        // infallible: a frame area has at most 3048 bytes
+        let reserved = |at| if profile.has_channel(at as u8) { reserve as u16 } else { 0 };
+        let policy = profile.budget;
+        Self { reserved: core::array::from_fn(reserved), shared: shared as u16, policy }
+    }
+
+    /// Bytes left for a channel; 0 for one that does not exist.
+    #[inline]
+    pub fn left(&self, channel: u8) -> usize {
+        self.reserved
+            .get(usize::from(channel))
+            .map_or(0, |reserved| usize::from(*reserved) + usize::from(self.shared))
+    }
+
+    /// Takes the bytes of a packet that was added for a channel; at most those that are [left](Self::left).
+    #[inline]
+    pub fn take(&mut self, channel: u8, bytes: usize) {
+        let Some(reserved) = self.reserved.get_mut(usize::from(channel)) else { return };
+        let bytes = u16::try_from(bytes).unwrap_or(u16::MAX);
+        let from_own = bytes.min(*reserved);
+        *reserved -= from_own;
+        self.shared = self.shared.saturating_sub(bytes - from_own);
+    }
+
+    /// Makes the reserves that are left common, when all channels were served; only `Balanced` lends them. Returns
+    /// whether there were any.
+    pub fn release_reserves(&mut self) -> bool {
+        if self.policy != BudgetPolicy::Balanced {
+            return false;
+        }
+        let left: u16 = core::mem::take(&mut self.reserved).iter().sum();
+        self.shared += left;
+        left > 0
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use std::string::ToString;
@@ -396,6 +461,34 @@ mod tests {
         assert_eq!(profile.check(Direction::RxPdo), Err(faults[0]));
         assert_eq!(profile.faults(Direction::TxPdo).count(), 2);
         assert_eq!(PdoProfile::default().check(Direction::RxPdo), Ok(()));
+    }
+
+    /// Manual 12: frame area 360 bytes at N = 3.
+    #[test]
+    fn budget_divides_the_frame_area_by_its_policy() {
+        let budget = |budget, channel_mask| {
+            let profile =
+                PdoProfile { multiplier: 3, channel_mask, budget, ..PdoProfile::default() };
+            FrameBudget::new(&profile)
+        };
+        for (policy, left, left_after) in [
+            (BudgetPolicy::Balanced, [312, 312, 312, 312], [292, 296, 296, 296]),
+            (BudgetPolicy::SharedOnly, [360, 360, 360, 360], [324, 324, 324, 324]),
+            (BudgetPolicy::Deterministic, [90, 90, 90, 90], [54, 90, 90, 90]),
+        ] {
+            let mut budget = budget(policy, 0x0F);
+            let lefts = |budget: &FrameBudget| [0, 1, 2, 3].map(|channel| budget.left(channel));
+            assert_eq!(lefts(&budget), left, "{policy}");
+            budget.take(0, 36);
+            assert_eq!(lefts(&budget), left_after, "{policy}");
+        }
+        let one = [BudgetPolicy::Balanced, BudgetPolicy::SharedOnly, BudgetPolicy::Deterministic]
+            .map(|policy| budget(policy, 0x02).left(1));
+        assert_eq!(one, [360; 3], "one channel has the whole area");
+        let mut balanced = budget(BudgetPolicy::Balanced, 0x03);
+        assert!(balanced.release_reserves() && !balanced.release_reserves());
+        assert_eq!((balanced.left(0), balanced.left(4)), (360, 0));
+        assert!(!budget(BudgetPolicy::Deterministic, 0x03).release_reserves());
     }
 
     #[test]

@@ -4,7 +4,9 @@
 use ecan_protocol::config::{
     ApplyStatus, DataPathConfig, DataPathGlobal, DiagnosticTest, RxBypass, TxBypass,
 };
-use ecan_protocol::image::{FramePacket, OptionFlags, Packet, PdoError, ResultCode, Schedule};
+use ecan_protocol::image::{
+    FrameBudget, FramePacket, OptionFlags, Packet, PdoError, ResultCode, Schedule,
+};
 use ecan_protocol::mapping::{CHANNELS, Direction, HEADER_BYTES};
 
 use super::channel::{Channel, ChannelModel, path_error};
@@ -16,7 +18,7 @@ use super::fault::PendingFaults;
 use super::maintenance::flag;
 use super::pdo::{RxPdoParser, TxPdoBuilder};
 use super::profile_control::ActiveOptions;
-use super::transmit_path::{Budget, Pending, Reference, ResultQueue, ScheduleQueue, Scheduled};
+use super::transmit_path::{Pending, Reference, ResultQueue, ScheduleQueue, Scheduled};
 use super::variant::{GatewayVariant, RxBudgetPolicy, ScheduledPulse, TxPdoNumbering};
 
 /// Service budget in microseconds if 0x8020:7 is 0.
@@ -225,8 +227,10 @@ impl DataPath {
             match packet {
                 Ok(Packet::Frame(packet)) => {
                     let bytes = end.saturating_sub(packet.offset.into());
-                    let channel = packet.channel.into();
-                    let fits = budget.as_mut().is_none_or(|budget| budget.try_take(channel, bytes));
+                    let fits = budget.is_none_or(|budget| bytes <= budget.left(packet.channel));
+                    if let Some(budget) = budget.as_mut().filter(|_| fits) {
+                        budget.take(packet.channel, bytes);
+                    }
                     self.take_frame(sequence, &packet, times, fits)
                 }
                 Ok(Packet::TxResult(_)) => Err(PdoError::UnknownKind),
@@ -239,9 +243,9 @@ impl DataPath {
     }
 
     /// The budget of an RxPDO image, if the variant applies it.
-    fn rx_budget(&self) -> Option<Budget> {
+    fn rx_budget(&self) -> Option<FrameBudget> {
         let is_applied = self.variant.rx_budget == RxBudgetPolicy::Applied;
-        self.options.rx.active.filter(|_| is_applied).map(|profile| Budget::new(&profile))
+        self.options.rx.active.filter(|_| is_applied).map(|profile| FrameBudget::new(&profile))
     }
 
     /// Hands one frame to its channel, or drops it if it does not fit into the budget. An error stops the parsing of the image.

@@ -1,14 +1,14 @@
 //! RxPDO parser with its copy of the last image, and TxPDO builder (manual 6, 8, 12, 13.2).
 
 use ecan_protocol::image::{
-    ChannelStatus, CommitFields, HeaderFlags, Image, ImageFault, ImageReader, ImageWriter,
-    ParseDiagnosis, PdoError, PdoProfile, Timestamp,
+    ChannelStatus, CommitFields, FrameBudget, HeaderFlags, Image, ImageFault, ImageReader,
+    ImageWriter, ParseDiagnosis, PdoError, PdoProfile, Timestamp,
 };
 use ecan_protocol::mapping::{CHANNELS, Direction, HEADER_BYTES, MAX_PACKETS, MAX_PDO_BYTES};
 
 use super::channel::Channel;
 use super::diagnostics::GatewayCounters;
-use super::transmit_path::{Budget, ResultQueue};
+use super::transmit_path::ResultQueue;
 use super::variant::{Delta16Unit, GatewayVariant, PdoErrorNumbers, RepeatedImage, RxPending};
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -86,7 +86,7 @@ impl TxPdoBuilder {
         };
         let writer = self.writer.as_mut()?;
         let before = channel_status(channels);
-        let budget = Budget::new(writer.profile());
+        let budget = FrameBudget::new(writer.profile());
         let undelivered = UndeliveredFrames::default();
         let mut packer = Packer { writer, shadow: &mut self.shadow, budget, undelivered, counters };
         if !empty {
@@ -150,7 +150,7 @@ const RESULT_BYTES_MAX: usize = 8;
 struct Packer<'a> {
     writer: &'a mut ImageWriter,
     shadow: &'a mut [u8],
-    budget: Budget,
+    budget: FrameBudget,
     undelivered: UndeliveredFrames,
     counters: &'a mut GatewayCounters,
 }
@@ -164,14 +164,13 @@ impl Packer<'_> {
                 counters.results_lost += 1;
                 continue;
             }
-            let channel = usize::from(result.channel);
             let before = writer.used();
-            if !budget.fits(channel, RESULT_BYTES_MAX)
+            if RESULT_BYTES_MAX > budget.left(result.channel)
                 || writer.push_tx_result(shadow, &result).is_err()
             {
                 break;
             }
-            budget.take(channel, writer.used() - before);
+            budget.take(result.channel, writer.used() - before);
             results.pop();
             counters.results_to_master += 1;
         }
@@ -187,6 +186,8 @@ impl Packer<'_> {
     ) {
         let Self { writer, shadow, budget, undelivered, counters } = self;
         let has_timestamp = writer.profile().profile.allows_delta16();
+        let mut whole = FrameBudget::new(writer.profile());
+        whole.release_reserves();
         let mut blocked = [false; CHANNELS];
         let mut consumed = [0; CHANNELS];
         loop {
@@ -207,20 +208,20 @@ impl Packer<'_> {
             };
             let frame = head.frame.as_ref();
             let bytes = writer.packet_bytes(frame, timestamp);
-            if budget.never_fits(bytes) {
+            if bytes > whole.left(number as u8) {
                 receive.pop();
                 undelivered.oversized += 1;
                 counters.receive_losses.oversized += 1;
                 continue;
             }
-            let pushed = budget.fits(number, bytes)
+            let pushed = bytes <= budget.left(number as u8)
                 && usize::from(writer.frames()) < MAX_PACKETS
                 && writer.push(shadow, number as u8, head.source, frame, timestamp).is_ok();
             if !pushed {
                 blocked[number] = true;
                 continue;
             }
-            budget.take(number, bytes);
+            budget.take(number as u8, bytes);
             receive.pop();
             consumed[number] += 1;
             counters.frames_to_master += 1;

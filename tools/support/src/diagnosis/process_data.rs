@@ -199,8 +199,12 @@ fn explain(error: Option<PdoError>) -> Explanation {
         ),
         Some(PdoError::PacketOverrun) => (
             "pdo-packet-overrun",
-            &["more packets were written than fit into the frame area", "N is too small"],
-            "plan the images with `ecan plan` and use a larger N",
+            &[
+                "more packets were written than fit into the frame area",
+                "a channel exceeded its share by the budget policy 0x8011:06 (manual 12)",
+                "N is too small",
+            ],
+            "plan the images with `ecan plan`; use its N, or budget policy 1 (SharedOnly)",
         ),
         Some(PdoError::UnknownKind) => (
             "pdo-unknown-kind",

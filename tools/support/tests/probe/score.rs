@@ -156,8 +156,8 @@ fn each_alternative_is_named_and_no_other() {
 
 /// Rows about the host, the master, the wires or the model of the simulator.
 const NOT_OF_THE_DEVICE: &[&str] = &[
-    "H12", "H15", "H30", "H33", "H46", "S22", "S24", "S25", "S28", "S29", "S32", "S33", "S52",
-    "S57",
+    "H12", "H15", "H30", "H33", "H46", "H47", "S22", "S24", "S25", "S28", "S29", "S32", "S33",
+    "S52", "S57",
 ];
 
 /// The rows H and S of docs/ASSUMPTIONS.md that concern the device.
