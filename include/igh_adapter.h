@@ -304,7 +304,8 @@ int ecan_igh_config_set_dc_monitor(ecan_igh_config_t *config, uint32_t every);
  * --------------------------------------------------------------------------- */
 
 /**
- * Sets N of both directions on every slave: the PDOs have 128 * N bytes (manual 5.2).
+ * Sets N of both directions on every slave: the PDOs have 128 * N bytes (manual 5.2). Without it
+ * igh_mcan_port_apply_config() takes 3, and 8 for a gateway with a CAN FD channel.
  *
  * @param n  1 to 24; above 11 see ecan_igh_config_allow_large_pdos().
  *

@@ -286,6 +286,9 @@ void ecan_clear_last_error(void);
 /** PDO size for classic CAN and CANopen, in chunks of 128 bytes (manual 15.5.2). */
 #define ECAN_DEFAULT_PDO_MULTIPLIER 3
 
+/** PDO size for CAN FD, in chunks of 128 bytes (manual 15.5.2). */
+#define ECAN_DEFAULT_FD_PDO_MULTIPLIER 8
+
 /** Bytes of a PDO chunk (manual 5.1). */
 #define ECAN_PDO_CHUNK_BYTES 128
 

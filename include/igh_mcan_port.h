@@ -71,7 +71,8 @@ int igh_mcan_port_default_config(igh_mcan_port_config_t *config);
 /**
  * Applies a configuration to the Adapter's: ecan_igh_init() then registers PDO profiles, channel
  * masks, bit rates, filters and budgets as startup SDOs (manual 15.5.2, step 4). Is copied; call
- * it again after a change. Only the gateways of the first slave_count slaves count.
+ * it again after a change. Only the gateways of the first slave_count slaves count. Sets N of the slaves
+ * for which the application has set none: 3, and 8 with a CAN FD channel (manual 5.2).
  *
  * Without this call the gateways keep their last configuration; a Port then verifies that it is
  * the Port's configuration.
@@ -79,7 +80,8 @@ int igh_mcan_port_default_config(igh_mcan_port_config_t *config);
  * @usage   not rt, any thread, before ecan_igh_init
  * @return  ECAN_OK; ECAN_ERR_CONFIG with every fault in ecan_last_error().
  */
-int igh_mcan_port_apply_config(ecan_igh_config_t *igh_config, const igh_mcan_port_config_t *config);
+int igh_mcan_port_apply_config(ecan_igh_config_t *igh_config,
+                               const igh_mcan_port_config_t *config);
 
 /**
  * Checks a configuration as a whole against that of the Adapter. igh_mcan_port_apply_config() and

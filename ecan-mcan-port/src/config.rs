@@ -12,8 +12,10 @@ use ecan_protocol::mapping::{CHANNELS, Direction};
 
 use crate::transmit::window::DEFAULT_DEPTH;
 
-/// Default N of a gateway: chunks of 128 bytes per direction.
-const DEFAULT_MULTIPLIER: u8 = 3;
+/// First N of a gateway with classic CAN, chunks of 128 bytes per direction (manual 2, 5.2).
+const CLASSIC_MULTIPLIER: u8 = 3;
+/// First N of a gateway with CAN FD.
+pub(crate) const FD_MULTIPLIER: u8 = 8;
 
 /// Configuration of a Port with its Adapter: plain data.
 ///
@@ -42,8 +44,8 @@ impl Config {
         Self { adapter, port: PortConfig::default(), excess: 0 }
     }
 
-    /// Adds a gateway at the next position of the bus, with N = 3. At most [`MAX_GATEWAYS`];
-    /// [`check`](Self::check) reports more.
+    /// Adds a gateway at the next position of the bus, with its [default N](GatewayConfig::default_multiplier). At
+    /// most [`MAX_GATEWAYS`]; [`check`](Self::check) reports more.
     pub fn with_gateway(self, gateway: GatewayConfig) -> Self {
         let position = self.adapter.slaves.len() as u16;
         self.with_gateway_at(0, position, gateway)
@@ -52,7 +54,8 @@ impl Config {
     /// As [`with_gateway`](Self::with_gateway), at a position counted from the slave with a station
     /// alias; alias 0 counts from the start of the bus.
     pub fn with_gateway_at(mut self, alias: u16, position: u16, gateway: GatewayConfig) -> Self {
-        let slave = SlaveConfig { alias, ..SlaveConfig::at(position, DEFAULT_MULTIPLIER) };
+        let slave =
+            SlaveConfig { alias, ..SlaveConfig::at(position, gateway.default_multiplier()) };
         let added = self.adapter.slaves.push(slave).and_then(|()| self.port.gateways.push(gateway));
         self.excess += usize::from(added.is_err());
         self
@@ -231,6 +234,12 @@ impl GatewayConfig {
     pub fn set_limits(&mut self, other: &Self) {
         (self.paced, self.hold_limit) = (other.paced, other.hold_limit.max(1));
         self.input_limit = other.input_limit;
+    }
+
+    /// N with which to start for these channels (manual 5.2): 3 with classic CAN only, 8 if a channel has CAN FD.
+    pub fn default_multiplier(&self) -> u8 {
+        let has_fd = self.channels.iter().flatten().any(|channel| channel.can.fd);
+        if has_fd { FD_MULTIPLIER } else { CLASSIC_MULTIPLIER }
     }
 
     /// Bit mask of the enabled channels.

@@ -12,11 +12,11 @@ use ecan_protocol::can::{CanFrame, CanId, FrameBits};
 use ecan_protocol::config::{DataSize, FilterAction, NodeMode, NonMatch};
 use ecan_protocol::image::OptionFlags;
 use ecan_protocol::mapping::Direction;
-use finding::{Elements, FD_MULTIPLIER, PortPlanError, PortWarning, SettingWarning};
+use finding::{Elements, PortPlanError, PortWarning, SettingWarning};
 use image::{CpuCost, ImagePlan};
 use load::{ChannelLoad, FrameRate, FrameRoute, FrameStream};
 
-use crate::config::{ChannelConfig, GatewayConfig, MarginCheck, PortConfig};
+use crate::config::{ChannelConfig, FD_MULTIPLIER, GatewayConfig, MarginCheck, PortConfig};
 use crate::schedule::margin::{
     NotSchedulable, RECOMMENDED_OFFSET_NS, ScheduleMargin, ScheduleTimes,
 };

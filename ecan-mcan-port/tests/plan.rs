@@ -6,7 +6,7 @@ use crate::common::{Fixture, Handles, classic, frame};
 use crate::plan_support::{EVERY_CYCLE, adapter, eight, one_channel};
 use ecan_host::{AdapterConfig, DcSync, PlanError};
 use ecan_mcan_port::{
-    ChannelConfig, CpuCost, FrameRate, FrameRoute, FrameStream, GatewayConfig, ImageFill,
+    ChannelConfig, Config, CpuCost, FrameRate, FrameRoute, FrameStream, GatewayConfig, ImageFill,
     PortConfig, PortConfigFault, PortPlan, PortPlanError, PortWarning, SendError, Traffic,
 };
 use ecan_protocol::can::{CanFrame, CanId};
@@ -101,6 +101,7 @@ fn frames_that_do_not_fit_an_image_are_rejected_or_wait() {
         packets: 32,
         bytes: 384,
         area: 360,
+        needed: Some(4),
     };
     assert!(plan.rejections.contains(&expected), "{:?}", plan.rejections);
     // 31 kinds of frame in every fourth cycle: 7.75 on the average, 372 bytes when they meet.
@@ -112,6 +113,7 @@ fn frames_that_do_not_fit_an_image_are_rejected_or_wait() {
         packets: 31,
         bytes: 372,
         area: 360,
+        needed: Some(4),
     };
     assert!(plan.warnings.contains(&expected), "{:?}", plan.warnings);
 }
@@ -135,19 +137,51 @@ fn share_of_a_channel_is_that_of_the_budget_policy() {
     let share_of = |budget, direction, fitting: u32| {
         assert_eq!(rejection(budget, direction, fitting), None, "{budget} {direction}");
         match rejection(budget, direction, fitting + 1) {
-            Some(PortPlanError::ShareTooSmall { slave: 0, channel: 2, bytes, share, .. }) => {
-                Some((bytes, share))
+            Some(PortPlanError::ShareTooSmall { channel: 2, bytes, share, needed, .. }) => {
+                Some((bytes, share, needed?))
             }
             _ => None,
         }
     };
     for direction in [Direction::RxPdo, Direction::TxPdo] {
         let deterministic = share_of(BudgetPolicy::Deterministic, direction, 7);
-        assert_eq!(deterministic, Some((96, 90)), "{direction}");
+        assert_eq!(deterministic, Some((96, 90, 4)), "{direction}");
         assert_eq!(share_of(BudgetPolicy::SharedOnly, direction, 30), None, "{direction}");
     }
-    assert_eq!(share_of(BudgetPolicy::Balanced, Direction::RxPdo, 26), Some((324, 312)));
+    assert_eq!(share_of(BudgetPolicy::Balanced, Direction::RxPdo, 26), Some((324, 312, 4)));
     assert_eq!(share_of(BudgetPolicy::Balanced, Direction::TxPdo, 30), None);
+}
+
+/// The smallest N with space for each frame of the fullest cycle, as manual 5.2 counts: 128 N - 24 bytes.
+#[test]
+fn plan_names_the_smallest_n_that_carries_the_traffic() {
+    let needed = |frames: u32| {
+        let traffic = [FrameStream::to_bus(0, 0, eight(), FrameRate::PerCycle(frames))];
+        let adapter = adapter(1).with_cycle(Duration::from_millis(100));
+        let plan = PortPlan::of(&adapter, &one_channel(classic()), &traffic);
+        let text =
+            plan.rejections.iter().map(ToString::to_string).find(|text| text.contains("image"));
+        let text = text.unwrap_or_default();
+        text.split_once("use N = ")
+            .map(|(_, rest)| rest.split_once(',').unwrap().0.parse::<u8>().unwrap())
+    };
+    for (frames, n) in [(8, None), (9, Some(2)), (19, Some(2)), (20, Some(3)), (30, Some(3))] {
+        assert_eq!(needed(frames), n, "{frames} frames");
+    }
+    assert_eq!((needed(254), needed(255), needed(256)), (Some(24), None, None));
+}
+
+#[test]
+fn default_n_is_that_of_the_kinds_of_can() {
+    let fd = ChannelConfig::fd(1_000_000, 5_000_000);
+    let n = |gateway: GatewayConfig| {
+        let config = Config::new(Duration::from_millis(10)).with_gateway(gateway);
+        let slave = config.adapter.slaves[0];
+        (slave.rx_multiplier, slave.tx_multiplier)
+    };
+    assert_eq!(n(GatewayConfig::on_all_channels(classic())), (3, 3));
+    assert_eq!(n(GatewayConfig::on_channel(0, classic()).with_channel(3, fd)), (8, 8));
+    assert_eq!(n(GatewayConfig::default()), (3, 3));
 }
 
 /// Eight frames of 111 to 135 bits in 1000: 89 to 108 %.

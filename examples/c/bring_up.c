@@ -12,7 +12,6 @@ void bus_settings_default(bus_settings_t *settings, const char *scenario)
     memset(settings, 0, sizeof(*settings));
     settings->scenario = scenario;
     settings->slaves = 1;
-    settings->pdo_n = ECAN_DEFAULT_PDO_MULTIPLIER;
     settings->cycle_us = ECAN_DEFAULT_CYCLE_US;
     settings->bitrate = 1000000;
 }
@@ -32,7 +31,7 @@ void bus_settings_add_options(bus_settings_t *settings, option_list_t *list)
         .name = "pdo-n", .value_name = "N", .number = &settings->pdo_n,
         .minimum = 1, .maximum = ECAN_PDO_MAX_MULTIPLIER,
         .excluded_by = "config",
-        .help = "PDO size per direction, in chunks of 128 bytes"});
+        .help = "PDO size per direction, in chunks of 128 bytes [default: 3, with CAN FD 8]"});
     options_add(list, (option_t){
         .name = "large-pdos", .flag = &settings->large_pdos, .excluded_by = "config",
         .help = "The installed master supports more than 1486 bytes of process data per sync "
@@ -126,10 +125,13 @@ static bool configure_sync0(ecan_igh_config_t *config, const bus_settings_t *set
 
 static bool configure_master(ecan_igh_config_t *config, const bus_settings_t *settings)
 {
+    uint32_t pdo_n = settings->pdo_n != 0        ? (uint32_t)settings->pdo_n
+                     : settings->fd_bitrate != 0 ? ECAN_DEFAULT_FD_PDO_MULTIPLIER
+                                                 : ECAN_DEFAULT_PDO_MULTIPLIER;
     if (ecan_igh_config_set_master_index(config, (uint32_t)settings->master) != ECAN_OK ||
         ecan_igh_config_set_slave_count(config, (size_t)settings->slaves) != ECAN_OK ||
         ecan_igh_config_allow_large_pdos(config, settings->large_pdos) != ECAN_OK ||
-        ecan_igh_config_set_pdo_multiplier(config, (uint32_t)settings->pdo_n) != ECAN_OK ||
+        ecan_igh_config_set_pdo_multiplier(config, pdo_n) != ECAN_OK ||
         ecan_igh_config_set_cycle_us(config, (uint32_t)settings->cycle_us) != ECAN_OK) {
         return false;
     }

@@ -15,7 +15,7 @@ typedef struct {
     uint64_t master;
     uint64_t slaves;         /* number of gateways */
     uint64_t first_position; /* position of the first one; the others follow */
-    uint64_t pdo_n;
+    uint64_t pdo_n; /* 0: by the kind of CAN */
     bool large_pdos;
     uint64_t cycle_us;
     uint8_t channel_masks[ECAN_IGH_MAX_SLAVES]; /* enabled channels of each gateway */

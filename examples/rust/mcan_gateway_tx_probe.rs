@@ -129,7 +129,8 @@ impl Arguments {
 
     /// Description of the measurement.
     fn setting(&self) -> String {
-        let GatewayArguments { bitrate, fd, pdo_n, .. } = self.gateways;
+        let GatewayArguments { bitrate, fd, .. } = self.gateways;
+        let pdo_n = self.gateways.pdo_n();
         let kind = match fd {
             Some(data) => format!("CAN FD frames of 16 bytes at {bitrate} and {data} bit/s"),
             None => format!("CAN frames of 8 bytes at {bitrate} bit/s"),

@@ -121,9 +121,9 @@ pub struct GatewayArguments {
     #[arg(long, value_name = "N", default_value_t = 1,
           value_parser = clap::value_parser!(u16).range(1..=64))]
     pub slaves: u16,
-    /// PDO size per direction, in chunks of 128 bytes
-    #[arg(long, value_name = "N", default_value_t = 3)]
-    pub pdo_n: u8,
+    /// PDO size per direction, in chunks of 128 bytes [default: 3, with --fd 8]
+    #[arg(long, value_name = "N")]
+    pub pdo_n: Option<u8>,
     /// Allow PDOs above 1486 bytes: the master must split them into datagrams
     #[arg(long)]
     pub large_pdos: bool,
@@ -141,8 +141,14 @@ pub struct GatewayArguments {
 impl GatewayArguments {
     /// Configuration of the Adapter with this cycle.
     pub fn adapter(&self, cycle_us: u32) -> AdapterConfig {
-        let adapter = self.master.adapter(self.slaves, self.pdo_n, cycle_us);
+        let adapter = self.master.adapter(self.slaves, self.pdo_n(), cycle_us);
         AdapterConfig { allow_large_pdos: self.large_pdos, ..adapter }
+    }
+
+    /// PDO size of the options, else that of the channel's kind of CAN.
+    pub fn pdo_n(&self) -> u8 {
+        let gateway = GatewayConfig::on_channel(0, self.channel());
+        self.pdo_n.unwrap_or_else(|| gateway.default_multiplier())
     }
 
     /// Configuration of a CAN channel.

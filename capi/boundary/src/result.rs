@@ -125,6 +125,8 @@ impl ecan_result_t {
 pub const ECAN_DEFAULT_CYCLE_US: u32 = 10_000;
 /// PDO size for classic CAN and CANopen, in chunks of 128 bytes (manual 15.5.2).
 pub const ECAN_DEFAULT_PDO_MULTIPLIER: u32 = 3;
+/// PDO size for CAN FD, in chunks of 128 bytes (manual 15.5.2).
+pub const ECAN_DEFAULT_FD_PDO_MULTIPLIER: u32 = 8;
 /// Bytes of a PDO chunk (manual 5.1).
 pub const ECAN_PDO_CHUNK_BYTES: usize = 128;
 /// Bytes of an image's header (manual 6).

@@ -236,6 +236,30 @@ static void direction_masks(const ecan_igh_config_t *igh_config, igh_mcan_port_c
     ERROR_HAS("0x0B");
 }
 
+/* Manual 5.2: 3 with classic channels only, 8 with a CAN FD channel, unless the application sets N. */
+static void default_sizes(void)
+{
+    static ecan_igh_config_t igh_config;
+    static igh_mcan_port_config_t config;
+    uint32_t rx_n = 0, tx_n = 0;
+
+    GOOD(ecan_igh_default_config(&igh_config));
+    GOOD(igh_mcan_port_default_config(&config));
+    GOOD(igh_mcan_port_set_classic_channel(&config, 0, 0, 500000));
+    GOOD(igh_mcan_port_apply_config(&igh_config, &config));
+    GOOD(ecan_igh_config_get_slave_pdo_multipliers(&igh_config, 0, &rx_n, &tx_n));
+    SAME(ECAN_DEFAULT_PDO_MULTIPLIER, rx_n);
+    GOOD(igh_mcan_port_set_canfd_channel(&config, 0, 1, 500000, 2000000));
+    GOOD(igh_mcan_port_apply_config(&igh_config, &config));
+    GOOD(ecan_igh_config_get_slave_pdo_multipliers(&igh_config, 0, &rx_n, &tx_n));
+    SAME(ECAN_DEFAULT_FD_PDO_MULTIPLIER, rx_n);
+    SAME(ECAN_DEFAULT_FD_PDO_MULTIPLIER, tx_n);
+    GOOD(ecan_igh_config_set_slave_pdo_multiplier(&igh_config, 0, 4));
+    GOOD(igh_mcan_port_apply_config(&igh_config, &config));
+    GOOD(ecan_igh_config_get_slave_pdo_multipliers(&igh_config, 0, &rx_n, &tx_n));
+    SAME(4, rx_n);
+}
+
 void test_port_config(void)
 {
     static igh_mcan_port_config_t config;
@@ -308,6 +332,7 @@ void test_port_config(void)
     GOOD(igh_mcan_port_check_config(&igh_config, &config));
     GOOD(igh_mcan_port_get_channel_object(&config, 0, 0, 8, &value));
 
+    default_sizes();
     objects(&config);
     filters(&config);
     gateway(&config);

@@ -16,9 +16,6 @@ use super::device_profile::IncludedProfile;
 use super::document::{Table, store};
 use super::{device_profile, fields};
 
-/// Size of both PDOs of a gateway without `n`, in 128 bytes; also the default of `ecan --pdo-n`.
-pub const DEFAULT_N: u8 = 5;
-
 /// Tables of the channels.
 pub(crate) const CHANNEL_TABLES: [&str; ecan_protocol::mapping::CHANNELS] =
     ["can0", "can1", "can2", "can3"];
@@ -38,8 +35,9 @@ pub(crate) struct ReadGateway {
 
 pub(crate) fn read(mut table: Table<'_, '_>, at: usize) -> ReadGateway {
     // Without `alias` and `position` in the file, the gateways are the first slaves of the bus.
-    let mut slave = SlaveConfig::at(u16::try_from(at).unwrap_or(u16::MAX), DEFAULT_N);
     let mut gateway = GatewayConfig::default();
+    let default_n = gateway.default_multiplier();
+    let mut slave = SlaveConfig::at(u16::try_from(at).unwrap_or(u16::MAX), default_n);
     let mut startup = Vec::new();
     store(&mut slave.alias, table.unsigned("alias", (0, 0xFFFF)));
     if slave.alias != 0 {
@@ -49,12 +47,12 @@ pub(crate) fn read(mut table: Table<'_, '_>, at: usize) -> ReadGateway {
     if let Some(identity) = table.table("identity") {
         slave.identity = read_identity(identity);
     }
-    if let Some(n) = table.unsigned("n", N) {
+    let n = table.unsigned("n", N);
+    if let Some(n) = n {
         (slave.rx_multiplier, slave.tx_multiplier) = (n, n);
     }
-    for direction in Direction::ALL {
-        read_direction(&mut table, direction, &mut slave, &mut gateway);
-    }
+    let has_n = Direction::ALL
+        .map(|direction| read_direction(&mut table, direction, &mut slave, &mut gateway));
     store(&mut gateway.paced, table.flag("paced"));
     store(&mut gateway.allow_diagnostic_tests, table.flag("allow_diagnostic_tests"));
     store(&mut gateway.hold_limit, table.unsigned("hold_limit", (0, 0xFFFF)));
@@ -84,6 +82,12 @@ pub(crate) fn read(mut table: Table<'_, '_>, at: usize) -> ReadGateway {
         let (config, own) = read_channel(table);
         *entry = Some(config);
         filters.extend(own.into_iter().map(|filter| (channel, filter)));
+    }
+    if n.is_none() {
+        let sizes = Direction::ALL.into_iter().zip(has_n).filter(|(_, has_n)| !has_n);
+        for (direction, _) in sizes {
+            *multiplier_of(&mut slave, direction) = gateway.default_multiplier();
+        }
     }
     if let Some(profile) = &profile {
         report_node_modes(&table, profile, &gateway);
@@ -122,16 +126,24 @@ fn read_identity(mut table: Table<'_, '_>) -> Option<Identity> {
     Some(Identity { vendor_id: vendor_id?, product_code: product_code? })
 }
 
+fn multiplier_of(slave: &mut SlaveConfig, direction: Direction) -> &mut u8 {
+    match direction {
+        Direction::TxPdo => &mut slave.tx_multiplier,
+        Direction::RxPdo => &mut slave.rx_multiplier,
+    }
+}
+
+/// Reads the table of a direction; returns whether it has a size of its own.
 fn read_direction(
     table: &mut Table<'_, '_>,
     direction: Direction,
     slave: &mut SlaveConfig,
     gateway: &mut GatewayConfig,
-) {
-    let (key, n, mask, profile, budget, options) = match direction {
+) -> bool {
+    let n = multiplier_of(slave, direction);
+    let (key, mask, profile, budget, options) = match direction {
         Direction::TxPdo => (
             "tx_pdo",
-            &mut slave.tx_multiplier,
             &mut gateway.tx_channel_mask,
             &mut gateway.tx_encapsulation,
             &mut gateway.tx_budget,
@@ -139,14 +151,13 @@ fn read_direction(
         ),
         Direction::RxPdo => (
             "rx_pdo",
-            &mut slave.rx_multiplier,
             &mut gateway.rx_channel_mask,
             &mut gateway.rx_encapsulation,
             &mut gateway.rx_budget,
             &mut gateway.rx_options,
         ),
     };
-    let Some(mut table) = table.table(key) else { return };
+    let Some(mut table) = table.table(key) else { return false };
     let mut requested = PdoProfile {
         multiplier: *n,
         profile: *profile,
@@ -158,6 +169,7 @@ fn read_direction(
     (*n, *profile) = (requested.multiplier, requested.profile);
     *mask = table.has("channels").then_some(requested.channel_mask);
     (*budget, *options) = (requested.budget, requested.options);
+    table.has("n")
 }
 
 fn read_schedule(mut table: Table<'_, '_>, schedule: &mut ScheduleConfig) {

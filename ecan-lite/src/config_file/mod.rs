@@ -47,7 +47,6 @@ pub use device::{ConfigChecksums, FlashCommand, ResolveError, ResolvedGateway, a
 pub use device_profile::{DeviceProfile, IncludedProfile, ProfileEffect};
 pub use document::read_bytes;
 pub use fault::{ConfigFileError, FileFault, FileFaults};
-pub use gateway::DEFAULT_N;
 pub use load::{
     load, load_axes, load_axis_names, load_network, load_network_settings, load_nodes,
     load_profiles, load_service, parse, parse_axes, parse_with, startup,

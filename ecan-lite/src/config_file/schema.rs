@@ -222,7 +222,7 @@ mod tests {
     #[test]
     fn first_file_is_valid() {
         let file = crate::config_file::parse(crate::config_file::INIT.as_bytes()).unwrap();
-        assert_eq!(file.adapter.slaves[0].rx_multiplier, crate::config_file::DEFAULT_N);
+        assert_eq!(file.adapter.slaves[0].rx_multiplier, 3);
         assert_eq!(file.port.gateways[0].channel_mask(), 1);
     }
 }

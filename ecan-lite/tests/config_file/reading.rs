@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use ecan_host::{ClockSource, DcSync, Expectation, StartupStep};
 use ecan_lite::config::{
-    ConfigFileError, DEFAULT_N, EXAMPLE, FileFaults, ServiceSettings, load, load_service, parse,
+    ConfigFileError, EXAMPLE, FileFaults, ServiceSettings, load, load_service, parse,
 };
 use ecan_mcan_port::Config;
 use ecan_protocol::config::{
@@ -60,14 +60,20 @@ fn example_is_valid_and_shows_the_defaults() {
 }
 
 #[test]
-fn n_has_a_default() {
+fn n_has_a_default_by_the_kinds_of_can() {
     let sizes = |keys: &str| {
         let file = read(&format!("[[gateway]]\n{keys}\ncan0 = {{ bitrate = 500_000 }}\n")).unwrap();
+        assert_eq!(file.adapter.cycle, Duration::from_millis(10));
         (file.adapter.slaves[0].rx_multiplier, file.adapter.slaves[0].tx_multiplier)
     };
-    assert_eq!(sizes(""), (DEFAULT_N, DEFAULT_N));
-    assert_eq!(sizes("rx_pdo = { n = 2 }"), (2, DEFAULT_N));
-    assert_eq!(sizes("n = 3\ntx_pdo = { n = 4 }"), (3, 4));
+    let fd = "can3 = { bitrate = 500_000, data_bitrate = 2_000_000 }";
+    assert_eq!((sizes(""), sizes(fd)), ((3, 3), (8, 8)));
+    assert_eq!(sizes("rx_pdo = { n = 2 }"), (2, 3));
+    assert_eq!(
+        sizes(&format!("rx_pdo = {{ budget = \"balanced\" }}\ntx_pdo = {{ n = 4 }}\n{fd}")),
+        (8, 4)
+    );
+    assert_eq!(sizes(&format!("n = 3\ntx_pdo = {{ n = 4 }}\n{fd}")), (3, 4));
 }
 
 /// Every key of every table is in the example: the fault of an unknown key lists the known ones.

@@ -2,9 +2,10 @@
 
 use ecan_host::{PlanError, PlanWarning};
 use ecan_protocol::config::{ChannelWarning, DATA_PATH_BUDGET_MAX, DataPathConfig};
-use ecan_protocol::mapping::{Direction, MAX_PACKETS};
+use ecan_protocol::mapping::{Direction, MAX_MULTIPLIER, MAX_PACKETS};
 use thiserror::Error;
 
+use crate::config::FD_MULTIPLIER;
 use crate::schedule::margin::{NotSchedulable, RECOMMENDED_OFFSET_NS, ScheduleMargin};
 
 fn us(ns: u64) -> f64 {
@@ -88,8 +89,8 @@ pub enum PortPlanError {
     /// More in the long run than the images of a direction carry.
     #[error(
         "slave {slave}: {packets} packets of together {bytes} bytes per cycle do not fit its \
-         {direction} image, which holds {area} bytes and {MAX_PACKETS} packets: use a larger N, a \
-         shorter cycle, or fewer frames"
+         {direction} image, which holds {area} bytes and {MAX_PACKETS} packets: {}, a shorter cycle, \
+         or fewer frames", size(*needed)
     )]
     ImageTooSmall {
         /// Slave index.
@@ -102,12 +103,14 @@ pub enum PortPlanError {
         bytes: u64,
         /// Bytes of the frame area.
         area: u64,
+        /// Smallest N that carries the frames of every cycle, if any does.
+        needed: Option<u8>,
     },
     /// More in the long run than a channel's share of an image, by the budget policy.
     #[error(
         "slave {slave}, channel {channel}: {bytes} bytes per cycle do not fit the channel's share \
-         of {share} bytes of the {direction} (manual 12): use a larger N or the budget policy \
-         SharedOnly"
+         of {share} bytes of the {direction} (manual 12): {}, or the budget policy SharedOnly",
+        size(*needed)
     )]
     ShareTooSmall {
         /// Slave index.
@@ -120,6 +123,8 @@ pub enum PortPlanError {
         bytes: u64,
         /// Bytes of the share.
         share: u64,
+        /// Smallest N that carries the frames of every cycle, if any does.
+        needed: Option<u8>,
     },
     /// An offset that the Port would reject: no Sync0, beyond its period, or without margin where
     /// [`MarginCheck::Reject`](crate::MarginCheck::Reject) is chosen.
@@ -199,7 +204,7 @@ pub enum PortWarning {
     #[error(
         "slave {slave}: the fullest cycle has {packets} packets of together {bytes} bytes for its \
          {direction} image, which holds {area} bytes and {MAX_PACKETS} packets: frames wait for \
-         the next one. Use a larger N, or spread the frames over cycles"
+         the next one; {}, or spread the frames over cycles", size(*needed)
     )]
     ImagePeak {
         /// Slave index.
@@ -212,12 +217,14 @@ pub enum PortWarning {
         bytes: u64,
         /// Bytes of the frame area.
         area: u64,
+        /// Smallest N that carries them, if any does.
+        needed: Option<u8>,
     },
     /// The fullest cycle exceeds a channel's share of an image, by the budget policy.
     #[error(
         "slave {slave}, channel {channel}: the fullest cycle has {bytes} bytes for the channel's \
-         share of {share} bytes of the {direction} (manual 12): frames wait for the next image. \
-         Use a larger N or the budget policy SharedOnly"
+         share of {share} bytes of the {direction} (manual 12): frames wait for the next image; {}, \
+         or the budget policy SharedOnly", size(*needed)
     )]
     SharePeak {
         /// Slave index.
@@ -230,6 +237,8 @@ pub enum PortWarning {
         bytes: u64,
         /// Bytes of the share.
         share: u64,
+        /// Smallest N that carries them, if any does.
+        needed: Option<u8>,
     },
     /// A phase that is not surely reached, by the times of
     /// [`ScheduleConfig`](crate::ScheduleConfig).
@@ -302,9 +311,6 @@ pub enum PortWarning {
         sync0_ns: u32,
     },
 }
-
-/// Smallest N of an image for CAN FD (manual 2).
-pub(super) const FD_MULTIPLIER: u8 = 8;
 
 /// A warning about settings.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
@@ -426,6 +432,14 @@ impl std::fmt::Display for Elements {
             Self::RxBuffers => "the receive buffers",
             Self::Transmit => "the transmit elements",
         })
+    }
+}
+
+/// The remedy of an image that is too small.
+fn size(needed: Option<u8>) -> String {
+    match needed {
+        Some(multiplier) => format!("use N = {multiplier}"),
+        None => format!("no N up to {MAX_MULTIPLIER} carries them: use several images"),
     }
 }
 

@@ -5,7 +5,7 @@ use ecan_protocol::image::{
     BudgetPolicy, FrameBudget, ImageWriter, OptionFlags, PdoProfile, ResultCode, Timestamp,
     TxResult,
 };
-use ecan_protocol::mapping::{CHANNELS, Direction, MAX_PACKETS};
+use ecan_protocol::mapping::{CHANNELS, Direction, MAX_MULTIPLIER, MAX_PACKETS};
 
 use super::finding::{PortPlanError, PortWarning};
 use super::load::{FrameRoute, FrameStream};
@@ -148,14 +148,43 @@ impl ImagePlan {
         (self.channel_bytes() / self.packet_bytes(frame, is_scheduled).max(1)).min(MAX_PACKETS)
     }
 
+    /// Returns whether every packet of these parts of the channels fits its image.
+    fn carries(&self, part: impl Fn(&(ImageFill, ImageFill)) -> ImageFill) -> bool {
+        let mut all = ImageFill::default();
+        for fills in &self.channels {
+            let ImageFill { packets, bytes } = part(fills);
+            (all.packets, all.bytes) = (all.packets + packets, all.bytes + bytes);
+        }
+        let fits =
+            |(channel, fills)| part(fills).bytes <= self.share(channel, |other| part(other).bytes);
+        !all.exceeds(self.area_bytes()) && (0u8..).zip(&self.channels).all(fits)
+    }
+
+    /// Smallest N whose image carries the frames of the fullest cycle, else those of the mean.
+    fn needed_multiplier(&self) -> Option<u8> {
+        let with = |multiplier| {
+            let profile = PdoProfile { multiplier, ..self.profile };
+            Self { profile, ..self.clone() }
+        };
+        let all = || 1..=MAX_MULTIPLIER;
+        let of_peak = all().find(|n| with(*n).carries(|(_, peak)| *peak));
+        of_peak.or_else(|| all().find(|n| with(*n).carries(|(mean, _)| *mean)))
+    }
+
     pub(super) fn check(
         &self,
         slave: usize,
         rejections: &mut Vec<PortPlanError>,
         warnings: &mut Vec<PortWarning>,
     ) {
+        if self.carries(|(_, peak)| *peak) && self.carries(|(mean, _)| *mean) {
+            return;
+        }
         let (direction, area) = (self.direction, self.area_bytes() as u64);
-        if self.mean.exceeds(self.area_bytes()) {
+        let needed = self.needed_multiplier();
+        let is_mean_too_large = self.mean.exceeds(self.area_bytes());
+        let is_peak_too_large = self.peak.exceeds(self.area_bytes());
+        if is_mean_too_large {
             let (packets, bytes) = (self.mean.packets_up(), self.mean.bytes_up());
             rejections.push(PortPlanError::ImageTooSmall {
                 slave,
@@ -163,20 +192,25 @@ impl ImagePlan {
                 packets,
                 bytes,
                 area,
+                needed,
             });
-        } else if self.peak.exceeds(self.area_bytes()) {
+        } else if is_peak_too_large {
             let (packets, bytes) = (self.peak.packets_up(), self.peak.bytes_up());
-            warnings.push(PortWarning::ImagePeak { slave, direction, packets, bytes, area });
+            warnings.push(PortWarning::ImagePeak {
+                slave,
+                direction,
+                packets,
+                bytes,
+                area,
+                needed,
+            });
         }
-        if self.profile.budget == BudgetPolicy::SharedOnly {
-            return;
-        }
+        // The shares of other policies depend on all channels: the whole is too large, or one of them.
         let is_fixed = self.profile.budget == BudgetPolicy::Deterministic;
-        let fits = |fill: ImageFill| is_fixed || !fill.exceeds(self.area_bytes());
         for (channel, (mean, peak)) in (0u8..).zip(&self.channels) {
             let share = self.share(channel, |(mean, _)| mean.bytes);
             let peak_share = self.share(channel, |(_, peak)| peak.bytes);
-            if mean.bytes > share && fits(self.mean) {
+            if mean.bytes > share && (is_fixed || !is_mean_too_large) {
                 let (bytes, share) = (mean.bytes_up(), share as u64);
                 rejections.push(PortPlanError::ShareTooSmall {
                     slave,
@@ -184,10 +218,18 @@ impl ImagePlan {
                     direction,
                     bytes,
                     share,
+                    needed,
                 });
-            } else if peak.bytes > peak_share && fits(self.peak) {
+            } else if peak.bytes > peak_share && (is_fixed || !is_peak_too_large) {
                 let (bytes, share) = (peak.bytes_up(), peak_share as u64);
-                warnings.push(PortWarning::SharePeak { slave, channel, direction, bytes, share });
+                warnings.push(PortWarning::SharePeak {
+                    slave,
+                    channel,
+                    direction,
+                    bytes,
+                    share,
+                    needed,
+                });
             }
         }
     }

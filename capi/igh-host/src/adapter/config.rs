@@ -105,6 +105,8 @@ pub struct IghConfig {
     pub(crate) stop: Option<StopAddress>,
     /// Set by igh_mcan_port_apply_config().
     pub(crate) port: Option<PortConfig>,
+    /// Slaves whose N the application has set, a bit each.
+    sized: u32,
 }
 
 impl Encoded for ecan_igh_config_t {
@@ -124,6 +126,16 @@ impl IghConfig {
             seed: None,
             stop: None,
             port: None,
+            sized: 0,
+        }
+    }
+
+    /// Gives the slaves whose N the application has not set that of their gateways.
+    pub(crate) fn size_slaves(&mut self, port: &PortConfig) {
+        let slaves = self.adapter.slaves.iter_mut().zip(&port.gateways).enumerate();
+        for (_, (slave, gateway)) in slaves.filter(|(at, _)| self.sized >> at & 1 == 0) {
+            let n = gateway.default_multiplier();
+            (slave.rx_multiplier, slave.tx_multiplier) = (n, n);
         }
     }
 
@@ -158,6 +170,18 @@ impl IghConfig {
         self.adapter.slaves[..count].get(slave).ok_or_else(|| no_slave(call, slave, count))
     }
 
+    fn set_sizes(
+        &mut self,
+        call: Call,
+        slave: usize,
+        sizes: (u8, u8),
+    ) -> Result<(), ecan_result_t> {
+        let config = self.slave(call, slave)?;
+        (config.rx_multiplier, config.tx_multiplier) = sizes;
+        self.sized |= 1 << slave;
+        Ok(())
+    }
+
     pub(crate) fn add_startup(
         &mut self,
         call: Call,
@@ -180,6 +204,7 @@ impl IghConfig {
             adapter: AdapterConfig { slaves: all, ..*adapter },
             slave_count: adapter.slaves.len(),
             port: Some(port),
+            sized: u32::MAX,
             ..*self
         }
     }
@@ -536,7 +561,8 @@ fn multiplier(call: Call, name: &str, multiplier: u32) -> Result<u8, ecan_result
     Ok(multiplier as u8)
 }
 
-/// Sets N of both directions on every slave: the PDOs have 128 * N bytes (manual 5.2).
+/// Sets N of both directions on every slave: the PDOs have 128 * N bytes (manual 5.2). Without it
+/// igh_mcan_port_apply_config() takes 3, and 8 for a gateway with a CAN FD channel.
 ///
 /// @param n  1 to 24; above 11 see ecan_igh_config_allow_large_pdos().
 ///
@@ -545,6 +571,7 @@ fn multiplier(call: Call, name: &str, multiplier: u32) -> Result<u8, ecan_result
 #[export(call, config config)]
 pub fn ecan_igh_config_set_pdo_multiplier(config: *mut ecan_igh_config_t, n: u32) {
     config.adapter = config.adapter.with_multiplier(multiplier(call, "n", n)?);
+    config.sized = u32::MAX;
 }
 
 /// Sets N of both directions on one slave.
@@ -557,9 +584,8 @@ pub fn ecan_igh_config_set_slave_pdo_multiplier(
     slave: usize,
     n: u32,
 ) {
-    let slave = config.slave(call, slave)?;
     let n = multiplier(call, "n", n)?;
-    (slave.rx_multiplier, slave.tx_multiplier) = (n, n);
+    config.set_sizes(call, slave, (n, n))?;
 }
 
 /// Sets N of each direction on one slave.
@@ -576,9 +602,8 @@ pub fn ecan_igh_config_set_slave_pdo_multipliers(
     rx_n: u32,
     tx_n: u32,
 ) {
-    let slave = config.slave(call, slave)?;
     let sizes = (multiplier(call, "rx_n", rx_n)?, multiplier(call, "tx_n", tx_n)?);
-    (slave.rx_multiplier, slave.tx_multiplier) = sizes;
+    config.set_sizes(call, slave, sizes)?;
 }
 
 /// Gets N of each direction of one slave.

@@ -60,7 +60,8 @@ pub fn igh_mcan_port_default_config(config: *mut igh_mcan_port_config_t) {
 
 /// Applies a configuration to the Adapter's: ecan_igh_init() then registers PDO profiles, channel
 /// masks, bit rates, filters and budgets as startup SDOs (manual 15.5.2, step 4). Is copied; call
-/// it again after a change. Only the gateways of the first slave_count slaves count.
+/// it again after a change. Only the gateways of the first slave_count slaves count. Sets N of the slaves
+/// for which the application has set none: 3, and 8 with a CAN FD channel (manual 5.2).
 ///
 /// Without this call the gateways keep their last configuration; a Port then verifies that it is
 /// the Port's configuration.
@@ -73,7 +74,9 @@ pub fn igh_mcan_port_apply_config(
     config: *const igh_mcan_port_config_t,
 ) {
     pointers!(call, encoded(config));
-    let checked = configured_port(&config, adapter.slave_count).check(&adapter.adapter_config());
+    let port = configured_port(&config, adapter.slave_count);
+    adapter.size_slaves(&port);
+    let checked = port.check(&adapter.adapter_config());
     checked.map_err(PortError::from).or_code(call)?;
     adapter.port = Some(*config);
 }

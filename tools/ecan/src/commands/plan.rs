@@ -101,7 +101,7 @@ fn of_options(arguments: &PlanArguments) -> Planned {
         *slot = channels.contains(channel).then_some(settings);
     }
     let port = PortConfig::uniform(slaves.into(), gateway);
-    Planned { adapter: setup.adapter(slaves), port, channels }
+    Planned { adapter: setup.adapter(&port), port, channels }
 }
 
 /// Cycle below which a kernel without PREEMPT_RT is not suitable, in ns.

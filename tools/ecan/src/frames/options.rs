@@ -6,8 +6,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 use ecan_host::AdapterConfig;
-use ecan_lite::config::DEFAULT_N;
-use ecan_mcan_port::ChannelConfig;
+use ecan_mcan_port::{ChannelConfig, PortConfig};
 use ecan_protocol::config::SamplePointWindow;
 use ecan_tool_support::command_line::options::RealTimeArguments;
 use ecan_tool_support::command_line::options::parse_bit_rate;
@@ -72,9 +71,9 @@ pub struct SetupOptions {
     /// Sample point of the data phase in % [default: 75 to 87.5, chosen by the gateway]
     #[arg(long, value_name = "PERCENT", value_parser = parse_percent, requires = "data_bitrate")]
     data_sample_point: Option<u16>,
-    /// PDO size per direction in chunks of 128 bytes, 1 to 24
-    #[arg(long, value_name = "N", default_value_t = DEFAULT_N)]
-    pub pdo_n: u8,
+    /// PDO size per direction in chunks of 128 bytes, 1 to 24 [default: 3, with CAN FD 8]
+    #[arg(long, value_name = "N")]
+    pub pdo_n: Option<u8>,
     /// Allow PDO sizes above 11 chunks, for masters that support large PDOs
     #[arg(long)]
     pub large_pdos: bool,
@@ -89,11 +88,16 @@ pub struct SetupOptions {
 pub const WATCHDOG: Duration = Duration::from_secs(1);
 
 impl SetupOptions {
-    pub fn adapter(&self, count: u16) -> AdapterConfig {
+    /// Configuration of the Adapter for these gateways.
+    pub fn adapter(&self, port: &PortConfig) -> AdapterConfig {
+        let count = u16::try_from(port.gateways.len()).unwrap_or(u16::MAX);
         let mut adapter = AdapterConfig::new(count)
-            .with_multiplier(self.pdo_n)
             .with_cycle(Duration::from_micros(self.cycle_us.into()))
             .with_watchdog(WATCHDOG);
+        for (slave, gateway) in adapter.slaves.iter_mut().zip(&port.gateways) {
+            let n = self.pdo_n.unwrap_or_else(|| gateway.default_multiplier());
+            (slave.rx_multiplier, slave.tx_multiplier) = (n, n);
+        }
         adapter.allow_large_pdos = self.large_pdos;
         adapter
     }

@@ -196,13 +196,8 @@ impl<'a> Settings<'a> {
         master: u32,
     ) -> Result<Planned> {
         let setup = &self.options.setup;
-        let count = u16::try_from(positions.len()).map_err(|_| too_many(positions.len()))?;
-        let mut adapter = setup.adapter(count);
-        adapter.master_index = master;
         let mut config = PortConfig::default();
-        for (slave, position) in adapter.slaves.iter_mut().zip(&positions) {
-            slave.position = u16::try_from(*position)
-                .map_err(|_| Failure::Slave(format!("slave {position} does not exist")))?;
+        for position in &positions {
             let mut gateway = GatewayConfig::default();
             for (channel, slot) in (0..).zip(&mut gateway.channels) {
                 if requirements.channels.contains(channel) {
@@ -212,6 +207,12 @@ impl<'a> Settings<'a> {
             }
             requirements.apply(&mut gateway);
             config.gateways.push(gateway).map_err(|_| too_many(positions.len()))?;
+        }
+        let mut adapter = setup.adapter(&config);
+        adapter.master_index = master;
+        for (slave, position) in adapter.slaves.iter_mut().zip(&positions) {
+            slave.position = u16::try_from(*position)
+                .map_err(|_| Failure::Slave(format!("slave {position} does not exist")))?;
         }
         Ok(Planned { positions, adapter, config, requested: requirements.channels })
     }

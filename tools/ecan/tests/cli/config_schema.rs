@@ -15,8 +15,8 @@ fn first_file_is_short_and_can_be_used() {
     assert!(text.lines().count() <= 13, "{text}");
     let file = files.write("cell.toml", &text);
     let checked = good(&["config", "check", &file]);
-    // The default of N is that of the options.
-    assert!(checked.contains("  RxPDO  N = 5: 640 bytes"), "{checked}");
+    // The default of N is that of classic CAN.
+    assert!(checked.contains("  RxPDO  N = 3: 384 bytes"), "{checked}");
     assert!(checked.contains("nominal  500000 bit/s"), "{checked}");
     let applied = simulated(&["config", "apply", &file]);
     assert!(applied.starts_with("slave 0: configured as gateway 0 of "), "{applied}");

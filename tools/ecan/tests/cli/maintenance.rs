@@ -162,14 +162,14 @@ fn plan_uses_options_of_frame_commands() {
     };
     let plain = plan(&[]);
     assert_eq!(plain["cycle_ns"], 1_000_000);
-    assert_eq!(plain["images"][0]["area_bytes"], 5 * 128 - 24);
+    assert_eq!(plain["images"][0]["area_bytes"], 3 * 128 - 24);
     assert_eq!(plain["working_counter"], serde_json::json!({ "igh_1_6": 3, "igh_1_5": 3 }));
     assert!(plain["mailbox"]["headroom_bytes"].as_u64().unwrap() > 1000);
     assert_eq!(plain["channels"][0]["tx_budget"], 8);
-    let named = ["--bitrate", "500000", "--pdo-n", "5", "--cycle-us", "1000", "--channel", "can0"];
+    let named = ["--bitrate", "500000", "--pdo-n", "3", "--cycle-us", "1000", "--channel", "can0"];
     assert_eq!(plan(&named), plain);
-    let fd = ["--bitrate", "1000000", "--pdo-n", "8"];
-    let by_one_name = plan(&[&fd[..], &["--data-bitrate", "5000000"]].concat());
+    let fd = ["--bitrate", "1000000"];
+    let by_one_name = plan(&[&fd[..], &["--data-bitrate", "5000000", "--pdo-n", "8"]].concat());
     assert_eq!(plan(&[&fd[..], &["--fd", "5000000"]].concat()), by_one_name);
     let channels = plan(&["--channel", "0,can2"])["channels"].clone();
     let channels: Vec<_> =

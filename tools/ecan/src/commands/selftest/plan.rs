@@ -7,7 +7,6 @@ use std::time::Duration;
 
 use clap::Args;
 use ecan_host::{AdapterConfig, StartupStep};
-use ecan_lite::config::DEFAULT_N;
 use ecan_mcan_port::{ChannelConfig, Config, GatewayConfig, MAX_GATEWAYS, PortConfig};
 use ecan_protocol::config::{McanChannelConfig, NodeMode};
 use ecan_protocol::mapping::CHANNELS;
@@ -59,9 +58,9 @@ pub struct SelftestArguments {
     /// Restart the gateways afterwards instead of restoring unsaved settings: faster
     #[arg(long)]
     pub(super) restart: bool,
-    /// PDO size per direction in chunks of 128 bytes, 1 to 24
-    #[arg(long, value_name = "N", default_value_t = DEFAULT_N)]
-    pub(super) pdo_n: u8,
+    /// PDO size per direction in chunks of 128 bytes, 1 to 24 [default: 3, with CAN FD 8]
+    #[arg(long, value_name = "N")]
+    pub(super) pdo_n: Option<u8>,
     /// Allow PDO sizes above 11 chunks, for masters that support large PDOs
     #[arg(long)]
     pub(super) large_pdos: bool,
@@ -190,13 +189,18 @@ impl<'a> TestPlan<'a> {
         tested
     }
 
+    /// Bit rate with which the gateways start: with CAN FD if any step uses it.
+    fn start(&self) -> Option<&Rate> {
+        self.rates.iter().find(|rate| rate.is_fd()).or(self.rates.first())
+    }
+
     /// Configuration in which gateways start: all tested channels only listen, or if forced are in
     /// loopback, with CAN FD if any step uses it, so that the Port accepts every frame.
     pub(super) fn configs(&self, positions: &[usize]) -> Result<(AdapterConfig, PortConfig)> {
-        let SelftestArguments { pdo_n, cycle_us, large_pdos, .. } = *self.arguments;
+        let SelftestArguments { cycle_us, large_pdos, .. } = *self.arguments;
         let count = u16::try_from(positions.len()).unwrap_or(u16::MAX);
         let mut adapter = AdapterConfig::new(count)
-            .with_multiplier(pdo_n)
+            .with_multiplier(self.pdo_n())
             .with_cycle(Duration::from_micros(cycle_us.into()))
             .with_watchdog(WATCHDOG);
         adapter.master_index = self.master;
@@ -206,7 +210,7 @@ impl<'a> TestPlan<'a> {
                 .map_err(|_| Failure::Slave(format!("slave {position} does not exist")))?;
         }
         let mut gateway = GatewayConfig::default();
-        let start = self.rates.iter().find(|rate| rate.is_fd()).or(self.rates.first());
+        let start = self.start();
         let mode = match self.arguments.force {
             true => NodeMode::InternalLoopback,
             false => NodeMode::Listen,
@@ -218,9 +222,16 @@ impl<'a> TestPlan<'a> {
         Ok((adapter, PortConfig::uniform(positions.len(), gateway)))
     }
 
+    /// N of the gateways.
+    fn pdo_n(&self) -> u8 {
+        let start = self.start().map(|rate| rate.channel(NodeMode::Listen));
+        let gateway = GatewayConfig { channels: [start; CHANNELS], ..GatewayConfig::default() };
+        self.arguments.pdo_n.unwrap_or_else(|| gateway.default_multiplier())
+    }
+
     /// Number of gateways whose process data fit into a cycle.
     pub(super) fn group_size(&self) -> usize {
-        let bytes = u64::from(self.arguments.pdo_n) * 256 + 50;
+        let bytes = u64::from(self.pdo_n()) * 256 + 50;
         let available_ns = u64::from(self.arguments.cycle_us) * 1000 * WIRE_PERCENT / 100;
         let fits = available_ns / (bytes * BYTE_NS);
         usize::try_from(fits).unwrap_or(MAX_GATEWAYS).clamp(1, MAX_GATEWAYS)
