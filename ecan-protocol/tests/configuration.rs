@@ -3,9 +3,9 @@
 use crate::common::{all_sent, in_table, sent};
 use ecan_protocol::config::{
     BusOffRecovery, CacheDepth, ConfigObject, CrcTest, CriticalFrames, DIAGNOSTIC_TEST_KEY,
-    DataPathConfig, DataPathFault, DataPathGlobal, DiagnosticFault, DiagnosticTest, RangeFault,
-    RxBudget, RxBypass, RxOverflow, SessionCommand, Sides, TxOverflow, assignment_writes,
-    session_command_write,
+    DataPathConfig, DataPathFault, DataPathGlobal, DeviceConfig, DeviceFault, DiagnosticFault,
+    DiagnosticTest, RangeFault, RxBudget, RxBypass, RxOverflow, SessionCommand, Sides, TxOverflow,
+    assignment_writes, session_command_write,
 };
 use ecan_protocol::image::PdoProfile;
 use ecan_protocol::mapping::Direction;
@@ -201,4 +201,39 @@ fn diagnostic_tests_need_the_key() {
         Ok(test.writes().find(|w| w.subindex == subindex).unwrap().value)
     };
     assert_eq!(DiagnosticTest::read(device), Ok(test));
+}
+
+#[test]
+fn device_objects_are_written_as_far_as_they_are_set() {
+    let none = DeviceConfig::default();
+    assert_eq!(none.first_writes().chain(none.data_path_writes()).count(), 0);
+    assert_eq!((none.readbacks().count(), none.needed_rotation()), (0, None));
+    let mut device = DeviceConfig { cpu_voltage_mv: Some(1275), ..none };
+    device.set_value(0x8000, 12, 3).unwrap();
+    device.set_value(0xB000, 3, 60).unwrap();
+    let writes: Vec<_> = device.first_writes().collect();
+    assert_eq!(all_sent(&writes), [(0x8000, 12, 1, 3), (0x8000, 3, 2, 1275), (0xB000, 3, 2, 60)]);
+    in_table(&writes);
+    assert_eq!(device.needed_rotation(), Some((0x8000, 14, 1 << 3)));
+    device.set_value(0x8020, 7, 500).unwrap();
+    assert_eq!(device.value(0x8020, 4), Some(3));
+    let readbacks: Vec<_> = device.readbacks().collect();
+    assert_eq!(readbacks, [(0x8000, 15, 0), (0x8000, 13, 3), (0x8020, 3, 0)]);
+    // The key is set before the tests.
+    device.set_value(0x8030, 4, 2).unwrap();
+    device.set_value(0x8030, 1, DIAGNOSTIC_TEST_KEY).unwrap();
+    assert_eq!(sent(&device.test_writes().next().unwrap()), (0x8030, 1, 4, DIAGNOSTIC_TEST_KEY));
+    for (index, subindex, value) in
+        [(0x8000, 12, 256), (0x8000, 3, 65_536), (0x8000, 4, 0), (0x8030, 4, 3), (0xB000, 1, 1)]
+    {
+        let before = device;
+        device.set_value(index, subindex, value).unwrap_err();
+        assert_eq!(device, before, "0x{index:04X}:{subindex}");
+    }
+    let mut found = Vec::new();
+    device.pin_rotation = Some(4);
+    device.diagnostic_test.as_mut().unwrap().key = 0;
+    device.check(&mut |fault| found.push(fault));
+    let range = RangeFault { index: 0x8000, subindex: 12, value: 4, min: 0, max: 3 };
+    assert_eq!(found, [DeviceFault::Range(range), DeviceFault::Test(DiagnosticFault::Locked)]);
 }

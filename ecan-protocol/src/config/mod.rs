@@ -8,6 +8,7 @@ pub use crate::object::data_path::*;
 pub use crate::object::diagnostic_test::*;
 pub use crate::object::filter_window::*;
 pub use crate::object::filters::*;
+pub use crate::object::maintenance::{DeviceConfig, DeviceFault};
 pub use crate::object::mcan_channel::*;
 pub use crate::object::mcan_channel_check::*;
 pub use crate::object::message_ram::*;

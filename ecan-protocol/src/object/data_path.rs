@@ -164,7 +164,7 @@ object! {
         /// Frames that are critical (:09).
         9 "Critical frame policy" critical_frames: CriticalFrames = CriticalFrames::CanopenSafety;
         /// Reserved by the manual, 0 (:10).
-        10 "CAN ID priority policy" id_priority: u16 = 0, no_key();
+        10 "CAN ID priority policy" id_priority: u16 = 0;
         /// Fewest frames that a service passes to the controller, 0 to 8 (:11).
         11 "TX budget min" tx_budget_min: u8 = 0, range(0, BUDGET_MAX), unit("frames");
         /// Most frames that a service passes to the controller, 0 to 8 (:12).
@@ -178,11 +178,11 @@ object! {
         /// Threshold of the degraded state (:16).
         16 "Degraded threshold" degraded_threshold: u16 = 64;
         /// Reserved for extensions, 0 (:17).
-        17 "Reserved0" reserved0: u32 = 0, no_key();
+        17 "Reserved0" reserved0: u32 = 0;
         /// Reserved for extensions, 0 (:18).
-        18 "Reserved1" reserved1: u32 = 0, no_key();
+        18 "Reserved1" reserved1: u32 = 0;
         /// Reserved for extensions, 0 (:19).
-        19 "Reserved2" reserved2: u32 = 0, no_key();
+        19 "Reserved2" reserved2: u32 = 0;
         // The default in the manual is 0; with the defaults applied the device reports 0x54059201.
         entry(Entry::ro(20, "Active control word", U32).default(0));
     }

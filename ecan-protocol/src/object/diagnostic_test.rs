@@ -78,7 +78,7 @@ object! {
     entries {
         entry(Entry::highest(10));
         /// [`DIAGNOSTIC_TEST_KEY`] to test, otherwise 0 (:01).
-        1 "Test enable key" key: u32 = 0,
+        1 "Test enable key" key: u32 = 0, key("enable_key"),
             values(&[(0, "test mode off"), (DIAGNOSTIC_TEST_KEY, "test controls allowed")]);
         /// Stages of the TxPDO path that are skipped (:02).
         2 "TxPDO bypass flags" tx_bypass: TxBypass = TxBypass(0);

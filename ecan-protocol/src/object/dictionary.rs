@@ -23,7 +23,7 @@ static OBJECTS: [&Object; 25] = [
     &communication::TX_PDO_ASSIGNMENT,
     &communication::INPUT_DATA,
     &communication::OUTPUT_DATA,
-    &diagnostics::SYSTEM,
+    &maintenance::SYSTEM,
     &mcan_channel::MCAN_CHANNEL,
     &pdo_profile::TX_PDO_PROFILE,
     &pdo_profile::RX_PDO_PROFILE,

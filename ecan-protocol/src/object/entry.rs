@@ -31,6 +31,8 @@ pub struct Entry {
     pub form: KeyForm,
     /// Subindices of the entries that must not be 0 for this one to have an effect.
     pub needs: &'static [u8],
+    /// Status that a write of this entry sets; that of an apply command is in [`Object::apply`].
+    result: Option<WriteResult>,
 }
 
 impl Entry {
@@ -49,6 +51,7 @@ impl Entry {
             key: None,
             form: KeyForm::Number,
             needs: &[],
+            result: None,
         }
     }
 
@@ -122,6 +125,17 @@ impl Entry {
         self
     }
 
+    pub(super) const fn result(mut self, status: u8) -> Self {
+        self.result = Some(WriteResult { status, sequence: None });
+        self
+    }
+
+    /// As [`result`](Self::result), for a command whose end increments a sequence number.
+    pub(super) const fn result_after(mut self, status: u8, sequence: u8) -> Self {
+        self.result = Some(WriteResult { status, sequence: Some(sequence) });
+        self
+    }
+
     /// True if the manual allows the value: it is inside the range, and if the manual lists values
     /// or bits, it is one of those values or consists of those bits.
     ///
@@ -145,6 +159,15 @@ impl Entry {
     pub fn meaning(&self, value: u32) -> Option<&'static str> {
         self.values.iter().find(|&&(v, _)| v == value).map(|&(_, meaning)| meaning)
     }
+}
+
+/// Result of a write, in the same object.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct WriteResult {
+    /// Subindex of the status; 0 is OK.
+    pub status: u8,
+    /// Subindex of the number that the end of the command increments; `None` if the status is set at once.
+    pub sequence: Option<u8>,
 }
 
 /// Command and status of an object whose values take effect when they are applied.
@@ -257,6 +280,13 @@ impl Object {
         } else {
             None
         }
+    }
+
+    /// Status that a write of an entry sets; `None` if the object has none for it.
+    pub fn result_of(&self, entry: &Entry) -> Option<WriteResult> {
+        let apply = self.apply.filter(|apply| apply.command == entry.subindex);
+        let applied = apply.map(|apply| WriteResult { status: apply.status, sequence: None });
+        entry.result.or(applied)
     }
 
     /// Returns the entry at a subindex.

@@ -114,7 +114,7 @@ object! {
         entry(Entry::wo(1, "Apply command", U8).default(0).values(&[(0, "no-op"), (1, "apply")])
             .range(0, 1));
         entry(Entry::ro(2, "Apply status", U8).default(0).values(ApplyStatus::VALUES));
-        entry(Entry::wo(3, "Flash command", U8).default(0).range(0, 7)
+        entry(Entry::wo(3, "Flash command", U8).default(0).range(0, 7).result_after(4, 5)
             .bits(&[(0, "save"), (1, "load"), (2, "factory reset")]));
         entry(Entry::ro(4, "Flash status", U8).default(0).values(ApplyStatus::VALUES));
         entry(Entry::ro(5, "Command sequence", U32).default(0));
@@ -194,8 +194,8 @@ object! {
         entry(Entry::ro(42, "Ext list max", U8).default(24));
         entry(Entry::rw(43, "Std current index", U8).default(0).range(0, 63));
         entry(Entry::rw(44, "Ext current index", U8).default(0).range(0, 23));
-        entry(filter::<FilterCommand>(45, "Std entry cmd"));
-        entry(filter::<FilterCommand>(46, "Ext entry cmd"));
+        entry(filter::<FilterCommand>(45, "Std entry cmd").result(47));
+        entry(filter::<FilterCommand>(46, "Ext entry cmd").result(48));
         entry(Entry::ro(47, "Std entry status", U8).default(0).values(FilterCommandStatus::VALUES));
         entry(Entry::ro(48, "Ext entry status", U8).default(0).values(FilterCommandStatus::VALUES));
         entry(Entry::rw(49, "Std filter count", U8).default(0).range(0, 64));

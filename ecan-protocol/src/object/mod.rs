@@ -32,7 +32,7 @@ pub use abort_code::AbortCode;
 pub use communication::{MAPPED_SUBINDEX, pdo_mapping_entry};
 pub use declare::{ConfigObject, InvalidValue, RangeFault, SdoWrite};
 pub use dictionary::{describe, lookup, object, objects};
-pub use entry::{Apply, Entry, Object};
+pub use entry::{Apply, Entry, Object, WriteResult};
 pub use register_service::WRITABLE_REGISTERS;
 pub use value::{Access, KeyForm, ObjectType};
 

@@ -35,7 +35,10 @@ pub(super) const REGISTER_SERVICE: Object = Object::family(
     &[
         Entry::highest(7),
         Entry::rw(1, "Offset", U32).range(0x0004, 0x0404),
-        Entry::rw(2, "Command", U8).range(0, 2).values(&[(0, "no-op"), (1, "read"), (2, "write")]),
+        Entry::rw(2, "Command", U8)
+            .range(0, 2)
+            .values(&[(0, "no-op"), (1, "read"), (2, "write")])
+            .result(3),
         Entry::ro(3, "Status", U8).values(&[
             (0, "OK"),
             (1, "offset invalid"),
