@@ -48,6 +48,13 @@ pub fn value_text(index: u16, subindex: u8, value: u32) -> String {
 #[must_use]
 pub fn contradicted_assumption(index: u16, subindex: u8, found: u32) -> &'static str {
     match (index, subindex, found) {
+        (0x8000, 13, _) => {
+            " (assumption H47: the firmware may activate a pin rotation only at its start; save the \
+             configuration with `ecan config save` and restart the gateway with `ecan reboot`)"
+        }
+        (0x8000, 15, 1) => {
+            " (assumption H47: the firmware may reject a pin rotation in OP; set it in PREOP)"
+        }
         (0x8001..=0x8004, 2, 1) => {
             " (assumption H38: in OP the firmware may reject a configuration; apply it in PREOP)"
         }

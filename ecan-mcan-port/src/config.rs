@@ -4,7 +4,8 @@ use std::time::Duration;
 
 use ecan_host::{AdapterConfig, ImageTimes, Plan, PlanWarning, SlaveConfig};
 use ecan_protocol::config::{
-    DataPathConfig, ExtendedFilter, List, ListFull, McanChannelConfig, StandardFilter,
+    ConfigObject, DataPathConfig, DeviceConfig, ExtendedFilter, InvalidValue, List, ListFull,
+    McanChannelConfig, StandardFilter,
 };
 use ecan_protocol::device::Capabilities;
 use ecan_protocol::image::{BudgetPolicy, EncapsulationProfile, OptionFlags, PdoProfile};
@@ -97,6 +98,18 @@ impl Default for Traffic {
     }
 }
 
+/// Subindices of N and channel mask in 0x8010 and 0x8011.
+const N_SUBINDEX: u8 = 3;
+const MASK_SUBINDEX: u8 = 4;
+
+/// Direction of 0x8010 or 0x8011.
+fn direction_of(index: u16) -> Direction {
+    match index == Direction::TxPdo.profile_object() {
+        true => Direction::TxPdo,
+        false => Direction::RxPdo,
+    }
+}
+
 /// One enabled CAN channel.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
@@ -174,6 +187,9 @@ pub struct GatewayConfig {
     pub input_limit: u16,
     /// Scheduled transmission: margin and diagnostics.
     pub schedule: ScheduleConfig,
+    /// Objects that belong to no channel and no direction: pin rotation, global data path, diagnostic test,
+    /// access timeout (manual 13.2, 13.3, 13.7). By default none is written.
+    pub device: DeviceConfig,
     /// Gateway on which settings were measured; the Port warns at opening if it is another one.
     pub measured_on: Option<MeasuredOn>,
     /// Permits the application bypass and the tests of 0x8030, which disconnect the CAN side.
@@ -197,6 +213,7 @@ impl Default for GatewayConfig {
             hold_limit: 10,
             input_limit: 100,
             schedule: ScheduleConfig::default(),
+            device: DeviceConfig::default(),
             measured_on: None,
             allow_diagnostic_tests: false,
         }
@@ -263,6 +280,65 @@ impl GatewayConfig {
     pub fn carries(&self, direction: Direction, channel: u8) -> bool {
         let mask = self.direction_mask(direction);
         mask.checked_shr(channel.into()).is_some_and(|mask| mask & 1 == 1)
+    }
+
+    /// Sets an entry of a configuration object as an SDO download would: 0x8000, 0x8001..0x8004, 0x8010:04 to
+    /// :07, 0x8011:04 to :07, 0x8020, 0x8021..0x8024, 0x8030 and 0xB000:03 (manual 13.2 to 13.4, 13.7). Ranges
+    /// are not checked. N (0x8010:03, 0x8011:03) is that of the slave, and filters have their own functions.
+    ///
+    /// # Errors
+    /// [`InvalidValue`] for an entry that is not among them, a channel that is not enabled, or a value that the
+    /// type or enumeration does not have.
+    pub fn set_object(&mut self, index: u16, subindex: u8, value: u32) -> Result<(), InvalidValue> {
+        let invalid = InvalidValue { index, subindex, value };
+        let channel = usize::from(index & 0xF).wrapping_sub(1);
+        match index {
+            0x8001..=0x8004 | 0x8021..=0x8024 => {
+                let channel = self.channels.get_mut(channel).and_then(Option::as_mut);
+                let channel = channel.ok_or(invalid)?;
+                match index {
+                    0x8001..=0x8004 => channel.can.set_value(subindex, value),
+                    _ => channel.data_path.set_value(subindex, value),
+                }
+                .map_err(|_| invalid)
+            }
+            0x8010 | 0x8011 if subindex != N_SUBINDEX => {
+                let direction = direction_of(index);
+                let mut profile = self.profile(direction, self.default_multiplier());
+                profile.set_value(subindex, value).map_err(|_| invalid)?;
+                let PdoProfile { channel_mask, profile, budget, options, .. } = profile;
+                let mask = (subindex == MASK_SUBINDEX).then_some(channel_mask);
+                match direction {
+                    Direction::TxPdo => {
+                        self.tx_channel_mask = mask.or(self.tx_channel_mask);
+                        (self.tx_encapsulation, self.tx_budget) = (profile, budget);
+                        self.tx_options = options;
+                    }
+                    Direction::RxPdo => {
+                        self.rx_channel_mask = mask.or(self.rx_channel_mask);
+                        (self.rx_encapsulation, self.rx_budget) = (profile, budget);
+                        self.rx_options = options;
+                    }
+                }
+                Ok(())
+            }
+            _ => self.device.set_value(index, subindex, value),
+        }
+    }
+
+    /// Value of an entry that [`set_object`](Self::set_object) sets; `None` for another entry, a channel that is
+    /// not enabled, or an entry of [`device`](Self::device) that is not configured.
+    pub fn object(&self, index: u16, subindex: u8) -> Option<u32> {
+        let channel = usize::from(index & 0xF).wrapping_sub(1);
+        let channel = || self.channels.get(channel)?.as_ref();
+        match index {
+            0x8001..=0x8004 => channel()?.can.value(subindex),
+            0x8021..=0x8024 => channel()?.data_path.value(subindex),
+            0x8010 | 0x8011 if subindex != N_SUBINDEX => {
+                self.profile(direction_of(index), self.default_multiplier()).value(subindex)
+            }
+            _ => self.device.value(index, subindex),
+        }
     }
 
     /// The PDO profile of a direction with N = `multiplier`.

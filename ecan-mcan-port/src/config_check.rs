@@ -1,7 +1,9 @@
 //! The check of a Port's configuration before anything touches the bus: every fault.
 
 use ecan_host::{AdapterConfig, ConfigFault, Faults};
-use ecan_protocol::config::{ChannelFault, DataPathFault, FilterFault, check_filters};
+use ecan_protocol::config::{
+    ChannelFault, DataPathFault, DeviceFault, DiagnosticTest, FilterFault, check_filters,
+};
 use ecan_protocol::image::{OptionFlags, ProfileError};
 use ecan_protocol::mapping::{CHANNELS, Direction};
 use thiserror::Error;
@@ -84,6 +86,23 @@ pub enum PortConfigFault {
         /// The direction.
         direction: Direction,
     },
+    /// An object of the whole gateway that the gateway rejects.
+    #[error("slave {slave}: {fault}")]
+    Device {
+        /// Slave index.
+        slave: usize,
+        /// The fault.
+        fault: DeviceFault,
+    },
+    /// A diagnostic test of 0x8030.
+    #[error(
+        "slave {slave}: a diagnostic test (0x8030) disconnects parts of the data path; allow diagnostic \
+         tests if that is intended"
+    )]
+    DiagnosticTest {
+        /// Slave index.
+        slave: usize,
+    },
     /// A CAN channel that the gateway cannot run.
     #[error("slave {slave}, channel {channel}: {fault}")]
     Channel {
@@ -164,6 +183,7 @@ impl PortConfig {
                 check_profile(slave, gateway, direction, multiplier, &mut faults);
             }
             check_channels(slave, gateway, self, &mut faults);
+            check_device(slave, gateway, &mut faults);
         }
         Faults::check(faults)
     }
@@ -185,6 +205,14 @@ fn check_profile(
     }
     if profile.options.contains(OptionFlags::APP_BYPASS) && !gateway.allow_diagnostic_tests {
         faults.push(PortConfigFault::Bypass { slave, direction });
+    }
+}
+
+fn check_device(slave: usize, gateway: &GatewayConfig, faults: &mut Vec<PortConfigFault>) {
+    gateway.device.check(&mut |fault| faults.push(PortConfigFault::Device { slave, fault }));
+    let has_test = gateway.device.diagnostic_test.is_some_and(|test| test != DiagnosticTest::OFF);
+    if has_test && !gateway.allow_diagnostic_tests {
+        faults.push(PortConfigFault::DiagnosticTest { slave });
     }
 }
 

@@ -5,7 +5,9 @@ use RestoreStep::{Apply, Ended, OpRequested, ReadActive, ReadStatus};
 use ecan_host::{
     Adapter, AdapterConfig, Expectation, RequestState, SdoRequestId, StartupPlan, StartupStep,
 };
-use ecan_protocol::config::{DataPathConfig, McanChannelConfig, filter_writes};
+use ecan_protocol::config::{
+    DataPathConfig, DataPathGlobal, DeviceConfig, McanChannelConfig, filter_writes,
+};
 use ecan_protocol::device::Capabilities;
 use ecan_protocol::image::PdoProfile;
 use ecan_protocol::mapping::{CHANNELS, CHUNK_BYTES, Direction, HEADER_BYTES};
@@ -20,7 +22,7 @@ const HEADER_VERSION_1: u64 = 1 << 1;
 
 impl PortConfig {
     /// The startup steps that each gateway needs: capability checks, PDO profiles with readback,
-    /// channels, filters and data paths.
+    /// objects of the whole gateway, channels, filters and data paths.
     ///
     /// [`Port::open`](crate::Port::open) passes them to the Adapter; call this only to open the
     /// Adapter yourself. A slave without a gateway entry has none.
@@ -35,6 +37,7 @@ impl PortConfig {
             push_profile(&mut steps, Direction::RxPdo, &rx);
             push_apply(&mut steps, Direction::TxPdo, &tx);
             push_apply(&mut steps, Direction::RxPdo, &rx);
+            steps.extend(gateway.device.first_writes().map(StartupStep::Download));
             for (channel, settings) in gateway.channels.iter().enumerate() {
                 if let Some(settings) = settings {
                     let channel = channel as u8;
@@ -44,6 +47,7 @@ impl PortConfig {
                     push_channel(&mut steps, channel, settings, filters);
                 }
             }
+            push_device(&mut steps, &gateway.device);
             steps
         });
         steps.collect()
@@ -77,7 +81,10 @@ fn push_capabilities(
     for (subindex, expected) in capabilities {
         steps.push(StartupStep::Expect { index: Capabilities::INDEX, subindex, expected });
     }
-    if !gateway.allow_diagnostic_tests {
+    if let Some((index, subindex, bit)) = gateway.device.needed_rotation() {
+        steps.push(StartupStep::Expect { index, subindex, expected: HasBits(bit.into()) });
+    }
+    if !gateway.allow_diagnostic_tests && gateway.device.diagnostic_test.is_none() {
         steps.extend((2..=6).map(|subindex| StartupStep::expect(0x8030, subindex, 0)));
     }
 }
@@ -108,6 +115,20 @@ fn push_channel(
     push_applied(steps, McanChannelConfig::apply_write(channel), 2);
     steps.extend(settings.data_path.writes(channel).map(StartupStep::Download));
     push_applied(steps, DataPathConfig::apply_write(channel), 3);
+}
+
+/// What follows the channels: global data path and diagnostic test, and the readbacks of the whole gateway. A
+/// rotation may take effect with the apply command of a channel (assumption H47).
+fn push_device(steps: &mut Vec<StartupStep>, device: &DeviceConfig) {
+    steps.extend(device.data_path_writes().map(StartupStep::Download));
+    let apply = device.data_path.map(|_| DataPathGlobal::apply_write());
+    steps.extend(apply.map(StartupStep::Download));
+    steps.extend(
+        device
+            .readbacks()
+            .map(|(index, subindex, value)| StartupStep::expect(index, subindex, value)),
+    );
+    steps.extend(device.test_writes().map(StartupStep::Download));
 }
 
 fn push_applied(steps: &mut Vec<StartupStep>, apply: SdoWrite, status_subindex: u8) {

@@ -282,7 +282,7 @@ pub(super) const IN_USE: &[u64] = &[0, 7, 8];
 const STATE_BITS: u32 = 0b111;
 
 /// The checks of a verification: same device, session reset, profile readback (manual 5.4.3 phase D), channels and their
-/// data paths (13.2.2, 13.4, 13.5), and that process data and SDOs go to the same gateway if there
+/// data paths (13.2.2, 13.4, 13.5), objects of the whole gateway (13.2.1, 13.2.3, 13.3, 13.7), and that process data and SDOs go to the same gateway if there
 /// are several.
 pub(crate) fn checks(
     config: &GatewayConfig,
@@ -307,6 +307,14 @@ pub(crate) fn checks(
             checks.push(Check::Expect { index, subindex, expected });
         }
         checks.push(Check::LayoutCrc { direction: nth, index });
+    }
+    let device = config.device;
+    let configured = device.first_writes().chain(device.data_path_writes());
+    let written = configured.chain(device.test_writes());
+    let written = written.map(|write| (write.index, write.subindex, write.value));
+    for (index, subindex, value) in written.chain(device.readbacks()) {
+        let expected = Expectation::Equals(value.into());
+        checks.push(Check::Expect { index, subindex, expected });
     }
     for (channel, settings) in (0..).zip(&config.channels) {
         let Some(settings) = settings else { continue };
