@@ -66,6 +66,7 @@ pub fn differences(
             }
         }
     }
+    differences.extend(unstated_rotation(bus, slave, &last)?);
     for list in lists {
         match list.compare(bus, slave, &mut differences) {
             Err(Error::Sdo { index, subindex, .. })
@@ -86,6 +87,31 @@ pub fn differences(
         }
     }
     Ok(differences)
+}
+
+const SYSTEM: u16 = 0x8000;
+const ROTATION: u8 = 12;
+const ACTIVE_ROTATION: u8 = 13;
+
+/// The active pin rotation (manual 13.3), if the sequence writes none: channels of a gateway that is not rotated
+/// have the connectors of their numbers.
+fn unstated_rotation(
+    bus: &Diagnostics,
+    slave: usize,
+    written: &BTreeMap<(u16, u8), usize>,
+) -> Result<Option<Difference>, Error> {
+    if written.contains_key(&(SYSTEM, ROTATION)) {
+        return Ok(None);
+    }
+    let found = read(bus, slave, (SYSTEM, ACTIVE_ROTATION))?.filter(|rotation| *rotation != 0);
+    Ok(found.map(|found| Difference {
+        index: SYSTEM,
+        subindex: ACTIVE_ROTATION,
+        filter: None,
+        expected: Expected::NotStated,
+        found: Some(found),
+        is_set_at_start: false,
+    }))
 }
 
 /// The value of an entry; `None` if the device does not have it.
@@ -159,6 +185,8 @@ pub enum Expected {
     Readback(Expectation),
     /// The device loads the filter into the editing window.
     Loaded,
+    /// The file leaves the entry as it is, and the device has another value than a new one.
+    NotStated,
 }
 
 impl fmt::Display for Expected {
@@ -167,6 +195,7 @@ impl fmt::Display for Expected {
             Self::Value(value) => write!(f, "{value}"),
             Self::Readback(expected) => write!(f, "{expected}"),
             Self::Loaded => f.write_str("loaded"),
+            Self::NotStated => f.write_str("no value"),
         }
     }
 }
@@ -203,7 +232,7 @@ impl fmt::Display for Difference {
         let (expected, found) = (self.expected, self.found);
         let text = match expected {
             Expected::Value(value) => meaning(value),
-            Expected::Readback(_) | Expected::Loaded => String::new(),
+            Expected::Readback(_) | Expected::Loaded | Expected::NotStated => String::new(),
         };
         match (expected, found) {
             (_, None) => write!(
@@ -212,6 +241,12 @@ impl fmt::Display for Difference {
             ),
             (Expected::Loaded, Some(found)) => {
                 write!(f, ": the device does not load it, {found}{}", meaning(found))
+            }
+            (Expected::NotStated, Some(found)) => {
+                write!(
+                    f,
+                    ": the device has {found}, the file no `pin_rotation`; add it to [gateway.system]"
+                )
             }
             (_, Some(found)) => {
                 write!(f, ": the file has {expected}{text}, the device {found}{}", meaning(found))

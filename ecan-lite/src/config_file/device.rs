@@ -3,6 +3,7 @@
 use ecan_host::{
     Clock, Diagnostics, Error, Maintenance, MaintenanceError, SlaveConfig, StartupStep,
 };
+use ecan_protocol::config::{ConfigObject, DiagnosticTest};
 use ecan_protocol::device::{AccessMode, AlState, MaintenanceCommand};
 
 /// A gateway of a file and its slave on the bus.
@@ -105,7 +106,8 @@ pub fn find(
 }
 
 /// Runs a startup sequence on a slave: downloads, and readbacks that must return the expected values.
-/// `report` is called after each step.
+/// `report` is called after each step. If the sequence expects that no diagnostic test is active (0x8030), an
+/// active one is ended before.
 ///
 /// Blocks for one transfer per step, several hundred for a gateway with four channels.
 ///
@@ -123,9 +125,36 @@ pub fn apply(
     {
         return Err(ResolveError::State { slave, state });
     }
+    let expects_no_test = steps
+        .iter()
+        .any(|step| *step == StartupStep::expect(DiagnosticTest::INDEX, APP_LINK_BYPASS, 0));
+    if expects_no_test {
+        end_test(bus, slave, report)?;
+    }
     Ok(bus.run_startup(slave, steps, report)?)
 }
 
+/// Ends an active diagnostic test.
+fn end_test(
+    bus: &Diagnostics,
+    slave: usize,
+    report: &mut dyn FnMut(&StartupStep),
+) -> Result<(), Error> {
+    let index = DiagnosticTest::INDEX;
+    let read = |subindex| match bus.sdo_upload_u32(slave, index, subindex) {
+        // Firmware without the object, or the entry, has no test.
+        Err(error) if error.is_missing_object() => Ok(0),
+        value => value,
+    };
+    if DiagnosticTest::read(read)?.is_idle() {
+        return Ok(());
+    }
+    let writes: Vec<_> = DiagnosticTest::OFF.writes().map(StartupStep::Download).collect();
+    bus.run_startup(slave, &writes, report)
+}
+
+/// The last entry of 0x8030 that a startup expects to be 0.
+const APP_LINK_BYPASS: u8 = 6;
 const MAINTENANCE: u16 = 0xB000;
 const ACTIVE_CRC: u8 = 7;
 const STORED_CRC: u8 = 8;

@@ -1,8 +1,8 @@
 //! Keys of configuration objects, read as their declarations in ecan-protocol say.
 
 use ecan_protocol::can::TDC_FORCED_FROM;
-use ecan_protocol::config::{BitTimingMode, ConfigObject, McanChannelConfig};
-use ecan_protocol::object::{Entry, KeyForm, lookup};
+use ecan_protocol::config::{BitTimingMode, ConfigObject, InvalidValue, McanChannelConfig};
+use ecan_protocol::object::{Entry, KeyForm, lookup, object};
 
 use super::document::Table;
 
@@ -13,6 +13,22 @@ pub(crate) fn read<C: ConfigObject>(table: &mut Table<'_, '_>, group: &str, conf
         if let Some(key) = key_in(entry, group)
             && let Some(value) = read_value(table, key, entry)
             && let Err(fault) = config.set_value(entry.subindex, value)
+        {
+            table.fault(key, fault.to_string());
+        }
+    }
+}
+
+/// Reads the keys of the object at an index; `set` gets the subindex and value of each.
+pub(crate) fn read_with(
+    table: &mut Table<'_, '_>,
+    index: u16,
+    mut set: impl FnMut(u8, u32) -> Result<(), InvalidValue>,
+) {
+    for entry in object(index).map_or(&[][..], |object| object.entries) {
+        if let Some(key) = entry.key
+            && let Some(value) = read_value(table, key, entry)
+            && let Err(fault) = set(entry.subindex, value)
         {
             table.fault(key, fault.to_string());
         }
@@ -156,7 +172,9 @@ fn idle_reason(entry: &Entry, can: &McanChannelConfig) -> Option<(&'static str, 
 
 #[cfg(test)]
 mod tests {
-    use ecan_protocol::config::{DataPathConfig, DataPathGlobal, McanChannelConfig};
+    use ecan_protocol::config::{
+        DataPathConfig, DataPathGlobal, DiagnosticTest, McanChannelConfig,
+    };
     use ecan_protocol::image::PdoProfile;
 
     use super::*;
@@ -171,8 +189,8 @@ mod tests {
         assert_eq!(without_key::<McanChannelConfig>(), [15]);
         assert!(without_key::<PdoProfile>().is_empty());
         assert!(without_key::<DataPathGlobal>().is_empty());
-        // Reserved by the manual.
-        assert_eq!(without_key::<DataPathConfig>(), [10, 17, 18, 19]);
+        assert!(without_key::<DataPathConfig>().is_empty());
+        assert!(without_key::<DiagnosticTest>().is_empty());
     }
 
     #[test]

@@ -5,11 +5,12 @@ use ecan_mcan_port::{
     AcceptanceFilter, ChannelConfig, GatewayConfig, MarginCheck, ScheduleConfig, Traffic,
 };
 use ecan_protocol::config::{
-    ConfigObject, DataPathGlobal, ExtendedFilter, ExtendedMatch, FilterAction, FilterWindow,
+    ConfigObject, DeviceConfig, ExtendedFilter, ExtendedMatch, FilterAction, FilterWindow,
     McanChannelConfig, MessageRamLayout, NodeMode, StandardFilter, StandardMatch,
 };
 use ecan_protocol::image::PdoProfile;
 use ecan_protocol::mapping::{Direction, MAX_MULTIPLIER};
+use ecan_protocol::object::{ObjectType, SdoWrite, lookup};
 use ecan_protocol::text::Printable;
 
 use super::device_profile::IncludedProfile;
@@ -38,7 +39,6 @@ pub(crate) fn read(mut table: Table<'_, '_>, at: usize) -> ReadGateway {
     let mut gateway = GatewayConfig::default();
     let default_n = gateway.default_multiplier();
     let mut slave = SlaveConfig::at(u16::try_from(at).unwrap_or(u16::MAX), default_n);
-    let mut startup = Vec::new();
     store(&mut slave.alias, table.unsigned("alias", (0, 0xFFFF)));
     if slave.alias != 0 {
         slave.position = 0;
@@ -72,8 +72,10 @@ pub(crate) fn read(mut table: Table<'_, '_>, at: usize) -> ReadGateway {
         let measured = profile.as_ref().and_then(|profile| profile.processing_ns(transport_ns));
         store(&mut gateway.schedule.processing_ns, measured);
     }
-    if let Some(global) = table.table("data_path") {
-        startup = global_steps(global);
+    for (index, key) in DeviceConfig::OBJECTS {
+        if let Some(table) = table.table(key) {
+            read_device(table, index, &mut gateway.device);
+        }
     }
     let mut filters = Vec::new();
     let channels = CHANNEL_TABLES.into_iter().zip(&mut gateway.channels);
@@ -89,6 +91,7 @@ pub(crate) fn read(mut table: Table<'_, '_>, at: usize) -> ReadGateway {
             *multiplier_of(&mut slave, direction) = gateway.default_multiplier();
         }
     }
+    let startup = table.tables("startup_sdo").into_iter().flat_map(read_startup_sdo).collect();
     if let Some(profile) = &profile {
         report_node_modes(&table, profile, &gateway);
     }
@@ -183,13 +186,42 @@ fn read_schedule(mut table: Table<'_, '_>, schedule: &mut ScheduleConfig) {
     store(&mut schedule.depth, table.unsigned("depth", (1, 0xFFFF)));
 }
 
-/// 0x8020, applied and read back.
-fn global_steps(mut table: Table<'_, '_>) -> Vec<StartupStep> {
-    let mut global = DataPathGlobal::default();
-    fields::read(&mut table, "", &mut global);
-    let apply = DataPathGlobal::apply_write();
-    let writes = global.writes().chain([apply]).map(StartupStep::Download);
-    writes.chain([StartupStep::expect(apply.index, 3, 0)]).collect()
+/// An object of the whole gateway. 0x8020 and 0x8030 are written as a whole, of the others only the keys.
+fn read_device(mut table: Table<'_, '_>, index: u16, device: &mut DeviceConfig) {
+    device.enable(index);
+    fields::read_with(&mut table, index, |subindex, value| {
+        device.set_value(index, subindex, value)
+    });
+}
+
+/// A write, a readback, or both.
+fn read_startup_sdo(mut table: Table<'_, '_>) -> Vec<StartupStep> {
+    let index = table.required("index", "that of the object", (0x1000, 0xFFFF)).unwrap_or(0);
+    let subindex = table.unsigned("subindex", (0, 0xFF)).unwrap_or(0);
+    let index = index as u16;
+    let types = [("u8", ObjectType::U8), ("u16", ObjectType::U16), ("u32", ObjectType::U32)];
+    let known = lookup(index, subindex).map(|(_, entry)| entry.ty);
+    let known = known.filter(|ty| types.iter().any(|(_, named)| named == ty));
+    let ty = table.word("type", &types).or(known);
+    let range = (0, ty.unwrap_or(ObjectType::U32).max_value());
+    let (value, expected) = (table.unsigned("value", range), table.unsigned("expect", range));
+    if !table.is_recorded() {
+        if !table.has("value") && !table.has("expect") {
+            table.fault(
+                "value",
+                "`value` and `expect` are missing: the number to write, and the one to read",
+            );
+        }
+        if ty.is_none() && table.has("value") && !table.has("type") {
+            table.fault(
+                "type",
+                "`type` is missing: the object is not in the dictionary; u8, u16 or u32",
+            );
+        }
+    }
+    let write = value.zip(ty).map(|(value, ty)| SdoWrite::new(index, subindex, ty, value).into());
+    let expect = expected.map(|value| StartupStep::expect(index, subindex, value));
+    write.into_iter().chain(expect).collect()
 }
 
 const CHANNEL: u16 = McanChannelConfig::INDEX;

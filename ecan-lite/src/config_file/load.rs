@@ -9,7 +9,8 @@ use ecan_host::{ConfigFault, Expectation, PlanError, StartupStep};
 use ecan_mcan_port::{Config, PortConfigFault, PortPlanError};
 use ecan_protocol::can::{BitTimingError, MCAN_CLOCK_HZ, Phase, solve_bit_timing};
 use ecan_protocol::config::{
-    ChannelFault, DataPathFault, FilterElementFault, FilterFault, RangeFault,
+    ChannelFault, ConfigObject, DataPathFault, DataPathGlobal, DeviceConfig, DeviceFault,
+    DiagnosticTest, FilterElementFault, FilterFault, RangeFault,
 };
 use ecan_protocol::image::ProfileError;
 use ecan_protocol::mapping::Direction;
@@ -235,6 +236,10 @@ fn locations(fault: &PortConfigFault) -> Vec<String> {
         PortConfigFault::Bypass { slave, direction } => {
             in_direction(slave, pdo(direction), "options")
         }
+        PortConfigFault::Device { slave, fault } => device_locations(slave, fault),
+        PortConfigFault::DiagnosticTest { slave } => {
+            one(format!("{}.diagnostic_test", gateway(slave)))
+        }
         PortConfigFault::Channel { slave, channel, fault } => {
             channel_locations(slave, channel, fault)
         }
@@ -267,6 +272,20 @@ fn locations(fault: &PortConfigFault) -> Vec<String> {
 
 fn key_of(index: u16, subindex: u8) -> Option<&'static str> {
     lookup(index, subindex)?.1.key
+}
+
+/// Key of the fault's entry, then the table of its object.
+fn device_locations(slave: usize, fault: DeviceFault) -> Vec<String> {
+    let (index, subindex) = match fault {
+        DeviceFault::Range(fault) | DeviceFault::DataPath(DataPathFault::Range(fault)) => {
+            (fault.index, fault.subindex)
+        }
+        DeviceFault::DataPath(_) => (DataPathGlobal::INDEX, 0),
+        DeviceFault::Test(_) => (DiagnosticTest::INDEX, 1),
+    };
+    let table = DeviceConfig::OBJECTS.into_iter().find(|(object, _)| *object == index);
+    let table = format!("{}.{}", gateway(slave), table.map_or("", |(_, table)| table));
+    vec![format!("{table}.{}", key_of(index, subindex).unwrap_or_default()), table]
 }
 
 fn pdo(direction: Direction) -> &'static str {

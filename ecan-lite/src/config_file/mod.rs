@@ -19,7 +19,7 @@
 //! [`EXAMPLE`] is such a file with every key in it. An unknown key is a fault, and so is a value that
 //! the gateway would reject; all faults are reported together, with line and column.
 //!
-//! The content of a file is a [`Config`]; policies of 0x8020 are in its
+//! The content of a file is a [`Config`]; `startup_sdo` tables are in its
 //! [`startup`](ecan_host::AdapterConfig::startup) SDOs. CiA 402 axes, with their limits in rad/s, are
 //! read by [`load_axes`]; they are part of no startup list, since the host configures drives over CAN. [`apply`] writes it to a gateway,
 //! [`differences`] compares, [`FlashCommand::run`] saves it in the flash of the gateway, and

@@ -3,13 +3,14 @@
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use super::common::{MS, fixture, two, with};
-use ecan_host::{Clock, Error, MaintenanceError, StartupStep};
+use ecan_host::{AdapterConfig, Clock, Error, MaintenanceError, StartupStep};
 use ecan_lite::config::{
     Difference, Expected, FlashCommand, ResolveError, ResolvedGateway, apply, differences, find,
-    missing_entries, startup,
+    missing_entries, parse, schema, startup,
 };
-use ecan_mcan_port::Port;
+use ecan_mcan_port::{ChannelConfig, GatewayConfig, Port, PortConfig};
 use ecan_protocol::device::{AlState, MaintenanceStatus};
+use ecan_protocol::object::{Entry, ObjectType, SdoWrite, objects};
 use ecan_sim::{Fault, GatewayFault};
 
 fn entries(differences: &[Difference]) -> Vec<(u16, u8, Option<u8>)> {
@@ -17,6 +18,166 @@ fn entries(differences: &[Difference]) -> Vec<(u16, u8, Option<u8>)> {
         .iter()
         .map(|difference| (difference.index, difference.subindex, difference.filter))
         .collect()
+}
+
+/// Writable entries without a setter of their own, with the reason.
+const NOT_SET: &[(u16, &[u8], &str)] = &[
+    (0x1C12, &[], "PDO assignment: follows from N"),
+    (0x1C13, &[], "PDO assignment: follows from N"),
+    (0x7000, &[], "process data"),
+    (0x8000, &[1], "command: restart"),
+    (0x8001, &[1, 3], "commands: apply, Flash"),
+    (
+        0x8001,
+        &[43, 44, 45, 46, 50, 51, 52, 53, 54, 56, 57, 58, 59, 60],
+        "editing window of filters",
+    ),
+    (0x8001, &[49, 55], "number of the configured filters"),
+    (0x8010, &[1, 8], "commands: apply, session"),
+    (0x8010, &[3], "N, a setting of the slave"),
+    (0x8011, &[1, 8], "commands: apply, session"),
+    (0x8011, &[3], "N, a setting of the slave"),
+    (0x8020, &[2], "command: apply"),
+    (0x8021, &[2], "command: apply"),
+    (0x9011, &[14], "command: clear"),
+    (0xA000, &[1, 2, 4], "register service of a diagnosis"),
+    (0xB000, &[1, 4], "commands: access mode, maintenance"),
+];
+
+/// Another value than the default, if the entry has one.
+fn other_value(entry: &Entry) -> u32 {
+    let default = entry.default.unwrap_or(0);
+    let candidates = [default + 1, default.saturating_sub(1), entry.bit_mask(), entry.max];
+    let other = |value: &u32| *value != default && entry.accepts(*value);
+    candidates.into_iter().find(other).unwrap_or(default)
+}
+
+#[test]
+fn every_writable_entry_is_configured_or_a_command() {
+    // Every entry that others need is on.
+    let mut channel = ChannelConfig::fd(500_000, 5_000_000);
+    let can = &mut channel.can;
+    can.bit_timing_mode = ecan_protocol::config::BitTimingMode::Manual;
+    (can.tsu, can.timeout) = (true, true);
+    let full = GatewayConfig::on_all_channels(channel);
+    let adapter = AdapterConfig::new(1);
+    let schema = schema();
+    for object in objects() {
+        for entry in object.entries.iter().filter(|entry| entry.access.can_write()) {
+            let subindex = entry.subindex;
+            let is_listed = NOT_SET.iter().any(|(first, listed, _)| {
+                *first == object.first && (listed.is_empty() || listed.contains(&subindex))
+            });
+            let place = format!("0x{:04X}:{subindex}", object.first);
+            let value = other_value(entry);
+            let mut gateway = full;
+            let set = gateway.set_object(object.first, subindex, value);
+            assert_eq!(set.is_ok(), !is_listed, "{place}");
+            if is_listed {
+                continue;
+            }
+            // `data_bitrate` enables CAN FD.
+            let key = if place == "0x8001:15" { "data_bitrate" } else { entry.key.expect(&place) };
+            let key = key.rsplit('.').next().unwrap();
+            assert!(schema.contains(&format!("\"{key}\": {{")), "{place}: {key}");
+            assert_eq!(gateway.object(object.first, subindex), Some(value), "{place}");
+            let config = (adapter, PortConfig::from([gateway])).into();
+            let write = SdoWrite::new(object.first, subindex, entry.ty, value);
+            let steps = startup(&config, 0);
+            assert!(steps.contains(&StartupStep::Download(write)), "{place}");
+        }
+    }
+}
+
+#[test]
+fn pin_rotation_is_written_compared_and_verified() {
+    let fixture = fixture(1);
+    let bus = &fixture.bus;
+    let channel = "[gateway.can0]\nbitrate = 250_000\n";
+    let unstated = parse(format!("[[gateway]]\n{channel}").as_bytes()).unwrap();
+    let rotated = format!("[[gateway]]\nsystem = {{ pin_rotation = 2 }}\n{channel}");
+    let rotated = parse(rotated.as_bytes()).unwrap();
+    let steps = startup(&rotated, 0);
+    let at = |(index, subindex)| steps.iter().position(|step| step.object() == (index, subindex));
+    let places = [at((0x8000, 14)), at((0x8000, 12)), at((0x8001, 7)), at((0x8000, 13))];
+    assert!(places[0].is_some() && places.is_sorted(), "{places:?}");
+    apply(bus, 0, &steps, &mut |_| {}).unwrap();
+    assert_eq!(bus.sdo_upload_u32(0, 0x8000, 13).unwrap(), 2);
+    assert_eq!(differences(bus, 0, &steps).unwrap(), []);
+    let without = differences(bus, 0, &startup(&unstated, 0)).unwrap();
+    assert_eq!(entries(&without), [(0x8000, 13, None)]);
+    assert!(without[0].to_string().contains("the file no `pin_rotation`"), "{}", without[0]);
+    bus.sdo_download(0, 0x8000, 12, &[0]).unwrap();
+    let differing = entries(&differences(bus, 0, &steps).unwrap());
+    assert_eq!(differing, [(0x8000, 12, None), (0x8000, 13, None)]);
+    let mut port = Port::open(&fixture.ecrt, (rotated.adapter, rotated.port)).unwrap();
+    port.wait_ready().unwrap();
+    let active = port.diagnose(|bus| bus.sdo_upload_u32(0, 0x8000, 13)).unwrap();
+    assert_eq!(active.unwrap(), 2);
+}
+
+#[test]
+fn active_diagnostic_test_is_ended_by_apply() {
+    let (fixture, file) = (fixture(2), two());
+    let bus = &fixture.bus;
+    bus.sdo_download(0, 0x8030, 1, &0x4543_414E_u32.to_le_bytes()).unwrap();
+    bus.sdo_download(0, 0x8030, 6, &[3]).unwrap();
+    let steps = startup(&file, 0);
+    let tests = differences(bus, 0, &steps).unwrap();
+    assert!(entries(&tests).contains(&(0x8030, 6, None)), "{tests:?}");
+    apply(bus, 0, &steps, &mut |_| {}).unwrap();
+    assert_eq!(differences(bus, 0, &steps).unwrap(), []);
+    for subindex in 1..=6 {
+        assert_eq!(bus.sdo_upload_u32(0, 0x8030, subindex).unwrap(), 0);
+    }
+    // A test of the file needs a permission.
+    let test = |head: &str| {
+        let text = format!(
+            "[[gateway]]\n{head}\ncan0 = {{ bitrate = 250_000 }}\n[gateway.diagnostic_test]\n\
+             enable_key = 0x4543_414E\nrx_bypass = ['parse']\ncrc = 'force_crc16'\n"
+        );
+        parse(text.as_bytes())
+    };
+    let faults = test("").unwrap_err().to_string();
+    assert!(faults.contains("allow diagnostic tests"), "{faults}");
+    let steps = startup(&test("allow_diagnostic_tests = true").unwrap(), 0);
+    apply(bus, 0, &steps, &mut |_| {}).unwrap();
+    assert_eq!(differences(bus, 0, &steps).unwrap(), []);
+    assert_eq!(bus.sdo_upload_u32(0, 0x8030, 3).unwrap(), 1 << 3);
+}
+
+#[test]
+fn raw_startup_sdo_writes_reads_back_or_both() {
+    let read = |tables: &str| {
+        parse(format!("[[gateway]]\ncan0 = {{ bitrate = 250_000 }}\n{tables}").as_bytes())
+    };
+    let sdo = |keys: &str| read(&format!("[[gateway.startup_sdo]]\n{keys}\n"));
+    let both = read(
+        "[[gateway.startup_sdo]]\nindex = 0x8000\nsubindex = 10\nvalue = 7\nexpect = 7\n\
+         [[gateway.startup_sdo]]\nindex = 0xF000\nsubindex = 2\nexpect = 4\n\
+         [[gateway.startup_sdo]]\nindex = 0x2000\nsubindex = 1\ntype = 'u16'\nvalue = 9\n",
+    );
+    let steps = startup(&both.unwrap(), 0);
+    let expected = [
+        SdoWrite::new(0x8000, 10, ObjectType::U32, 7).into(),
+        StartupStep::expect(0x8000, 10, 7),
+        StartupStep::expect(0xF000, 2, 4),
+        SdoWrite::new(0x2000, 1, ObjectType::U16, 9).into(),
+    ];
+    assert_eq!(steps[steps.len() - 4..], expected);
+    for (keys, fault) in [
+        ("subindex = 1", "`index` is missing"),
+        ("index = 0x8000\nsubindex = 10", "`value` and `expect` are missing"),
+        ("index = 0x2000\nvalue = 1", "`type` is missing"),
+        ("index = 0x8000\nsubindex = 12\nvalue = 256", "allowed: 0 to 255"),
+        ("index = 0x1C12\nvalue = 1", "PDO assignment"),
+    ] {
+        let faults = sdo(keys).unwrap_err().to_string();
+        assert!(faults.contains(fault), "{keys}: {faults}");
+    }
+    let (fixture, refused) = (fixture(1), sdo("index = 0xF000\nsubindex = 2\nexpect = 3").unwrap());
+    let error = apply(&fixture.bus, 0, &startup(&refused, 0), &mut |_| {}).unwrap_err();
+    assert!(matches!(error, ResolveError::Device(Error::Readback { found: 4, .. })), "{error}");
 }
 
 #[test]

@@ -25,6 +25,8 @@ fn example_is_valid_and_shows_the_defaults() {
         [[gateway]]
         n = 8
         data_path = { compat_mode = 3 }
+        system = { pin_rotation = 0 }
+        diagnostic_test = {}
         tx_pdo = { channels = [\"can0\", \"can1\"] }
         rx_pdo = { channels = [\"can1\", \"can0\"] }
         can1 = { bitrate = 500_000 }
@@ -89,6 +91,10 @@ fn example_has_every_key() {
         ("[[gateway]]\n", "tx_pdo = { nonsense = 1 }"),
         ("[[gateway]]\n", "schedule = { nonsense = 1 }"),
         ("[[gateway]]\n", "data_path = { nonsense = 1 }"),
+        ("[[gateway]]\n", "system = { nonsense = 1 }"),
+        ("[[gateway]]\n", "diagnostic_test = { nonsense = 1 }"),
+        ("[[gateway]]\n", "maintenance = { nonsense = 1 }"),
+        ("[[gateway]]\n", "startup_sdo = [{ nonsense = 1 }]"),
         ("[[gateway]]\n", "can0 = { nonsense = 1 }"),
         ("[[gateway]]\n", "can0 = { ram = { nonsense = 1 } }"),
         ("[[gateway]]\n", "can0 = { data_path = { nonsense = 1 } }"),
@@ -113,6 +119,7 @@ fn example_has_every_key() {
         for key in known.lines().next().unwrap().split(", ") {
             let is_there = EXAMPLE.contains(&format!("{key} = "))
                 || EXAMPLE.contains(&format!("[gateway.{key}]"))
+                || EXAMPLE.contains(&format!("[[gateway.{key}]]"))
                 || EXAMPLE.contains(&format!("[gateway.can0.{key}]"))
                 || EXAMPLE.contains(&format!("[[gateway.can0.{key}]]"))
                 || EXAMPLE.contains(&format!("[node.{key}]"))

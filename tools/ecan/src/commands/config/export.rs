@@ -134,7 +134,9 @@ impl From<Expected> for FileValue {
         match expected {
             Expected::Value(value) => Self::Value(value.into()),
             Expected::Readback(Expectation::Equals(value)) => Self::Value(value),
-            Expected::Readback(_) | Expected::Loaded => Self::Condition(expected.to_string()),
+            Expected::Readback(_) | Expected::Loaded | Expected::NotStated => {
+                Self::Condition(expected.to_string())
+            }
         }
     }
 }
