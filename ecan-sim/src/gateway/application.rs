@@ -18,9 +18,13 @@ use super::diagnostics::{Emergency, GatewayCounters};
 use super::maintenance::{FIRST_DATA_PATH, GLOBAL_DATA_PATH, SYSTEM};
 use super::object_server::ObjectServer;
 use super::sync_managers::SyncManagers;
-use super::variant::{ApplyAtSafeOp, ChannelsAtStart, FilterIndex};
+use super::variant::{
+    ApplyAtSafeOp, ChannelsAtStart, CompatBits, FilterIndex, InvertedBudget, RotationEffect,
+};
 use crate::bus::{DetectedError, ErrorState, PhysicalLayer, StationConfig};
 
+/// Subindex of the requested pin rotation in 0x8000.
+const REQUESTED_ROTATION: u8 = 12;
 /// Subindex of the apply status of 0x8020..0x8024.
 const DATA_PATH_STATUS: u8 = 3;
 
@@ -87,14 +91,24 @@ impl Application {
         sms.check_process_data(bytes(Direction::RxPdo), bytes(Direction::TxPdo))
     }
 
-    pub(super) fn apply_channel(&mut self, number: usize) -> ApplyStatus {
+    /// Applies the stored configuration of a channel; a rotation may take effect with it.
+    pub(super) fn apply_channel(&mut self, number: usize, state: AlState) -> ApplyStatus {
+        let is_pending =
+            self.objects.values.get_u8(SYSTEM, REQUESTED_ROTATION) != self.pins.active();
+        if is_pending && self.data_path.variant().rotation_effect == RotationEffect::ChannelApply {
+            self.rotate_pins(state);
+        }
+        self.run_channel(number)
+    }
+
+    fn run_channel(&mut self, number: usize) -> ApplyStatus {
         let built = self.build_channel(number);
         self.data_path.apply_channel(number, built)
     }
 
     /// Applies the stored configuration of a channel, with its status.
     fn start_channel(&mut self, number: usize) {
-        let status = self.apply_channel(number);
+        let status = self.run_channel(number);
         self.set_apply_status(number, status);
     }
 
@@ -111,10 +125,17 @@ impl Application {
         channel_control::build(values, number as u8, &filters[number], variant)
     }
 
+    /// A rotation was written.
+    pub(super) fn note_rotation(&mut self, state: AlState) {
+        if state == AlState::Op || self.data_path.variant().rotation_effect == RotationEffect::Write
+        {
+            self.rotate_pins(state);
+        }
+    }
+
     /// Activates the stored pin rotation, except in OP (apply status 1). A change restarts all
     /// controllers at their new connectors.
     pub(super) fn rotate_pins(&mut self, state: AlState) {
-        const REQUESTED: u8 = 12;
         const ACTIVE: u8 = 13;
         const STATUS: u8 = 15;
         let values = &mut self.objects.values;
@@ -122,7 +143,7 @@ impl Application {
             values.set(SYSTEM, STATUS, 1);
             return;
         }
-        let rotation = values.get_u8(SYSTEM, REQUESTED);
+        let rotation = values.get_u8(SYSTEM, REQUESTED_ROTATION);
         values.set(SYSTEM, STATUS, 0);
         values.set(SYSTEM, ACTIVE, u32::from(rotation));
         if self.pins.set(rotation) {
@@ -131,12 +152,27 @@ impl Application {
     }
 
     pub(super) fn apply_global_data_path(&mut self) {
-        let policy = self.policy(GLOBAL_DATA_PATH, DataPathGlobal::check);
+        /// Bits of the compat mode that the manual's default sets.
+        const LISTED: u16 = 3;
+        let is_strict = self.data_path.variant().compat_bits == CompatBits::Rejected;
+        let policy = self.policy(GLOBAL_DATA_PATH, |policy: &DataPathGlobal| {
+            let mut is_valid = !(is_strict && policy.compat_mode & !LISTED != 0);
+            policy.check(&mut |_| is_valid = false);
+            is_valid
+        });
         self.data_path.global = policy.unwrap_or(self.data_path.global);
     }
 
     pub(super) fn apply_data_path(&mut self, number: usize) {
-        if let Some(policy) = self.policy(FIRST_DATA_PATH + number as u16, DataPathConfig::check) {
+        let is_lenient = self.data_path.variant().inverted_budget == InvertedBudget::Accepted;
+        let policy = self.policy(FIRST_DATA_PATH + number as u16, |policy: &DataPathConfig| {
+            let mut is_valid = true;
+            policy.check(&mut |fault| {
+                is_valid &= is_lenient && !matches!(fault, DataPathFault::Range(_));
+            });
+            is_valid
+        });
+        if let Some(policy) = policy {
             self.data_path.set_policy(number, policy);
         }
     }
@@ -146,15 +182,11 @@ impl Application {
     fn policy<C: ConfigObject>(
         &mut self,
         index: u16,
-        check: impl FnOnce(&C, &mut dyn FnMut(DataPathFault)),
+        is_valid: impl FnOnce(&C) -> bool,
     ) -> Option<C> {
         let values = &mut self.objects.values;
         let policy = C::from_values(|subindex| values.get(index, subindex)).ok();
-        let policy = policy.filter(|policy| {
-            let mut is_valid = true;
-            check(policy, &mut |_| is_valid = false);
-            is_valid
-        });
+        let policy = policy.filter(is_valid);
         let status = if policy.is_some() { ApplyStatus::Ok } else { ApplyStatus::Fail };
         values.set(index, DATA_PATH_STATUS, u32::from(status.raw()));
         policy
@@ -210,7 +242,7 @@ impl Application {
         if !image.restore_channel(number, values, &mut filters[number]) && !runs {
             return ApplyStatus::Ok;
         }
-        let status = self.apply_channel(number);
+        let status = self.run_channel(number);
         self.set_apply_status(number, status);
         status
     }
@@ -365,7 +397,7 @@ mod tests {
     #[test]
     fn saved_running_channel_runs_after_the_restore() {
         let mut application = application();
-        assert_eq!(application.apply_channel(1), ApplyStatus::Ok);
+        assert_eq!(application.apply_channel(1, AlState::PreOp), ApplyStatus::Ok);
         let image = application.configuration();
         application.reset();
         application.load_at_start(&image, AlState::Init);

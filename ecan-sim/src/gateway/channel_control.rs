@@ -11,13 +11,17 @@ use ecan_protocol::config::{
 use super::controller::ControllerConfig;
 use super::dictionary_values::DictionaryValues;
 use super::message_ram::{FilterElement, FilterTable};
-use super::variant::{BitTimingChoice, GatewayVariant, ManualTiming, NodeModes, TdcPrescaler};
+use super::variant::{
+    BitRates, BitTimingChoice, GatewayVariant, ManualTiming, NodeModes, TdcPrescaler,
+};
 use crate::bus::{StationConfig, StationMode};
 
 pub(super) const FIRST_CHANNEL_OBJECT: u16 = 0x8001;
 /// 0x8000:6, source clock of MCAN0; the others follow.
 const SYSTEM_OBJECT: u16 = 0x8000;
 const FIRST_CLOCK: u8 = 6;
+/// Nominal bit rate in 0x8001.
+const NOMINAL_BITRATE: u8 = 19;
 
 /// Command and status subindices of 0x8001..0x8004.
 pub(super) mod subindex {
@@ -130,6 +134,14 @@ pub(super) fn build(
     config.check_at(clock, &mut |fault| {
         let status = match fault {
             ChannelFault::TransmitElements { .. } => ApplyStatus::RuntimeFail,
+            ChannelFault::Range(fault)
+                if fault.subindex == NOMINAL_BITRATE && variant.bit_rates == BitRates::Any =>
+            {
+                return;
+            }
+            ChannelFault::DataBelowNominal { .. } if variant.bit_rates == BitRates::Rejected => {
+                ApplyStatus::BuildFail
+            }
             ChannelFault::TdcPrescaler { .. } if variant.tdc_prescaler == TdcPrescaler::Any => {
                 return;
             }

@@ -278,6 +278,10 @@ impl PinRotation {
         true
     }
 
+    pub(super) fn active(&self) -> u8 {
+        self.active
+    }
+
     pub(super) fn changes(&self) -> u32 {
         self.changes
     }

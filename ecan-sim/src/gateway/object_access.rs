@@ -244,13 +244,13 @@ impl ObjectAccess<'_> {
         match command {
             Command::Nothing => {}
             Command::Reboot => self.power.request_reboot(self.now),
-            Command::RotatePins => application.rotate_pins(state),
+            Command::RotatePins => application.note_rotation(state),
             Command::ApplyChannel(channel) => {
                 let is_rejected = state == AlState::Op
                     && self.config.variant.channel_apply_in_op == ChannelApplyInOp::Rejected;
                 let status = match is_rejected {
                     true => ApplyStatus::Fail,
-                    false => application.apply_channel(channel),
+                    false => application.apply_channel(channel, state),
                 };
                 application.objects.finish_channel_command(channel, APPLY_STATUS, status);
             }

@@ -9,7 +9,8 @@ use ecan_protocol::mapping::{Direction, MAX_MULTIPLIER};
 use super::dictionary_values::DictionaryValues;
 use super::firmware_update::crc32;
 use super::variant::{
-    AssignmentRewritten, GatewayVariant, LayoutCrc, ProfileErrors, RejectedBudget, SequenceReadback,
+    AssignmentRewritten, EmptyMask, GatewayVariant, LayoutCrc, ProfileErrors, RejectedBudget,
+    SequenceReadback,
 };
 
 /// Subindices of 0x8010 and 0x8011.
@@ -47,6 +48,7 @@ pub(super) struct ProfileControl {
     layout_crc: LayoutCrc,
     sequence_readback: SequenceReadback,
     rejected_budget: RejectedBudget,
+    empty_mask: EmptyMask,
 }
 
 impl ProfileControl {
@@ -65,6 +67,7 @@ impl ProfileControl {
             layout_crc: variant.layout_crc,
             sequence_readback: variant.sequence_readback,
             rejected_budget: variant.rejected_budget,
+            empty_mask: variant.empty_mask,
         }
     }
 
@@ -125,7 +128,8 @@ impl ProfileControl {
             return Err((ProfileStatus::InvalidMultiplier, None));
         }
         let channel_mask = value(subindex::CHANNEL_MASK);
-        if channel_mask == 0 || channel_mask & !EXISTING_CHANNELS != 0 {
+        let is_empty = channel_mask == 0 && self.empty_mask == EmptyMask::Rejected;
+        if is_empty || channel_mask & !EXISTING_CHANNELS != 0 {
             return Err((ProfileStatus::InvalidChannelMask, None));
         }
         let profile = EncapsulationProfile::from_raw(value(subindex::PROFILE))

@@ -4,8 +4,8 @@ use ecan_protocol::can::BitTiming;
 use ecan_protocol::config::{BitTimingMode, DataPathConfig, McanChannelConfig};
 use ecan_sim::ErrorState;
 use ecan_sim::variant::{
-    BusOffWait, ChannelApplyInOp, GatewayVariant, ManualTiming, Number, ProtectedRegister,
-    RotationDirection, TdcPrescaler,
+    BitRates, BusOffWait, ChannelApplyInOp, GatewayVariant, ManualTiming, Number,
+    ProtectedRegister, RotationDirection, RotationEffect, TdcPrescaler,
 };
 
 use super::fixture::{Fixture, chunks, with_variant};
@@ -108,6 +108,33 @@ fn rotation_moves_the_channels_up_or_down() {
             let is_used = fixture.gateway.station_config(connector).is_some();
             assert_eq!(is_used, connector == channel_0_at, "{rotation_direction:?} {connector}");
         }
+    }
+}
+
+#[test]
+fn rotation_takes_effect_at_its_time() {
+    use RotationEffect::{ChannelApply, Start, Write};
+    for (rotation_effect, active) in [(Write, [1, 1]), (ChannelApply, [0, 1]), (Start, [0, 0])] {
+        let variant = GatewayVariant { rotation_effect, ..GatewayVariant::default() };
+        let mut fixture = Fixture::preop_with(with_variant(variant));
+        fixture.write_u8(0x8000, 12, 1);
+        let mut read = [fixture.upload(0x8000, 13), 0];
+        fixture.apply_channel(0, McanChannelConfig::classic(250_000));
+        read[1] = fixture.upload(0x8000, 13);
+        assert_eq!((read, fixture.upload(0x8000, 15)), (active, 0), "{rotation_effect:?}");
+    }
+}
+
+#[test]
+fn bit_rates_beyond_the_usual_are_accepted_or_rejected() {
+    use BitRates::{Any, NominalLimited, Rejected};
+    for (bit_rates, expected) in [(NominalLimited, [3, 0]), (Any, [0, 0]), (Rejected, [3, 3])] {
+        let variant = GatewayVariant { bit_rates, ..GatewayVariant::default() };
+        let mut fixture = Fixture::preop_with(with_variant(variant));
+        let slow = McanChannelConfig { tdc: false, ..McanChannelConfig::fd(1_000_000, 500_000) };
+        let statuses = [McanChannelConfig::classic(2_000_000), slow]
+            .map(|config| fixture.try_apply_channel(0, config));
+        assert_eq!(statuses, expected, "{bit_rates:?}");
     }
 }
 

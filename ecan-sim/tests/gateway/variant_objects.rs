@@ -1,15 +1,15 @@
 //! Alternatives for objects, profile and states, as the gateway shows them.
 
-use ecan_protocol::config::{ProfileStatus, assignment_writes};
+use ecan_protocol::config::{DataPathConfig, DataPathGlobal, ProfileStatus, assignment_writes};
 use ecan_protocol::device::AlState;
 use ecan_protocol::image::{CommitFields, PdoProfile};
 use ecan_protocol::mapping::Direction;
 use ecan_protocol::object::AbortCode;
 use ecan_sim::variant::{
-    ApplyAtSafeOp, AssignedAtStart, AssignmentRewritten, FilterIndex, GatewayVariant, LayoutCrc,
-    MaintenanceMode, MaintenanceNumbers, MappedSubindex, MissingAbort, MissingEntries,
-    PdoErrorNumbers, ProfileErrors, RejectedBudget, SafeOpInputs, SafeOpOutputs, SequenceReadback,
-    TxPdoNumbering,
+    ApplyAtSafeOp, AssignedAtStart, AssignmentRewritten, CompatBits, EmptyMask, FilterIndex,
+    GatewayVariant, InvertedBudget, LayoutCrc, MaintenanceMode, MaintenanceNumbers, MappedSubindex,
+    MissingAbort, MissingEntries, PdoErrorNumbers, ProfileErrors, RejectedBudget, SafeOpInputs,
+    SafeOpOutputs, SequenceReadback, TxPdoNumbering,
 };
 
 use super::fixture::{Fixture, MS, chunks, with_variant};
@@ -236,6 +236,31 @@ fn undefined_budget_policy_has_the_status_of_the_variant() {
         fixture.write_u8(0x8010, 6, 3);
         fixture.send([PdoProfile::apply_write(Direction::TxPdo)]);
         assert_eq!(fixture.upload(0x8010, 2), expected, "{rejected_budget:?}");
+    }
+}
+
+#[test]
+fn settings_that_the_manual_leaves_open_are_accepted_or_rejected() {
+    let strict = GatewayVariant { compat_bits: CompatBits::Rejected, ..GatewayVariant::default() };
+    let lenient = GatewayVariant {
+        empty_mask: EmptyMask::Accepted,
+        inverted_budget: InvertedBudget::Accepted,
+        ..GatewayVariant::default()
+    };
+    for (variant, expected) in
+        [(GatewayVariant::default(), [3, 1, 0]), (lenient, [0, 0, 0]), (strict, [3, 1, 1])]
+    {
+        let mut fixture = Fixture::preop_with(with_variant(variant));
+        fixture.send(assignment_writes(Direction::TxPdo, 8));
+        fixture.write_u8(0x8010, 4, 0);
+        fixture.send([PdoProfile::apply_write(Direction::TxPdo)]);
+        fixture.write_u8(0x8021, 4, 8);
+        fixture.send([DataPathConfig::apply_write(0)]);
+        assert_eq!(fixture.download(0x8020, 4, &7_u16.to_le_bytes()), Ok(()));
+        fixture.send([DataPathGlobal::apply_write()]);
+        let statuses = [(0x8010, 2), (0x8021, 3), (0x8020, 3)];
+        let statuses = statuses.map(|(index, subindex)| fixture.upload(index, subindex));
+        assert_eq!(statuses, expected);
     }
 }
 

@@ -40,6 +40,19 @@ variants! {
             All = "all", "24";
             Nothing = "none", "none";
         }
+        empty_mask: EmptyMask, ["H49"], "Channel mask 0 in a PDO profile, 0x8010/11:04" {
+            Rejected = "status_3", "apply status 3";
+            Accepted = "accepted", "accepted: images without frames";
+        }
+        inverted_budget: InvertedBudget, ["H50"],
+        "Data-path budget with a minimum above its maximum, 0x8021:04 and :05" {
+            Rejected = "status_1", "apply status 1";
+            Accepted = "accepted", "accepted; the minimum counts";
+        }
+        compat_bits: CompatBits, ["H51"], "Bits 2 to 15 of the compat mode, 0x8020:04" {
+            Accepted = "accepted", "accepted, without effect";
+            Rejected = "status_1", "apply status 1";
+        }
         rejected_budget: RejectedBudget, ["S20"], "Apply status of an undefined budget policy" {
             UnsupportedOption = "status_10", "10, unsupported option";
             InvalidProfile = "status_4", "4, invalid profile";
@@ -121,6 +134,19 @@ variants! {
         rotation_direction: RotationDirection, ["H31"], "Connector of a channel by the pin rotation" {
             Up = "up", "channel plus rotation";
             Down = "down", "channel minus rotation";
+        }
+        rotation_effect: RotationEffect, ["H47"],
+        "Time at which a pin rotation written to 0x8000:12 takes effect" {
+            Write = "write", "at once; the channels restart";
+            ChannelApply = "channel_apply", "with the next apply command of a channel, 0x8001:01";
+            Start = "start", "at the next start, if it was saved";
+        }
+        bit_rates: BitRates, ["H48"],
+        "Nominal bit rates above 1 Mbit/s, and data bit rates below the nominal one" {
+            NominalLimited = "nominal_limited",
+                "apply status 3 above 1 Mbit/s; a slower data phase is accepted";
+            Any = "any", "both are accepted";
+            Rejected = "rejected", "both have apply status 3";
         }
         bus_off_wait: BusOffWait, ["S16"], "Wait before an automatic recovery from bus-off" {
             BackoffBase = "backoff_base", "as many services as the backoff base cycles";

@@ -128,6 +128,16 @@ experiments! {
     PreOp "tdc_prescaler" ["H11"] channel_config::tdc_prescaler: "TDC needs a data prescaler of 1 or 2";
     PreOp "rejected_budget" ["S20"] channel_config::rejected_values:
         "an unknown budget policy gives status 10, a test policy without key aborts with 0x06040043";
+    PreOp "rotation_effect" ["H47"] channel_config::rotation_effect:
+        "a pin rotation takes effect when it is written";
+    PreOp "bit_rates" ["H48"] channel_config::bit_rates:
+        "a nominal bit rate above 1 Mbit/s is rejected, a slower data phase is accepted";
+    PreOp "empty_mask" ["H49"] channel_config::empty_mask:
+        "a PDO profile with channel mask 0 gives status 3";
+    PreOp "inverted_budget" ["H50"] channel_config::inverted_budget:
+        "a data-path budget with a minimum above its maximum gives status 1";
+    PreOp "compat_bits" ["H51"] channel_config::compat_bits:
+        "bits 2 to 15 of the compat mode are accepted";
     PreOp "protected_register" ["S49"] channel_config::protected_register:
         "a write to a protected register without INIT and CCE returns OK and has no effect";
     PreOp "sdo_information" ["S41"] objects::sdo_information:

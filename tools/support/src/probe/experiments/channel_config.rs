@@ -2,8 +2,12 @@
 
 use ecan_host::Maintenance;
 use ecan_protocol::can::BitTiming;
-use ecan_protocol::config::{BitTimingMode, McanChannelConfig, NodeMode, SamplePointWindow};
+use ecan_protocol::config::{
+    BitTimingMode, McanChannelConfig, MessageRamLayout, NodeMode, SamplePointWindow,
+    assignment_writes,
+};
 use ecan_protocol::device::{AccessMode, ControllerMode};
+use ecan_protocol::mapping::Direction;
 
 use crate::probe::outcome::{Interruption, Outcome, Result, unavailable};
 use crate::probe::run::Probe;
@@ -221,6 +225,100 @@ pub(in crate::probe) fn rejected_values(probe: &mut Probe) -> Result<Outcome> {
     let is_met = status == "gives apply status 10" && code == Some(0x0604_0043);
     let outcome = Outcome::decided(is_met, detail);
     Ok(if status == "gives apply status 4" { outcome.like("status_4") } else { outcome })
+}
+
+/// Writes another supported rotation, applies channel 0 in internal loopback, and writes the former one again.
+pub(in crate::probe) fn rotation_effect(probe: &mut Probe) -> Result<Outcome> {
+    const SYSTEM: u16 = 0x8000;
+    let sdo = probe.sdo();
+    let [requested, active, mask] =
+        [sdo.read(SYSTEM, 12)?, sdo.read(SYSTEM, 13)?, sdo.read(SYSTEM, 14)?];
+    let Some(other) = (0..8).find(|rotation| *rotation != active && mask >> rotation & 1 == 1)
+    else {
+        return Ok(Outcome::undecided("no other rotation is supported (0x8000:14)"));
+    };
+    sdo.write(SYSTEM, 12, other)?;
+    let written = sdo.read(SYSTEM, 13)?;
+    let applied = apply(probe, McanChannelConfig::classic(500_000))
+        .and_then(|_| probe.sdo().read(SYSTEM, 13));
+    sdo.write(SYSTEM, 12, requested)?;
+    let applied = applied?;
+    apply(probe, McanChannelConfig::classic(500_000))?;
+    let detail = format!(
+        "rotation {other} in place of {active}: {written} is active after the write, {applied} after an \
+         apply command"
+    );
+    Ok(match (written == other, applied == other) {
+        (true, _) => Outcome::holds(detail),
+        (false, true) => Outcome::differs(detail).like("channel_apply"),
+        (false, false) => Outcome::differs(detail).like("start"),
+    })
+}
+
+pub(in crate::probe) fn bit_rates(probe: &mut Probe) -> Result<Outcome> {
+    let fast = apply(probe, McanChannelConfig::classic(2_000_000))?;
+    let slow = McanChannelConfig {
+        tdc: false,
+        ram: MessageRamLayout::classic(),
+        ..McanChannelConfig::fd(1_000_000, 500_000)
+    };
+    let slow = apply(probe, slow)?;
+    let detail =
+        format!("nominal 2 Mbit/s: apply status {fast}; data 500 kbit/s below 1 Mbit/s: {slow}");
+    let outcome = Outcome::decided(fast != 0 && slow == 0, detail);
+    Ok(match (fast, slow) {
+        (0, 0) => outcome.like("any"),
+        (1.., 1..) => outcome.like("rejected"),
+        _ => outcome,
+    })
+}
+
+/// Apply status of an object while one entry has another value. The former one is written again, and applied if
+/// the other one was: a rejected profile must not become an applied one.
+fn status_with(
+    probe: &Probe,
+    (index, subindex): (u16, u8),
+    value: u32,
+    (command, status): (u8, u8),
+) -> Result<u32> {
+    let sdo = probe.sdo();
+    let before = sdo.read(index, subindex)?;
+    sdo.write(index, subindex, value)?;
+    sdo.write(index, command, 1)?;
+    let found = sdo.read(index, status)?;
+    sdo.write(index, subindex, before)?;
+    if found == 0 {
+        sdo.write(index, command, 1)?;
+    }
+    Ok(found)
+}
+
+pub(in crate::probe) fn empty_mask(probe: &mut Probe) -> Result<Outcome> {
+    let n = probe.sdo().read(0x8010, 3)?;
+    let sdo = probe.sdo();
+    // Without a matching assignment the status would be 5.
+    sdo.write_all(assignment_writes(Direction::TxPdo, n as u8))?;
+    let status = status_with(probe, (0x8010, 4), 0, (1, 2))?;
+    let outcome = Outcome::decided(status == 3, format!("0x8010:04 = 0: apply status {status}"));
+    Ok(if status == 0 { outcome.like("accepted") } else { outcome })
+}
+
+pub(in crate::probe) fn inverted_budget(probe: &mut Probe) -> Result<Outcome> {
+    let most = probe.sdo().read(0x8021, 5)?;
+    if most >= 8 {
+        return Ok(Outcome::undecided("0x8021:05 is 8, the largest minimum"));
+    }
+    let status = status_with(probe, (0x8021, 4), most + 1, (2, 3))?;
+    let detail = format!("0x8021:04 = {}, above :05 = {most}: apply status {status}", most + 1);
+    let outcome = Outcome::decided(status != 0, detail);
+    Ok(if status == 0 { outcome.like("accepted") } else { outcome })
+}
+
+pub(in crate::probe) fn compat_bits(probe: &mut Probe) -> Result<Outcome> {
+    let status = status_with(probe, (0x8020, 4), 0xFFFF, (2, 3))?;
+    let outcome =
+        Outcome::decided(status == 0, format!("0x8020:04 = 0xFFFF: apply status {status}"));
+    Ok(if status == 0 { outcome } else { outcome.like("status_1") })
 }
 
 pub(in crate::probe) fn protected_register(probe: &mut Probe) -> Result<Outcome> {
