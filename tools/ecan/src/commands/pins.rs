@@ -22,8 +22,9 @@ Examples:
   ecan pins                    show the active rotation
   ecan pins 1                  rotate by one: CAN0 uses the pins of CAN1
 
-The rotation is applied immediately and restarts the channels; it cannot be changed in OP.
-To keep it after a power cycle, run `ecan config save`.")]
+The manual does not state when a rotation takes effect (assumption H47): the command reads the active one
+and fails if it is another. It cannot be changed in OP. To keep it, run `ecan config save`, or add
+`pin_rotation` to [gateway.system] of the configuration file.")]
 pub struct PinsArguments {
     /// Rotation of the channels over the pin groups, 0 to 3 [default: show it]
     rotation: Option<u8>,
@@ -76,7 +77,14 @@ fn set(bus: &Bus, slave: usize, rotation: u32) -> Result {
         return Ok(());
     }
     let is_in_op = bus.diagnostics().al_state(slave).is_ok_and(|state| state == Some(AlState::Op));
-    let hint = if is_in_op { "; the gateway is in OP, stop the application first" } else { "" };
+    let hint = match pins.apply_status {
+        _ if is_in_op => "; the gateway is in OP, stop the application first",
+        0 => {
+            "; the firmware may activate it with the next apply command of a channel (0x8001:01), or at its \
+             start after `ecan config save` and `ecan reboot` (assumption H47)"
+        }
+        _ => "",
+    };
     Err(Failure::Rejected(format!(
         "rotation not applied: status {} (0x8000:15), active rotation {}{hint}",
         pins.apply_status, pins.active

@@ -4,7 +4,9 @@ use std::io::Write;
 
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::{Args, Subcommand};
-use ecan_protocol::object::{Access, Entry, Object, ObjectType, describe, object, objects};
+use ecan_protocol::object::{
+    Access, Entry, Object, ObjectType, WriteResult, describe, object, objects,
+};
 use serde::Serialize;
 
 use crate::context::{Bus, Context, Failure, Output, Result};
@@ -81,6 +83,15 @@ struct Written {
     #[serde(flatten)]
     read: Read,
     written: Value,
+    /// Status that the gateway sets for the write; `None` if the object has none.
+    status: Option<Status>,
+}
+
+#[derive(Debug, Serialize)]
+struct Status {
+    subindex: u8,
+    value: u32,
+    text: String,
 }
 
 #[derive(Debug, Serialize)]
@@ -152,16 +163,28 @@ fn write(path: ObjectPath, text: &str, ty: Option<ObjectType>, context: &Context
     let bus = context.bus()?;
     let slave = bus.slave()?;
     let ObjectPath { index, subindex } = path;
-    bus.diagnostics().sdo_download(slave, index, subindex, &data).map_err(Failure::Device)?;
     let entry = entry_of(path);
+    let result = entry.and_then(|entry| object(index)?.result_of(entry));
+    let sequence = result.and_then(|result| result.sequence);
+    let before = sequence.and_then(|sequence| bus.read(slave, index, sequence).ok());
+    bus.diagnostics().sdo_download(slave, index, subindex, &data).map_err(Failure::Device)?;
+    let status = result.and_then(|result| status(&bus, slave, index, (result, before)));
     let written = Value::of(&data, entry);
     let answer = match entry.is_none_or(|entry| entry.access.can_read()) {
         true => read(&bus, slave, path).map_err(|error| not_read(&error.to_string())),
         false => Err(WRITE_ONLY.to_owned()),
     };
     let read = answer.unwrap_or_else(|reason| Read::missing(slave, path, Some(reason)));
-    let written = Written { read, written };
+    let written = Written { read, written, status };
     context.output.data(&written, |out| print_written(&written, entry, out))?;
+    if let Some(status) = written.rejection() {
+        return Err(Failure::Rejected(format!(
+            "{}: not accepted: {} reads {}",
+            describe(index, subindex),
+            describe(index, status.subindex),
+            status.text
+        )));
+    }
     match written.is_changed(entry) {
         true => Err(Failure::Rejected(format!(
             "{} has another value after the write; the gateway limits or ignores it",
@@ -171,7 +194,38 @@ fn write(path: ObjectPath, text: &str, ty: Option<ObjectType>, context: &Context
     }
 }
 
+/// Time that a command may take, and interval of reading its sequence number, in nanoseconds.
+const COMMAND_NS: u64 = 10_000_000_000;
+const POLL_NS: u64 = 20_000_000;
+
+/// The status of a write, after the end of a command with a sequence number; `None` if it cannot be read.
+fn status(
+    bus: &Bus,
+    slave: usize,
+    index: u16,
+    (result, before): (WriteResult, Option<u32>),
+) -> Option<Status> {
+    let clock = bus.clock();
+    let deadline_ns = clock.now_ns().saturating_add(COMMAND_NS);
+    while let Some(sequence) = result.sequence
+        && bus.read(slave, index, sequence).ok()? == before?
+        && clock.now_ns() < deadline_ns
+    {
+        clock.sleep_until_ns(clock.now_ns().saturating_add(POLL_NS));
+    }
+    let subindex = result.status;
+    let value = bus.read(slave, index, subindex).ok()?;
+    let meaning = object(index)?.entry(subindex)?.meaning(value);
+    let text = meaning.map_or(value.to_string(), |meaning| format!("{value} ({meaning})"));
+    Some(Status { subindex, value, text })
+}
+
 impl Written {
+    /// The status of a write that the gateway did not accept.
+    fn rejection(&self) -> Option<&Status> {
+        self.status.as_ref().filter(|status| status.value != 0)
+    }
+
     /// Returns whether a setting has another value than the written one. Commands and requests may.
     fn is_changed(&self, entry: Option<&Entry>) -> bool {
         let is_setting = entry.is_some_and(|entry| entry.key.is_some());
@@ -186,7 +240,18 @@ fn print_written(
     entry: Option<&Entry>,
     out: &mut dyn Write,
 ) -> std::io::Result<()> {
-    let Written { read, written } = written;
+    let rejection = written.rejection();
+    let Written { read, written, .. } = written;
+    if let Some(status) = rejection {
+        let name = describe(read.index, read.subindex);
+        let found = describe(read.index, status.subindex);
+        return writeln!(
+            out,
+            "{name}: {} written, not accepted: {found} = {}",
+            written.text(entry),
+            status.text
+        );
+    }
     match &read.error {
         None if read.value.as_ref() == Some(written) => print_read(read, out),
         None => {
@@ -348,7 +413,7 @@ mod tests {
         let value = Value::Unsigned(found);
         let text = Some(value.text(entry));
         let read = Read { text, value: Some(value), ..Read::missing(0, path, None) };
-        let written = Written { read, written: Value::Unsigned(written) };
+        let written = Written { read, written: Value::Unsigned(written), status: None };
         let mut out = Vec::new();
         print_written(&written, entry, &mut out).unwrap();
         (written.is_changed(entry), String::from_utf8(out).unwrap())

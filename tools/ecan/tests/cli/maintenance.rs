@@ -70,6 +70,18 @@ fn pins_are_shown_and_rotated() {
 }
 
 #[test]
+fn rotation_that_is_not_active_is_reported() {
+    for effect in ["start", "channel_apply"] {
+        let bus = format!("[[gateway]]\n[gateway.variant]\nrotation_effect = \"{effect}\"\n");
+        let bus = scenario(&bus);
+        let message = fails(5, &["--ecrt", &setting(&bus), "pins", "1"]);
+        let expected =
+            "rotation not applied: status 0 (0x8000:15), active rotation 0; the firmware may";
+        assert!(message.contains(expected) && message.contains("H47"), "{message}");
+    }
+}
+
+#[test]
 fn gateway_restarts_and_responds() {
     assert_eq!(simulated(&["reboot"]), "slave 0: restarting\n");
     let back = simulated(&["reboot", "--wait", "--json"]);

@@ -101,11 +101,25 @@ fn objects_are_read_by_number_and_name() {
     let written = "0xB000:01 (Device Maintenance, Access mode request) = 2: factory\n";
     assert_eq!(simulated(&["sdo", "write", "0xB000:1", "factory"]), written);
     assert_eq!(simulated(&["sdo", "write", "access mode request", "factory"]), written);
-    let command = simulated(&["sdo", "write", "maintenance command", "1"]);
-    assert_eq!(
-        command,
-        "0xB000:04 (Device Maintenance, Maintenance command): 1 written, write-only\n"
-    );
+    // Written, and not accepted by the gateway.
+    for (entry, value, printed) in [
+        (
+            "maintenance command",
+            "1",
+            "0xB000:04 (Device Maintenance, Maintenance command): 1 written, not accepted: 0xB000:05 \
+             (Device Maintenance, Maintenance status) = 2 (denied)\n",
+        ),
+        (
+            "0xA000:2",
+            "1",
+            "0xA000:02 (MCAN Register Service 0, Command): 1 written, not accepted: 0xA000:03 (MCAN \
+             Register Service 0, Status) = 1 (offset invalid)\n",
+        ),
+    ] {
+        assert_eq!(ends(5, &["--ecrt", "sim", "sdo", "write", entry, value]), printed);
+    }
+    let applied = "0x8021:02 (MCAN Data Path Control 0, Apply command): 1 written\n";
+    assert!(simulated(&["sdo", "write", "0x8021:2", "1"]).starts_with(applied));
     let json: serde_json::Value =
         serde_json::from_str(&simulated(&["sdo", "write", "0x8001:19", "250000", "--json"]))
             .unwrap();

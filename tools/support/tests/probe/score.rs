@@ -156,7 +156,7 @@ fn each_alternative_is_named_and_no_other() {
 
 /// Rows about the host, the master, the wires or the model of the simulator.
 const NOT_OF_THE_DEVICE: &[&str] = &[
-    "H12", "H15", "H30", "H33", "H46", "H47", "S22", "S24", "S25", "S28", "S29", "S32", "S33",
+    "H12", "H15", "H30", "H33", "H46", "H52", "S22", "S24", "S25", "S28", "S29", "S32", "S33",
     "S52", "S57",
 ];
 
