@@ -178,6 +178,14 @@ for program in by_pkg_config by_pkg_config_cxx protocol_by_pkg_config; do
     LD_LIBRARY_PATH=$library_path "$build/consumer/$program"
 done
 
+say "the build of a customer of the vendor's package, with other paths"
+rm -rf "$build/vendor" && mkdir "$build/vendor"
+cp capi/tests/manual_fragments.c "$build/vendor/master.c"
+for tree in "$build/vendor-package" "$build/moved/share/ecan-lite/vendor-package"; do
+    make -s -B -C "$build/vendor" -f "$PWD/capi/tests/vendor_build/Makefile" "PKG=$tree" "ETHERLAB=$tree"
+    "$build/vendor/master"
+done
+
 say "the C++ header and its programs"
 scripts/check-cpp.sh "$build/moved" "$build/cpp"
 

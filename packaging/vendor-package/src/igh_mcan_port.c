@@ -1,0 +1,2 @@
+/* For builds that list the sources of the vendor's package: libecan_igh_host has the functions. */
+#include "igh_mcan_port.h"
