@@ -23,6 +23,7 @@
  *          of a simulation, ecan_igh_is_simulated() and ecan_igh_clock_is_stepped() to igh_sim.h.
  *          Structs that the library fills end with reserved fields, which are 0; reserved fields of
  *          structs that the application fills must be 0.
+ *          Added: ecan_igh_config_add_startup_readback().
  *          Added: ecan_igh_is_stop_requested(), ecan_igh_clear_stop_request().
  *          ecan_igh_init() returns ECAN_ERR_FILE, not ECAN_ERR_ECRT, for a scenario.
  *          Added: ecan_igh_config_stop_waiting_when(). An overwritten configuration is
@@ -404,6 +405,20 @@ int ecan_igh_config_add_startup_sdo(ecan_igh_config_t *config,
                                     uint8_t subindex,
                                     const void *data,
                                     size_t size);
+
+/**
+ * Adds a readback to the startup of a slave, in the order of the calls: an object that must have this
+ * value, or ecan_igh_init() fails. The startup is then executed once before the bus is active.
+ *
+ * @usage   not rt, any thread, before init
+ * @return  ECAN_OK, ECAN_ERR_SLAVE; ECAN_ERR_FULL beyond ECAN_IGH_MAX_STARTUP_SDOS.
+ */
+ECAN_MUST_CHECK
+int ecan_igh_config_add_startup_readback(ecan_igh_config_t *config,
+                                         size_t slave,
+                                         uint16_t index,
+                                         uint8_t subindex,
+                                         uint32_t value);
 
 /* ---------------------------------------------------------------------------
  * Life of a master

@@ -24,6 +24,7 @@
  *          igh_mcan_port_is_ready() returns 0 after an error, no longer its code.
  *          igh_mcan_port_get_session() and igh_mcan_port_get_schedule_fault() return only the value.
  *          Added: igh_mcan_port_get_session_text(), igh_mcan_port_get_schedule_fault_text().
+ *          Added: igh_mcan_port_set_gateway_object(), igh_mcan_port_get_gateway_object().
  *          Added: igh_mcan_port_serve(), igh_mcan_port_end_service().
  *          Moved: igh_mcan_port_plan() to igh_plan.h.
  *          Removed: igh_mcan_port_load_config_ex(); igh_mcan_port_load_config() has its arguments. `count` of
@@ -283,6 +284,37 @@ int igh_mcan_port_get_data_path_object(const igh_mcan_port_config_t *config,
                                        uint8_t channel,
                                        uint8_t subindex,
                                        uint32_t *value);
+
+/**
+ * Sets an entry of a configuration object of a gateway by index and (decimal) subindex of the manual:
+ * pin rotation and the other entries of 0x8000 (13.3), 0x8001..0x8004, 0x8010:04 to :07 and 0x8011:04
+ * to :07 (13.2), 0x8020, 0x8021..0x8024, the diagnostic test 0x8030 (13.2.3) and the access timeout
+ * 0xB000:03 (13.7). An entry of 0x8000, 0x8020, 0x8030 or 0xB000 that is never set is not written.
+ *
+ * @param value  As for an SDO download. Its range is checked with the whole configuration.
+ *
+ * @usage   not rt, any thread, before apply
+ * @return  ECAN_OK, ECAN_ERR_SLAVE; ECAN_ERR_ARGUMENT for an entry without configuration, of a channel
+ *          that is not enabled, or an invalid value.
+ */
+ECAN_MUST_CHECK
+int igh_mcan_port_set_gateway_object(igh_mcan_port_config_t *config,
+                                     size_t slave,
+                                     uint16_t index,
+                                     uint8_t subindex,
+                                     uint32_t value);
+
+/**
+ * Gets an entry that igh_mcan_port_set_gateway_object() sets.
+ *
+ * @usage   not rt, any thread, any time
+ * @return  As igh_mcan_port_set_gateway_object(); ECAN_ERR_ARGUMENT also for one that was never set.
+ */
+int igh_mcan_port_get_gateway_object(const igh_mcan_port_config_t *config,
+                                     size_t slave,
+                                     uint16_t index,
+                                     uint8_t subindex,
+                                     uint32_t *value);
 
 /* ---------------------------------------------------------------------------
  * Acceptance filters (manual 13.4)

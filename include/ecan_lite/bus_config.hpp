@@ -145,6 +145,27 @@ public:
         return note(ecan_igh_config_add_startup_sdo(&data_->master, slave, index, subindex, bytes,
                                                     sizeof(bytes)));
     }
+    /** A readback in the startup of the gateway: an object that must have this value. */
+    bus_config &add_startup_readback(std::size_t slave, std::uint16_t index, std::uint8_t subindex,
+                                     std::uint32_t value)
+    {
+        return note(ecan_igh_config_add_startup_readback(&data_->master, slave, index, subindex,
+                                                         value));
+    }
+    /**
+     * An entry of a configuration object (manual 13.2 to 13.4, 13.7): 0x8000, 0x8001..0x8004, 0x8010 and
+     * 0x8011, 0x8020, 0x8021..0x8024, 0x8030, 0xB000:03.
+     */
+    bus_config &set_object(std::size_t slave, std::uint16_t index, std::uint8_t subindex,
+                           std::uint32_t value)
+    {
+        return note(igh_mcan_port_set_gateway_object(&data_->port, slave, index, subindex, value));
+    }
+    /** Permits diagnostic tests (0x8030) and the application bypass. */
+    bus_config &allow_diagnostic_tests(std::size_t slave, bool is_allowed = true)
+    {
+        return note(igh_mcan_port_allow_diagnostic_tests(&data_->port, slave, is_allowed));
+    }
 
     /** A classic CAN channel. */
     bus_config &set_classic_channel(channel_address at, std::uint32_t bitrate)

@@ -41,6 +41,7 @@ static void no_config(int code, ecan_igh_config_t *config)
     BAD(code, ecan_igh_config_set_slave_position(config, 0, 0, 0));
     BAD(code, ecan_igh_config_set_slave_identity(config, 0, 1, 1));
     BAD(code, ecan_igh_config_add_startup_sdo(config, 0, 0x8001, 1, VALUE, 1));
+    BAD(code, ecan_igh_config_add_startup_readback(config, 0, 0xF000, 2, 4));
 }
 
 static void settings(ecan_igh_config_t *config)
@@ -230,6 +231,9 @@ static void startup_sdos(ecan_igh_config_t *config)
 {
     GOOD(ecan_igh_default_config(config));
     BAD(ECAN_ERR_SLAVE, ecan_igh_config_add_startup_sdo(config, 1, 0x8001, 1, VALUE, 1));
+    BAD(ECAN_ERR_SLAVE, ecan_igh_config_add_startup_readback(config, 1, 0xF000, 2, 4));
+    GOOD(ecan_igh_config_add_startup_readback(config, 0, 0xF000, 2, 4));
+    GOOD(ecan_igh_default_config(config));
     BAD(ECAN_ERR_ARGUMENT, ecan_igh_config_add_startup_sdo(config, 0, 0x8001, 1, VALUE, 0));
     BAD(ECAN_ERR_ARGUMENT, ecan_igh_config_add_startup_sdo(config, 0, 0x8001, 1, VALUE, 3));
     BAD(ECAN_ERR_ARGUMENT, ecan_igh_config_add_startup_sdo(config, 0, 0x8001, 1, VALUE, 5));
@@ -240,6 +244,7 @@ static void startup_sdos(ecan_igh_config_t *config)
         GOOD(ecan_igh_config_add_startup_sdo(config, 0, 0x2000, (uint8_t)i, VALUE, SIZES[i % 3]));
     }
     BAD(ECAN_ERR_FULL, ecan_igh_config_add_startup_sdo(config, 0, 0x2000, 1, VALUE, 1));
+    BAD(ECAN_ERR_FULL, ecan_igh_config_add_startup_readback(config, 0, 0xF000, 2, 4));
     GOOD(ecan_igh_check_config(config));
 }
 

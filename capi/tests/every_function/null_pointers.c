@@ -95,6 +95,7 @@ static void igh_adapter(void)
     BAD(ECAN_ERR_NULL, ecan_igh_config_set_slave_identity(NULL, 0, 0, 0));
     BAD(ECAN_ERR_NULL, ecan_igh_config_add_startup_sdo(NULL, 0, 0, 0, memory, 8));
     BAD(ECAN_ERR_NULL, ecan_igh_config_add_startup_sdo(&igh_config, 0, 0, 0, NULL, 8));
+    BAD(ECAN_ERR_NULL, ecan_igh_config_add_startup_readback(NULL, 0, 0, 0, 0));
     BAD(ECAN_ERR_NULL, ecan_igh_init(NULL, &igh_config));
     BAD(ECAN_ERR_NULL, ecan_igh_init(&igh, NULL));
     BAD(ECAN_ERR_NULL, ecan_igh_attach(NULL, &igh_config, memory));
@@ -189,6 +190,9 @@ static void igh_mcan_port(void)
     BAD(ECAN_ERR_NULL, igh_mcan_port_set_data_path_object(NULL, 0, 0, 0, 0));
     BAD(ECAN_ERR_NULL, igh_mcan_port_get_data_path_object(NULL, 0, 0, 0, memory));
     BAD(ECAN_ERR_NULL, igh_mcan_port_get_data_path_object(&config, 0, 0, 0, NULL));
+    BAD(ECAN_ERR_NULL, igh_mcan_port_set_gateway_object(NULL, 0, 0, 0, 0));
+    BAD(ECAN_ERR_NULL, igh_mcan_port_get_gateway_object(NULL, 0, 0, 0, memory));
+    BAD(ECAN_ERR_NULL, igh_mcan_port_get_gateway_object(&config, 0, 0, 0, NULL));
     BAD(ECAN_ERR_NULL, igh_mcan_port_add_standard_filter(NULL, 0, 0, 0, 0, 0, 0));
     BAD(ECAN_ERR_NULL, igh_mcan_port_add_extended_filter(NULL, 0, 0, 0, 0, 0, 0));
     BAD(ECAN_ERR_NULL, igh_mcan_port_clear_filters(NULL, 0, 0));

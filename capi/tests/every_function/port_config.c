@@ -23,6 +23,8 @@ static void no_config(int code, igh_mcan_port_config_t *config)
     BAD(code, igh_mcan_port_get_channel_object(config, 0, 0, 8, &value));
     BAD(code, igh_mcan_port_set_data_path_object(config, 0, 0, 4, 1));
     BAD(code, igh_mcan_port_get_data_path_object(config, 0, 0, 4, &value));
+    BAD(code, igh_mcan_port_set_gateway_object(config, 0, 0x8000, 12, 1));
+    BAD(code, igh_mcan_port_get_gateway_object(config, 0, 0x8000, 12, &value));
     BAD(code, igh_mcan_port_add_standard_filter(config, 0, 0, 0, 1, 1, 2));
     BAD(code, igh_mcan_port_add_extended_filter(config, 0, 0, 0, 1, 1, 2));
     BAD(code, igh_mcan_port_clear_filters(config, 0, 0));
@@ -53,6 +55,8 @@ static void wrong_slave(igh_mcan_port_config_t *config, size_t slave)
     BAD(code, igh_mcan_port_get_channel_object(config, slave, 0, 8, &value));
     BAD(code, igh_mcan_port_set_data_path_object(config, slave, 0, 4, 1));
     BAD(code, igh_mcan_port_get_data_path_object(config, slave, 0, 4, &value));
+    BAD(code, igh_mcan_port_set_gateway_object(config, slave, 0x8000, 12, 1));
+    BAD(code, igh_mcan_port_get_gateway_object(config, slave, 0x8000, 12, &value));
     BAD(code, igh_mcan_port_add_standard_filter(config, slave, 0, 0, 1, 1, 2));
     BAD(code, igh_mcan_port_add_extended_filter(config, slave, 0, 0, 1, 1, 2));
     BAD(code, igh_mcan_port_clear_filters(config, slave, 0));
@@ -124,6 +128,44 @@ static void objects(igh_mcan_port_config_t *config)
     SAME(kept + 1, value);
     GOOD(igh_mcan_port_set_data_path_object(config, 0, 0, 4, kept));
     BAD(ECAN_ERR_ARGUMENT, igh_mcan_port_set_data_path_object(config, 0, 0, 4, 0xFFFFFFFF));
+}
+
+/* Entries of the gateway: index, subindex, value. The last three cannot be set. */
+static const struct {
+    uint16_t index;
+    uint8_t subindex;
+    uint32_t value;
+} GATEWAY_OBJECTS[] = {
+    {0x8000, 3, 1275},  {0x8000, 10, 7},   {0x8000, 12, 0},  {0x8001, 8, 0},
+    {0x8010, 4, 1},     {0x8010, 5, 1},    {0x8011, 4, 1},   {0x8011, 6, 2},
+    {0x8020, 4, 3},     {0x8020, 7, 500},  {0x8021, 10, 0},  {0x8030, 1, 0},
+    {0x8030, 6, 0},     {0xB000, 3, 60},   {0x8000, 4, 1},   {0x8002, 8, 0},
+    {0x8010, 3, 8},
+};
+
+static void gateway_objects(void)
+{
+    static igh_mcan_port_config_t config;
+    const size_t count = sizeof(GATEWAY_OBJECTS) / sizeof(GATEWAY_OBJECTS[0]);
+    uint32_t value = 99;
+
+    GOOD(igh_mcan_port_default_config(&config));
+    GOOD(igh_mcan_port_set_classic_channel(&config, 0, 0, 500000));
+    BAD(ECAN_ERR_ARGUMENT, igh_mcan_port_get_gateway_object(&config, 0, 0x8000, 12, &value));
+    for (size_t i = 0; i < count; i++) {
+        const int code = i + 3 < count ? ECAN_OK : ECAN_ERR_ARGUMENT;
+        SAME(code, igh_mcan_port_set_gateway_object(&config, 0, GATEWAY_OBJECTS[i].index,
+                                                    GATEWAY_OBJECTS[i].subindex,
+                                                    GATEWAY_OBJECTS[i].value));
+        SAME(code, igh_mcan_port_get_gateway_object(&config, 0, GATEWAY_OBJECTS[i].index,
+                                                    GATEWAY_OBJECTS[i].subindex, &value));
+        if (code == ECAN_OK) {
+            SAME(GATEWAY_OBJECTS[i].value, value);
+        }
+    }
+    GOOD(igh_mcan_port_check_config(&igh_config, &config));
+    GOOD(igh_mcan_port_set_gateway_object(&config, 0, 0x8000, 12, 4));
+    BAD(ECAN_ERR_CONFIG, igh_mcan_port_check_config(&igh_config, &config));
 }
 
 static void filters(igh_mcan_port_config_t *config)
@@ -334,6 +376,7 @@ void test_port_config(void)
 
     default_sizes();
     objects(&config);
+    gateway_objects();
     filters(&config);
     gateway(&config);
     copy = config;

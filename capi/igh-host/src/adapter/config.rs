@@ -711,6 +711,24 @@ pub fn ecan_igh_config_add_startup_sdo(
     config.add_startup(call, slave, StartupStep::Download(write))
 }
 
+/// Adds a readback to the startup of a slave, in the order of the calls: an object that must have this
+/// value, or ecan_igh_init() fails. The startup is then executed once before the bus is active.
+///
+/// @usage   not rt, any thread, before init
+/// @return  ECAN_OK, ECAN_ERR_SLAVE; ECAN_ERR_FULL beyond ECAN_IGH_MAX_STARTUP_SDOS.
+#[must_use]
+#[export(call, config config)]
+pub fn ecan_igh_config_add_startup_readback(
+    config: *mut ecan_igh_config_t,
+    slave: usize,
+    index: u16,
+    subindex: u8,
+    value: u32,
+) {
+    config.slave(call, slave)?;
+    config.add_startup(call, slave, StartupStep::expect(index, subindex, value))
+}
+
 /// Adds default gateways up to the maximum.
 pub(crate) fn extended_port(config: &PortConfig) -> PortConfig {
     let mut all = PortConfig::uniform(MAX_GATEWAYS, GatewayConfig::default());

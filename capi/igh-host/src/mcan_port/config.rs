@@ -352,7 +352,7 @@ fn set_object(
 
 #[cold]
 fn no_object(call: Call, index: u16, subindex: u8) -> ecan_result_t {
-    let text = format_args!("{} is not a configuration object", describe(index, subindex));
+    let text = format_args!("{} is not a configured object", describe(index, subindex));
     call.fail(ecan_result_t::ECAN_ERR_ARGUMENT, text)
 }
 
@@ -392,6 +392,53 @@ pub fn igh_mcan_port_get_data_path_object(
     pointers!(call, encoded(config), out(value));
     let found = channel_of(call, &config, slave, channel)?.data_path.value(subindex);
     value.set(found.ok_or_else(|| no_object(call, 0x8021 + u16::from(channel), subindex))?);
+}
+
+/// Sets an entry of a configuration object of a gateway by index and (decimal) subindex of the manual:
+/// pin rotation and the other entries of 0x8000 (13.3), 0x8001..0x8004, 0x8010:04 to :07 and 0x8011:04
+/// to :07 (13.2), 0x8020, 0x8021..0x8024, the diagnostic test 0x8030 (13.2.3) and the access timeout
+/// 0xB000:03 (13.7). An entry of 0x8000, 0x8020, 0x8030 or 0xB000 that is never set is not written.
+///
+/// @param value  As for an SDO download. Its range is checked with the whole configuration.
+///
+/// @usage   not rt, any thread, before apply
+/// @return  ECAN_OK, ECAN_ERR_SLAVE; ECAN_ERR_ARGUMENT for an entry without configuration, of a channel
+///          that is not enabled, or an invalid value.
+#[must_use]
+#[export(call, config config)]
+pub fn igh_mcan_port_set_gateway_object(
+    config: *mut igh_mcan_port_config_t,
+    slave: usize,
+    index: u16,
+    subindex: u8,
+    value: u32,
+) {
+    gateway(call, config, slave)?.set_object(index, subindex, value).map_err(|_| {
+        let entry = describe(index, subindex);
+        let text = format_args!(
+            "{entry} cannot be {value}: it is not a configuration object of an enabled channel or of \
+             the gateway, or has no such value"
+        );
+        call.fail(ecan_result_t::ECAN_ERR_ARGUMENT, text)
+    })
+}
+
+/// Gets an entry that igh_mcan_port_set_gateway_object() sets.
+///
+/// @usage   not rt, any thread, any time
+/// @return  As igh_mcan_port_set_gateway_object(); ECAN_ERR_ARGUMENT also for one that was never set.
+#[export(call)]
+pub fn igh_mcan_port_get_gateway_object(
+    config: *const igh_mcan_port_config_t,
+    slave: usize,
+    index: u16,
+    subindex: u8,
+    value: *mut u32,
+) {
+    pointers!(call, encoded(config), out(value));
+    let gateway = config.gateways.get(slave).ok_or_else(|| no_slave(call, slave, MAX_GATEWAYS))?;
+    let found = gateway.object(index, subindex);
+    value.set(found.ok_or_else(|| no_object(call, index, subindex))?);
 }
 
 // Section: Acceptance filters (manual 13.4)
