@@ -15,7 +15,7 @@ use ecan_mcan_port::{
 };
 use ecan_protocol::can::CanId;
 use ecan_protocol::can::FrameRef;
-use ecan_protocol::image::Schedule;
+use ecan_protocol::image::{BudgetPolicy, Schedule};
 use ecan_sim::{ClockKind, Fault, LossDirection, NodeKind, Scenario, SimOptions, Simulation};
 
 const READY: Duration = Duration::from_secs(20);
@@ -23,7 +23,9 @@ const READY: Duration = Duration::from_secs(20);
 fn open(scenario: Scenario, adapter: AdapterConfig, slaves: usize) -> (Port, Simulation) {
     let options = SimOptions { clock: Some(ClockKind::Stepped), ..SimOptions::default() };
     let backend = ecan_sim::open_scenario(scenario, &options).unwrap();
-    let gateway = GatewayConfig::on_all_channels(ChannelConfig::classic(1_000_000));
+    let mut gateway = GatewayConfig::on_all_channels(ChannelConfig::classic(1_000_000));
+    // One channel can fill an image.
+    gateway.rx_budget = BudgetPolicy::SharedOnly;
     let config = PortConfig::uniform(slaves, gateway);
     let mut port = Port::open(&backend.ecrt, (adapter, config)).unwrap_or_else(|e| panic!("{e}"));
     port.wait_ready().unwrap_or_else(|e| panic!("{e}"));

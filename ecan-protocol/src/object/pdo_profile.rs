@@ -472,7 +472,7 @@ mod tests {
             FrameBudget::new(&profile)
         };
         for (policy, left, left_after) in [
-            (BudgetPolicy::Balanced, [312, 312, 312, 312], [292, 296, 296, 296]),
+            (BudgetPolicy::Balanced, [312, 312, 312, 312], [276, 292, 292, 292]),
             (BudgetPolicy::SharedOnly, [360, 360, 360, 360], [324, 324, 324, 324]),
             (BudgetPolicy::Deterministic, [90, 90, 90, 90], [54, 90, 90, 90]),
         ] {

@@ -13,7 +13,7 @@ fn monitor_ends_with_its_terminal() {
     // Whether the signal comes depends on how it was started.
     for start in [OnScreen::start, OnScreen::start_leader] {
         let mut monitor = start((100, 40), &MONITOR);
-        monitor.wait_for("ready      3/3");
+        monitor.wait_for("ready      2/2");
         monitor.close();
         let (status, errors) = monitor.end();
         assert_eq!(status.code(), Some(0), "{errors}");
@@ -24,7 +24,7 @@ fn monitor_ends_with_its_terminal() {
 #[test]
 fn signal_ends_monitor_with_blocked_terminal() {
     let mut monitor = OnScreen::start((100, 40), &MONITOR);
-    monitor.wait_for("ready      3/3");
+    monitor.wait_for("ready      2/2");
     monitor.fill();
     monitor.signal(Signal::TERM);
     let (status, errors) = monitor.end();

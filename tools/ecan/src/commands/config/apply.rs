@@ -220,6 +220,8 @@ fn part_of(step: &StartupStep) -> String {
     let (index, subindex) = step.object();
     match index {
         0xF000 => "abilities".to_owned(),
+        0x8000 => "system".to_owned(),
+        0xB000 => "maintenance".to_owned(),
         0x8030 => "diagnostic tests off".to_owned(),
         0x1C12 | 0x1C13 => "PDO assignment".to_owned(),
         0x8010 | 0x8011 => "PDO profiles".to_owned(),
@@ -229,6 +231,6 @@ fn part_of(step: &StartupStep) -> String {
         0x8001..=0x8004 => format!("CAN{}", index - 0x8001),
         0x8021..=0x8024 => format!("data path of CAN{}", index - 0x8021),
         0x8020 => "data path".to_owned(),
-        _ => format!("0x{index:04X}"),
+        _ => format!("object 0x{index:04X}"),
     }
 }
