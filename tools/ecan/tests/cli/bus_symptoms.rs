@@ -214,8 +214,8 @@ fn wrong_bit_rate_is_no_data_phase_error() {
         &report,
         &[
             "fault [no-acknowledge] CAN0: ",
-            "bit rate or sample point differs from the other nodes; this channel: 500 kbit/s, sample point 87.5 \
-             to 87.5 %",
+            "1. no other active node on this bus with this bit rate (off, in listen mode, or with another rate); \
+             this channel: 500 kbit/s, sample point 87.5 to 87.5 %",
             "\n  manual 16.3\n",
         ],
     );

@@ -231,15 +231,13 @@ fn error_passive(channel: &Channel<'_>, counters: ErrorCounters) -> Option<Findi
     if is_alone {
         let what = format!("no node acknowledges frames from this channel: {counters}");
         // The frames of a node that is alone are not disturbed, and never lead to bus-off.
-        let is_disturbed =
-            counters.receive > 0 || channel.information(15).is_some_and(|count| count > 0);
-        let rates = format!(
-            "a node has another bit rate and disturbs the frames: {}",
-            compare_rates(channel)
-        );
+        let is_disturbed = error_phases(channel).data
+            || counters.receive > 0
+            || channel.information(15).is_some_and(|count| count > 0);
+        let rates = || format!("a node receives the frames wrongly: {}", compare_rates(channel));
         return channel
             .fault("no-acknowledge", what)
-            .cause_if(is_disturbed.then_some(rates))
+            .cause_if(is_disturbed.then(rates))
             .cause(format!(
                 "no other active node on this bus with this bit rate (off, in listen mode, or with another rate); \
                  this channel: {}",

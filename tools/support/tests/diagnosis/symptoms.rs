@@ -467,6 +467,7 @@ const SYMPTOMS: &[Symptom] = &[
         || {
             let mut gateway = GatewayConfig::on_all_channels(classic());
             gateway.tx_budget = BudgetPolicy::Deterministic;
+            gateway.rx_budget = BudgetPolicy::SharedOnly;
             Bench::new(ECHO).start(adapter().with_multiplier(1), gateway).send(50)
         },
     ),
