@@ -121,9 +121,6 @@ pub const fn sync_manager_control(direction: Direction) -> u8 {
     }
 }
 
-/// Control bit: a write feeds the process data watchdog. The master chooses it.
-const WATCHDOG_TRIGGER: u8 = 0x40;
-
 /// Start, length and control byte of a sync manager, in its registers (0x0800 + 8 per number) or in
 /// the SII (category 41), which have the same format.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -155,11 +152,11 @@ impl SyncManagerLayout {
         Self { start: u16::from_le_bytes([s0, s1]), length: u16::from_le_bytes([l0, l1]), control }
     }
 
-    /// Returns whether start and control byte are those of the manual; any length, and the watchdog bit as
-    /// the master chooses.
+    /// Returns whether start and control byte are those of the manual, which include the trigger of the process data
+    /// watchdog; any length.
     pub const fn has_required_start_and_control(self, direction: Direction) -> bool {
         let required = Self::required(direction);
-        self.start == required.start && (self.control ^ required.control) & !WATCHDOG_TRIGGER == 0
+        self.start == required.start && self.control == required.control
     }
 }
 
@@ -180,19 +177,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn layout_reads_registers_and_ignores_the_watchdog_bit() {
+    fn layout_is_read_from_registers_and_compared() {
         let inputs = SyncManagerLayout::from_bytes([0x00, 0x1D, 0x80, 0x01, 0x22, 0, 1, 4]);
         assert_eq!(inputs, SyncManagerLayout { start: 0x1D00, length: 384, control: 0x22 });
         assert!(inputs.has_required_start_and_control(Direction::TxPdo));
         assert!(!inputs.has_required_start_and_control(Direction::RxPdo));
-        assert!(
-            SyncManagerLayout { control: 0x62, ..inputs }
-                .has_required_start_and_control(Direction::TxPdo)
-        );
-        assert!(
-            !SyncManagerLayout { control: 0x26, ..inputs }
-                .has_required_start_and_control(Direction::TxPdo)
-        );
+        let outputs = |control| SyncManagerLayout { start: 0x1100, length: 384, control };
+        assert!(outputs(0x66).has_required_start_and_control(Direction::RxPdo));
+        assert!(!outputs(0x26).has_required_start_and_control(Direction::RxPdo), "no watchdog");
         assert!(
             !SyncManagerLayout { start: 0x1D80, ..inputs }
                 .has_required_start_and_control(Direction::TxPdo)
