@@ -84,7 +84,7 @@ fn lost_gateway_sets_exit_status() {
     let shown = ends(1, &["--ecrt", &setting(&file), "monitor", "--for", "9"]);
     let rows: Vec<_> = shown.lines().collect();
     assert!(rows[1].starts_with("0        ready  2/2"), "{shown}");
-    assert!(rows[2].starts_with("1        LOST   0/3"), "{shown}");
+    assert!(rows[2].starts_with("1        LOST   0/2"), "{shown}");
     assert!(rows[2].contains("  waiting for "), "{shown}");
     assert!(shown.ends_with(" s  gateway 1: lost\n"), "{shown}");
     let is_silent = |line: &&str| line.split_whitespace().filter(|word| *word == "-").count() == 8;

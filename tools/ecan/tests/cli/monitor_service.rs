@@ -42,7 +42,7 @@ fn views_are_printed_through_a_service() {
     let monitor = |options: &[&str]| good(&[&["--via", &path, "monitor"], options].concat());
     let shown = monitor(&["--once"]);
     let lines: Vec<_> = shown.lines().collect();
-    assert_eq!(lines[1].split_whitespace().collect::<Vec<_>>()[..3], ["0", "ready", "2/2"]);
+    assert_eq!(lines[1].split_whitespace().collect::<Vec<_>>()[..3], ["0", "ready", "3/3"]);
     assert!(lines[5].starts_with("can0     run "), "{shown}");
     assert!(shown.contains("cycle 5000 us, sampled since the start of the service, no periods: "));
     assert!(!shown.contains("period "), "{shown}");
@@ -203,7 +203,7 @@ fn service_configured_again_is_followed() {
     let application = Application::start(count());
     let path = application.path();
     let mut monitor = OnScreen::start((80, 24), &["--via", &path, "monitor"]);
-    monitor.wait_for("ready      2/2");
+    monitor.wait_for("ready      3/3");
     application.execute(|_, service| service.detach());
     monitor.wait_for("NO CYCLE");
     application.execute(|port, service| service.attach(port));
