@@ -265,7 +265,8 @@ impl FrameSink for Cycle<'_> {
     }
 
     fn room(&self, slave: usize, channel: u8) -> usize {
-        self.channel(slave, channel).map_or(0, |channel| self.channel_room(channel))
+        // The send reports a channel that is not enabled.
+        self.channel(slave, channel).map_or(usize::MAX, |channel| self.channel_room(channel))
     }
 
     fn is_ready(&self, slave: usize) -> bool {
