@@ -157,13 +157,13 @@ fn crc(bytes: &[u8]) -> u16 {
     })
 }
 
-/// An image for N = 3 and channel 0, written byte by byte (manual 5.4.4).
+/// An RxPDO image for N = 3 and channel 0.
 fn image(sequence: u16, payload: &[u8]) -> Vec<u8> {
     let profile = PdoProfile { multiplier: 3, channel_mask: 0x01, ..PdoProfile::default() };
     image_of(profile, sequence, payload)
 }
 
-/// The same for another profile of N = 3.
+/// An RxPDO image of any profile with N = 3, written byte by byte (manual 5.4.4).
 fn image_of(profile: PdoProfile, sequence: u16, payload: &[u8]) -> Vec<u8> {
     let word = profile.word();
     let layout_id = (word ^ word >> 16) as u16;
