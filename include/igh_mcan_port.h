@@ -901,10 +901,8 @@ int igh_mcan_port_end_service(igh_mcan_port_t *port);
 typedef enum {
     /** None: the results are certain, or no flags were read yet. */
     IGH_MCAN_SCHEDULE_FAULT_NONE = 0,
-    /** The codes 1 and 2 of TX_RESULT contradict the flag IGH_MCAN_SCHEDULE_LATE_DROP. */
-    IGH_MCAN_SCHEDULE_FAULT_CODES_CONTRADICTED = 1,
-    /** The flag was set before a reading could verify the codes of TX_RESULT. */
-    IGH_MCAN_SCHEDULE_FAULT_CODES_UNVERIFIED = 2,
+    /** Flags of 0xB000:06 report problems, but not of which frames; they stay until they are cleared. */
+    IGH_MCAN_SCHEDULE_FAULT_FLAGGED = 1,
     /** An object that decides on accepted frames cannot be read; the text names it. */
     IGH_MCAN_SCHEDULE_FAULT_UNREADABLE = 3,
     /** Another one; see the text. */
@@ -977,11 +975,12 @@ typedef struct {
      * their phase.
      */
     uint64_t sent;
-    /** Frames that the gateway dropped because they arrived after their phase. Needs TX_RESULT. */
-    uint64_t late_dropped;
     /** Frames that the gateway rejected because its schedule was full. Needs TX_RESULT. */
     uint64_t queue_full;
-    /** Frames that the gateway rejected for another reason. Needs TX_RESULT. */
+    /**
+     * Frames that the gateway rejected for another reason: bus busy, bus-off, channel not enabled. Needs
+     * TX_RESULT.
+     */
     uint64_t not_sent;
     /**
      * Frames that the host did not send: discarded, or removed because the cycle ended too
@@ -997,7 +996,7 @@ typedef struct {
     /** Frames among `scheduled` that were accepted without margin. */
     uint64_t without_margin;
     /** Zero; for fields of later versions. */
-    uint64_t reserved[6];
+    uint64_t reserved[7];
 } igh_mcan_schedule_account_t;
 
 /** Counters of one channel, 0x9020 to 0x9023 (manual 13.2.5). */

@@ -11,7 +11,6 @@ use crate::config::{GatewayConfig, ScheduleConfig};
 use crate::receiver::Receiver;
 use crate::schedule::account::ScheduleFault;
 use crate::schedule::margin::{NotSchedulable, ScheduleMargin, ScheduleTimes};
-use crate::schedule::result_codes::ResultCodes;
 use crate::schedule::watch::{ScheduleWatch, WatchResult};
 use crate::session::machine::{Event, Session, SessionMachine};
 use crate::statistics::SlaveStatistics;
@@ -174,7 +173,6 @@ impl Gateway {
             return false;
         }
         self.step_watch(adapter, slave);
-        self.transmitter.accounts_mut().record_status(self.receiver.status());
         let Self { receiver, statistics, .. } = self;
         let is_new = receiver.begin(adapter.tx_pdo(slave), report.inputs, statistics);
         if is_new {
@@ -278,23 +276,15 @@ impl Gateway {
         let fault = match watch.step(adapter, is_used) {
             WatchResult::Nothing => return,
             WatchResult::Due => return accounts.ripen(),
-            WatchResult::Begun => return accounts.begin_reading(),
             WatchResult::Cleared => {
                 accounts.forget_flags();
                 None
             }
             WatchResult::Looked(now, before) => {
-                accounts.record_reading(&now, before.as_ref(), has_results);
-                match accounts.codes() {
-                    ResultCodes::Contradicted => Some(ScheduleFault::CodesContradicted),
-                    ResultCodes::Unverified if accounts.is_uncertain() => {
-                        Some(ScheduleFault::CodesUnverified)
-                    }
-                    _ => None,
-                }
+                accounts.record_reading(&now, before.as_ref(), has_results)
             }
             WatchResult::Unreadable(object) => {
-                accounts.mark_unreadable();
+                accounts.forget_flags();
                 Some(ScheduleFault::unreadable(object))
             }
         };

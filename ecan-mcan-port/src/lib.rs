@@ -60,8 +60,8 @@ pub use received::{
 };
 pub use receiver::{CycleReport, ImageReport};
 pub use schedule::account::{ScheduleAccount, ScheduleFault};
+pub use schedule::diagnostics::{ChannelDrops, ScheduleDiagnostics};
 pub use schedule::margin::{NotSchedulable, RECOMMENDED_OFFSET_NS, ScheduleMargin, THIN_MARGIN_NS};
-pub use schedule::result_codes::{ChannelDrops, ScheduleDiagnostics};
 pub use session::machine::Session;
 pub use session::verification::{PendingStep, SdoTransfer, VerificationFault};
 pub use snapshot::{PortSnapshot, SessionState};

@@ -52,7 +52,7 @@ pub struct TransmitReport {
     pub slave: usize,
     /// Channel of the frame, 0 to 3.
     pub channel: u8,
-    /// The result; "bus busy" of a scheduled frame: its phase had passed (docs/ASSUMPTIONS.md, H23).
+    /// The result; a frame that is dropped as late has none, or a wrong one (docs/ASSUMPTIONS.md, H23).
     pub code: ResultCode,
     /// Tag of a scheduled frame; `None` for one that was sent at once, or that is not known.
     pub schedule_tag: Option<u16>,

@@ -31,10 +31,7 @@ const SCHEDULE_FAILS: &[Failing] = &[
 
 /// The account of scheduled frames states their results as unknown, with a finding.
 const ACCOUNT_FINDINGS: &[Failing] = &[
-    ("tx_result_codes", "\"swapped\"", "assumption H23"),
-    ("tx_result_codes", "\"both_queued\"", "assumption H23"),
-    ("tx_result_codes", "\"both_late\"", "assumption H23"),
-    ("tx_results", "\"failures_only\"", "assumption H23"),
+    ("tx_results", "\"failures_only\"", "600 frames are unknown"),
     ("scheduled_pulse", "\"previous\"", "assumption H24"),
     ("missing_entries", "[\"0x9020\"]", "0x9020:12 cannot be read (assumption H42"),
 ];
@@ -115,43 +112,43 @@ fn echo_job(scenario: Scenario) -> Result<(), String> {
     }
 }
 
-/// Schedules three frames in each of 200 cycles; in one of them the firmware is too late.
+/// Schedules three frames in each of 200 cycles, and then until the firmware is too late for some.
 fn schedule_job(scenario: Scenario) -> Result<(), String> {
     let millisecond = Duration::from_millis(1);
     let mut adapter = AdapterConfig::new(1).with_cycle(millisecond);
     adapter.dc = Some(DcSync::new(millisecond, millisecond / 2));
     let mut fixture = start(scenario, adapter, GatewayConfig::on_channel(0, classic()))?;
     let mut rejected = None;
-    for nth in 0..200 {
-        if nth == 100 {
-            let fault = GatewayFault::ServiceStall { ms: 2 };
-            fixture.simulation.inject(Fault::Gateway { gateway: 0, fault });
-        }
+    let mut schedule = |fixture: &mut Fixture| {
         fixture.cycle(|cycle| {
             for tag in 0..3 {
                 let at = Schedule { tag, offset_ns: 100_000 };
                 let sent = cycle.schedule_can(0, 0, id(0x100 + tag), &[], at);
-                rejected = rejected.or(sent.err());
+                rejected = rejected.take().or(sent.err());
             }
         });
+    };
+    (0..200).for_each(|_| schedule(&mut fixture));
+    fixture.idle(500);
+    let account = fixture.port.schedule_account(fixture.port.ch(0, 0));
+    if let Some(fault) = fixture.port.schedule_fault(fixture.port.gw(0)) {
+        return Err(fault.to_string());
     }
+    if account.unknown > 0 {
+        return Err(format!("{} frames are unknown", account.unknown));
+    }
+
+    let fault = GatewayFault::ServiceStall { ms: 2 };
+    fixture.simulation.inject(Fault::Gateway { gateway: 0, fault });
+    (0..10).for_each(|_| schedule(&mut fixture));
     fixture.idle(500);
     let account = fixture.port.schedule_account(fixture.port.ch(0, 0));
     let counters = fixture.simulation.with_world(|world| world.counters(0).unwrap());
-    for (name, counted, happened) in [
-        ("sent", account.sent, counters.frames_released),
-        ("late", account.late_dropped, counters.transmit_losses.late),
-    ] {
-        if counted > happened || happened > counted + account.unknown {
-            panic!("{name}: {happened} frames, in the account {counted}: {account:?}");
-        }
-    }
-    assert_eq!(account.open, 0, "{account:?}");
-    if let Some(rejected) = rejected.filter(|_| account.scheduled == 0) {
-        return Err(rejected.to_string());
-    }
-    match fixture.port.schedule_fault(fixture.port.gw(0)) {
-        Some(fault) => Err(fault.to_string()),
+    let (sent, late) = (counters.frames_released, counters.transmit_losses.late);
+    assert!(account.sent <= sent && sent <= account.sent + account.unknown, "{account:?}");
+    assert!(late <= account.unknown + account.not_sent && account.open == 0, "{account:?}");
+    match rejected.filter(|_| account.scheduled == 0) {
+        Some(rejected) => Err(rejected.to_string()),
         None => Ok(()),
     }
 }
@@ -193,7 +190,8 @@ fn schedule_job_works_or_ends_with_an_error() {
 fn unchanged_assignment_keeps_the_profile_valid() {
     for value in ["status_5", "dropped_at_safeop"] {
         let text = format!(
-            "[[gateway]]\npdo_assign = false\n[gateway.variant]\nassignment_rewritten = \"{value}\"\n"
+            "[[gateway]]\npdo_assign = false\n[gateway.variant]\nassignment_rewritten = \"{value}\"\n\
+             [[node]]\nkind = \"echo\"\nbus = \"0.0\"\n"
         );
         let scenario = Scenario::from_toml(&text, value, Path::new(".")).unwrap();
         schedule_job(scenario).unwrap_or_else(|error| panic!("{value}: {error}"));

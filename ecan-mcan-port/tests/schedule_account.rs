@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use crate::common::{Fixture, Handles, SendData, id, with_sync0};
 use crate::schedule_support::{OFFSET_NS, SHIFT_NS, check, results, schedule, sluggish};
-use ecan_mcan_port::{GatewayConfig, Port, Received, ScheduleDiagnostics};
+use ecan_mcan_port::{GatewayConfig, Port, Received, ScheduleDiagnostics, ScheduleFault};
 use ecan_protocol::image::Schedule;
 use ecan_sim::{Fault, GatewayFault, LossDirection, MasterBehaviour, echo};
 
@@ -51,7 +51,7 @@ fn results_bring_the_tag_of_their_frame() {
     assert_eq!(reported, tickets);
 }
 
-/// A service that comes so late that phases have passed: results name each frame.
+/// A service that comes so late that phases have passed.
 fn stalled(change: fn(&mut GatewayConfig)) -> Fixture {
     let mut fixture = with_sync0(echo(1), SHIFT_NS, change);
     for nth in 0..200 {
@@ -65,35 +65,27 @@ fn stalled(change: fn(&mut GatewayConfig)) -> Fixture {
 }
 
 #[test]
-fn late_frames_are_dropped_and_told_by_results() {
-    let mut fixture = stalled(results);
-    let (frames, counters) = check(&mut fixture);
-    assert!(counters.transmit_losses.late > 0, "{counters:?}");
-    assert_eq!(frames.late_dropped, counters.transmit_losses.late);
-    assert_eq!(frames.reported_late, frames.late_dropped);
-    assert_eq!(frames.sent, counters.frames_released);
-    let diagnostics = fixture.port.schedule_diagnostics(fixture.port.gw(0)).unwrap();
-    assert_ne!(diagnostics.flags & ScheduleDiagnostics::LATE_DROP, 0);
-}
-
-#[test]
-fn without_results_a_flag_makes_frames_unknown_until_it_is_cleared() {
-    let mut fixture = stalled(|_| ());
-    let (frames, counters) = check(&mut fixture);
-    assert!(
-        counters.transmit_losses.late > 0 && frames.unknown > 0 && frames.sent < 600,
-        "{frames:?}"
-    );
-    schedule(&mut fixture, 1, OFFSET_NS);
-    assert_eq!(check(&mut fixture).0.unknown, frames.unknown + 1, "the flag stays");
-    fixture.port.clear_schedule_flags(fixture.port.gw(0));
-    fixture.idle(50);
-    for _ in 0..10 {
+fn late_flag_makes_frames_unknown_until_it_is_cleared() {
+    for change in [results as fn(&mut GatewayConfig), |_| ()] {
+        let mut fixture = stalled(change);
+        let (frames, counters) = check(&mut fixture);
+        assert!(counters.transmit_losses.late > 0, "{counters:?}");
+        assert!(frames.unknown > 0 && frames.sent > 200, "{frames:?}");
+        let flags = ScheduleDiagnostics::LATE_DROP;
+        let fault = |port: &Port| port.schedule_fault(port.gw(0));
+        assert_eq!(fault(&fixture.port), Some(ScheduleFault::Flagged { flags }));
         schedule(&mut fixture, 1, OFFSET_NS);
+        assert_eq!(check(&mut fixture).0.unknown, frames.unknown + 1, "the flag stays");
+        fixture.port.clear_schedule_flags(fixture.port.gw(0));
+        fixture.idle(50);
+        for _ in 0..10 {
+            schedule(&mut fixture, 1, OFFSET_NS);
+        }
+        let after = check(&mut fixture).0;
+        assert_eq!((after.unknown, after.sent), (frames.unknown + 1, frames.sent + 10));
+        assert_eq!(fault(&fixture.port), None);
+        assert_eq!(fixture.port.schedule_diagnostics(fixture.port.gw(0)).unwrap().flags, 0);
     }
-    let after = check(&mut fixture).0;
-    assert_eq!((after.unknown, after.sent), (frames.unknown + 1, frames.sent + 10));
-    assert_eq!(fixture.port.schedule_diagnostics(fixture.port.gw(0)).unwrap().flags, 0);
 }
 
 #[test]
@@ -253,7 +245,7 @@ fn draw(state: &mut u64, below: u64) -> u64 {
 
 #[test]
 fn account_never_claims_frames_that_were_not_sent() {
-    let mut kinds = [0_u64; 4];
+    let mut kinds = [0_u64; 3];
     for seed in 1..=24 {
         let mut state = seed;
         let change: fn(&mut GatewayConfig) = if seed % 3 == 0 { |_| () } else { results };
@@ -287,7 +279,7 @@ fn account_never_claims_frames_that_were_not_sent() {
         }
         assert!(fixture.until(20_000, |port| port.is_ready()).is_some(), "seed {seed}");
         let (frames, _) = check(&mut fixture);
-        let of_seed = [frames.sent, frames.late_dropped, frames.unknown, frames.rejected_late];
+        let of_seed = [frames.sent, frames.unknown, frames.rejected_late];
         for (sum, more) in kinds.iter_mut().zip(of_seed) {
             *sum += more;
         }

@@ -3,9 +3,8 @@
 
 use crate::common::{Fixture, Handles, with_sync0};
 use crate::schedule_support::{OFFSET_NS, SHIFT_NS, check, results, schedule};
-use ecan_mcan_port::{GatewayConfig, ScheduleFault};
-use ecan_protocol::image::OptionFlags;
-use ecan_sim::variant::{GatewayVariant, TxResultCodes};
+use ecan_mcan_port::{GatewayConfig, ScheduleDiagnostics, ScheduleFault};
+use ecan_sim::variant::{GatewayVariant, LateResult};
 use ecan_sim::{Fault, GatewayFault, Scenario, echo};
 
 fn gateway(variant: GatewayVariant) -> Scenario {
@@ -35,57 +34,19 @@ fn fault(fixture: &Fixture) -> Option<ScheduleFault> {
     fixture.port.schedule_fault(fixture.port.gw(0))
 }
 
+/// A late frame must not count as sent, whatever its result.
 #[test]
-fn other_result_codes_leave_frames_unknown_and_are_named() {
-    for tx_result_codes in
-        [TxResultCodes::Swapped, TxResultCodes::BothQueued, TxResultCodes::BothLate]
-    {
-        let variant = GatewayVariant { tx_result_codes, ..GatewayVariant::default() };
-        let mut fixture = run_stalled(gateway(variant.clone()), results);
+fn no_result_of_a_late_frame_counts_it_as_sent() {
+    for late_result in [LateResult::Absent, LateResult::Queued, LateResult::BusBusy] {
+        let variant = GatewayVariant { late_result, ..GatewayVariant::default() };
+        let mut fixture = run_stalled(gateway(variant), results);
         let (frames, counters) = check(&mut fixture);
-        assert!(counters.transmit_losses.late > 0 && frames.late_dropped == 0, "{frames:?}");
-        // The late frames of code 1 are also explained by the frame whose image the stall rejected.
-        let expected = match tx_result_codes {
-            TxResultCodes::BothQueued => ScheduleFault::CodesUnverified,
-            _ => ScheduleFault::CodesContradicted,
-        };
-        assert_eq!(fault(&fixture), Some(expected), "{tx_result_codes:?}");
-
-        let mut fixture = run_stalled(gateway(variant), |_| ());
-        let (frames, _) = check(&mut fixture);
-        assert!(frames.sent > 300, "the flags alone decide: {frames:?}");
-        assert_eq!(fault(&fixture), None);
+        let late = counters.transmit_losses.late;
+        assert!(late > 0 && frames.sent > 300, "{late_result:?}: {frames:?}");
+        assert_eq!(frames.not_sent, if late_result == LateResult::BusBusy { late } else { 0 });
+        let flags = ScheduleDiagnostics::LATE_DROP;
+        assert_eq!(fault(&fixture), Some(ScheduleFault::Flagged { flags }));
     }
-}
-
-#[test]
-fn late_flag_of_an_earlier_run_is_named_until_it_is_cleared() {
-    let mut fixture = run_stalled(echo(1), |_| ());
-    let adapter = *fixture.port.adapter().config();
-    let mut config = *fixture.port.config();
-    config.gateways[0].tx_options = OptionFlags::TX_RESULT;
-    fixture.port.reconfigure((adapter, config)).unwrap();
-    fixture.port.wait_ready().unwrap();
-    for _ in 0..50 {
-        schedule(&mut fixture, 1, OFFSET_NS);
-    }
-    fixture.idle(300);
-    let account = crate::schedule_support::account(&fixture);
-    assert_eq!((account.unknown, account.open), (50, 0), "{account:?}");
-    assert_eq!(fault(&fixture), Some(ScheduleFault::CodesUnverified));
-
-    fixture.port.clear_schedule_flags(fixture.port.gw(0));
-    fixture.idle(300);
-    for nth in 0..200 {
-        if nth == 150 {
-            stall(&mut fixture);
-        }
-        schedule(&mut fixture, 1, OFFSET_NS);
-    }
-    fixture.idle(300);
-    let account = crate::schedule_support::account(&fixture);
-    assert!(account.late_dropped > 0 && account.sent > 190 && account.open == 0, "{account:?}");
-    assert_eq!(fault(&fixture), None);
 }
 
 #[test]

@@ -76,8 +76,8 @@ impl PhaseSweep {
 /// Counters of all gateways.
 #[derive(Debug, Clone, Default)]
 struct Counts {
-    /// Incomplete cycles, lost sessions, late drops, other drops, host drops and accepted frames.
-    sums: [u64; 6],
+    /// Incomplete cycles, lost sessions, drops, host drops and accepted frames.
+    sums: [u64; 5],
     /// Per gateway: frames that were to be scheduled, and those that the Port scheduled.
     scheduled: Vec<(u64, u64)>,
 }
@@ -87,7 +87,7 @@ impl Counts {
         let mut counts = Self::default();
         for gateway in port.gateways() {
             let statistics = port.statistics(gateway);
-            let [incomplete, lost, late, other, host, accepted] = &mut counts.sums;
+            let [incomplete, lost, other, host, accepted] = &mut counts.sums;
             *incomplete += statistics.incomplete_cycles;
             *lost += statistics.sessions_lost;
             let (mut asked, mut scheduled) = (0, 0);
@@ -95,7 +95,6 @@ impl Counts {
                 let account = port.schedule_account(channel);
                 asked += account.asked;
                 scheduled += account.scheduled;
-                *late += account.reported_late;
                 *other += account.queue_full + account.not_sent;
                 *host += account.rejected_late + account.withdrawn;
                 *accepted += account.accepted;
@@ -112,9 +111,7 @@ impl Counts {
 /// application, from `begin_cycle` to its end, with its frames scheduled at the given offset, at
 /// least one for each gateway and Sync0 period: a point is good only if all were accepted. Its errors
 /// end the sweep. For each candidate the gateways' runtime diagnostics are cleared (0xB000:04 and
-/// 0x9011:14) and read afterwards. With
-/// [`OptionFlags::TX_RESULT`](ecan_protocol::image::OptionFlags::TX_RESULT) late frames are counted,
-/// otherwise only a flag reports them. `progress` gets each finished point.
+/// 0x9011:14) and read afterwards; a flag reports late frames. `progress` gets each finished point.
 ///
 /// Blocks for the whole sweep; not for a machine in production.
 ///
@@ -190,8 +187,7 @@ fn try_phase<E: From<PhaseSweepError>>(
     [
         point.incomplete_cycles,
         point.sessions_lost,
-        point.late_drops,
-        point.other_drops,
+        point.rejected,
         point.host_drops,
         point.accepted,
     ] = std::array::from_fn(|sum| after.sums[sum] - before.sums[sum]);

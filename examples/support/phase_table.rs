@@ -20,10 +20,8 @@ pub struct PhasePoint {
     /// Cycles with an incomplete working counter, over all gateways.
     pub incomplete_cycles: u64,
     pub sessions_lost: u64,
-    /// Frames that the gateways dropped as late, by their results.
-    pub late_drops: u64,
-    /// Frames that were lost for another reason, by their results.
-    pub other_drops: u64,
+    /// Frames that the gateways rejected, by their results.
+    pub rejected: u64,
     /// Frames that the Port rejected or withdrew because the cycle was late.
     pub host_drops: u64,
     /// Flags of 0xB000:06 that were set, of scheduled transmission only.
@@ -67,11 +65,8 @@ impl PhaseTable {
     /// arrived near a pulse.
     pub fn is_good(&self, point: &PhasePoint) -> bool {
         let keeps = |distance: Option<u32>| distance.is_none_or(|ns| ns >= ARRIVAL_MARGIN_NS);
-        let lost = point.incomplete_cycles
-            + point.sessions_lost
-            + point.late_drops
-            + point.other_drops
-            + point.host_drops;
+        let lost =
+            point.incomplete_cycles + point.sessions_lost + point.rejected + point.host_drops;
         lost == 0
             && point.scheduled > 0
             && point.accepted == point.scheduled
@@ -143,13 +138,12 @@ impl fmt::Display for PhaseTable {
         let recommended = self.recommended();
         writeln!(
             f,
-            "{:>9} {:>9} {:>13} {:>7} {:>6} {:>6} {:>6} {:>6} {:>17} {:>17} {:>15}",
+            "{:>9} {:>9} {:>13} {:>7} {:>6} {:>6} {:>6} {:>17} {:>17} {:>15}",
             "shift us",
             "offset us",
             "accepted",
             "WC miss",
-            "late",
-            "other",
+            "reject",
             "host",
             "flags",
             "arrival to pulse",
@@ -172,11 +166,10 @@ impl fmt::Display for PhaseTable {
             let offset = margins.map(|m| pair(us(m.offset_below_ns), us(m.offset_above_ns)));
             write!(
                 f,
-                "{:>13} {:>7} {:>6} {:>6} {:>6} {:>6} {arrival:>17} {:>17} {:>15}",
+                "{:>13} {:>7} {:>6} {:>6} {:>6} {arrival:>17} {:>17} {:>15}",
                 format!("{}/{}", point.accepted, point.scheduled),
                 point.incomplete_cycles,
-                point.late_drops,
-                point.other_drops,
+                point.rejected,
                 point.host_drops,
                 format!("{:#x}", point.flags),
                 shift.as_deref().unwrap_or("-"),
@@ -222,7 +215,7 @@ mod tests {
                     cycles: 10,
                     scheduled: 10,
                     accepted: 10,
-                    late_drops: u64::from(!is_good(shift, offset)),
+                    rejected: u64::from(!is_good(shift, offset)),
                     ..PhasePoint::default()
                 });
             }
@@ -276,7 +269,7 @@ mod tests {
             |point| point.accepted = 9,
             |point| point.short_gateways = 1,
             |point| point.sessions_lost = 1,
-            |point| point.other_drops = 1,
+            |point| point.rejected = 1,
             |point| point.host_drops = 1,
             |point| point.flags = 1 << 6,
             |point| point.arrival_after_pulse_ns = Some(9_999),

@@ -182,17 +182,19 @@ impl Report {
             let account = &result.account;
             if account.scheduled > 0 {
                 notes.push(format!(
-                    "{}: results of {} frames: {} sent, {} late, {} rejected by a full queue, {} \
-                     not sent for another reason, {} unknown; {} withdrawn by the host",
+                    "{}: results of {} frames: {} sent, {} rejected by a full queue, {} not sent for another \
+                     reason, {} unknown; {} withdrawn by the host",
                     result.mode,
                     account.scheduled,
                     account.sent,
-                    account.late_dropped,
                     account.queue_full,
                     account.not_sent,
                     account.unknown + account.open,
                     account.withdrawn
                 ));
+            }
+            if let Some(fault) = result.schedule_fault {
+                notes.push(format!("{}: {fault}", result.mode));
             }
             if result.incomplete_cycles > 0 {
                 notes.push(format!(

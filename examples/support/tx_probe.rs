@@ -6,8 +6,8 @@ use std::ops::Range;
 
 use ecan_host::CycleStatistics;
 use ecan_mcan_port::{
-    ChannelHandle, Cycle, FrameRate, FrameStream, Port, PortError, ScheduleAccount, SendError,
-    SendOptions, SendTicket,
+    ChannelHandle, Cycle, FrameRate, FrameStream, Port, PortError, ScheduleAccount, ScheduleFault,
+    SendError, SendOptions, SendTicket,
 };
 use ecan_protocol::can::{CanFrame, CanId, FrameError};
 use ecan_protocol::image::Schedule;
@@ -76,6 +76,8 @@ pub struct ModeResult {
     pub rejected: u64,
     /// Results of scheduled frames; all 0 for others.
     pub account: ScheduleAccount,
+    /// Reason of unknown results.
+    pub schedule_fault: Option<ScheduleFault>,
     /// Cycles with an incomplete working counter.
     pub incomplete_cycles: u64,
 }
@@ -159,6 +161,7 @@ impl Target {
             sent_ns: Vec::with_capacity(capacity),
             rejected: 0,
             account: ScheduleAccount::default(),
+            schedule_fault: None,
             incomplete_cycles: 0,
         };
         for _ in 0..SETTLE_CYCLES {
@@ -201,6 +204,7 @@ impl Target {
         wait_for_account(port, channel, interrupt);
         let now = port.schedule_account(channel);
         result.account = difference(&now, &account);
+        result.schedule_fault = port.schedule_fault(channel.gateway());
         result.incomplete_cycles =
             port.statistics(channel.gateway()).incomplete_cycles - incomplete_cycles;
         Ok(result)
@@ -232,7 +236,6 @@ fn difference(now: &ScheduleAccount, before: &ScheduleAccount) -> ScheduleAccoun
     ScheduleAccount {
         scheduled: now.scheduled - before.scheduled,
         sent: now.sent - before.sent,
-        late_dropped: now.late_dropped - before.late_dropped,
         queue_full: now.queue_full - before.queue_full,
         not_sent: now.not_sent - before.not_sent,
         withdrawn: now.withdrawn - before.withdrawn,
@@ -242,7 +245,6 @@ fn difference(now: &ScheduleAccount, before: &ScheduleAccount) -> ScheduleAccoun
         without_margin: now.without_margin - before.without_margin,
         asked: now.asked - before.asked,
         accepted: now.accepted - before.accepted,
-        reported_late: now.reported_late - before.reported_late,
     }
 }
 

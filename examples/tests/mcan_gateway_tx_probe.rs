@@ -44,7 +44,7 @@ fn table_compares_direct_and_scheduled_sending() {
     assert_eq!(on_bus, "1000/1000");
     assert!(direct[1] - direct[0] > 10.0 * (max - min), "{printed}");
     assert!(direct[3] - 1000.0 > 10.0 * (p99 - 1000.0), "{printed}");
-    assert!(printed.contains("1000 sent, 0 late"), "{printed}");
+    assert!(printed.contains("1000 sent, 0 rejected"), "{printed}");
     assert!(printed.contains("times on the bus from the simulated bus"), "{printed}");
 }
 
@@ -172,7 +172,7 @@ fn recommended_phase_of_a_sweep_loses_no_frame() {
     expected.pop();
     let run = succeeds(&[&SIM[..], &["--mode", "scheduled"], &expected].concat());
     assert_eq!(row(&run, "scheduled").0, "1000/1000");
-    assert!(run.contains("1000 sent, 0 late"), "{run}");
+    assert!(run.contains("1000 sent, 0 rejected"), "{run}");
 }
 
 #[test]
@@ -189,15 +189,19 @@ fn late_frames_are_dropped_and_reported() {
     assert!(output.status.success(), "{errors}");
     assert!(errors.starts_with("warning: Sync0 150.0 us after the start"), "{errors}");
     assert!(printed.contains("margin -"), "it was said before: {printed}");
-    let line = printed.lines().last().unwrap();
+    assert!(printed.contains("0xB000:06 has SCHED_LATE_DROP"), "{printed}");
+    let line = printed.lines().find(|line| line.contains(" sent,")).unwrap();
     let number = |expected: &str| -> u64 {
         let (before, _) = line.split_once(expected).unwrap_or_else(|| panic!("{line}"));
         before.rsplit([' ', ':']).next().unwrap().parse().unwrap()
     };
-    let (sent, late) = (number(" sent,"), number(" late,"));
-    assert!(late > 100 && sent > 100 && sent + late == 1_000, "{line}");
+    let (sent, unknown) = (number(" sent,"), number(" unknown"));
     let (on_bus, _) = row(&printed, "scheduled");
-    assert_eq!(on_bus, format!("{sent}/1000"), "the gateway's word is the bus's: {printed}");
+    let on_bus: u64 = on_bus.strip_suffix("/1000").unwrap().parse().unwrap();
+    assert!(
+        sent + unknown == 1_000 && sent <= on_bus && on_bus < 900,
+        "{on_bus} on the bus: {line}"
+    );
 }
 
 #[test]

@@ -248,9 +248,21 @@ impl Plan {
             sync_cycles: every_cycles.into(),
         };
         let variants = variants::draw(r, &axes, &timing);
+        // At 1 ms the frames of two images are in the gateway, whose count must not saturate.
+        let keeps_count = cycle_ms > 1
+            || axes.iter().all(|axis| {
+                let is_here = |other: &&AxisPlan| {
+                    (other.config.address.slave, other.config.address.channel)
+                        == (axis.config.address.slave, axis.config.address.channel)
+                };
+                let here = axes.iter().filter(is_here);
+                here.map(|other| other.config.layout().rpdo_count()).sum::<usize>() < 3
+            });
         // Drawn last: everything else of a seed stays.
         let clock = match clock {
-            Some((Some(_), Some(sync_ns))) if r.chance(50) => Some((Some(300_000), Some(sync_ns))),
+            Some((Some(_), Some(sync_ns))) if r.chance(50) && keeps_count => {
+                Some((Some(300_000), Some(sync_ns)))
+            }
             other => other,
         };
         Self {

@@ -1,24 +1,20 @@
 //! Results of scheduled frames, as reported by the gateway (manual 10, 13.7).
 //!
-//! A TX_RESULT reports for each frame whether the gateway accepted it. It does not report whether an
-//! accepted frame left at its phase: that holds only while no flag of 0xB000:06 is set, and the flags
-//! name neither frame nor channel. Accepted frames therefore wait for a reading of the flags that
-//! begins after their phase; if it shows a problem, they count as unknown. The readings also verify the
-//! codes of the results: until then, late frames wait for a reading as well.
+//! A TX_RESULT reports for each frame whether the gateway accepted it. It has no code for a frame that was
+//! late, and does not report whether an accepted frame left at its phase: that holds only while no flag of
+//! 0xB000:06 is set, and the flags name neither frame nor channel. Accepted frames therefore wait for a
+//! reading of the flags that begins after their phase; if it shows a problem, they count as unknown.
 
 use std::fmt;
 
-use ecan_protocol::image::{ChannelStatus, ResultCode};
+use ecan_protocol::image::ResultCode;
 use ecan_protocol::mapping::CHANNELS;
 
-use super::result_codes::{
-    CodeDecision, Object, ResultCodeCheck, ResultCodes, ScheduleDiagnostics,
-};
+use super::diagnostics::{Object, ScheduleDiagnostics};
 
 /// Results of a channel's scheduled frames. Counters only grow, except `open`.
 ///
-/// `scheduled` is the sum of `sent`, `late_dropped`, `queue_full`, `not_sent`, `withdrawn`,
-/// `unknown` and `open`.
+/// `scheduled` is the sum of `sent`, `queue_full`, `not_sent`, `withdrawn`, `unknown` and `open`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct ScheduleAccount {
     /// Frames that were sent with a schedule.
@@ -26,20 +22,16 @@ pub struct ScheduleAccount {
     /// Frames that the gateway accepted and, by its flags, passed to the CAN controller at their phase
     /// in the Sync0 period after the cycle; for images that come too late see [`SendOptions::schedule`](crate::SendOptions::schedule).
     pub sent: u64,
-    /// Frames that the gateway dropped because their phase had passed. Needs TX_RESULT, whose codes a
-    /// reading has verified.
-    pub late_dropped: u64,
     /// Frames that found the gateway's schedule full. Needs TX_RESULT.
     pub queue_full: u64,
-    /// Frames that the gateway rejected for another reason: bus-off, channel not enabled.
+    /// Frames that the gateway rejected for another reason: bus busy, bus-off, channel not enabled.
     /// Needs TX_RESULT.
     pub not_sent: u64,
     /// Frames that never left the host: discarded, or withdrawn because the cycle ended too late for
     /// their phase.
     pub withdrawn: u64,
     /// Frames without a certain result: the image is unconfirmed or was sent again a period late, no
-    /// result arrived, the session was lost, flags were set, or there is a
-    /// [`ScheduleFault`].
+    /// result arrived, the session was lost, or there is a [`ScheduleFault`].
     pub unknown: u64,
     /// Frames without a result so far, and those that wait for a reading of the flags.
     pub open: u64,
@@ -53,8 +45,6 @@ pub struct ScheduleAccount {
     pub asked: u64,
     /// Frames that the gateway accepted according to the code of their result.
     pub accepted: u64,
-    /// Frames that the gateway dropped as late according to the code of their result, verified or not.
-    pub reported_late: u64,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -73,11 +63,6 @@ struct ChannelAccount {
     /// begins when the former have met their phase.
     ripe: u64,
     young: u64,
-    /// Frames reported as late that wait for the reading that has begun, and those for the next.
-    late_ripe: u64,
-    late_young: u64,
-    /// Frames that the last image reported as accepted and as late.
-    in_image: (u8, u8),
 }
 
 impl ChannelAccount {
@@ -90,37 +75,12 @@ impl ChannelAccount {
         let frames = std::mem::take(&mut self.young) + std::mem::take(&mut self.ripe);
         self.close(frames, |account| &mut account.unknown);
     }
-
-    /// The decision on frames that were reported as late.
-    fn decide_late(&mut self, decision: CodeDecision) {
-        match decision {
-            CodeDecision::Verified => {
-                let late =
-                    std::mem::take(&mut self.late_ripe) + std::mem::take(&mut self.late_young);
-                self.close(late, |account| &mut account.late_dropped);
-            }
-            CodeDecision::Uncertain | CodeDecision::NoneLate => {
-                let late = std::mem::take(&mut self.late_ripe);
-                self.close(late, |account| &mut account.unknown);
-            }
-            CodeDecision::Wait => {}
-        }
-    }
-
-    fn close_waiting_as_unknown(&mut self) {
-        self.close_accepted_as_unknown();
-        let late = std::mem::take(&mut self.late_young) + std::mem::take(&mut self.late_ripe);
-        self.close(late, |account| &mut account.unknown);
-    }
 }
 
 /// The accounts of one gateway.
 #[derive(Debug, Default)]
 pub(crate) struct ScheduleAccounts {
     channels: [ChannelAccount; CHANNELS],
-    codes: ResultCodeCheck,
-    /// The last reading left results unknown whose codes were not verified.
-    is_uncertain: bool,
     /// A frame was scheduled in this session.
     is_used: bool,
 }
@@ -155,23 +115,7 @@ impl ScheduleAccounts {
         self.channel(channel).account.rejected_late += 1;
     }
 
-    pub(crate) fn codes(&self) -> ResultCodes {
-        self.codes.state()
-    }
-
-    /// The last reading found late drops before the codes were verified.
-    pub(crate) fn is_uncertain(&self) -> bool {
-        self.is_uncertain
-    }
-
     pub(crate) fn close_frame(&mut self, channel: u8, state: ScheduledFrameState) {
-        match state {
-            ScheduledFrameState::Result(ResultCode::Queued) => self.codes.record_accepted(),
-            ScheduledFrameState::Result(ResultCode::BusBusy) => self.codes.late(),
-            ScheduledFrameState::Unknown => self.codes.missing(),
-            _ => {}
-        }
-        let codes = self.codes.state();
         let channel = self.channel(channel);
         let is_taken = matches!(
             state,
@@ -179,28 +123,13 @@ impl ScheduleAccounts {
                 | ScheduledFrameState::Result(ResultCode::Ok | ResultCode::Queued)
         );
         channel.account.accepted += u64::from(is_taken);
-        let is_late = state == ScheduledFrameState::Result(ResultCode::BusBusy);
-        channel.account.reported_late += u64::from(is_late);
-        let is_queued = state == ScheduledFrameState::Result(ResultCode::Queued);
-        let (accepted, late) = &mut channel.in_image;
-        *accepted = accepted.saturating_add(u8::from(is_queued));
-        *late = late.saturating_add(u8::from(is_late));
         match state {
-            ScheduledFrameState::Result(ResultCode::Queued | ResultCode::BusBusy)
-                if codes == ResultCodes::Contradicted =>
-            {
-                channel.close(1, |account| &mut account.unknown)
-            }
             ScheduledFrameState::Taken | ScheduledFrameState::Result(ResultCode::Queued) => {
                 channel.young += 1
             }
             ScheduledFrameState::Result(ResultCode::Ok) => {
                 channel.close(1, |account| &mut account.sent)
             }
-            ScheduledFrameState::Result(ResultCode::BusBusy) if codes == ResultCodes::Verified => {
-                channel.close(1, |account| &mut account.late_dropped);
-            }
-            ScheduledFrameState::Result(ResultCode::BusBusy) => channel.late_young += 1,
             ScheduledFrameState::Result(ResultCode::TxFifoFull) => {
                 channel.close(1, |account| &mut account.queue_full);
             }
@@ -217,41 +146,18 @@ impl ScheduleAccounts {
         }
     }
 
-    /// All results of an image were taken; `status` is that of the same image.
-    pub(crate) fn record_status(&mut self, status: &[ChannelStatus; CHANNELS]) {
-        for (channel, status) in self.channels.iter_mut().zip(status) {
-            let (accepted, late) = std::mem::take(&mut channel.in_image);
-            self.codes.image(accepted, late, status.tx_pending());
-        }
-    }
-
-    /// The flags are about to be read.
-    pub(crate) fn begin_reading(&mut self) {
-        self.codes.begin_reading();
-        for channel in &mut self.channels {
-            channel.late_ripe += std::mem::take(&mut channel.late_young);
-        }
-    }
-
-    /// The gateway's diagnostics were read. With `has_results`, results report late frames and those
-    /// that found the schedule full.
+    /// The gateway's diagnostics were read. With `has_results`, results report the frames that found the schedule
+    /// full. Returns the flags for which accepted frames are unknown.
     pub(crate) fn record_reading(
         &mut self,
         now: &ScheduleDiagnostics,
         before: Option<&ScheduleDiagnostics>,
         has_results: bool,
-    ) {
+    ) -> Option<ScheduleFault> {
         use ScheduleDiagnostics as Flags;
-        let of_results = Flags::LATE_DROP | Flags::QUEUE_FULL;
-        let relevant =
-            Flags::TX_FAIL | Flags::TIMER_MISS | if has_results { 0 } else { of_results };
-        let has_problem = now.flags & relevant != 0;
-        let is_late_flagged = now.flags & Flags::LATE_DROP != 0;
-        let decision = match has_results {
-            true => self.codes.read(is_late_flagged),
-            false => CodeDecision::Verified,
-        };
-        self.is_uncertain = is_late_flagged && decision == CodeDecision::Uncertain;
+        let of_results = if has_results { 0 } else { Flags::QUEUE_FULL };
+        let flags =
+            now.flags & (Flags::TX_FAIL | Flags::TIMER_MISS | Flags::LATE_DROP | of_results);
         for (number, channel) in self.channels.iter_mut().enumerate() {
             let drops = |seen: &ScheduleDiagnostics| {
                 seen.channels.get(number).map(|c| (c.bus_offs, c.stale_drops))
@@ -261,38 +167,22 @@ impl ScheduleAccounts {
                 // The phase of later frames may have been to come when it moved.
                 channel.close_accepted_as_unknown();
             }
-            channel.decide_late(decision);
-            if decision == CodeDecision::Wait {
-                continue;
-            }
             let ripe = std::mem::take(&mut channel.ripe);
-            if has_problem || decision == CodeDecision::Uncertain {
+            if flags != 0 {
                 channel.close(ripe, |account| &mut account.unknown);
             } else {
                 channel.close(ripe, |account| &mut account.sent);
             }
         }
-        if self.codes.state() == ResultCodes::Contradicted {
-            self.close_waiting_as_unknown();
-        }
+        (flags != 0).then_some(ScheduleFault::Flagged { flags })
     }
 
-    fn close_waiting_as_unknown(&mut self) {
-        for channel in &mut self.channels {
-            channel.close_waiting_as_unknown();
-        }
-    }
-
-    /// The flags cannot be read: frames that waited for a reading stay unknown.
-    pub(crate) fn mark_unreadable(&mut self) {
-        self.close_waiting_as_unknown();
-    }
-
-    /// The flags were cleared, or the gateway lost them.
+    /// The flags were cleared, cannot be read, or the gateway lost them: frames that waited for a reading stay
+    /// unknown.
     pub(crate) fn forget_flags(&mut self) {
-        self.close_waiting_as_unknown();
-        self.codes.on_flags_cleared();
-        self.is_uncertain = false;
+        for channel in &mut self.channels {
+            channel.close_accepted_as_unknown();
+        }
     }
 
     pub(crate) fn reset(&mut self) {
@@ -304,14 +194,15 @@ impl ScheduleAccounts {
 /// Reason for which the [`ScheduleAccount`] of a gateway cannot name the results of
 /// accepted frames: they count as unknown.
 ///
-/// The text names the row of docs/ASSUMPTIONS.md that does not hold and what to do.
+/// The text names the flags or the object, and what to do.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum ScheduleFault {
-    /// The codes 1 and 2 of TX_RESULT contradict the flag SCHED_LATE_DROP of 0xB000:06.
-    CodesContradicted,
-    /// SCHED_LATE_DROP was set before a reading could verify the codes of TX_RESULT.
-    CodesUnverified,
+    /// The gateway reports problems without the frame that had them.
+    Flagged {
+        /// Flags of 0xB000:06, see [`ScheduleDiagnostics`]; they stay until they are cleared.
+        flags: u16,
+    },
     /// An object that decides on accepted frames cannot be read.
     Unreadable {
         /// Index of the object.
@@ -327,18 +218,30 @@ impl ScheduleFault {
     }
 }
 
+/// Names of the flags in the manual (13.7).
+const FLAGS: [(u16, &str); 4] = [
+    (ScheduleDiagnostics::LATE_DROP, "SCHED_LATE_DROP"),
+    (ScheduleDiagnostics::QUEUE_FULL, "SCHED_QUEUE_FULL"),
+    (ScheduleDiagnostics::TX_FAIL, "SCHED_TX_FAIL"),
+    (ScheduleDiagnostics::TIMER_MISS, "SCHED_TIMER_MISS"),
+];
+
 impl fmt::Display for ScheduleFault {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::CodesContradicted => f.write_str(
-                "TX_RESULT codes 1 and 2 of scheduled frames contradict the flag SCHED_LATE_DROP (0xB000:06 bit 6), \
-                 assumption H23; the frames count as unknown; disable TX_RESULT: then the flags alone decide",
-            ),
-            Self::CodesUnverified => f.write_str(
-                "SCHED_LATE_DROP (0xB000:06 bit 6) was set before the TX_RESULT codes of scheduled frames were \
-                 verified (assumption H23, or assumption H24: the frames may count from another pulse); the frames count as \
-                 unknown; clear the flags, or disable TX_RESULT: then the flags alone decide",
-            ),
+            Self::Flagged { flags } => {
+                f.write_str("0xB000:06 has ")?;
+                for (nth, (_, name)) in
+                    FLAGS.iter().filter(|(flag, _)| flags & flag != 0).enumerate()
+                {
+                    write!(f, "{}{name}", if nth > 0 { ", " } else { "" })?;
+                }
+                f.write_str(
+                    ", which names no frame; accepted scheduled frames count as unknown until the flags are cleared; if \
+                     a frame is late again, use a larger offset or an earlier cycle (assumption H24: the frames may \
+                     count from another pulse)",
+                )
+            }
             Self::Unreadable { index, subindex } => write!(
                 f,
                 "0x{index:04X}:{subindex:02} cannot be read (assumption H42: the firmware may lack it); accepted \
@@ -389,94 +292,49 @@ mod tests {
         assert_eq!(unknown, 2, "the next reading does not show it any more");
     }
 
-    /// A reading of the flags with results.
-    fn read(accounts: &mut ScheduleAccounts, flags: u16) {
-        accounts.ripen();
-        accounts.begin_reading();
-        let read = ScheduleDiagnostics { flags, ..ScheduleDiagnostics::default() };
-        accounts.record_reading(&read, Some(&read), true);
-    }
-
-    fn late(accounts: &mut ScheduleAccounts, frames: u64) {
-        for _ in 0..frames {
-            accounts.count_scheduled(1, true);
-            accounts.close_frame(1, ScheduledFrameState::Result(ResultCode::BusBusy));
+    /// The manual has no code for a late frame (10).
+    #[test]
+    fn late_flag_makes_accepted_frames_unknown_with_results_too() {
+        for (flags, has_results, names) in [
+            (0x0040, true, Some("SCHED_LATE_DROP")),
+            (0x0040, false, Some("SCHED_LATE_DROP")),
+            (0x0080, true, None),
+            (
+                0x03C0,
+                false,
+                Some("SCHED_LATE_DROP, SCHED_QUEUE_FULL, SCHED_TX_FAIL, SCHED_TIMER_MISS"),
+            ),
+        ] {
+            let mut accounts = taken(2);
+            accounts.ripen();
+            let read = ScheduleDiagnostics { flags, ..ScheduleDiagnostics::default() };
+            let fault = accounts.record_reading(&read, Some(&read), has_results);
+            let account = accounts.account(1);
+            let expected = if names.is_some() { (0, 2) } else { (2, 0) };
+            assert_eq!((account.sent, account.unknown), expected, "{flags:#x} {has_results}");
+            let text = fault.map(|fault| fault.to_string());
+            let names = names.map(|names| format!("0xB000:06 has {names}, which names no frame"));
+            assert_eq!(text.is_some(), names.is_some());
+            assert!(text.unwrap_or_default().starts_with(&names.unwrap_or_default()));
         }
     }
 
     #[test]
-    fn late_frames_wait_for_the_reading_that_verifies_the_codes() {
-        let mut accounts = taken(3);
-        read(&mut accounts, 0);
-        late(&mut accounts, 2);
-        assert_eq!((accounts.account(1).open, accounts.account(1).late_dropped), (2, 0));
-        read(&mut accounts, ScheduleDiagnostics::LATE_DROP);
-        late(&mut accounts, 1);
-        let account = accounts.account(1);
-        assert_eq!((account.sent, account.late_dropped, account.open), (3, 3, 0));
-        assert_eq!(accounts.codes(), ResultCodes::Verified);
-    }
-
-    #[test]
-    fn contradicted_codes_leave_frames_unknown() {
-        let mut swapped = ScheduleAccounts::default();
-        for _ in 0..2 {
-            late(&mut swapped, 2);
-            read(&mut swapped, 0);
-        }
-        late(&mut swapped, 1);
-        let account = swapped.account(1);
-        assert_eq!((account.unknown, account.late_dropped, account.open), (5, 0, 0));
-        assert_eq!(swapped.codes(), ResultCodes::Contradicted);
-
-        let mut both_queued = taken(2);
-        read(&mut both_queued, 0);
-        both_queued.count_scheduled(1, true);
-        both_queued.close_frame(1, ScheduledFrameState::Result(ResultCode::Queued));
-        read(&mut both_queued, ScheduleDiagnostics::LATE_DROP);
-        assert_eq!(both_queued.account(1).open, 1, "the result of the late one may come");
-        read(&mut both_queued, ScheduleDiagnostics::LATE_DROP);
-        let account = both_queued.account(1);
-        assert_eq!((account.sent, account.unknown, account.open), (2, 1, 0));
-        both_queued.forget_flags();
-        assert_eq!(both_queued.codes(), ResultCodes::Unverified, "another chance");
-    }
-
-    /// The flag was set before the first frame.
-    #[test]
-    fn waiting_frames_verify_the_codes() {
-        let codes_after = |of_accepted: u8, of_late: u8| {
+    fn codes_of_rejected_frames_count_at_once() {
+        for (code, counts) in [
+            (ResultCode::Ok, [1, 0, 0]),
+            (ResultCode::TxFifoFull, [0, 1, 0]),
+            (ResultCode::BusBusy, [0, 0, 1]),
+            (ResultCode::InvalidChannel, [0, 0, 1]),
+            (ResultCode::BusOff, [0, 0, 1]),
+        ] {
             let mut accounts = ScheduleAccounts::default();
-            let end_image = |accounts: &mut ScheduleAccounts, waiting| {
-                let status = ChannelStatus::default().with_tx_pending(waiting);
-                accounts.record_status(&[ChannelStatus::default(), status, status, status]);
-            };
-            for _ in 0..3 {
-                accounts.count_scheduled(1, true);
-                accounts.close_frame(1, ScheduledFrameState::Result(ResultCode::Queued));
-                end_image(&mut accounts, of_accepted);
-                late(&mut accounts, 1);
-                end_image(&mut accounts, of_late);
-                // A frame that found the schedule full shows nothing.
-                accounts.count_scheduled(1, true);
-                accounts.close_frame(1, ScheduledFrameState::Result(ResultCode::TxFifoFull));
-                end_image(&mut accounts, 0);
-            }
-            read(&mut accounts, ScheduleDiagnostics::LATE_DROP);
-            accounts.codes()
-        };
-        assert_eq!(codes_after(1, 0), ResultCodes::Verified);
-        assert_eq!(codes_after(0, 0), ResultCodes::Unverified, "no accepted frame waits");
-        assert_eq!(codes_after(1, 1), ResultCodes::Unverified, "late frames wait, too");
-    }
-
-    #[test]
-    fn unreadable_flags_leave_frames_unknown() {
-        let mut accounts = taken(2);
-        late(&mut accounts, 1);
-        accounts.ripen();
-        accounts.mark_unreadable();
-        assert_eq!((accounts.account(1).unknown, accounts.account(1).open), (3, 0));
+            accounts.count_scheduled(1, true);
+            accounts.close_frame(1, ScheduledFrameState::Result(code));
+            let account = accounts.account(1);
+            assert_eq!([account.sent, account.queue_full, account.not_sent], counts, "{code:?}");
+            assert_eq!(account.accepted, counts[0]);
+        }
     }
 
     #[test]

@@ -2,7 +2,7 @@
 
 use ecan_host::{Adapter, DcSync, Error, RequestState, SdoRequestId};
 
-use super::result_codes::{Object, ScheduleDiagnostics, decisive_objects, other_objects};
+use super::diagnostics::{Object, ScheduleDiagnostics, decisive_objects, other_objects};
 use crate::config::ScheduleConfig;
 
 /// Object and value that clear the diagnostics and legacy flags (manual 13.7).
@@ -18,8 +18,6 @@ pub(crate) enum WatchResult {
     Nothing,
     /// A reading follows when the frames that are accepted by now have met their phase.
     Due,
-    /// The reading begins.
-    Begun,
     /// A reading of what decides on these frames, and the one before.
     Looked(ScheduleDiagnostics, Option<ScheduleDiagnostics>),
     /// Several readings in a row failed at this object, which decides on frames.
@@ -178,10 +176,7 @@ impl ScheduleWatch {
             }
             Activity::Settling(until_ns) if now_ns >= until_ns => {
                 let reading = Reading { since_ns: now_ns, begun: 0, ended: 0 };
-                return match self.read(adapter, reading, now_ns) {
-                    WatchResult::Nothing => WatchResult::Begun,
-                    result => result,
-                };
+                return self.read(adapter, reading, now_ns);
             }
             Activity::Reading(reading) => return self.read(adapter, reading, now_ns),
             _ => {}

@@ -19,7 +19,7 @@ use super::maintenance::flag;
 use super::pdo::{RxPdoParser, TxPdoBuilder};
 use super::profile_control::ActiveOptions;
 use super::transmit_path::{Pending, Reference, ResultQueue, ScheduleQueue, Scheduled};
-use super::variant::{GatewayVariant, RxBudgetPolicy, ScheduledPulse, TxPdoNumbering};
+use super::variant::{GatewayVariant, LateResult, RxBudgetPolicy, ScheduledPulse, TxPdoNumbering};
 
 /// Service budget in microseconds if 0x8020:7 is 0.
 const DEFAULT_SERVICE_BUDGET_US: u32 = 1000;
@@ -281,8 +281,9 @@ impl DataPath {
         match due {
             Some(due_ns) => {
                 let entry = Scheduled { due_ns, channel, frame, reference };
-                let scheduled = self.schedule_frame(entry, times.now);
-                self.results.report(reference, scheduled.err().unwrap_or(ResultCode::Queued));
+                if let Some(code) = self.schedule_frame(entry, times.now) {
+                    self.results.report(reference, code);
+                }
             }
             None => {
                 if let Err(code) = self.enqueue(channel, Pending { frame, reference }) {
@@ -308,22 +309,29 @@ impl DataPath {
         result
     }
 
-    fn schedule_frame(&mut self, entry: Scheduled, now: u64) -> Result<(), ResultCode> {
+    /// Returns the result of the frame.
+    fn schedule_frame(&mut self, entry: Scheduled, now: u64) -> Option<ResultCode> {
         let number = entry.channel;
         let losses = &mut self.counters.transmit_losses;
-        self.channels[number].check_sendable(&entry.frame, losses)?;
+        if let Err(code) = self.channels[number].check_sendable(&entry.frame, losses) {
+            return Some(code);
+        }
         if entry.due_ns <= now {
             losses.late += 1;
             self.note_schedule_error(number, flag::SCHED_LATE_DROP);
-            return Err(ResultCode::BusBusy);
+            return match self.variant.late_result {
+                LateResult::Absent => None,
+                LateResult::Queued => Some(ResultCode::Queued),
+                LateResult::BusBusy => Some(ResultCode::BusBusy),
+            };
         }
         if !self.schedule.insert(entry) {
             losses.schedule_full += 1;
             self.note_schedule_error(number, flag::SCHED_QUEUE_FULL);
-            return Err(ResultCode::TxFifoFull);
+            return Some(ResultCode::TxFifoFull);
         }
         self.counters.frames_scheduled += 1;
-        Ok(())
+        Some(ResultCode::Queued)
     }
 
     fn note_schedule_error(&mut self, number: usize, flag: u16) {

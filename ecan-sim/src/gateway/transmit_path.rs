@@ -12,9 +12,7 @@ use ecan_protocol::image::{ResultCode, TxResult};
 
 use super::controller::{CanController, Rejection};
 use super::diagnostics::{GatewayCounters, TransmitLosses};
-use super::variant::{
-    GatewayVariant, ScheduledResults, TxResultCodes, TxResults, UnsendableResult,
-};
+use super::variant::{GatewayVariant, ScheduledResults, TxResults, UnsendableResult};
 use crate::event_queue::take_first;
 use crate::random::Random;
 
@@ -45,7 +43,6 @@ pub(super) struct ResultQueue {
     results: VecDeque<TxResult>,
     /// Results of the image in progress, not sorted yet.
     fresh: Vec<TxResult>,
-    codes: TxResultCodes,
     frames: TxResults,
     of_scheduled: ScheduledResults,
     of_unsendable: UnsendableResult,
@@ -56,7 +53,6 @@ impl ResultQueue {
         Self {
             results: VecDeque::with_capacity(RESULTS_MAX),
             fresh: Vec::with_capacity(RESULTS_MAX),
-            codes: variant.tx_result_codes,
             frames: variant.tx_results,
             of_scheduled: variant.scheduled_results,
             of_unsendable: variant.unsendable_result,
@@ -72,7 +68,6 @@ impl ResultQueue {
             && is_wanted
             && self.fresh.len() < RESULTS_MAX
         {
-            let code = self.number(code);
             self.fresh.push(TxResult { channel, sequence, frame_index, code });
         }
     }
@@ -91,16 +86,6 @@ impl ResultQueue {
         };
         if self.of_scheduled == ScheduledResults::Two {
             self.report(reference, code);
-        }
-    }
-
-    /// The code with the numbers of the variant.
-    fn number(&self, code: ResultCode) -> ResultCode {
-        use ResultCode::{BusBusy, Queued};
-        match (self.codes, code) {
-            (TxResultCodes::Swapped | TxResultCodes::BothLate, Queued) => BusBusy,
-            (TxResultCodes::Swapped | TxResultCodes::BothQueued, BusBusy) => Queued,
-            (_, code) => code,
         }
     }
 

@@ -100,11 +100,10 @@ mirror! {
         /// Frames that the gateway accepted and, by its flags, passed to the CAN controller at
         /// their phase.
         sent: u64,
-        /// Frames that the gateway dropped because they arrived after their phase. Needs TX_RESULT.
-        late_dropped: u64,
         /// Frames that the gateway rejected because its schedule was full. Needs TX_RESULT.
         queue_full: u64,
-        /// Frames that the gateway rejected for another reason. Needs TX_RESULT.
+        /// Frames that the gateway rejected for another reason: bus busy, bus-off, channel not enabled. Needs
+        /// TX_RESULT.
         not_sent: u64,
         /// Frames that the host did not send: discarded, or removed because the cycle ended too
         /// late.
@@ -118,7 +117,7 @@ mirror! {
         /// Frames among `scheduled` that were accepted without margin.
         without_margin: u64,
         /// Zero; for fields of later versions.
-        reserved: [u64; 6] = [0; 6],
+        reserved: [u64; 7] = [0; 7],
     }
 }
 
@@ -177,10 +176,8 @@ mirror! {
     pub enum igh_mcan_schedule_fault_t from Option<ScheduleFault> {
         /// None: the results are certain, or no flags were read yet.
         IGH_MCAN_SCHEDULE_FAULT_NONE = 0 => None,
-        /// The codes 1 and 2 of TX_RESULT contradict the flag IGH_MCAN_SCHEDULE_LATE_DROP.
-        IGH_MCAN_SCHEDULE_FAULT_CODES_CONTRADICTED = 1 => Some(ScheduleFault::CodesContradicted),
-        /// The flag was set before a reading could verify the codes of TX_RESULT.
-        IGH_MCAN_SCHEDULE_FAULT_CODES_UNVERIFIED = 2 => Some(ScheduleFault::CodesUnverified),
+        /// Flags of 0xB000:06 report problems, but not of which frames; they stay until they are cleared.
+        IGH_MCAN_SCHEDULE_FAULT_FLAGGED = 1 => Some(ScheduleFault::Flagged { .. }),
         /// An object that decides on accepted frames cannot be read; the text names it.
         IGH_MCAN_SCHEDULE_FAULT_UNREADABLE = 3 => Some(ScheduleFault::Unreadable { .. }),
         /// Another one; see the text.

@@ -195,11 +195,10 @@ variants! {
             WithRunning = "with_running", "includes the frame in arbitration or on the bus";
             WithoutRunning = "without_running", "excludes it";
         }
-        tx_result_codes: TxResultCodes, ["H23", "S11"], "TX_RESULT codes 1 (queued) and 2 (bus busy)" {
-            Assumed = "assumed", "1 waits in the queue or schedule, 2 dropped as late or backed off";
-            Swapped = "swapped", "2 waits in the queue or schedule, 1 dropped as late or backed off";
-            BothQueued = "both_queued", "1 for both";
-            BothLate = "both_late", "2 for both";
+        late_result: LateResult, ["H23", "S11"], "TX_RESULT of a frame that is dropped as late" {
+            Absent = "none", "none: the manual has no code for it";
+            Queued = "queued", "1, as if it waited";
+            BusBusy = "bus_busy", "2";
         }
         tx_results: TxResults, ["H17", "S11"], "Frames that get a TX_RESULT" {
             EachFrame = "each_frame", "each frame";

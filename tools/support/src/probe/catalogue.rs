@@ -196,8 +196,8 @@ experiments! {
         "heartbeats are critical frames, SYNC is not";
     Loopback "" ["H18"] loopback::no_timestamps: "frames of TxPDO profile 0 carry no timestamp";
     Loopback "delta16_unit" ["H14", "S14"] loopback::timestamps: "delta16 timestamps count microseconds";
-    Loopback "tx_result_codes" ["H23", "S11"] schedule::result_codes:
-        "TX_RESULT 1 is queued, 2 is dropped as late";
+    Loopback "late_result" ["H23", "S11"] schedule::late_result:
+        "a scheduled frame that is dropped as late gets no TX_RESULT";
     Loopback "scheduled_results" ["H23", "S11"] schedule::result_count:
         "a scheduled frame gets one TX_RESULT";
     Loopback "" ["H24"] schedule::firmware_time:

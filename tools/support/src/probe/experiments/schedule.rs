@@ -130,20 +130,20 @@ fn codes_of(samples: &[Sample], is_sent: bool) -> Vec<u8> {
     codes
 }
 
-pub(in crate::probe) fn result_codes(probe: &mut Probe) -> Result<Outcome> {
-    let samples = sample(probe)?;
+pub(in crate::probe) fn late_result(probe: &mut Probe) -> Result<Outcome> {
+    let mut samples = sample(probe)?;
+    samples.retain(|sample| !sample.is_missed);
     let late = samples.iter().filter(|sample| !sample.is_sent).count();
     let (queued, dropped) = (codes_of(&samples, true), codes_of(&samples, false));
     let detail = format!(
         "results of {} frames that left: {queued:?}; of {late} frames that did not: {dropped:?}",
         samples.len() - late
     );
-    Ok(match (&queued[..], &dropped[..]) {
-        ([1] | [], [2]) => Outcome::holds(detail),
-        ([2], [1]) => Outcome::differs(detail).like("swapped"),
-        ([1], [1]) => Outcome::differs(detail).like("both_queued"),
-        ([2], [2]) => Outcome::differs(detail).like("both_late"),
-        (_, []) => Outcome::undecided(format!("no frame was dropped as late; {detail}")),
+    Ok(match (late, &queued[..], &dropped[..]) {
+        (0, ..) => Outcome::undecided(format!("no frame was dropped as late; {detail}")),
+        (_, [1] | [], []) => Outcome::holds(detail),
+        (_, [1] | [], [1]) => Outcome::differs(detail).like("queued"),
+        (_, [1] | [], [2]) => Outcome::differs(detail).like("bus_busy"),
         _ => Outcome::differs(detail),
     })
 }
