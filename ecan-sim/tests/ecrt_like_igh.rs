@@ -3,7 +3,7 @@
 use crate::ecrt_support::{CYCLE_NS, Program, stepped};
 use ecan_host::{Errno, Master, RequestState, SdoRequestId};
 use ecan_sim::variant::SdoInformation;
-use ecan_sim::{Backend, Fault, MasterBehaviour, Scenario, Simulation, echo};
+use ecan_sim::{Backend, Fault, GatewayFault, MasterBehaviour, Scenario, Simulation, echo};
 
 const MS: u64 = 1_000_000;
 
@@ -347,4 +347,34 @@ fn scenario_file_selects_the_behaviour() {
     assert_eq!(changed, Ok(expected));
     assert!(read("[master]\nlike = \"soem\"").is_err());
     assert!(read("[master]\nspeed = 1").is_err());
+}
+
+/// A configuration that is due while a request is served begins when the request has ended.
+#[test]
+fn reset_restarts_a_slave_that_serves_a_request() {
+    for delay in 0..8 {
+        let (mut program, requests) = with_requests(like_igh(1, |_| {}), 1);
+        let fault =
+            GatewayFault::SdoAbort { index: 0x8011, subindex: 1, code: 0x0800_0022, times: 1 };
+        program.simulation().inject(Fault::Gateway { gateway: 0, fault });
+        program.simulation().inject(Fault::PowerCycle { gateway: 0, off_ms: 50 });
+        cycle_until(&mut program, 20_000, |program| {
+            program.simulation().kernel_log().iter().any(|line| line.contains("aborted"))
+        });
+        // In a slow cycle the master looks at the slave while it serves the last request.
+        let slow_cycle = |program: &mut Program| {
+            program.cycle();
+            program.simulation().pass_ns(9 * MS);
+        };
+        for _ in 0..delay + 50 {
+            let mut all = program.master.requests();
+            if all.sdo_state(requests[0]).unwrap() != RequestState::Busy {
+                all.sdo_read(requests[0]).unwrap();
+            }
+            slow_cycle(&mut program);
+        }
+        program.master.reset().unwrap();
+        (0..50).for_each(|_| slow_cycle(&mut program));
+        assert!(program.reaches_op(), "delay {delay}: {:#?}", program.simulation().kernel_log());
+    }
 }

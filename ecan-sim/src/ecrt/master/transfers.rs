@@ -165,7 +165,9 @@ impl MasterModel {
                 }
                 self.requests.finish(transfer.owner, result, &mut self.configs);
                 self.end_transfer(index, now);
-                if !is_external && self.behaviour.serves_in_turn {
+                // A configuration that waited for the transfer comes first.
+                let may_go_on = self.slaves.get(index).is_some_and(|slave| slave.is_idle());
+                if !is_external && self.behaviour.serves_in_turn && may_go_on {
                     self.choose_transfer(index, world);
                 }
             }
