@@ -98,10 +98,6 @@ impl Default for Traffic {
     }
 }
 
-/// Subindices of N and channel mask in 0x8010 and 0x8011.
-const N_SUBINDEX: u8 = 3;
-const MASK_SUBINDEX: u8 = 4;
-
 /// Direction of 0x8010 or 0x8011.
 fn direction_of(index: u16) -> Direction {
     match index == Direction::TxPdo.profile_object() {
@@ -302,12 +298,12 @@ impl GatewayConfig {
                 }
                 .map_err(|_| invalid)
             }
-            0x8010 | 0x8011 if subindex != N_SUBINDEX => {
+            0x8010 | 0x8011 if subindex != PdoProfile::MULTIPLIER => {
                 let direction = direction_of(index);
                 let mut profile = self.profile(direction, self.default_multiplier());
                 profile.set_value(subindex, value).map_err(|_| invalid)?;
                 let PdoProfile { channel_mask, profile, budget, options, .. } = profile;
-                let mask = (subindex == MASK_SUBINDEX).then_some(channel_mask);
+                let mask = (subindex == PdoProfile::CHANNEL_MASK).then_some(channel_mask);
                 match direction {
                     Direction::TxPdo => {
                         self.tx_channel_mask = mask.or(self.tx_channel_mask);
@@ -334,7 +330,7 @@ impl GatewayConfig {
         match index {
             0x8001..=0x8004 => channel()?.can.value(subindex),
             0x8021..=0x8024 => channel()?.data_path.value(subindex),
-            0x8010 | 0x8011 if subindex != N_SUBINDEX => {
+            0x8010 | 0x8011 if subindex != PdoProfile::MULTIPLIER => {
                 self.profile(direction_of(index), self.default_multiplier()).value(subindex)
             }
             _ => self.device.value(index, subindex),

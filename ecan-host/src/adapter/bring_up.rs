@@ -26,8 +26,6 @@ use crate::startup::StartupPlan;
 const FIND_POLL_NS: u64 = 50_000_000;
 /// Subindex of 0xF000 that each gateway has: the size of a PDO unit.
 const SIZE_UNIT: u8 = 17;
-/// Subindex of 0x8011 with N, which the configuration has.
-const MULTIPLIER: u8 = 3;
 
 /// The parts of an Adapter that is being configured.
 pub(super) struct BringUp<'a> {
@@ -203,7 +201,7 @@ fn requested_profile(
             _ => None,
         });
         let value = match written {
-            _ if subindex == MULTIPLIER => continue,
+            _ if subindex == PdoProfile::MULTIPLIER => continue,
             Some(value) => value,
             None => match diagnostics.sdo_upload_u32(slave, object, subindex) {
                 Err(error) if error.is_missing_object() => continue,

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::fmt;
 
 use ecan_host::{Diagnostics, Error, Expectation, StartupStep};
-use ecan_protocol::config::{CacheDepth, FilterCommand, FilterWindow};
+use ecan_protocol::config::{CacheDepth, DeviceConfig, FilterCommand, FilterWindow};
 use ecan_protocol::object::{SdoWrite, describe, lookup, object};
 
 /// Compares a slave with the startup sequence of a gateway: everything that the sequence writes and
@@ -89,10 +89,6 @@ pub fn differences(
     Ok(differences)
 }
 
-const SYSTEM: u16 = 0x8000;
-const ROTATION: u8 = 12;
-const ACTIVE_ROTATION: u8 = 13;
-
 /// The active pin rotation (manual 13.3), if the sequence writes none: channels of a gateway that is not rotated
 /// have the connectors of their numbers.
 fn unstated_rotation(
@@ -100,13 +96,14 @@ fn unstated_rotation(
     slave: usize,
     written: &BTreeMap<(u16, u8), usize>,
 ) -> Result<Option<Difference>, Error> {
-    if written.contains_key(&(SYSTEM, ROTATION)) {
+    if written.contains_key(&DeviceConfig::ROTATION) {
         return Ok(None);
     }
-    let found = read(bus, slave, (SYSTEM, ACTIVE_ROTATION))?.filter(|rotation| *rotation != 0);
+    let (index, subindex) = DeviceConfig::ACTIVE_ROTATION;
+    let found = read(bus, slave, (index, subindex))?.filter(|rotation| *rotation != 0);
     Ok(found.map(|found| Difference {
-        index: SYSTEM,
-        subindex: ACTIVE_ROTATION,
+        index,
+        subindex,
         filter: None,
         expected: Expected::NotStated,
         found: Some(found),

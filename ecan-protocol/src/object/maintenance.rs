@@ -12,8 +12,6 @@ const SYSTEM_INDEX: u16 = 0x8000;
 const MAINTENANCE_INDEX: u16 = 0xB000;
 const CPU_VOLTAGE: u8 = 3;
 const CONFIG_VERSION: u8 = 10;
-const ROTATION: u8 = 12;
-const ACTIVE_ROTATION: u8 = 13;
 const ROTATION_MASK: u8 = 14;
 const ROTATION_STATUS: u8 = 15;
 const ACCESS_TIMEOUT: u8 = 3;
@@ -34,12 +32,14 @@ pub(super) const SYSTEM: Object = Object::single(
         Entry::ro(9, "MCAN3 clock hz", U32).default(80_000_000).unit("Hz"),
         Entry::rw(CONFIG_VERSION, "Config version", U32).default(0).key("config_version"),
         Entry::ro(11, "Last apply result", U32).default(0),
-        Entry::rw(ROTATION, "CAN pin rotation", U8)
+        Entry::rw(DeviceConfig::ROTATION.1, "CAN pin rotation", U8)
             .default(0)
             .range(0, 3)
             .key("pin_rotation")
             .result(ROTATION_STATUS),
-        Entry::ro(ACTIVE_ROTATION, "Active CAN pin rotation", U8).default(0).range(0, 3),
+        Entry::ro(DeviceConfig::ACTIVE_ROTATION.1, "Active CAN pin rotation", U8)
+            .default(0)
+            .range(0, 3),
         Entry::ro(ROTATION_MASK, "CAN pin rotation mask", U8).default(0x0F).bits(&[
             (0, "rotation 0"),
             (1, "rotation 1"),
@@ -183,9 +183,14 @@ impl DeviceConfig {
         (MAINTENANCE_INDEX, "maintenance"),
     ];
 
+    /// Index and subindex of the requested pin rotation.
+    pub const ROTATION: (u16, u8) = (SYSTEM_INDEX, 12);
+    /// Index and subindex of the active pin rotation.
+    pub const ACTIVE_ROTATION: (u16, u8) = (SYSTEM_INDEX, 13);
+
     /// Entries that are fields of this struct, in the order in which they are written.
     const SINGLE: [(&'static Object, u8); 4] = [
-        (&SYSTEM, ROTATION),
+        (&SYSTEM, Self::ROTATION.1),
         (&SYSTEM, CPU_VOLTAGE),
         (&SYSTEM, CONFIG_VERSION),
         (&MAINTENANCE, ACCESS_TIMEOUT),
@@ -194,7 +199,7 @@ impl DeviceConfig {
     /// Raw value of an entry; `None` if it is not configured, or belongs to another object.
     pub fn value(&self, index: u16, subindex: u8) -> Option<u32> {
         match (index, subindex) {
-            (SYSTEM_INDEX, ROTATION) => self.pin_rotation.map(Into::into),
+            Self::ROTATION => self.pin_rotation.map(Into::into),
             (SYSTEM_INDEX, CPU_VOLTAGE) => self.cpu_voltage_mv.map(Into::into),
             (SYSTEM_INDEX, CONFIG_VERSION) => self.config_version,
             (MAINTENANCE_INDEX, ACCESS_TIMEOUT) => self.access_timeout_s.map(Into::into),
@@ -222,7 +227,7 @@ impl DeviceConfig {
     pub fn set_value(&mut self, index: u16, subindex: u8, value: u32) -> Result<(), InvalidValue> {
         let invalid = InvalidValue { index, subindex, value };
         match (index, subindex) {
-            (SYSTEM_INDEX, ROTATION) => {
+            Self::ROTATION => {
                 self.pin_rotation = Some(value.try_into().map_err(|_| invalid)?);
             }
             (SYSTEM_INDEX, CPU_VOLTAGE) => {
@@ -262,7 +267,8 @@ impl DeviceConfig {
     /// rotation, its status, and the apply status of 0x8020.
     pub fn readbacks(&self) -> impl Iterator<Item = (u16, u8, u32)> + use<> {
         let rotation = self.pin_rotation.map(|rotation| {
-            [(SYSTEM_INDEX, ROTATION_STATUS, 0), (SYSTEM_INDEX, ACTIVE_ROTATION, rotation.into())]
+            let (index, subindex) = Self::ACTIVE_ROTATION;
+            [(SYSTEM_INDEX, ROTATION_STATUS, 0), (index, subindex, rotation.into())]
         });
         let data_path = self.data_path.map(|_| (DataPathGlobal::INDEX, 3, 0));
         rotation.into_iter().flatten().chain(data_path)

@@ -216,6 +216,11 @@ object! {
 }
 
 impl PdoProfile {
+    /// Subindex of N in 0x8010 and 0x8011.
+    pub const MULTIPLIER: u8 = 3;
+    /// Subindex of the channel mask.
+    pub const CHANNEL_MASK: u8 = 4;
+
     /// Returns the downloads of the requested profile, :03 to :07 (manual 5.4.3 C1..C5, C7..C11).
     /// They take effect with [`apply_write`](Self::apply_write).
     pub fn writes(&self, direction: Direction) -> impl Iterator<Item = SdoWrite> + use<> {
