@@ -3,7 +3,7 @@
 use serde_json::Value;
 
 use crate::serve::serve_bus;
-use crate::support::{Running, Scenario, ecan, ends, fails, good, scenario, setting};
+use crate::support::{Running, Scenario, ecan, ends, fails, good, json_of, scenario, setting};
 
 /// 65536 steps per turn, as the simulated drives have.
 pub const SCALE: [&str; 4] = ["--node", "1", "--steps-per-turn", "65536"];
@@ -22,7 +22,7 @@ fn motion<'a>(command: &'a str, arguments: &[&'a str]) -> Vec<&'a str> {
 
 fn drives_json(command: &str, arguments: &[&str]) -> Value {
     let arguments = [&["--json", "--ecrt", "sim:drives"], &motion(command, arguments)[..]].concat();
-    serde_json::from_str(&good(&arguments)).unwrap()
+    json_of(&good(&arguments))
 }
 
 fn drives_fail(status: i32, command: &str, arguments: &[&str]) -> String {
@@ -59,8 +59,7 @@ fn status_names_bits_and_obstacles() {
     let expected =
         "  1. the drive is in fault: error code 0x2310 continuous over-current at the output\n";
     assert!(text.contains(expected) && text.contains("ecan axis enable --reset-fault"), "{text}");
-    let report: Value =
-        serde_json::from_str(&ends(1, &[&["--json"], &status[..]].concat())).unwrap();
+    let report = json_of(&ends(1, &[&["--json"], &status[..]].concat()));
     assert_eq!((&report["state"], &report["has_fault"]), (&"fault".into(), &true.into()));
     assert_eq!(report["bits"][3], serde_json::json!({"bit": 3, "name": "fault", "is_set": true}));
     assert_eq!((&report["error_code"], &report["unit"]), (&0x2310.into(), &"step".into()));
@@ -108,7 +107,7 @@ fn other_units_and_directions_move_likewise() {
     let run = |options: &[&str]| {
         let arguments =
             [&["--json"], &DRIVES[..], &["move", "--node", "1"], &ALONE, options].concat();
-        serde_json::from_str::<Value>(&good(&arguments)).unwrap()
+        json_of(&good(&arguments))
     };
     let limits =
         ["--unit", "step", "--max-velocity", "20000", "--range", "0..9000", "--to", "8000"];
@@ -161,7 +160,7 @@ fn motion_outside_the_range_is_rejected() {
     // An overshoot of an earlier motion is led back.
     let near = ["--node", "1", "--unit", "step", "--max-velocity", "900", "--range", "0..1000"];
     let back = [&["--json"], &DRIVES[..], &["move", "--to", "900"], &near, &ALONE].concat();
-    let moved: Value = serde_json::from_str(&good(&back)).unwrap();
+    let moved = json_of(&good(&back));
     assert_eq!(moved["start"], 1_007.0, "{moved}");
     assert!((moved["end"].as_f64().unwrap() - 900.0).abs() < 10.0, "{moved}");
     let message = drives_fail(2, "tune", &["--step", "120"]);
@@ -254,7 +253,7 @@ fn homing_finds_a_switch_and_keeps_its_travel() {
     assert_eq!(homed["position"], 0.0, "{homed}");
     let wide = ["--max-velocity", "2000", "--range", "-4000..10", "--method", "1"];
     let home = [&["--json"], &DRIVES[..], &["home"], &SCALE, &ALONE, &wide].concat();
-    let homed: Value = serde_json::from_str(&good(&home)).unwrap();
+    let homed = json_of(&good(&home));
     // The negative limit switch is at -500,000 steps; the next index pulse becomes 0.
     assert!(homed["position"].as_f64().unwrap().abs() < 1.0, "{homed}");
     assert!(homed["seconds"].as_f64().unwrap() > 1.0, "{homed}");
@@ -271,9 +270,7 @@ fn stop_is_confirmed_by_the_drive() {
     let errors = String::from_utf8(output.stderr).unwrap();
     assert!(output.status.success(), "{errors}");
     assert!(errors.contains("node 1 on can0: stopped, switch on disabled"), "{errors}");
-    let end: Value =
-        serde_json::from_str(&good(&[&["--json"], &DRIVES[..], &["stop", "--node", "1"]].concat()))
-            .unwrap();
+    let end = json_of(&good(&[&["--json"], &DRIVES[..], &["stop", "--node", "1"]].concat()));
     assert_eq!(end["axis"], "node 1 on can0", "{end}");
     assert_eq!(end["state"], "switch on disabled", "{end}");
     let message = fails(5, &[&DRIVES[..], &["stop", "--node", "77"]].concat());
@@ -396,8 +393,7 @@ fn step_has_figures_and_a_picture() {
     // Without feed-forward the drive lags by velocity / gain: 90 / 60 degrees more.
     let soft = one_drive("motor = { position_gain = 60, feed_forward = 0 }\n", "");
     let json = ["--json"];
-    let lagging = soft.good(&[&json[..], &motion("tune", &step[..4])].concat());
-    let lagging: Value = serde_json::from_str(&lagging).unwrap();
+    let lagging = json_of(&soft.good(&[&json[..], &motion("tune", &step[..4])].concat()));
     let lag = lagging["step"]["max_error"].as_f64().unwrap();
     assert!((lag - figure("max_error") - 1.5).abs() < 0.1, "{lagging}");
     let message = drives_fail(6, "tune", &["--step", "1", "--plot", "/none/step.svg"]);
@@ -438,7 +434,7 @@ fn axis_of_a_file_is_selected_by_name_or_index() {
             ["--json", "--ecrt", SIMULATED, "axis", "move", "--config", MACHINE, "--axis", axis];
         let limits = ["--max-velocity", "60", "--range", "-90..90", "--to", "20"];
         let moved = good(&[&arguments[..], &limits, &ALONE].concat());
-        serde_json::from_str::<Value>(&moved).unwrap()
+        json_of(&moved)
     };
     let (named, numbered) = (run("elbow"), run("1"));
     assert_eq!(named["axis"], "axis elbow (node 2 on can0)");

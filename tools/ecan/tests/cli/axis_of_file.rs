@@ -7,7 +7,7 @@ use serde_json::Value;
 use crate::axis::LIMITS;
 use crate::axis_terminal::OBSERVED;
 use crate::support::observed_bus::ObservedBus;
-use crate::support::{Running, Scenario, ecan, fails, good, scenario, setting, wait_for};
+use crate::support::{Running, Scenario, ecan, fails, good, json_of, scenario, setting, wait_for};
 
 const AXIS: &str = "[[axis]]\ngateway = 0\nchannel = 0\nnode = 1\nsteps_per_turn = 65536\n";
 const ALONE: [&str; 4] = ["--axis", "0", "--yes", "--unattended"];
@@ -145,7 +145,7 @@ fn axis_of_a_drive_with_several_is_moved() {
             ([&of_file[..], &["gantry/1"]].concat(), "axis gantry/1 (node 1 on can0)"),
         ] {
             let moved = good(&[&arguments(mode)[..], &axis].concat());
-            let report: Value = serde_json::from_str(&moved).unwrap();
+            let report = json_of(&moved);
             assert_eq!(report["axis"], label);
             assert!((report["end"].as_f64().unwrap() - 30.0).abs() < 0.05, "{mode}: {report}");
         }

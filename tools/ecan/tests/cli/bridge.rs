@@ -10,7 +10,7 @@ use rustix::process::Signal;
 
 use crate::support::client::Client;
 use crate::support::timed_reader::{LIMIT, TimedReader};
-use crate::support::{Running, Scenario, fails};
+use crate::support::{Running, Scenario, fails, json_of};
 
 /// Frame in the format of socketcand: CAN ID, time and data.
 fn next_frame(client: &mut Client) -> [String; 3] {
@@ -147,7 +147,7 @@ fn slcan_passes_can_fd_at_channel_bit_rates() {
         assert_ne!(line, "", "{text}");
         text.push_str(&line);
     }
-    let places: serde_json::Value = serde_json::from_str(&text).unwrap();
+    let places = json_of(&text);
     assert_eq!((&places[0]["protocol"], &places[0]["channel"]), (&"slcan".into(), &0.into()));
     let address = places[0]["address"].as_str().unwrap();
     let mut client = Client::connect(address);

@@ -9,7 +9,7 @@ use ecan_protocol::can::{CanFrame, CanId};
 use ecan_sim::{ClockKind, Scenario, SimOptions};
 use ecan_tool_support::diagnosis::{Depth, ReadError, Snapshot};
 
-use crate::support::{ends, fails, good, scenario, setting, simulated};
+use crate::support::{ends, fails, good, json_of, scenario, setting, simulated};
 
 const CYCLES: u32 = 1_000;
 const CHECK: &str = "next   compare bit rates, sample points (nominal and data), TDC and bit rate switch (BRS) with \
@@ -62,8 +62,7 @@ fn explain(snapshot: &Snapshot) -> String {
     let directory = tempfile::tempdir().unwrap();
     let path = directory.path().join("bundle.json").display().to_string();
     simulated(&["diag", "--record", &path]);
-    let mut bundle: serde_json::Value =
-        serde_json::from_str(&std::fs::read_to_string(&path).unwrap()).unwrap();
+    let mut bundle: serde_json::Value = json_of(&std::fs::read_to_string(&path).unwrap());
     bundle["snapshot"] = serde_json::to_value(snapshot).unwrap();
     std::fs::write(&path, bundle.to_string()).unwrap();
     ends(1, &["diag", "--brief", "--from", &path])

@@ -5,7 +5,7 @@ use std::process::Command;
 
 use crate::support::terminal::with_answer;
 use crate::support::{
-    ecan, ends, fails, first_silent, good, scenario, setting, simulated, two_gateways,
+    ecan, ends, fails, first_silent, good, json_of, scenario, setting, simulated, two_gateways,
 };
 use tempfile::TempDir;
 
@@ -75,8 +75,7 @@ EtherCAT: 2048 bytes of process data, 2 frame(s), 176.0 us of 1000 us (17.6 %)
 Sync0: 500 us after the start of its period
 ";
     assert_eq!(good(&["config", "check", text(&path)]), expected);
-    let json = good(&["config", "check", text(&path), "--json"]);
-    let json: serde_json::Value = serde_json::from_str(&json).unwrap();
+    let json = json_of(&good(&["config", "check", text(&path), "--json"]));
     assert_eq!(json["gateways"][0]["channels"][0]["data"]["sample_point_percent"][1], 87.5);
     assert_eq!(json["gateways"][0]["channels"][0]["message_ram_bytes"], 8192);
     assert_eq!(json["gateways"][0]["images"][1]["profile_word"], 7 | 3 << 5);
@@ -186,8 +185,7 @@ fn apply_reports_written_parts_on_failure() {
     assert!(rest.contains("  PDO profiles "), "{rest}");
     let reason = rest.lines().find(|line| line.starts_with("  SDO download 0x8002:19")).unwrap();
     assert!(reason.contains("0x06090030"), "{reason}");
-    let json = ends(5, &["--ecrt", &bus, "config", "apply", path, "--json"]);
-    let json: serde_json::Value = serde_json::from_str(&json).unwrap();
+    let json = json_of(&ends(5, &["--ecrt", &bus, "config", "apply", path, "--json"]));
     let complete = [0, 1, 2].map(|at| json[at]["is_complete"].as_bool().unwrap());
     assert_eq!(complete, [true, false, false]);
     assert_eq!([0, 1, 2].map(|at| json[at]["position"].as_u64().unwrap()), [0, 1, 2]);
@@ -207,8 +205,7 @@ fn diff_reports_compared_gateways_on_failure() {
     let not: Vec<_> = told.lines().filter(|line| line.contains(": not compared: ")).collect();
     assert!(not[0].starts_with("slave 1: not compared: SDO upload 0x8002:19"), "{told}");
     assert_eq!(not[1..], ["slave 2: not compared: skipped"]);
-    let json = ends(5, &["--ecrt", &bus, "config", "diff", path, "--json"]);
-    let json: serde_json::Value = serde_json::from_str(&json).unwrap();
+    let json = json_of(&ends(5, &["--ecrt", &bus, "config", "diff", path, "--json"]));
     assert!(json[0]["differences"].is_array() && json[1]["differences"].is_null());
     assert!(json[1]["error"].is_string() && json[2]["error"].is_null());
 }
@@ -241,8 +238,7 @@ fn missing_entry_of_one_gateway_is_listed_by_diff_and_rejected_by_apply() {
             format!("slave {slave}: skipped, not configured as gateway {slave} of {path}\n");
         assert!(printed.contains(&skipped), "{printed}");
     }
-    let json = ends(5, &["--ecrt", &bus, "config", "apply", path, "--json"]);
-    let json: serde_json::Value = serde_json::from_str(&json).unwrap();
+    let json = json_of(&ends(5, &["--ecrt", &bus, "config", "apply", path, "--json"]));
     for at in [0, 1, 2] {
         assert_eq!(json[at]["steps"], serde_json::json!([]), "{json}");
         assert_eq!(json[at]["parts"], serde_json::json!([]), "{json}");
@@ -287,8 +283,7 @@ fn diff_lists_entries_with_status_1() {
     assert!(
         errors.contains("that the master writes at each start differ too (shown with --active")
     );
-    let json = ends(1, &["--ecrt", "sim", "config", "diff", text(&path), "--json"]);
-    let json: serde_json::Value = serde_json::from_str(&json).unwrap();
+    let json = json_of(&ends(1, &["--ecrt", "sim", "config", "diff", text(&path), "--json"]));
     assert_eq!((&json[0]["position"], &json[0]["gateway"]), (&0.into(), &0.into()));
     let output = ecan(&["--ecrt", "sim", "config", "diff", "--active", text(&path)]);
     let listed = String::from_utf8(output.stdout).unwrap();
@@ -312,8 +307,7 @@ fn flash_is_saved_loaded_and_reset() {
     assert!(factory.ends_with(", stored 0x00000000)\n"), "{factory}");
     let message = fails(5, &["--ecrt", "sim", "config", "load"]);
     assert!(message.contains("status 4 (image invalid: nothing is stored"), "{message}");
-    let json: serde_json::Value =
-        serde_json::from_str(&simulated(&["config", "save", "--json"])).unwrap();
+    let json = json_of(&simulated(&["config", "save", "--json"]));
     assert_eq!(json["active_crc"], json["stored_crc"]);
     // A Flash that fails.
     let (_directory, path) =
@@ -357,8 +351,7 @@ fn export_works_offline() {
     assert!(
         list("ethercat").contains("\ntransfer download -p 0 --type uint32 0x8003 19 125000  #")
     );
-    let json: serde_json::Value =
-        serde_json::from_str(&good(&["config", "export", text(&path), "--json"])).unwrap();
+    let json = json_of(&good(&["config", "export", text(&path), "--json"]));
     assert_eq!(json[12]["index"], 0x1C12);
     assert_eq!(json[12]["bytes"], serde_json::json!([0]));
     let json = json.as_array().unwrap();
@@ -475,7 +468,7 @@ fn flash_commands_select_file_or_all() {
     assert_eq!(places(&run(&["factory", "--yes", path])), ["slave 0", "slave 1"]);
     let message = fails(2, &["--ecrt", &bus, "config", "factory", "--all"]);
     assert!(message.contains("cannot ask for confirmation of"), "{message}");
-    let list: serde_json::Value = serde_json::from_str(&run(&["save", "--all", "--json"])).unwrap();
+    let list = json_of(&run(&["save", "--all", "--json"]));
     assert_eq!(list[2]["position"], 2);
     assert_eq!(list[2]["active_crc"], list[2]["stored_crc"]);
     let message = fails(4, &["--ecrt", &bus, "config", "save"]);

@@ -4,14 +4,13 @@ use std::path::Path;
 use std::process::Command;
 
 use crate::support::terminal::with_answer;
-use crate::support::{ends, fails, good, scenario, setting, simulated, write_program};
+use crate::support::{ends, fails, good, json_of, scenario, setting, simulated, write_program};
 
 /// The bundle of the simulated gateway, with values changed: object and value.
 fn bundle(directory: &Path, changes: &[(&str, u32)]) -> String {
     let path = directory.join("bundle.json").display().to_string();
     simulated(&["diag", "--record", &path]);
-    let mut bundle: serde_json::Value =
-        serde_json::from_str(&std::fs::read_to_string(&path).unwrap()).unwrap();
+    let mut bundle: serde_json::Value = json_of(&std::fs::read_to_string(&path).unwrap());
     for (object, value) in changes {
         assert!(bundle["snapshot"]["values"][object].is_u64(), "{object} was read");
         bundle["snapshot"]["values"][object] = (*value).into();
@@ -110,8 +109,7 @@ fn impossible_values_are_explained() {
 fn json_has_registers_findings_and_bundle() {
     let directory = tempfile::tempdir().unwrap();
     let path = bundle(directory.path(), &[("0x9000:01", 0x0000_2005), ("0x8011:16", 3)]);
-    let report: serde_json::Value =
-        serde_json::from_str(&ends(1, &["diag", "--json", "--from", &path])).unwrap();
+    let report = json_of(&ends(1, &["diag", "--json", "--from", &path]));
     assert_eq!(report["channels"][0]["error_counters"]["transmit"], 5);
     assert_eq!(report["channels"][0]["error_counters"]["receive"], 0x20);
     assert_eq!(report["channels"][0]["protocol"]["last_error"], "no_change");
@@ -185,8 +183,7 @@ cycle performance (0x9011): not read
 
 fault [mailbox-silent]";
     assert!(report.starts_with(expected), "{report}");
-    let json = ends(1, &["--ecrt", &silent, "diag", "--json"]);
-    let json: serde_json::Value = serde_json::from_str(&json).unwrap();
+    let json = json_of(&ends(1, &["--ecrt", &silent, "diag", "--json"]));
     assert!(json["flags"].is_null() && json["bundle"]["gateway"]["firmware"].is_null(), "{json}");
 
     let rejected =
@@ -214,8 +211,7 @@ fault [mailbox-silent]";
     ] {
         assert!(report.contains(words), "{words}: {report}");
     }
-    let json = good(&["--ecrt", &rejected, "diag", "--json", "--record", &file]);
-    let json: serde_json::Value = serde_json::from_str(&json).unwrap();
+    let json = json_of(&good(&["--ecrt", &rejected, "diag", "--json", "--record", &file]));
     let channel = &json["channels"][0];
     assert!(channel["rx_dropped"].is_null() && channel["error_counters"].is_null(), "{channel}");
     assert_eq!(channel["tx_backpressure"], 0);
@@ -226,8 +222,7 @@ fault [mailbox-silent]";
 fn gateways_are_read_in_parallel() {
     // In real time, each on a thread of its own.
     let bus = scenario("clock = \"real\"\n[[gateway]]\n[[gateway]]\n[[gateway]]\n");
-    let json = good(&["--ecrt", &setting(&bus), "diag", "--all", "--json"]);
-    let json: serde_json::Value = serde_json::from_str(&json).unwrap();
+    let json = json_of(&good(&["--ecrt", &setting(&bus), "diag", "--all", "--json"]));
     let serials =
         json.as_array().unwrap().iter().map(|report| &report["bundle"]["gateway"]["serial"]);
     let serials: Vec<_> = serials.map(|serial| serial.as_u64().unwrap()).collect();
@@ -303,7 +298,7 @@ fn report_is_printed_if_record_or_clear_fails() {
     // What is not kept is not cleared either: this gateway would reject that by status 5.
     let report =
         ends(6, &["--ecrt", &rejecting, "diag", "--clear", "--record", &nowhere, "--json"]);
-    let report: serde_json::Value = serde_json::from_str(&report).unwrap();
+    let report = json_of(&report);
     assert_eq!(report["position"], 0);
 }
 
@@ -313,8 +308,7 @@ fn all_gateways_are_diagnosed() {
     let report = good(&["--ecrt", &setting(&two), "diag", "--all", "--brief"]);
     let heads: Vec<_> = report.split("\n\n").map(|head| head.split_once(',').unwrap().0).collect();
     assert_eq!(heads, ["slave 0", "slave 1"]);
-    let json = good(&["--ecrt", &setting(&two), "diag", "--all", "--json"]);
-    let json: serde_json::Value = serde_json::from_str(&json).unwrap();
+    let json = json_of(&good(&["--ecrt", &setting(&two), "diag", "--all", "--json"]));
     assert_eq!((json[1]["position"].as_u64(), json[2].is_null()), (Some(1), true));
     // One that cannot be asked has its finding, and is not cleared.
     let silent = crate::support::first_silent();

@@ -1,6 +1,6 @@
 //! Tests of `ecan dump` with a replay node.
 
-use crate::support::{Running, Scenario, fails};
+use crate::support::{Running, Scenario, fails, json_of};
 
 /// Milliseconds and frame.
 const FRAMES: [(u64, &str); 5] = [
@@ -95,8 +95,7 @@ fn count_and_timeout_set_exit_status() {
 #[test]
 fn json_frames_have_device_time() {
     let shown = bus().good(&["dump", "-n", "3", "--json", "-H"]);
-    let frames: Vec<serde_json::Value> =
-        shown.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+    let frames: Vec<serde_json::Value> = shown.lines().map(json_of).collect();
     assert_eq!(frames[0]["id"], 0x123);
     assert_eq!(frames[0]["data"], "DEADBEEF");
     assert_eq!(frames[0]["kind"], "data");

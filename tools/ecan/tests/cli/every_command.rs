@@ -2,7 +2,9 @@
 
 use std::process::Command;
 
-use crate::support::{FakeLibrary, Scenario, ends, fails, first_silent, setting, two_gateways};
+use crate::support::{
+    FakeLibrary, Scenario, ends, fails, first_silent, json_of, setting, two_gateways,
+};
 
 /// Commands that are about one gateway.
 fn commands_of_one(files: &Scenario) -> Vec<Vec<String>> {
@@ -163,7 +165,7 @@ fn failure_is_json_on_stdout_with_json() {
         assert_eq!(output.status.code(), Some(status), "{arguments:?}: {errors}");
         let text = String::from_utf8(output.stdout).unwrap();
         assert_eq!(text.lines().count(), 1, "{arguments:?}: {text}");
-        let json: serde_json::Value = serde_json::from_str(&text).unwrap();
+        let json = json_of(&text);
         assert_eq!(json["status"], status, "{json}");
         assert!(json["error"].as_str().unwrap().contains(expected), "{json}");
         assert!(!json["error"].as_str().unwrap().contains("Usage"), "{json}");
@@ -172,7 +174,7 @@ fn failure_is_json_on_stdout_with_json() {
     }
     // A document that was printed reports the failure itself.
     let text = ends(1, &["plan", "--pdo-n", "12", "--json"]);
-    let json: serde_json::Value = serde_json::from_str(&text).unwrap();
+    let json = json_of(&text);
     assert!(json["error"].is_null() && json["faults"].is_array(), "{json}");
     // Data on standard output has no line that is not its own.
     assert_eq!(ends(6, &["--json", "--ecrt", "sim:/no.toml", "dump", "--record", "-"]), "");

@@ -7,7 +7,7 @@ use std::process::{Command, Stdio};
 
 use crate::fake_ethercat::{Behaviour, FakeEthercat};
 use crate::support::terminal::with_answer;
-use crate::support::{ecan, fails, good};
+use crate::support::{ecan, fails, good, json_of};
 use ecan_sim::{Fault, FirmwarePackage, GatewayFault};
 use ecan_test_support::Killed;
 use serde_json::Value;
@@ -60,7 +60,7 @@ POS  STATE  FIRMWARE  SERIAL
     assert_eq!((status, out.as_str()), (0, expected));
     let (status, out, _) =
         firmware(&tool.program, &["version", "--slave", "serial=4294967298", "--json"]);
-    let json: Value = serde_json::from_str(&out).unwrap();
+    let json = json_of(&out);
     assert_eq!((status, &json[0]["position"]), (0, &Value::from(1)));
     assert_eq!((&json[0]["version"], &json[0]["build"]), (&0x0202.into(), &1.into()));
     assert_eq!((&json[0]["firmware"], &json[0]["numbers"]), (&"2.2.1".into(), &"2.2.1".into()));
@@ -91,7 +91,7 @@ upload: Failed to upload SDO: Input/output error
     );
     let setting = crate::support::setting(&bus);
     let command = ["--ecrt", &setting, "firmware", "version", "--all", "--json"];
-    let json: Value = serde_json::from_str(&crate::support::ends(5, &command)).unwrap();
+    let json = json_of(&crate::support::ends(5, &command));
     assert!(json[0]["error"].as_str().unwrap().contains("0x08000022"), "{json}");
     assert_eq!((&json[0]["firmware"], &json[1]["firmware"]), (&Value::Null, &"2.2.1".into()));
     assert!(json[1]["error"].is_null(), "{json}");
@@ -174,7 +174,7 @@ fn file_of_any_format_is_sent_to_the_gateway() {
 fn rejection_reason_comes_from_gateway() {
     let (tool, file) = (FakeEthercat::new(1, Behaviour::Of15), file(&[0x55; 5000]));
     let (status, out, _) = update(&tool, file.path(), &["--json"]);
-    let json: Value = serde_json::from_str(&out).unwrap();
+    let json = json_of(&out);
     assert_eq!((status, &json[0]["rejection"]["cause"]), (5, &Value::from("verify")));
     let text = json[0]["text"].as_str().unwrap();
     assert!(text.contains("FOE_ACK_ERROR; status 0xB000:11 = 0x8010"), "{text}");
@@ -196,7 +196,7 @@ fn interrupted_update_keeps_old_version() {
     let (tool, package) = (FakeEthercat::new(1, behaviour), package(NEW));
     let (status, out, _) = update(&tool, package.path(), &["--timeout", "1", "--json"]);
     assert_eq!(status, 5, "{out}");
-    let json: Value = serde_json::from_str(&out).unwrap();
+    let json = json_of(&out);
     assert_eq!(json[0]["result"], "rejected");
     assert_eq!(json[0]["rejection"]["cause"], "interrupted");
     assert_eq!(json[0]["is_good"], false);
@@ -266,7 +266,7 @@ fn unresponsive_gateway_is_reported() {
     assert!(out.contains("Slave 0 does not exist"), "{out}");
     let tool = FakeEthercat::new(1, Behaviour::NeverBack);
     let (_, out, _) = update(&tool, package.path(), &["--timeout", "1", "--json"]);
-    let json: Value = serde_json::from_str(&out).unwrap();
+    let json = json_of(&out);
     assert_eq!(json[0]["result"], "not_back");
 }
 

@@ -1,7 +1,7 @@
 //! `--config` of the commands that carry frames, and of `monitor`.
 
 use crate::support::client::Client;
-use crate::support::{Running, Scenario, fails};
+use crate::support::{Running, Scenario, fails, json_of};
 
 /// Channels 0 and 2; standard frames other than 100 to 1FF stay out, extended ones all.
 const CELL: &str = "\
@@ -113,7 +113,7 @@ fn monitor_shows_channels_of_the_file() {
     let bus = bus(250, &frames);
     let path = bus.path("cell.toml");
     let json = bus.good(&["monitor", "--config", &path, "--for", "10", "--json"]);
-    let snapshot: serde_json::Value = serde_json::from_str(&json).unwrap();
+    let snapshot = json_of(&json);
     let channels = &snapshot["gateways"][0]["channels"];
     let states: Vec<_> = (0..4).map(|at| channels[at]["state"].as_str().unwrap()).collect();
     assert_eq!(states, ["run", "disabled", "run", "disabled"]);

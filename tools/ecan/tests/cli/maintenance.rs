@@ -1,6 +1,6 @@
 //! `reg`, `filter`, `pins`, `reboot` and `plan`, used and misused.
 
-use crate::support::{ends, fails, good, scenario, setting, simulated};
+use crate::support::{ends, fails, good, json_of, scenario, setting, simulated};
 
 #[test]
 fn registers_are_read_by_name_and_offset() {
@@ -12,8 +12,7 @@ fn registers_are_read_by_name_and_offset() {
         simulated(&["reg", "read", "0x0C4", "--channel", "3"]),
         "CAN3 TXFQS (0x00C4) = 0x00000000: 0 elements free\n"
     );
-    let json = simulated(&["reg", "read", "endn", "--channel", "1", "--json"]);
-    let json: serde_json::Value = serde_json::from_str(&json).unwrap();
+    let json = json_of(&simulated(&["reg", "read", "endn", "--channel", "1", "--json"]));
     assert_eq!((&json["value"], &json["name"]), (&0x8765_4321_u32.into(), &"ENDN".into()));
 }
 
@@ -84,8 +83,7 @@ fn rotation_that_is_not_active_is_reported() {
 #[test]
 fn gateway_restarts_and_responds() {
     assert_eq!(simulated(&["reboot"]), "slave 0: restarting\n");
-    let back = simulated(&["reboot", "--wait", "--json"]);
-    let back: serde_json::Value = serde_json::from_str(&back).unwrap();
+    let back = json_of(&simulated(&["reboot", "--wait", "--json"]));
     assert_eq!((&back["is_back"], &back["firmware"]), (&true.into(), &"2.2.1".into()));
     assert!(back["after_ms"].as_u64().unwrap() >= 200, "it boots for 200 ms");
     // One that boots for longer than the patience.
@@ -154,8 +152,7 @@ fn plan_prints_configuration() {
     assert!(!small.contains("note:"), "{small}");
     let plan = ends(1, &["plan", "--pdo-n", "12"]);
     assert!(plan.contains("fault: slave 0: RxPDO size N = 12 needs 1536 bytes"), "{plan}");
-    let json = ends(1, &["plan", "--frames", "100", "--cycle-us", "1000", "--json"]);
-    let json: serde_json::Value = serde_json::from_str(&json).unwrap();
+    let json = json_of(&ends(1, &["plan", "--frames", "100", "--cycle-us", "1000", "--json"]));
     assert!(json["channels"][0]["most_load"].as_f64().unwrap() > 1.0);
     assert!(
         json["faults"]
@@ -170,7 +167,7 @@ fn plan_prints_configuration() {
 fn plan_uses_options_of_frame_commands() {
     let plan = |arguments: &[&str]| {
         let json = good(&[&["plan", "--json"], arguments].concat());
-        serde_json::from_str::<serde_json::Value>(&json).unwrap()
+        json_of(&json)
     };
     let plain = plan(&[]);
     assert_eq!(plain["cycle_ns"], 1_000_000);
@@ -232,8 +229,7 @@ fn plan_of_recording_uses_mean_rate() {
     std::fs::write(log.path(), lines.concat()).unwrap();
     let path = log.path().to_str().unwrap();
     let arguments = ["plan", "--slaves", "2", "--channel", "all", "--bitrate", "1000000", "--json"];
-    let json = good(&[&arguments[..], &["--replay", path]].concat());
-    let json: serde_json::Value = serde_json::from_str(&json).unwrap();
+    let json = json_of(&good(&[&arguments[..], &["--replay", path]].concat()));
     let load = |slave: u64, channel: u64| {
         let channels = json["channels"].as_array().unwrap();
         let is_place =

@@ -10,8 +10,8 @@ use std::time::{Duration, Instant};
 use serde_json::Value;
 
 use crate::serve::{Served, serve};
-use crate::support::fails;
 use crate::support::python::{python_with, skip};
+use crate::support::{fails, json_of};
 use ecan_test_support::Killed;
 
 const PATIENCE: Duration = Duration::from_secs(300);
@@ -48,7 +48,7 @@ fn has(program: &str) -> bool {
 
 /// Queries of the panels, each for all values of the variables.
 fn queries() -> Vec<String> {
-    let dashboard: Value = serde_json::from_str(&fs::read_to_string(DASHBOARD).unwrap()).unwrap();
+    let dashboard = json_of(&fs::read_to_string(DASHBOARD).unwrap());
     let panels = dashboard["panels"].as_array().unwrap().iter();
     let targets = panels.filter_map(|panel| panel["targets"].as_array()).flatten();
     targets

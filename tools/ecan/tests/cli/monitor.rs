@@ -3,7 +3,7 @@
 use std::process::Command;
 
 use crate::support::terminal::{ENTER, LEAVE, OnTerminal};
-use crate::support::{Scenario, ecan, ends, fails, good, scenario, setting, simulated};
+use crate::support::{Scenario, ecan, ends, fails, good, json_of, scenario, setting, simulated};
 
 #[test]
 fn once_prints_gateways_channels_and_cycle() {
@@ -43,7 +43,7 @@ fn frames_have_rate_and_load() {
     let bus = Scenario::replaying(&[], "");
     bus.write("bus.log", &log);
     let json = bus.good(&["monitor", "--for", "4", "--json", "--channel", "0"]);
-    let snapshot: serde_json::Value = serde_json::from_str(&json).unwrap();
+    let snapshot = json_of(&json);
     let channel = &snapshot["gateways"][0]["channels"][0];
     let rate = channel["rx_per_second"].as_f64().unwrap();
     assert!((99.0..101.0).contains(&rate), "{rate}");

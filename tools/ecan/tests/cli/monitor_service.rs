@@ -15,7 +15,7 @@ use serde_json::{Value, json};
 use crate::serve::{Served, serve_ready};
 use crate::support::application::Application;
 use crate::support::on_screen::OnScreen;
-use crate::support::{ecan, ends, fails, good, wait_for};
+use crate::support::{ecan, ends, fails, good, json_of, wait_for};
 
 /// Sends a frame every 5 cycles, whose second byte counts.
 fn count() -> impl FnMut(&mut Cycle<'_>) + Send {
@@ -29,10 +29,6 @@ fn count() -> impl FnMut(&mut Cycle<'_>) + Send {
             let _ = cycle.send(channel, &frame);
         }
     }
-}
-
-fn json_of(text: &str) -> Value {
-    serde_json::from_str(text).unwrap()
 }
 
 #[test]

@@ -3,7 +3,7 @@
 use serde_json::Value;
 
 use crate::serve::serve_bus;
-use crate::support::{Scenario, ecan, ends, fails, good};
+use crate::support::{Scenario, ecan, ends, fails, good, json_of};
 
 const DRIVES: [&str; 2] = ["--ecrt", "sim:drives"];
 
@@ -12,7 +12,7 @@ fn drives(arguments: &[&str]) -> String {
 }
 
 fn json(arguments: &[&str]) -> Value {
-    serde_json::from_str(&drives(&[&["--json"], arguments].concat())).unwrap()
+    json_of(&drives(&[&["--json"], arguments].concat()))
 }
 
 fn drives_fail(status: i32, arguments: &[&str]) -> String {

@@ -3,7 +3,7 @@
 use serde_json::Value;
 
 use crate::serve::serve_bus;
-use crate::support::{Scenario, fails, good};
+use crate::support::{Scenario, fails, good, json_of};
 
 fn sdo(arguments: &[&str]) -> String {
     good(&[&["--ecrt", "sim:drives", "node", "sdo"], arguments].concat())
@@ -33,7 +33,7 @@ fn objects_are_read_by_number_and_name() {
     );
     let read =
         good(&["--json", "--ecrt", "sim:drives", "node", "sdo", "read", "--node", "3.4", "0x6064"]);
-    let read: Value = serde_json::from_str(&read).unwrap();
+    let read = json_of(&read);
     assert_eq!((&read["channel"], &read["node"]), (&3.into(), &4.into()));
     assert_eq!((&read["value"], &read["type"]), (&34_007.into(), &"i32".into()));
     assert_eq!(read["bytes"], Value::from(34_007_i32.to_le_bytes().to_vec()));

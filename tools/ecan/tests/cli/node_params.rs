@@ -1,9 +1,7 @@
 //! `ecan node params`: the values of a node in a DCF, on nodes that live as long as a service.
 
-use serde_json::Value;
-
 use crate::serve::{Served, serve_bus};
-use crate::support::{Scenario, ends};
+use crate::support::{Scenario, ends, json_of};
 
 const EXAMPLE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../examples/network");
 
@@ -63,8 +61,7 @@ fn saved_values_are_compared_and_restored() {
             "0x2002:00  Label       \"left\"      \"right\"",
         ]
     );
-    let json = ends(1, &[&["--json"], &via[..], &gripper("diff", &file, &[])].concat());
-    let json: Value = serde_json::from_str(&json).unwrap();
+    let json = json_of(&ends(1, &[&["--json"], &via[..], &gripper("diff", &file, &[])].concat()));
     assert_eq!(json["differences"][0]["name"], "Grip force");
     assert_eq!(
         (&json["differences"][0]["file"], &json["differences"][0]["node"]),

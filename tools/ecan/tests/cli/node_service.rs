@@ -1,7 +1,7 @@
 //! `ecan node` through `ecan serve`: the nodes live as long as the service.
 
 use crate::serve::{Served, serve_bus};
-use crate::support::{fails, good};
+use crate::support::{fails, good, json_of};
 
 fn serve_drives() -> Served {
     let mut served = serve_bus("sim:drives", &[]);
@@ -55,7 +55,7 @@ fn live_pdo_shows_the_change_of_another_command() {
     }
     let lines = [watching.line(), watching.line()];
     for line in &lines {
-        let live: serde_json::Value = serde_json::from_str(line).unwrap();
+        let live = json_of(line);
         assert_eq!(live["pdo"], "TPDO 1", "{line}");
         assert_eq!(live["values"][0]["name"], "statusword", "{line}");
     }

@@ -1,6 +1,8 @@
 //! `scan`, `info`, `caps` and `sdo`, used and misused.
 
-use crate::support::{ends, fails, first_silent, good, scenario, setting, simulated, two_gateways};
+use crate::support::{
+    ends, fails, first_silent, good, json_of, scenario, setting, simulated, two_gateways,
+};
 
 #[test]
 fn slaves_are_listed() {
@@ -9,7 +11,7 @@ POS  ALIAS  STATE  NAME       FIRMWARE  HARDWARE  SERIAL      IDENTITY
 0    -      PREOP  ECAN-Lite  2.2.1     1         4294967297  0x00004543 0x4C495445 0x00020002
 ";
     assert_eq!(simulated(&["scan"]), expected);
-    let json: serde_json::Value = serde_json::from_str(&simulated(&["scan", "--json"])).unwrap();
+    let json = json_of(&simulated(&["scan", "--json"]));
     assert_eq!(json[0]["serial"], 4_294_967_297_u64);
     assert_eq!(json[0]["is_gateway"], true);
 }
@@ -20,8 +22,7 @@ fn unidentified_slave_is_listed_with_reason() {
     let listed = good(&["--ecrt", &setting(&bus), "scan"]);
     let line = "\nslave 0 cannot be identified: SDO upload 0xF000:09";
     assert!(listed.contains(line), "{listed}");
-    let json = good(&["--ecrt", &setting(&bus), "scan", "--json"]);
-    let json: serde_json::Value = serde_json::from_str(&json).unwrap();
+    let json = json_of(&good(&["--ecrt", &setting(&bus), "scan", "--json"]));
     assert_eq!((&json[0]["is_gateway"], &json[1]["is_gateway"]), (&().into(), &true.into()));
     assert!(json[0]["unknown"].as_str().unwrap().contains("0xF000:09"), "{json}");
     // One that answers that it has no such object is another device.
@@ -53,7 +54,7 @@ fn info_shows_all_gateways() {
     let (first, second) = told.split_once("\n\n").unwrap();
     assert!(first.starts_with("slave     0, PREOP\n"), "{told}");
     assert!(second.starts_with("slave     1, alias 7, PREOP\n"), "{told}");
-    let json: serde_json::Value = serde_json::from_str(&run(&["--json"])).unwrap();
+    let json = json_of(&run(&["--json"]));
     assert_eq!((&json[0]["position"], &json[1]["alias"]), (&0.into(), &7.into()));
     // One that cannot be asked does not hide the other.
     let silent = first_silent();
@@ -73,9 +74,8 @@ fn missing_version_is_not_empty() {
     );
     let setting = setting(&bus);
     let run = |command: &[&str]| good(&[&["--ecrt", &setting][..], command].concat());
-    let json = |command: &[&str]| -> serde_json::Value {
-        serde_json::from_str(&run(&[command, &["--json"]].concat())).unwrap()
-    };
+    let json =
+        |command: &[&str]| -> serde_json::Value { json_of(&run(&[command, &["--json"]].concat())) };
     assert!(json(&["scan"])[0]["firmware"].is_null());
     assert!(json(&["info"])["firmware"].is_null());
     assert!(json(&["reboot", "--wait"])["firmware"].is_null());
@@ -120,9 +120,7 @@ fn objects_are_read_by_number_and_name() {
     }
     let applied = "0x8021:02 (MCAN Data Path Control 0, Apply command): 1 written\n";
     assert!(simulated(&["sdo", "write", "0x8021:2", "1"]).starts_with(applied));
-    let json: serde_json::Value =
-        serde_json::from_str(&simulated(&["sdo", "write", "0x8001:19", "250000", "--json"]))
-            .unwrap();
+    let json = json_of(&simulated(&["sdo", "write", "0x8001:19", "250000", "--json"]));
     assert_eq!((&json["written"], &json["value"]), (&250_000.into(), &250_000.into()));
     let listed = simulated(&["sdo", "list", "maintenance"]);
     assert!(listed.starts_with("0xB000 Device Maintenance (manual 13.7)\n"), "{listed}");
@@ -165,7 +163,7 @@ fn unreadable_values_do_not_hide_others() {
     }
     assert!(info.contains("\nRxPDO     no profile applied\n"), "{info}");
     assert!(info.contains("\nCAN3      500 / 5000 kbit/s FD  disabled"), "{info}");
-    let info: serde_json::Value = serde_json::from_str(&run(&["info", "--json"])).unwrap();
+    let info = json_of(&run(&["info", "--json"]));
     assert!(info["tx_pdo"].is_null() && info["rx_pdo"].is_object(), "{info}");
     assert!(info["errors"]["tx_pdo"].as_str().unwrap().starts_with("0x06090011"), "{info}");
     assert!(info["channels"][2]["error"].is_string() && info["channels"][3]["error"].is_null());
@@ -178,7 +176,7 @@ fn unreadable_values_do_not_hide_others() {
     assert!(listed.contains(":01  Access mode request            0"), "{listed}");
     let caps = run(&["caps"]);
     assert!(caps.contains("  not reported; assumed: 0 us\n"), "{caps}");
-    let caps_json: serde_json::Value = serde_json::from_str(&run(&["caps", "--json"])).unwrap();
+    let caps_json = json_of(&run(&["caps", "--json"]));
     let last = caps_json.as_array().unwrap().last().unwrap();
     assert_eq!((&last["subindex"], &last["assumed"]), (&30.into(), &0.into()), "{last}");
     assert!(last["value"].is_null() && last["error"].is_string(), "{last}");
@@ -197,7 +195,7 @@ fn unreadable_values_do_not_hide_others() {
 #[test]
 fn json_has_numbers_meanings_and_position() {
     let json = |command: &[&str]| -> serde_json::Value {
-        serde_json::from_str(&simulated(&[command, &["--json"]].concat())).unwrap()
+        json_of(&simulated(&[command, &["--json"]].concat()))
     };
     let size = json(&["sdo", "read", "0x8010:9"]);
     assert_eq!((&size["value"], &size["position"]), (&0.into(), &0.into()));

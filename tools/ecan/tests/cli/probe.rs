@@ -1,6 +1,6 @@
 //! `ecan probe` as a user runs it.
 
-use crate::support::{ends, fails, good, scenario, setting, simulated};
+use crate::support::{ends, fails, good, json_of, scenario, setting, simulated};
 
 /// Lines about a row of docs/ASSUMPTIONS.md.
 fn lines<'a>(printed: &'a str, row: &str) -> Vec<&'a str> {
@@ -10,7 +10,7 @@ fn lines<'a>(printed: &'a str, row: &str) -> Vec<&'a str> {
 
 #[test]
 fn json_has_a_verdict_for_each_assumption() {
-    let report: serde_json::Value = serde_json::from_str(&simulated(&["--json", "probe"])).unwrap();
+    let report = json_of(&simulated(&["--json", "probe"]));
     let findings = report["findings"].as_array().unwrap();
     for finding in findings {
         let verdict = finding["verdict"].as_str().unwrap();
@@ -59,7 +59,7 @@ fn bundle_and_profile_are_written_once() {
         assert!(circumstances.lines().any(|line| line.starts_with(name)), "{circumstances}");
     }
     for (file, key) in [("bundle/probe.json", "findings"), ("bundle/diagnosis.json", "snapshot")] {
-        let json: serde_json::Value = serde_json::from_str(&read(file)).unwrap();
+        let json = json_of(&read(file));
         assert!(!json[key].is_null(), "{file}");
     }
     assert!(read("gateway.toml").contains("\nschedule_depth = 64\n"), "{}", read("gateway.toml"));
@@ -104,8 +104,7 @@ fn configuration_uses_the_profile_of_its_gateway() {
         line.split(' ').next().unwrap().parse().unwrap()
     };
     assert!((shift(&checked) - shift(&plain) - (processing_us - 50.0) / 2.0).abs() <= 1.0);
-    let json: serde_json::Value =
-        serde_json::from_str(&good(&["--json", "config", "check", &path("cell.toml")])).unwrap();
+    let json = json_of(&good(&["--json", "config", "check", &path("cell.toml")]));
     let profile = &json["gateways"][0]["profile"];
     assert_eq!(profile["values"]["schedule_depth"], 16);
     let restart_ms = profile["values"]["restart_ms"].as_u64().unwrap();

@@ -11,7 +11,7 @@ use serde_json::{Value, json};
 
 use super::serve::{Served, serve};
 use super::support::timed_reader::LIMIT;
-use super::support::{Running, fails, good, setting, two_gateways};
+use super::support::{Running, fails, good, json_of, setting, two_gateways};
 
 // A watchdog that a busy machine does not miss.
 const ONE: &str = "\
@@ -121,7 +121,7 @@ fn apply_changes_n_and_bit_rate_for_all_clients() {
     // As large as the file of many gateways.
     let file = served.file(&format!("# {}\n{OTHER}", "x".repeat(400_000)));
     let json = served.good(&["config", "apply", &file, "--json"]);
-    let report: Value = serde_json::from_str(&json).unwrap();
+    let report = json_of(&json);
     assert_eq!(report["changes"], json!([]));
     assert_eq!(report["gateways"], json!([{ "position": 0, "gateway": 0 }]));
     served.end();

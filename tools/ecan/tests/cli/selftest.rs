@@ -3,7 +3,7 @@
 use std::io::{BufRead as _, BufReader, Read as _};
 use std::process::{Command, Stdio};
 
-use crate::support::{Scenario, ecan, ends, fails, good, scenario, setting, simulated};
+use crate::support::{Scenario, ecan, ends, fails, good, json_of, scenario, setting, simulated};
 use ecan_test_support::Killed;
 use rustix::process::{Pid, Signal, kill_process};
 
@@ -264,8 +264,7 @@ gateway 4294967297 at position 0: FAILED
     let restored = lines(&printed, "good    configuration");
     assert!(restored.iter().all(|line| line.ends_with("as before the test, by a restart")));
     for serial in ["4294967297", "4294967298"] {
-        let report = bus.read(&format!("reports/{serial}.json"));
-        let report: serde_json::Value = serde_json::from_str(&report).unwrap();
+        let report = json_of(&bus.read(&format!("reports/{serial}.json")));
         assert_eq!((&report["is_good"], &report["was_stopped"]), (&false.into(), &true.into()));
     }
 }
@@ -285,7 +284,7 @@ fn each_gateway_has_a_report() {
     assert_eq!(lines(&printed, "FAILED  firmware").len(), 1, "{printed}");
     assert!(printed.contains("2.2.3, expected 2.2.1"), "{printed}");
     let report = |serial: &str| -> serde_json::Value {
-        serde_json::from_str(&bus.read(&format!("reports/{serial}.json"))).unwrap()
+        json_of(&bus.read(&format!("reports/{serial}.json")))
     };
     let (first, second) = (report("4294967297"), report("4294967298"));
     assert_eq!((&first["is_good"], &second["is_good"]), (&true.into(), &false.into()));
@@ -295,8 +294,7 @@ fn each_gateway_has_a_report() {
     assert_eq!((&frames["bitrate"], &frames["data_bitrate"]), (&500_000.into(), &2_000_000.into()));
     assert_eq!(frames["channels"][0]["counters"]["transmit"], 0);
     // The same on standard output, and for one gateway.
-    let json = bus.good(&["--json", "--slave", "alias=7", "selftest", "--config", &cell]);
-    let json: serde_json::Value = serde_json::from_str(&json).unwrap();
+    let json = json_of(&bus.good(&["--json", "--slave", "alias=7", "selftest", "--config", &cell]));
     assert_eq!(json["is_good"], true);
     assert_eq!(json["gateways"].as_array().map(Vec::len), Some(1));
     assert_eq!(json["gateways"][0]["serial"], 4_294_967_298_u64);
@@ -332,14 +330,13 @@ fn every_report_has_its_own_file() {
         assert_eq!(lines(&printed, "report: "), told);
         for (position, name) in names.iter().enumerate() {
             let text = bus.read(&format!("reports/{name}{suffix}.json"));
-            let report: serde_json::Value = serde_json::from_str(&text).unwrap();
+            let report = json_of(&text);
             assert_eq!(report["position"], position);
         }
     }
     let count = std::fs::read_dir(&reports).unwrap().count();
     assert_eq!(count, 15);
-    let json = ends(1, &[&["--json"], &arguments[..]].concat());
-    let json: serde_json::Value = serde_json::from_str(&json).unwrap();
+    let json = json_of(&ends(1, &[&["--json"], &arguments[..]].concat()));
     assert_eq!(json["gateways"][1]["file"], bus.path("reports/5-position-1-4.json"));
 }
 

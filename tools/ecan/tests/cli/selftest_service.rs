@@ -1,9 +1,7 @@
 //! `ecan selftest` in parallel with the program that holds the bus.
 
-use serde_json::Value;
-
 use crate::serve::{Served, serve_bus};
-use crate::support::{ends, scenario, setting};
+use crate::support::{ends, json_of, scenario, setting};
 
 /// Channels 0 and 1 are wired; a node acknowledges on channel 2.
 const WIRED: &str = "[[gateway]]\nbuses = [\"wire\", \"wire\", \"other\", \"free\"]\n\
@@ -46,7 +44,7 @@ fn wired_channels_are_tested_in_parallel_with_the_service() {
         let [line] = lines(&report, left_out)[..] else { panic!("{report}") };
         assert!(line.contains("not tested: ") && line.contains("ecan serve"), "{line}");
     }
-    let json: Value = serde_json::from_str(&served.selftest(0, &["--json"])).unwrap();
+    let json = json_of(&served.selftest(0, &["--json"]));
     assert_eq!((&json["is_good"], &json["is_complete"]), (&true.into(), &false.into()));
     let checks = json["gateways"][0]["checks"].as_array().unwrap();
     assert_eq!(checks.iter().filter(|check| check["is_good"].is_null()).count(), 2);

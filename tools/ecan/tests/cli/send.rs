@@ -1,6 +1,6 @@
 //! `ecan send`, `gen` and `replay`: frames that leave, and frames that do not.
 
-use crate::support::{Scenario, fails, simulated};
+use crate::support::{Scenario, fails, json_of, simulated};
 
 #[test]
 fn frames_are_sent_and_confirmed() {
@@ -11,7 +11,7 @@ fn frames_are_sent_and_confirmed() {
     let expected = "can2 1FFFFFFF# sent\ncan2 7FF#R3 sent\ncan2 000#010203 sent\n";
     assert_eq!(simulated(&several), expected);
     let fd = ["send", "--data-bitrate", "2000000", "123##1AABB", "--json"];
-    let sent: serde_json::Value = serde_json::from_str(&simulated(&fd)).unwrap();
+    let sent = json_of(&simulated(&fd));
     assert_eq!(sent, serde_json::json!({ "channel": 0, "frames": ["123##1AABB"] }));
     // More than an image holds.
     let many: Vec<String> = (0..200).map(|id| format!("{id:03X}#1122334455667788")).collect();
@@ -91,7 +91,7 @@ fn generated_frames_are_counted() {
     assert!(lines[3].ends_with(" frames/s"), "{shown}");
 
     let json = simulated(&["gen", "-n", "1000", "-g", "0", "-L", "8", "--seed", "1", "--json"]);
-    let summary: serde_json::Value = serde_json::from_str(&json).unwrap();
+    let summary = json_of(&json);
     assert_eq!((&summary["sent"], &summary["lost"]), (&1000.into(), &0.into()));
     // A frame of 8 bytes takes 108 bits and more; half of the bus is the echo's.
     let rate = summary["frames_per_second"].as_f64().unwrap();

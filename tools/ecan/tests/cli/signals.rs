@@ -2,7 +2,7 @@
 
 use serde_json::{Value, json};
 
-use crate::support::{SIM, Scenario, fails};
+use crate::support::{SIM, Scenario, fails, json_of};
 
 const DBC: &str = "\
 BO_ 291 Engine: 4 ECU
@@ -53,7 +53,7 @@ fn dump_shows_signals_below_frames() {
     let other = bus.good(&["dump", "-n", "1", "--dbc", &format!("1={dbc}")]);
     assert_eq!(other, "  can0  123   [4]  E8 03 01 00\n");
     let shown = bus.good(&["dump", "-n", "2", "--json", "--dbc", &format!("can0={dbc}")]);
-    let lines: Vec<Value> = shown.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+    let lines: Vec<Value> = shown.lines().map(json_of).collect();
     assert_eq!(lines[0]["message"], "Engine");
     let signals = json!([
         { "name": "Speed", "value": 100.0, "unit": "km/h", "text": null },
@@ -82,7 +82,7 @@ can0 124#01 sent
 ";
     let words = ["Engine", "Speed=100", "Gear=first", "Status", "Current=-0.5", "124#01"];
     assert_eq!(send(&words), expected);
-    let shown: Value = serde_json::from_str(&send(&["Engine", "124#", "--json"])).unwrap();
+    let shown = json_of(&send(&["Engine", "124#", "--json"]));
     assert_eq!(shown["frames"], json!(["123#00000000", "124#"]));
     assert_eq!(shown["messages"][0]["signals"][1]["text"], "Neutral");
     assert_eq!(shown["messages"][1], Value::Null);
@@ -132,7 +132,7 @@ bus  dir  CAN ID    message                               signal   value
         lines.collect::<Vec<_>>().join("\n")
     };
     assert!(words(&shown).ends_with(&words(signals)), "{shown}");
-    let shown: Value = serde_json::from_str(&bus.good(&[&view[..], &["--json"]].concat())).unwrap();
+    let shown = json_of(&bus.good(&[&view[..], &["--json"]].concat()));
     let status = shown["ids"].as_array().unwrap().iter().find(|id| id["is_extended"] == true);
     assert_eq!(status.unwrap()["signals"][1]["value"], -0.5);
 }

@@ -3,7 +3,7 @@
 use serde_json::Value;
 
 use crate::serve::{Served, serve_bus};
-use crate::support::{FakeLibrary, fails, good, scenario, setting, wait_for};
+use crate::support::{FakeLibrary, fails, good, json_of, scenario, setting, wait_for};
 
 const CELL: &str = "\
 name = \"cell\"
@@ -33,7 +33,7 @@ impl Served {
 
     fn sim_json(&self, arguments: &[&str]) -> Value {
         let text = good(&[&["--via", &self.path, "--json", "sim"], arguments].concat());
-        serde_json::from_str(&text).unwrap()
+        json_of(&text)
     }
 
     fn sim_fails(&self, status: i32, arguments: &[&str]) -> String {

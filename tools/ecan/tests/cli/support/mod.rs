@@ -91,6 +91,11 @@ pub fn ends(status: i32, arguments: &[&str]) -> String {
     String::from_utf8(output.stdout).unwrap()
 }
 
+/// A printed JSON document.
+pub fn json_of(text: &str) -> serde_json::Value {
+    serde_json::from_str(text).unwrap_or_else(|error| panic!("{error}: {text}"))
+}
+
 /// Writes a program from another process: a child of another test could inherit our descriptor, and
 /// the file would be busy.
 pub fn write_program(path: &std::path::Path, text: &str) {
