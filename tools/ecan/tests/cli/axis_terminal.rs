@@ -90,10 +90,10 @@ impl Operated {
     }
 
     /// Waits for the end: status and standard error. Checks that the terminal is restored.
-    fn end(mut self) -> (Option<i32>, String) {
-        let ended = self.running.wait();
-        assert!(!is_raw(&self.pty.terminal), "the terminal is not restored: {}", ended.1);
-        ended
+    fn ends(mut self, status: i32) -> String {
+        let errors = self.running.ends(status);
+        assert!(!is_raw(&self.pty.terminal), "the terminal is not restored: {errors}");
+        errors
     }
 }
 
@@ -112,8 +112,7 @@ fn held_key_moves_and_its_release_stops() {
     jog.running.wait_for_error("key released: quick stop");
     jog.running.wait_for_error("stopped: all axes stopped");
     jog.press(b"q");
-    let (status, errors) = jog.end();
-    assert_eq!(status, Some(0), "{errors}");
+    let errors = jog.ends(0);
     assert!(last_position(&errors) > 20.0, "{errors}");
 }
 
@@ -128,8 +127,7 @@ fn single_presses_enable_and_do_not_move() {
     jog.running.wait_for_error("following targets");
     jog.running.wait_for_error("key released: quick stop");
     jog.press(b"q");
-    let (status, errors) = jog.end();
-    assert_eq!(status, Some(0), "{errors}");
+    let errors = jog.ends(0);
     assert!((last_position(&errors) - 5.532).abs() < 0.01, "{errors}");
 }
 
@@ -139,9 +137,7 @@ fn lost_terminal_stops_a_jog() {
         let mut jog = start("jog", &PATIENT);
         jog.running.wait_for_error("hold Left or Right");
         jog.hold_until_error(RIGHT, "following targets");
-        let mut running = jog.close();
-        let (status, errors) = running.wait();
-        assert_eq!(status, Some(1), "{errors}");
+        let errors = jog.close().ends(1);
         let reasons = ["the terminal was closed", "SIGHUP"];
         let stopped = |axis: &&str| errors.contains(&format!("quick stop: stopped: {axis}"));
         assert!(reasons.iter().any(stopped), "{errors}");
@@ -153,9 +149,7 @@ fn lost_terminal_stops_a_jog() {
 fn lost_terminal_stops_a_move() {
     let mut moving = Operated::start("move", &["--to", "90", "--velocity", "5"]);
     moving.running.wait_for_error("moving from 5.532 deg to 90.000 deg");
-    let mut running = moving.close();
-    let (status, errors) = running.wait();
-    assert_eq!(status, Some(1), "{errors}");
+    let errors = moving.close().ends(1);
     assert!(errors.contains("the terminal was closed"), "{errors}");
     assert!(errors.contains("stopped, switch on disabled"), "{errors}");
     assert!(last_position(&errors) < 80.0, "{errors}");
@@ -166,8 +160,7 @@ fn any_key_stops_a_move() {
     let mut moving = Operated::start("move", &["--to", "90", "--velocity", "5"]);
     moving.running.wait_for_error("moving from");
     moving.press(b" ");
-    let (status, errors) = moving.end();
-    assert_eq!(status, Some(1), "{errors}");
+    let errors = moving.ends(1);
     assert!(errors.contains("quick stop: stopped: a key"), "{errors}");
     assert!(errors.contains("stopped, switch on disabled"), "{errors}");
 }
@@ -177,14 +170,11 @@ fn enable_ends_by_enter_and_by_the_loss_of_the_terminal() {
     let mut enabled = Operated::start("enable", &[]);
     enabled.running.wait_for_error("enabled until Enter");
     enabled.press(b"\r");
-    let (status, errors) = enabled.end();
-    assert_eq!(status, Some(0), "{errors}");
+    let errors = enabled.ends(0);
     assert!((last_position(&errors) - 5.532).abs() < 0.01, "{errors}");
     let mut enabled = Operated::start("enable", &[]);
     enabled.running.wait_for_error("enabled until Enter");
-    let mut running = enabled.close();
-    let (status, errors) = running.wait();
-    assert_eq!(status, Some(1), "{errors}");
+    let errors = enabled.close().ends(1);
     assert!(errors.contains("stopped, switch on disabled"), "{errors}");
 }
 
@@ -193,8 +183,7 @@ fn enable_with_a_held_key_ends_with_its_release() {
     let mut enabled = Operated::start("enable", &[&["--hold-key"], &PATIENT[..]].concat());
     enabled.running.wait_for_error("hold a key to enable the drive");
     enabled.hold_until_error(b"x", "enabled while a key is held");
-    let (status, errors) = enabled.end();
-    assert_eq!(status, Some(0), "{errors}");
+    let errors = enabled.ends(0);
     assert!(errors.contains("enabled while a key is held"), "{errors}");
     assert!(errors.contains("key released: quick stop"), "{errors}");
     assert!(errors.contains("stopped, switch on disabled"), "{errors}");
@@ -206,8 +195,7 @@ fn move_with_a_held_key_ends_with_its_release() {
     let mut moving = Operated::start("move", &[&more[..], &PATIENT].concat());
     moving.running.wait_for_error("hold a key to enable the drive");
     moving.hold_until_error(b"x", "moving from 5.532 deg to 90.000 deg");
-    let (status, errors) = moving.end();
-    assert_eq!(status, Some(1), "{errors}");
+    let errors = moving.ends(1);
     assert!(errors.contains("moving from 5.532 deg to 90.000 deg"), "{errors}");
     assert!(errors.contains("quick stop: stopped: the key was released"), "{errors}");
     assert!(errors.contains("stopped, switch on disabled"), "{errors}");
@@ -257,9 +245,7 @@ fn after_enabling(bus: &ObservedBus) -> Vec<String> {
 fn lost_terminal_puts_a_quick_stop_on_the_bus() {
     let (mut jog, bus) = observed_jog();
     jog.hold_until(RIGHT, |_| target(&bus).is_some_and(|degrees| degrees > 6.0));
-    let mut running = jog.close();
-    let (status, errors) = running.wait();
-    assert_eq!(status, Some(1), "{errors}");
+    jog.close().ends(1);
     // Quick stop, and nothing enables again.
     let after = after_enabling(&bus);
     assert_eq!(after.first().map(String::as_str), Some("0200"), "{:?}", controlwords(&bus));
@@ -324,8 +310,7 @@ fn closed_pipe_stops_a_move() {
     let setting = crate::support::setting(&file);
     let (mut running, stdin) = move_with_pipe(&setting);
     drop(stdin);
-    let (status, errors) = running.wait();
-    assert_eq!(status, Some(1), "{errors}");
+    let errors = running.ends(1);
     assert!(errors.contains("quick stop: stopped: standard input was closed"), "{errors}");
     assert!(errors.contains("stopped, switch on disabled"), "{errors}");
 }
@@ -341,8 +326,7 @@ fn signals_stop_a_move() {
     ] {
         let (mut running, _stdin) = move_with_pipe(&setting);
         running.signal(signal);
-        let (status, errors) = running.wait();
-        assert_eq!(status, Some(1), "{errors}");
+        let errors = running.ends(1);
         assert!(errors.contains(reason), "{signal:?}: {errors}");
         assert!(errors.contains("stopped, switch on disabled"), "{errors}");
     }

@@ -64,9 +64,7 @@ fn clients_of_both_protocols_share_the_channel() {
     expect_frame(&mut socketcand, "00000045", "7F");
     slcan.expect("T0000004517F\rT0000004517F\r");
 
-    bridge.terminate();
-    let (status, errors) = bridge.wait();
-    assert_eq!(status, Some(0), "{errors}");
+    let errors = bridge.end();
     assert!(!errors.contains('#'), "{errors}");
 }
 
@@ -118,9 +116,7 @@ fn all_channels_have_separate_endpoints() {
             );
         }
     }
-    bridge.terminate();
-    let (status, errors) = bridge.wait();
-    assert_eq!(status, Some(0), "{errors}");
+    let errors = bridge.end();
     assert!(!errors.contains('#'), "{errors}");
 }
 
@@ -133,8 +129,7 @@ fn channels_of_several_gateways_are_separate() {
     let line = bridge.line();
     assert!(line.ends_with(" on can0 of gateway 1"), "{line}");
     assert_ne!(address(&line, "slcan", "can0"), first);
-    bridge.terminate();
-    assert_eq!(bridge.wait().0, Some(0));
+    bridge.end();
 }
 
 #[test]
@@ -160,9 +155,7 @@ fn slcan_passes_can_fd_at_channel_bit_rates() {
     other.say("S8\rO\rt1230\r");
     other.expect("\r\r\x07");
     // Losses are reported at the end.
-    bridge.terminate();
-    let (status, errors) = bridge.wait();
-    assert_eq!(status, Some(0), "{errors}");
+    let errors = bridge.end();
     let told = format!("# slcan bridge at {address}: 1 frames to the bus rejected: wrong bit rate");
     assert_eq!(errors.matches(&told).count(), 1, "{errors}");
     assert_eq!(errors.matches('#').count(), 1, "{errors}");
@@ -183,8 +176,7 @@ fn pseudo_terminal_acts_as_serial_adapter() {
         let answer = TimedReader::new(port.try_clone().unwrap()).bytes(expected.len());
         assert_eq!(String::from_utf8_lossy(&answer), expected);
     }
-    bridge.terminate();
-    assert_eq!(bridge.wait().0, Some(0));
+    bridge.end();
     assert!(std::fs::symlink_metadata(&link).is_err(), "the link goes with the bridge");
 }
 
@@ -263,9 +255,7 @@ fn rejects_during(node: &str, fault: impl Fn(u32) -> String, end: &str) -> Vec<u
             heard.push((time.parse::<f64>().unwrap(), usize::from_str_radix(&data, 16).unwrap()));
         }
     }
-    bridge.terminate();
-    let (status, errors) = bridge.wait();
-    assert_eq!(status, Some(0), "{errors}");
+    let errors = bridge.end();
     let rejected = answers.iter().filter(|is_taken| !**is_taken).count();
     let note = format!("# can0: {rejected} client frames rejected: channel not available");
     assert!(errors.contains(&note), "{errors}");
@@ -299,8 +289,7 @@ fn listen_only_bridge_rejects_frames() {
         let [id, ..] = next_frame(&mut socketcand);
         assert!(id != "7FF" && id != "7FE", "{id} was sent");
     }
-    bridge.terminate();
-    assert_eq!(bridge.wait().0, Some(0));
+    bridge.end();
 }
 
 /// Counts two texts in what a raw connection receives until its end.
@@ -362,9 +351,7 @@ fn paused_bridge_reports_every_lost_frame() {
     }
     let accounted = || read(&heard[0]) + read(&answered[0]);
     wait_until(&|| accounted() >= FRAMES);
-    bridge.terminate();
-    let (status, errors) = bridge.wait();
-    assert_eq!(status, Some(0), "{errors}");
+    bridge.end();
     // The results of the frames in the gateway may be unknown.
     assert!(accounted() - FRAMES <= 96, "on the bus: {heard:?}, BELL: {answered:?}");
 }
@@ -390,9 +377,7 @@ fn silent_connections_lose_their_places_with_a_note() {
         client.say("V\r");
         client.expect("V1010\r");
     }
-    bridge.terminate();
-    let (status, errors) = bridge.wait();
-    assert_eq!(status, Some(0), "{errors}");
+    let errors = bridge.end();
     assert!(errors.contains(": 4 connections closed: their clients"), "{errors}");
     assert!(errors.contains(": 1 connections rejected: too many clients"), "{errors}");
 }
@@ -440,8 +425,7 @@ fn flooding_client_starves_no_other() {
     assert!(before < 4096, "{before} frames before it");
     flooder.shutdown(std::net::Shutdown::Both).unwrap();
     flood.join().unwrap();
-    bridge.terminate();
-    assert_eq!(bridge.wait().0, Some(0));
+    bridge.end();
 }
 
 /// The port is global: use a separate address, so that tests do not interfere.
@@ -467,8 +451,7 @@ fn beacon_announces_socketcand() {
         let length = listener.recv(&mut bytes).unwrap();
         assert_eq!(String::from_utf8_lossy(&bytes[..length]), expected);
     }
-    bridge.terminate();
-    assert_eq!(bridge.wait().0, Some(0));
+    bridge.end();
 }
 
 #[test]

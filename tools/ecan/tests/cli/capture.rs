@@ -231,8 +231,7 @@ fn bridge_captures_both_directions() {
     client.say("S6\rO\rt1232AABB\r");
     // Its own frame is echoed by the node.
     client.expect("\r\rz\rt1232AABB\r");
-    bridge.terminate();
-    assert_eq!(bridge.wait().0, Some(0));
+    bridge.end();
     let expected = [true, false].map(|is_sent| (is_sent, 0x123, vec![0xAA, 0xBB]));
     assert_eq!(frames(&path), expected);
 }

@@ -236,8 +236,7 @@ fn dump_ends_cleanly_on_signal_or_closed_output() {
     stopped.terminate();
     unread.close_stdout();
     for mut running in [stopped, unread] {
-        let (status, errors) = running.wait();
-        assert_eq!(status, Some(0), "{errors}");
+        let errors = running.ends(0);
         assert_eq!(errors.lines().filter(|line| !line.starts_with("SIMULATED")).count(), 0);
     }
 }

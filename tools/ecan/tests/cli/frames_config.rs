@@ -103,8 +103,7 @@ fn bridge_uses_file_bit_rates() {
     talk("S4\rY1\rO\rb12308AA\r", "\r\r\r");
     talk("S6\rO\rt1230\r", "\r\r\x07");
     talk("S4\rO\rt1232AABB\r", "\r\rz\rt1232AABB\r");
-    bridge.terminate();
-    assert_eq!(bridge.wait().0, Some(0));
+    bridge.end();
 }
 
 #[test]

@@ -38,8 +38,7 @@ fn stalled_output_does_not_block_stopping() {
     let written = || std::fs::metadata(&capture).map_or(0, |file| file.len());
     wait_for("all frames in the capture", || written() > 6000 * 48);
     unread.terminate();
-    let (status, errors) = unread.wait();
-    assert_eq!(status, Some(6), "{errors}");
+    let errors = unread.ends(6);
     assert!(errors.contains("cannot write the output: output is stalled"), "{errors}");
 }
 
@@ -67,8 +66,7 @@ fn stopped_gen_reports_no_losses() {
     }
     let line = summary_line(&mut running);
     assert!(line.contains(" frames sent, 0 lost, ") && !line.contains("in transit"), "{line}");
-    let (status, errors) = running.wait();
-    assert_eq!(status, Some(0), "{errors}");
+    running.ends(0);
 }
 
 #[test]

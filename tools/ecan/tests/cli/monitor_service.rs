@@ -129,8 +129,7 @@ fn axes_are_printed_with_their_state() {
     monitor.wait_for("gateway 0 can0 node 2, for");
     monitor.wait_for("(statusword 0x");
     monitor.wait_for("actual 2007 steps");
-    monitor.press(b"q");
-    assert_eq!(monitor.end().0.code(), Some(0));
+    monitor.quit();
 }
 
 #[test]
@@ -157,8 +156,7 @@ fn ended_service_restores_terminal_and_is_reported() {
     assert!(monitor.is_raw() && monitor.screen().contains("via ecan serve"));
     daemon.program.terminate();
     monitor.wait_until("shell", |terminal| !terminal.has_own_screen());
-    let (status, errors) = monitor.end();
-    assert_eq!(status.code(), Some(3), "{errors}");
+    let errors = monitor.ends(3);
     assert!(errors.contains("bus.sock: the service closed the connection"), "{errors}");
     assert!(!monitor.is_raw());
 }
@@ -173,8 +171,7 @@ fn stopped_service_is_shown_until_it_continues() {
     monitor.wait_until("answers", |terminal| !terminal.screen().contains("NO RESPONSE"));
     daemon.program.signal(Signal::STOP);
     monitor.wait_for("NO RESPONSE");
-    monitor.press(b"q");
-    assert_eq!(monitor.end().0.code(), Some(0));
+    monitor.quit();
     daemon.program.signal(Signal::CONT);
 }
 
@@ -190,8 +187,7 @@ fn lost_gateway_is_shown_through_a_service() {
     assert!(ends(1, &arguments).contains("LOST"));
     client.call("sim.fault", json!({ "kind": "power_on", "gateway": 0 })).unwrap();
     monitor.wait_for("ready again after");
-    monitor.press(b"q");
-    assert_eq!(monitor.end().0.code(), Some(0));
+    monitor.quit();
 }
 
 #[test]
@@ -207,8 +203,7 @@ fn service_configured_again_is_followed() {
     monitor.wait_for("configured the bus again");
     monitor.press(b"2");
     monitor.wait_for("0.1  tx  123");
-    monitor.press(b"q");
-    assert_eq!(monitor.end().0.code(), Some(0));
+    monitor.quit();
 }
 
 /// Frames in the rows of the CAN IDs, and those that the title counts as lost.
@@ -257,8 +252,7 @@ fn slow_terminal_loses_counted_frames() {
     monitor.resize((100, 30));
     monitor.wait_for("frames lost here");
     monitor.wait_until("every frame", |monitor| accounted(&monitor.screen()) == selected());
-    monitor.press(b"q");
-    assert_eq!(monitor.end().0.code(), Some(0));
+    monitor.quit();
 }
 
 #[test]
@@ -287,8 +281,7 @@ fn ids_beyond_the_screen_are_reached_by_keys() {
     monitor.wait_for("rows by count");
     monitor.press(b"\x1b[C");
     monitor.wait_for("CAN IDs, channel 0: 0 rows");
-    monitor.press(b"q");
-    assert_eq!(monitor.end().0.code(), Some(0));
+    monitor.quit();
 }
 
 #[test]

@@ -15,8 +15,7 @@ fn monitor_ends_with_its_terminal() {
         let mut monitor = start((100, 40), &MONITOR);
         monitor.wait_for("ready      2/2");
         monitor.close();
-        let (status, errors) = monitor.end();
-        assert_eq!(status.code(), Some(0), "{errors}");
+        let errors = monitor.ends(0);
         assert!(errors.starts_with("SIMULATED") && errors.lines().count() == 1, "{errors}");
     }
 }
@@ -27,8 +26,7 @@ fn signal_ends_monitor_with_blocked_terminal() {
     monitor.wait_for("ready      2/2");
     monitor.fill();
     monitor.signal(Signal::TERM);
-    let (status, errors) = monitor.end();
-    assert_eq!(status.code(), Some(0), "{errors}");
+    monitor.ends(0);
     assert!(!monitor.is_raw());
 }
 
@@ -56,8 +54,7 @@ fn every_terminal_size_is_drawn() {
     monitor.wait_until("tiny screen", |terminal| tiny(terminal.screen()));
     monitor.press(b"q");
     monitor.wait_until("shell", |terminal| !terminal.has_own_screen());
-    let (status, errors) = monitor.end();
-    assert_eq!(status.code(), Some(0), "{errors}");
+    monitor.ends(0);
 }
 
 #[test]
@@ -75,8 +72,7 @@ fn key_help_opens_and_closes() {
     }
     monitor.press(b"q");
     monitor.wait_until("shell", |terminal| !terminal.has_own_screen());
-    let (status, errors) = monitor.end();
-    assert_eq!(status.code(), Some(0), "{errors}");
+    monitor.ends(0);
     assert!(!monitor.is_raw());
 }
 
@@ -94,9 +90,7 @@ fn fast_keys_are_not_lost() {
     monitor.wait_for("close this help");
     monitor.press(b"?p");
     monitor.wait_for("can0: ");
-    monitor.press(b"q");
-    let (status, errors) = monitor.end();
-    assert_eq!(status.code(), Some(0), "{errors}");
+    monitor.quit();
 }
 
 #[test]
@@ -110,6 +104,5 @@ fn key_during_a_change_of_size_is_not_lost() {
         monitor.press(b"p");
         monitor.wait_until("continued view", |terminal| !terminal.screen().contains("PAUSED"));
     }
-    monitor.press(b"q");
-    assert_eq!(monitor.end().0.code(), Some(0));
+    monitor.quit();
 }

@@ -60,8 +60,7 @@ fn live_pdo_shows_the_change_of_another_command() {
         assert_eq!(live["values"][0]["name"], "statusword", "{line}");
     }
     assert_ne!(lines[0], lines[1]);
-    let (status, errors) = watching.wait();
-    assert_eq!(status, Some(0), "{errors}");
+    watching.ends(0);
     served.end();
 }
 
@@ -71,9 +70,7 @@ fn watch_ends_with_the_user() {
     let mut watching = served.run(&["node", "emcy", "--node", "1", "--watch"]);
     assert_eq!(watching.line(), "node 1 on can0, error register: no error");
     assert_eq!(watching.line(), "error history: empty");
-    watching.terminate();
-    let (status, errors) = watching.wait();
-    assert_eq!(status, Some(0), "{errors}");
+    watching.end();
     served.end();
 }
 

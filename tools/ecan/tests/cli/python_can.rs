@@ -31,9 +31,7 @@ fn python_can_works_over_tcp_and_terminal() {
             panic!("{kind}: {errors}; the bridge: {:?}", bridge.wait());
         }
     }
-    bridge.terminate();
-    let (status, errors) = bridge.wait();
-    assert_eq!(status, Some(0));
+    let errors = bridge.end();
     assert_eq!(errors.lines().count(), 1, "nothing but that it is simulated: {errors}");
 }
 
@@ -62,8 +60,7 @@ fn python_can_connects_to_a_busy_bus() {
     let line = bridge.line();
     let place = line.split(' ').nth(3).unwrap();
     assert_eq!(run(&python, "connect.py", &[place, "30"]), "30\n");
-    bridge.terminate();
-    assert_eq!(bridge.wait().0, Some(0));
+    bridge.end();
 }
 
 /// More than fits into every queue on the way: the connection holds the client back.
@@ -75,6 +72,5 @@ fn python_can_continues_after_full_queue() {
     let line = bridge.line();
     let place = line.split(' ').nth(3).unwrap();
     assert_eq!(run(&python, "flood.py", &[place, "12000"]), "12000\n");
-    bridge.terminate();
-    assert_eq!(bridge.wait().0, Some(0));
+    bridge.end();
 }

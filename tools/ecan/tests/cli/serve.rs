@@ -88,9 +88,7 @@ impl Served {
     }
 
     pub fn end(mut self) {
-        self.program.terminate();
-        let (status, errors) = self.program.wait();
-        assert_eq!(status, Some(0), "{errors}");
+        self.program.end();
         assert!(!Path::new(&self.path).exists(), "the socket is removed");
     }
 }

@@ -88,12 +88,6 @@ impl Manager {
     }
 }
 
-fn ends(mut program: Running) {
-    program.terminate();
-    let (status, errors) = program.wait();
-    assert_eq!(status, Some(0), "{errors}");
-}
-
 #[test]
 fn service_manager_receives_state_pings_and_end() {
     let mut manager = Manager::new(FILE);
@@ -116,7 +110,7 @@ fn service_manager_receives_state_pings_and_end() {
 #[test]
 fn stuck_cycle_ends_the_pings_of_the_watchdog() {
     let mut manager = Manager::new(FILE);
-    let program = manager.start("sim");
+    let mut program = manager.start("sim");
     manager.wait_for("READY=1\n");
     manager.wait_for_ping();
     let cycle = Pid::from_raw(program.id().try_into().unwrap());
@@ -130,7 +124,7 @@ fn stuck_cycle_ends_the_pings_of_the_watchdog() {
     manager.notifications.set_read_timeout(Some(LIMIT)).unwrap();
     ptrace::detach(cycle, None).unwrap();
     manager.wait_for_ping();
-    ends(program);
+    program.end();
 }
 
 #[test]
@@ -138,13 +132,13 @@ fn gateway_that_is_plugged_in_later_is_started() {
     let mut manager = Manager::new(FILE);
     let off = "[[gateway]]\n[[fault]]\nkind = \"power_off\"\ngateway = 0\nat_ms = 1\n";
     let bus = scenario(off);
-    let program = manager.start(&setting(&bus));
+    let mut program = manager.start(&setting(&bus));
     manager.wait_for("READY=1\n");
     assert!(!manager.log.contains("1 of 1"), "{}", manager.log);
     let client = Client::connect(&manager.path("bus.sock"), "test").unwrap();
     client.call("sim.fault", json!({ "kind": "power_on", "gateway": 0 })).unwrap();
     manager.wait_for("STATUS=1 of 1 gateways ready\n");
-    ends(program);
+    program.end();
 }
 
 #[test]
@@ -160,16 +154,16 @@ fn service_manager_that_does_not_read_delays_nothing() {
         program.signal(Signal::HUP);
     }
     assert_eq!(client.slaves().unwrap().len(), 1);
-    ends(program);
+    program.end();
 }
 
 #[test]
 fn missing_master_is_waited_for() {
     let mut manager = Manager::new(&format!("master = 3\n{FILE}"));
-    let program = manager.start("sim");
+    let mut program = manager.start("sim");
     manager.wait_for("STATUS=EtherCAT master 3 is not available");
     manager.wait_for("next attempt in 2 s");
-    ends(program);
+    program.end();
     let message = fails(3, &["--ecrt", "/none/lib.so", "serve", "--socket", &manager.socket()]);
     assert!(message.contains("/none/lib.so"), "{message}");
 }
@@ -182,7 +176,7 @@ fn termination_ends_a_start_that_waits() {
     let bus = scenario(silent);
     let mut program = manager.start(&setting(&bus));
     program.wait_for_error("serving master 0");
-    ends(program);
+    program.end();
     assert!(!manager.path("bus.sock").exists());
 }
 
@@ -192,9 +186,9 @@ fn idle_service_is_ready_at_once() {
     let mut command = Command::new(env!("CARGO_BIN_EXE_ecan"));
     command.args(["--ecrt", "sim", "serve", "--idle", "--socket", &manager.socket()]);
     command.env("NOTIFY_SOCKET", manager.path("notify"));
-    let program = Running::spawn(&mut command);
+    let mut program = Running::spawn(&mut command);
     manager.wait_for("READY=1\nSTATUS=no cycle");
-    ends(program);
+    program.end();
 }
 
 /// Runs `ecan serve` with sockets as file descriptors from 3 on.
@@ -217,7 +211,7 @@ fn passed_socket_is_used_and_kept() {
     let client = Client::connect(&manager.path("bus.sock"), "test").unwrap();
     assert_eq!(client.slaves().unwrap().len(), 1);
     program.wait_for_error(&format!("serving master 0 at {}", manager.socket()));
-    ends(program);
+    program.end();
     assert!(manager.path("bus.sock").exists(), "the file is of the service manager");
     drop(listener);
 }
@@ -229,8 +223,7 @@ fn other_passed_sockets_are_rejected() {
     {
         let manager = Manager::new(FILE);
         let (mut program, _listener) = with_passed(&manager, sockets, options);
-        let (status, errors) = program.wait();
-        assert_eq!(status, Some(2), "{errors}");
+        let errors = program.ends(2);
         assert!(errors.contains(words), "{errors}");
     }
 }
@@ -246,7 +239,7 @@ fn folder_of_the_unit_has_the_socket() {
     let socket = manager.path("master0.sock");
     program.wait_for_error(&format!("serving master 0 at {}", socket.display()));
     Client::connect(&socket, "test").unwrap();
-    ends(program);
+    program.end();
 }
 
 #[test]
@@ -283,9 +276,7 @@ fn hang_up_applies_what_it_can_and_names_the_rest() {
     program.wait_for_error("reload: nothing was changed: ");
     program.wait_for_error("line 3, column 5: `n` = 33 is out of range");
     manager.wait_for("STATUS=1 of 1 gateways ready; the last reload failed\n");
-    program.terminate();
-    let (status, errors) = program.wait();
-    assert_eq!(status, Some(0));
+    let errors = program.end();
     assert!(!errors.contains("lost"), "the gateway left OP: {errors}");
 }
 
@@ -298,7 +289,7 @@ fn killed_service_is_replaced_over_its_socket() {
         Running::start(&["--ecrt", "sim", "serve", "--idle", "--socket", &served.path]);
     second.wait_for_error("serving master 0");
     assert_eq!(served.client().slaves().unwrap().len(), 1);
-    ends(second);
+    second.end();
 }
 
 #[test]

@@ -89,8 +89,7 @@ fn killed_daemon_ends_every_client_with_a_message_and_complete_files() {
     assert!(matches!(client.poll(LIMIT), Err(ClientError::Closed)));
     let message = format!("ecan: {}: the service closed the connection", daemon.path);
     for mut program in clients.into_iter().chain([reader]) {
-        let (status, errors) = program.wait();
-        assert_eq!(status, Some(3), "{errors}");
+        let errors = program.ends(3);
         assert!(errors.contains(&message), "{errors}");
     }
     let numbers = logged(&log);
@@ -201,16 +200,13 @@ fn full_disk_ends_the_record_and_the_capture_only() {
         exchange(&client, last);
     }
     wait_for("the other log", || is_complete(&logged(&other), number + 10));
-    dump.terminate();
-    let (status, errors) = dump.wait();
-    assert_eq!(status, Some(0), "{errors}");
+    dump.end();
     // The log holds all that fits; one frame of the last number may be missing.
     let mut numbers = logged(&daemon.path_of("full.log"));
     let last = numbers[numbers.len() - 1];
     numbers.retain(|number| *number != last);
     assert!(is_complete(&numbers, last), "{numbers:?}");
-    daemon.program.terminate();
-    assert_eq!(daemon.program.wait().0, Some(0));
+    daemon.program.end();
 }
 
 #[test]

@@ -114,8 +114,6 @@ fn in_a_network_namespace() {
             assert_eq!(format!("{:?}", peer.read_frame().unwrap()), format!("{frame:?}"));
         }
     }
-    bridge.terminate();
-    let (status, errors) = bridge.wait();
-    assert_eq!(status, Some(0), "{errors}");
+    let errors = bridge.end();
     assert!(!errors.contains('#'), "{errors}");
 }

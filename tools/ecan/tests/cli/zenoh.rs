@@ -95,13 +95,11 @@ fn publication_outlives_its_service() {
     publication.wait_for_error("warning: the service does not respond");
     served.program.signal(rustix::process::Signal::CONT);
     publication.wait_for_error("service responds again");
-    served.program.terminate();
-    assert_eq!(served.program.wait().0, Some(0));
+    served.program.end();
     publication.wait_for_error("service lost: ");
     served.program = start(&served.socket, &["--idle"]);
     publication.wait_for_error("service found again");
-    publication.terminate();
-    assert_eq!(publication.wait().0, Some(0));
+    publication.end();
 }
 
 /// Two network namespaces, joined by a cable.
@@ -259,10 +257,8 @@ fn python_on_another_host_counts_what_a_cut_cable_loses() {
     assert_eq!(lost, 2 * sent - shown.numbers.len() as u64, "by the numbers of the frames");
     assert!(lost > 0, "the cut lost nothing");
     assert_eq!(observer.wait().0, Some(0));
-    publication.terminate();
-    assert_eq!(publication.wait().0, Some(0));
-    served.program.terminate();
-    assert_eq!(served.program.wait().0, Some(0));
+    publication.end();
+    served.program.end();
 }
 
 /// Reads the connections that the publication reports until it has this number of peers.

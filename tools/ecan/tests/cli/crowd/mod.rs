@@ -281,9 +281,7 @@ fn crowd_of_clients_loses_and_doubles_no_frame() {
         let count = |report: &Value| total(numbers(&report["simulated"], "frames"));
         check_losses(&observer, &silent, count(&report) - count(&start));
         for bridge in &mut bridges {
-            bridge.terminate();
-            let (status, errors) = bridge.wait();
-            assert_eq!(status, Some(0), "{errors}");
+            let errors = bridge.end();
             assert!(!errors.contains('#'), "{errors}");
         }
         kill_process(Pid::from_child(&dump), Signal::TERM).unwrap();

@@ -187,6 +187,11 @@ impl Scenario {
         ecan(&[&["--ecrt", &self.setting()][..], arguments].concat())
     }
 
+    /// Starts the program.
+    pub fn start(&self, arguments: &[&str]) -> Running {
+        Running::start(&[&["--ecrt", &self.setting()][..], arguments].concat())
+    }
+
     /// Standard output of a successful run.
     pub fn good(&self, arguments: &[&str]) -> String {
         good(&[&["--ecrt", &self.setting()][..], arguments].concat())
@@ -289,6 +294,21 @@ impl Running {
             self.terminate();
             std::thread::sleep(Duration::from_millis(50));
         }
+    }
+
+    /// Ends a program that must end without an error; returns standard error.
+    #[track_caller]
+    pub fn end(&mut self) -> String {
+        self.terminate();
+        self.ends(0)
+    }
+
+    /// Standard error of a program that ends with this status.
+    #[track_caller]
+    pub fn ends(&mut self, status: i32) -> String {
+        let (found, errors) = self.wait();
+        assert_eq!(found, Some(status), "{errors}");
+        errors
     }
 
     /// Waits for the exit: status and standard error.

@@ -4,7 +4,7 @@ use std::fs::File;
 use std::io::{Read as _, Write as _};
 use std::num::NonZero;
 use std::os::fd::{AsFd, OwnedFd};
-use std::process::{Command, ExitStatus, Stdio};
+use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
 use rustix::event::{PollFd, PollFlags, poll};
@@ -168,13 +168,22 @@ impl OnScreen {
         kill_process(Pid::from_child(&self.child), signal).unwrap();
     }
 
-    /// Waits for the exit: status and standard error.
-    pub fn end(&mut self) -> (ExitStatus, String) {
+    /// Ends a program by its key; the status must be 0.
+    #[track_caller]
+    pub fn quit(&mut self) {
+        self.press(b"q");
+        self.ends(0);
+    }
+
+    /// Standard error of a program that ends with this status.
+    #[track_caller]
+    pub fn ends(&mut self, status: i32) -> String {
         let is_over = is_ready(self.process(), Instant::now() + LIMIT);
         assert!(is_over, "it does not end:\n{}", self.screen());
         let mut errors = String::new();
         self.child.stderr.take().unwrap().read_to_string(&mut errors).unwrap();
-        (self.child.wait().unwrap(), errors)
+        assert_eq!(self.child.wait().unwrap().code(), Some(status), "{errors}");
+        errors
     }
 }
 
