@@ -3,7 +3,9 @@
 use serde_json::Value;
 
 use crate::serve::serve_bus;
-use crate::support::{Running, Scenario, ecan, ends, fails, good, json_of, scenario, setting};
+use crate::support::{
+    Running, Scenario, assert_has, ecan, ends, fails, good, json_of, scenario, setting,
+};
 
 /// 65536 steps per turn, as the simulated drives have.
 pub const SCALE: [&str; 4] = ["--node", "1", "--steps-per-turn", "65536"];
@@ -178,15 +180,9 @@ fn motion_needs_an_operator_or_consent() {
     let message = with(&["--yes"]);
     assert!(message.contains("neither a terminal nor a pipe"), "{message}");
     assert!(message.contains("use --unattended"), "{message}");
-    let message = with(&["--unattended"]);
-    assert!(
-        message.contains("cannot ask for confirmation of motion of node 1 on can0"),
-        "{message}"
-    );
-    let message = drives_fail(2, "jog", &[]);
-    assert!(message.contains("keys need a terminal"), "{message}");
-    let message = drives_fail(2, "enable", &[]);
-    assert!(message.contains("set --for"), "{message}");
+    assert_has(&with(&["--unattended"]), "cannot ask for confirmation of motion of node 1 on can0");
+    assert_has(&drives_fail(2, "jog", &[]), "keys need a terminal");
+    assert_has(&drives_fail(2, "enable", &[]), "set --for");
     let message = fails(2, &[&DRIVES[..], &["move", "--node", "1"], &LIMITS, &ALONE, &to].concat());
     assert!(message.contains("positions in deg need --steps-per-turn"), "{message}");
 }
@@ -299,10 +295,9 @@ fn hold_after_an_outage_names_the_next_step() {
 #[test]
 fn drive_in_fault_is_explained_and_reset_on_request() {
     let faulty = one_drive("", &fault_after(1, 0x3210));
-    let message = faulty.fails(5, &motion("enable", &["--for", "100"]));
-    assert!(
-        message.contains("not enabled, because:\n  1. the drive is in fault: error code 0x3210"),
-        "{message}"
+    assert_has(
+        &faulty.fails(5, &motion("enable", &["--for", "100"])),
+        "not enabled, because:\n  1. the drive is in fault: error code 0x3210",
     );
     let output = faulty.run(&motion("enable", &["--for", "100", "--reset-fault"]));
     let errors = String::from_utf8(output.stderr).unwrap();
@@ -405,8 +400,7 @@ fn picture_of_a_test_that_failed_names_the_cause() {
     let drive = one_drive("", &fault_after(1_500, 0x8611));
     let path = drive.path("fault.svg");
     let sweep = ["--sweep", "0.2..1", "--amplitude", "5", "--plot", &path];
-    let message = drive.fails(5, &motion("tune", &sweep));
-    assert!(message.contains("the motion ended: fault"), "{message}");
+    assert_has(&drive.fails(5, &motion("tune", &sweep)), "the motion ended: fault");
     let svg = drive.read("fault.svg");
     assert!(svg.contains("quick stop: node 1 on can0: the motion ended: fault"));
 }

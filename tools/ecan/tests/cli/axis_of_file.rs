@@ -7,7 +7,9 @@ use serde_json::Value;
 use crate::axis::LIMITS;
 use crate::axis_terminal::OBSERVED;
 use crate::support::observed_bus::ObservedBus;
-use crate::support::{Running, Scenario, ecan, fails, good, json_of, scenario, setting, wait_for};
+use crate::support::{
+    Running, Scenario, assert_has, ecan, fails, good, json_of, scenario, setting, wait_for,
+};
 
 const AXIS: &str = "[[axis]]\ngateway = 0\nchannel = 0\nnode = 1\nsteps_per_turn = 65536\n";
 const ALONE: [&str; 4] = ["--axis", "0", "--yes", "--unattended"];
@@ -148,8 +150,7 @@ fn axis_of_a_drive_with_several_is_moved() {
             assert!((report["end"].as_f64().unwrap() - 30.0).abs() < 0.05, "{mode}: {report}");
         }
         for axis in [[&of_node[..], &["0"]].concat(), [&of_file[..], &["gantry/0"]].concat()] {
-            let message = fails(5, &[&arguments(mode)[..], &axis].concat());
-            assert!(message.contains("node 1 on can0"), "{message}");
+            assert_has(&fails(5, &[&arguments(mode)[..], &axis].concat()), "node 1 on can0");
         }
     }
 }
@@ -159,15 +160,12 @@ fn status_of_an_axis_reads_its_objects() {
     let drive = two_axes("[0x6864]");
     let setting = drive.setting();
     let status = ["--ecrt", &setting, "axis", "status", "--node", "1", "--node-axis"];
-    let first = good(&[&status[..], &["0"]].concat());
-    assert!(first.contains("position         0 step"), "{first}");
+    assert_has(&good(&[&status[..], &["0"]].concat()), "position         0 step");
     let second = good(&[&status[..], &["1"]].concat());
     assert!(second.contains("axis 1 of node 1 on can0"), "{second}");
     assert!(second.contains("position         not reported"), "{second}");
-    let message = fails(5, &[&status[..], &["2"]].concat());
-    assert!(message.contains("no statusword 0x7041"), "{message}");
-    let message = fails(2, &[&status[..], &["8"]].concat());
-    assert!(message.contains("--node-axis"), "{message}");
+    assert_has(&fails(5, &[&status[..], &["2"]].concat()), "no statusword 0x7041");
+    assert_has(&fails(2, &[&status[..], &["8"]].concat()), "--node-axis");
 }
 
 #[test]

@@ -10,7 +10,7 @@ use crate::axis::{LIMITS, SCALE};
 use crate::support::observed_bus::ObservedBus;
 use crate::support::terminal::{Pty, is_raw, with_answer};
 use crate::support::timed_reader::{LIMIT, TimedReader};
-use crate::support::{Running, scenario, wait_for};
+use crate::support::{Running, assert_has, scenario, wait_for};
 use ecan_test_support::Killed;
 
 const RIGHT: &[u8] = b"\x1b[C";
@@ -174,8 +174,7 @@ fn enable_ends_by_enter_and_by_the_loss_of_the_terminal() {
     assert!((last_position(&errors) - 5.532).abs() < 0.01, "{errors}");
     let mut enabled = Operated::start("enable", &[]);
     enabled.running.wait_for_error("enabled until Enter");
-    let errors = enabled.close().ends(1);
-    assert!(errors.contains("stopped, switch on disabled"), "{errors}");
+    assert_has(&enabled.close().ends(1), "stopped, switch on disabled");
 }
 
 #[test]

@@ -10,7 +10,7 @@ use rustix::process::Signal;
 
 use crate::support::client::Client;
 use crate::support::timed_reader::{LIMIT, TimedReader};
-use crate::support::{Running, Scenario, fails, json_of};
+use crate::support::{Running, Scenario, all_fail, json_of};
 
 /// Frame in the format of socketcand: CAN ID, time and data.
 fn next_frame(client: &mut Client) -> [String; 3] {
@@ -216,8 +216,7 @@ fn rejects_during(node: &str, fault: impl Fn(u32) -> String, end: &str) -> Vec<u
     let faults = [(9, 1), (29, 2), (59, 4), (99, 8), (149, 16)]
         .map(|(second, length)| format!("[[fault]]\nat_ms = {second}000\n{}\n", fault(length)));
     let bus = Scenario::new(&format!("[[node]]\nbus = \"0.0\"\n{node}\n{}", faults.concat()));
-    let setting = bus.setting();
-    let mut bridge = Running::start(&["--ecrt", &setting, "bridge", "--slcan", "--socketcand"]);
+    let mut bridge = bus.start(&["bridge", "--slcan", "--socketcand"]);
     let mut sender = Client::connect(&address(&bridge.line(), "slcan", "can0"));
     let mut listener = socketcand_client(&address(&bridge.line(), "socketcand", "can0"));
     sender.say("O\r");
@@ -275,9 +274,7 @@ fn listen_only_bridge_rejects_frames() {
         "[[node]]\nkind = \"faulty\"\nbus = \"0.0\"\nbabble_us = 50000\n\
          [[node]]\nkind = \"silent\"\nbus = \"0.0\"\n",
     );
-    let setting = bus.setting();
-    let options = ["--ecrt", &setting, "bridge", "--listen-only", "--slcan", "--socketcand"];
-    let mut bridge = Running::start(&options);
+    let mut bridge = bus.start(&["bridge", "--listen-only", "--slcan", "--socketcand"]);
     let mut slcan = Client::connect(&address(&bridge.line(), "slcan", "can0"));
     let mut socketcand = socketcand_client(&address(&bridge.line(), "socketcand", "can0"));
     slcan.say("O\rt7FF0\r");
@@ -322,9 +319,7 @@ fn count_on(stream: &TcpStream, texts: [&'static [u8]; 2]) -> Arc<[AtomicUsize; 
 fn paused_bridge_reports_every_lost_frame() {
     const FRAMES: usize = 3000;
     let bus = Scenario::new("[[node]]\nkind = \"silent\"\nbus = \"0.0\"\n");
-    let setting = bus.setting();
-    let options = ["--bitrate", "125000", "--slcan", "--socketcand"];
-    let mut bridge = Running::start(&[&["--ecrt", &setting, "bridge"][..], &options].concat());
+    let mut bridge = bus.start(&["bridge", "--bitrate", "125000", "--slcan", "--socketcand"]);
     let mut sender = TcpStream::connect(address(&bridge.line(), "slcan", "can0")).unwrap();
     let mut listener = TcpStream::connect(address(&bridge.line(), "socketcand", "can0")).unwrap();
     let heard = count_on(&listener, [b"< frame 123 ", b"< ok >"]);
@@ -386,9 +381,7 @@ fn silent_connections_lose_their_places_with_a_note() {
 #[test]
 fn flooding_client_starves_no_other() {
     let bus = Scenario::new("[[node]]\nkind = \"silent\"\nbus = \"0.0\"\n");
-    let setting = bus.setting();
-    let options = ["--bitrate", "125000", "--slcan"];
-    let mut bridge = Running::start(&[&["--ecrt", &setting, "bridge"][..], &options].concat());
+    let mut bridge = bus.start(&["bridge", "--bitrate", "125000", "--slcan"]);
     let address = address(&bridge.line(), "slcan", "can0");
     let flooder = TcpStream::connect(&address).unwrap();
     let answered = count_on(&flooder, [b"\x07", b"z"]);
@@ -458,7 +451,7 @@ fn beacon_announces_socketcand() {
 fn invalid_use_has_message_and_status() {
     let taken = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
     let port = taken.local_addr().unwrap().port().to_string();
-    let cases: [(i32, &[&str], &str); 9] = [
+    all_fail(&[
         (2, &["bridge", "--beacon"], "--socketcand"),
         (2, &["bridge", "--slcan", "localhost"], "expected a port, an IP address"),
         (2, &["bridge", "--channel", "4"], "expected channels 0 to 3"),
@@ -476,9 +469,5 @@ fn invalid_use_has_message_and_status() {
         (2, &["bridge", "--max-clients", "0"], "0 is not in 1..=1000"),
         (6, &["--ecrt", "sim", "bridge", "--pty", "/dev/null"], "cannot create the link /dev/null"),
         (7, &["--ecrt", "sim", "bridge", "--slcan", &port], "cannot listen on 127.0.0.1:"),
-    ];
-    for (status, arguments, words) in cases {
-        let message = fails(status, arguments);
-        assert!(message.contains(words), "{arguments:?}: {message}");
-    }
+    ]);
 }

@@ -5,7 +5,7 @@ use std::path::Path;
 use ecan_test_support::fields_of;
 
 use crate::support::client::Client;
-use crate::support::{Running, Scenario, fails};
+use crate::support::{Running, Scenario, assert_has, fails};
 
 const DISSECTOR: &str =
     concat!(env!("CARGO_MANIFEST_DIR"), "/../../packaging/wireshark/ecan_pdo.lua");
@@ -238,8 +238,7 @@ fn bridge_captures_both_directions() {
 
 #[test]
 fn invalid_use_is_reported() {
-    let message = fails(2, &["--ecrt", "sim", "dump", "--images"]);
-    assert!(message.contains("--capture <FILE>"), "{message}");
+    assert_has(&fails(2, &["--ecrt", "sim", "dump", "--images"]), "--capture <FILE>");
     let message = fails(2, &["--ecrt", "sim", "dump", "--screen"]);
     assert!(
         message.contains("--record <FILE>") && message.contains("--capture <FILE>"),

@@ -1,6 +1,6 @@
 //! Tests of `ecan dump` with a replay node.
 
-use crate::support::{Running, Scenario, fails, json_of};
+use crate::support::{Scenario, all_fail, json_of};
 
 /// Milliseconds and frame.
 const FRAMES: [(u64, &str); 5] = [
@@ -228,9 +228,7 @@ fn dump_ends_cleanly_on_signal_or_closed_output() {
     // In real time, the frames are sent from the start.
     let log = bus.read("bus.log").replacen("(0.000000) can0 000#\n", "", 1);
     bus.write("bus.log", &log);
-    let setting = bus.setting();
-    let mut stopped = Running::start(&["--ecrt", &setting, "dump"]);
-    let mut unread = Running::start(&["--ecrt", &setting, "dump"]);
+    let [mut stopped, mut unread] = [(); 2].map(|()| bus.start(&["dump"]));
     assert_eq!(stopped.line(), "  can0  123   [1]  11");
     assert_eq!(unread.line(), "  can0  123   [1]  11");
     stopped.terminate();
@@ -243,7 +241,7 @@ fn dump_ends_cleanly_on_signal_or_closed_output() {
 
 #[test]
 fn invalid_use_has_message_and_status() {
-    let cases: [(i32, &[&str], &str); 14] = [
+    all_fail(&[
         (2, &["dump", "can0"], "use --channel can0"),
         (2, &["dump", "can2,123:7FF"], "use --channel can2"),
         (2, &["dump", "123"], "expected ID:MASK or ID~MASK"),
@@ -260,11 +258,6 @@ fn invalid_use_has_message_and_status() {
         ),
         (2, &["--ecrt", "sim", "dump", "--bitrate", "333"], "bit/s"),
         (2, &["dump", "--sample-point", "120"], "expected a percentage"),
-        (3, &["--ecrt", "/nonexistent.so", "dump"], "/nonexistent.so"),
         (6, &["--ecrt", "sim", "dump", "-l", "/nonexistent/a.log"], "cannot write /nonexistent/a"),
-    ];
-    for (status, arguments, words) in cases {
-        let message = fails(status, arguments);
-        assert!(message.contains(words), "{arguments:?}: {message}");
-    }
+    ]);
 }

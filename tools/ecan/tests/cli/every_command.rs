@@ -3,7 +3,7 @@
 use std::process::Command;
 
 use crate::support::{
-    FakeLibrary, Scenario, ends, fails, first_silent, json_of, setting, two_gateways,
+    FakeLibrary, Scenario, assert_has, ends, fails, first_silent, json_of, setting, two_gateways,
 };
 
 /// Commands that are about one gateway.
@@ -214,8 +214,7 @@ fn dash_is_standard_input() {
     let config = crate::support::good(&["config", "example"]);
     let shown = run(0, &config, &["config", "check", "-"]);
     assert!(shown.starts_with("gateway 0: position 0\n"), "{shown}");
-    let shown = run(1, "n = 8", &["config", "check", "-"]);
-    assert!(shown.contains("-:1:1: unknown key `n`"), "{shown}");
+    assert_has(&run(1, "n = 8", &["config", "check", "-"]), "-:1:1: unknown key `n`");
     let shown = run(0, &config, &["plan", "--config", "-"]);
     assert!(shown.starts_with("plan for 1 gateway(s)"), "{shown}");
     let shown = run(0, &config, &["--ecrt", "sim", "config", "apply", "-"]);
@@ -223,8 +222,7 @@ fn dash_is_standard_input() {
     let send = ["--ecrt", "sim", "send", "--config", "-", "--channel", "0", "123#"];
     assert_eq!(run(0, &config, &send).lines().next(), Some("can0 123# sent"));
     let log = "(0.000000) can0 123#00\n(0.001000) can0 124#00\n";
-    let shown = run(0, log, &["--ecrt", "sim", "replay", "-"]);
-    assert!(shown.contains("2 frames sent"), "{shown}");
+    assert_has(&run(0, log, &["--ecrt", "sim", "replay", "-"]), "2 frames sent");
     let shown = run(0, "[[gateway]]\nalias = 7\n", &["--ecrt", "sim:-", "scan"]);
     assert!(shown.contains("\n0    7      PREOP"), "{shown}");
     let eds = include_str!("../../../../examples/network/gripper.eds");
@@ -400,8 +398,7 @@ fn missing_or_wrong_scenario_returns_status_6() {
     let files = Scenario::new("");
     let doctor = [words("doctor")];
     for (scenario, expected) in &cases {
-        let message = fails(6, &["--ecrt", scenario, "scan"]);
-        assert!(message.contains(expected), "{message}");
+        assert_has(&fails(6, &["--ecrt", scenario, "scan"]), expected);
     }
     let commands = commands_of_one(&files).into_iter().chain(commands_of_all(&files)).chain(doctor);
     for command in commands {

@@ -7,7 +7,7 @@ use std::process::{Command, Stdio};
 
 use crate::fake_ethercat::{Behaviour, FakeEthercat};
 use crate::support::terminal::with_answer;
-use crate::support::{ecan, fails, good, json_of};
+use crate::support::{assert_has, ecan, fails, good, json_of};
 use ecan_sim::{Fault, FirmwarePackage, GatewayFault};
 use ecan_test_support::Killed;
 use serde_json::Value;
@@ -176,8 +176,7 @@ fn rejection_reason_comes_from_gateway() {
     let (status, out, _) = update(&tool, file.path(), &["--json"]);
     let json = json_of(&out);
     assert_eq!((status, &json[0]["rejection"]["cause"]), (5, &Value::from("verify")));
-    let text = json[0]["text"].as_str().unwrap();
-    assert!(text.contains("FOE_ACK_ERROR; status 0xB000:11 = 0x8010"), "{text}");
+    assert_has(json[0]["text"].as_str().unwrap(), "FOE_ACK_ERROR; status 0xB000:11 = 0x8010");
 }
 
 #[test]

@@ -1,7 +1,7 @@
 //! `--config` of the commands that carry frames, and of `monitor`.
 
 use crate::support::client::Client;
-use crate::support::{Running, Scenario, fails, json_of};
+use crate::support::{Scenario, assert_has, fails, json_of};
 
 /// Channels 0 and 2; standard frames other than 100 to 1FF stay out, extended ones all.
 const CELL: &str = "\
@@ -63,8 +63,7 @@ fn frames_are_sent_at_file_bit_rates() {
     // At another bit rate nobody acknowledges; the message names the file's.
     let wrong = bus.write("wrong.toml", &CELL.replace("250_000", "500_000"));
     let arguments = ["send", "--config", &wrong, "700#01", "--timeout", "300"];
-    let message = bus.fails(1, &arguments);
-    assert!(message.contains("at 500000 bit/s"), "{message}");
+    assert_has(&bus.fails(1, &arguments), "at 500000 bit/s");
 }
 
 #[test]
@@ -90,9 +89,7 @@ fn can_fd_needs_data_bit_rate_in_file() {
 fn bridge_uses_file_bit_rates() {
     let bus = Scenario::new("[[node]]\nkind = \"echo\"\nbus = \"0.2\"\n");
     let path = bus.write("cell.toml", CELL);
-    let setting = bus.setting();
-    let options = ["bridge", "--config", &path, "--channel", "2"];
-    let mut bridge = Running::start(&[&["--ecrt", &setting][..], &options].concat());
+    let mut bridge = bus.start(&["bridge", "--config", &path, "--channel", "2"]);
     let line = bridge.line();
     let talk = |say: &str, expected: &str| {
         let mut client = Client::connect(line.split(' ').nth(3).unwrap());
@@ -216,8 +213,6 @@ fn invalid_file_is_rejected_with_all_faults() {
         assert!(message.contains("line 3, column 5: `n` = 40"), "{message}");
         assert!(message.contains("line 11, column 7: `id1` = 2048"), "{message}");
     }
-    let message = fails(6, &["--ecrt", "sim", "dump", "--config", "/nonexistent.toml"]);
-    assert!(message.starts_with("ecan: cannot read /nonexistent.toml: "), "{message}");
 }
 
 #[test]
@@ -242,14 +237,6 @@ fn options_defined_by_file_are_rejected() {
     }
     let message = fails(2, &["monitor", "--config", "cell.toml", "--channel", "1"]);
     assert!(message.contains("cannot be used with") && message.contains("--channel"), "{message}");
-}
-
-#[test]
-fn example_file_with_clocks_works() {
-    let bus = Scenario::new("[[node]]\nkind = \"echo\"\nbus = \"0.1\"\n");
-    let path = bus.write("example.toml", &crate::support::good(&["config", "example"]));
-    let send = ["send", "--config", &path, "--channel", "1", "123#01"];
-    assert_eq!(bus.good(&send), "can1 123#01 sent\n");
 }
 
 #[test]

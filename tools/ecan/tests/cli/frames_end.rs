@@ -3,7 +3,7 @@
 
 use std::process::Command;
 
-use crate::support::{Running, Scenario, wait_for};
+use crate::support::{Running, Scenario, assert_has, wait_for};
 
 const ECHO: &str = "[[node]]\nkind = \"echo\"\nbus = \"0.0\"\n";
 
@@ -29,17 +29,14 @@ fn summary_line(running: &mut Running) -> String {
 fn stalled_output_does_not_block_stopping() {
     let frames: Vec<(u64, &str)> = (0..6000).map(|at| (at, "123#11")).collect();
     let bus = Scenario::replaying(&frames, "");
-    let setting = bus.setting();
     let capture = bus.path("bus.pcapng");
-    let dump = ["--ecrt", &setting, "dump", "-n", "6000", "--capture", &capture, "--screen"];
-    let mut unread = Running::start(&dump);
+    let mut unread = bus.start(&["dump", "-n", "6000", "--capture", &capture, "--screen"]);
     assert_eq!(unread.line(), "  can0  123   [1]  11");
     // With all frames in the capture, more wait for the screen than a pipe takes.
     let written = || std::fs::metadata(&capture).map_or(0, |file| file.len());
     wait_for("all frames in the capture", || written() > 6000 * 48);
     unread.terminate();
-    let errors = unread.ends(6);
-    assert!(errors.contains("cannot write the output: output is stalled"), "{errors}");
+    assert_has(&unread.ends(6), "cannot write the output: output is stalled");
 }
 
 #[test]
@@ -47,20 +44,18 @@ fn second_signal_exits_immediately() {
     let bus = Scenario::new(ECHO);
     let fifo = bus.path("fifo");
     assert!(Command::new("mkfifo").arg(&fifo).status().unwrap().success());
-    let setting = bus.setting();
     // Nobody opens the other end, so it never gets as far as looking at a request to stop.
-    let mut held = Running::start(&["--ecrt", &setting, "gen", "--capture", &fifo]);
+    let mut held = bus.start(&["gen", "--capture", &fifo]);
     // Then signals are caught.
     held.wait_for_error("SIMULATED");
     held.terminate_until_ended();
-    assert_eq!(held.wait().0, Some(130));
+    held.ends(130);
 }
 
 #[test]
 fn stopped_gen_reports_no_losses() {
     let bus = Scenario::new(ECHO);
-    let setting = bus.setting();
-    let mut running = Running::start(&["--ecrt", &setting, "gen", "-g", "1", "-v"]);
+    let mut running = bus.start(&["gen", "-g", "1", "-v"]);
     for _ in 0..20 {
         assert!(running.line().starts_with("  can0 "));
     }
@@ -72,8 +67,7 @@ fn stopped_gen_reports_no_losses() {
 #[test]
 fn unacknowledged_frames_are_in_transit_when_stopped() {
     let alone = Scenario::new("");
-    let setting = alone.setting();
-    let mut running = Running::start(&["--ecrt", &setting, "gen", "-g", "1", "-v"]);
+    let mut running = alone.start(&["gen", "-g", "1", "-v"]);
     for _ in 0..5 {
         assert!(running.line().starts_with("  can0 "));
     }

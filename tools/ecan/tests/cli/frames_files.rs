@@ -2,7 +2,7 @@
 
 use std::process::{Command, Stdio};
 
-use crate::support::{Scenario, fails};
+use crate::support::{Scenario, assert_has, fails};
 use ecan_test_support::Killed;
 
 const ECHO: &str = "[[node]]\nkind = \"echo\"\nbus = \"0.0\"\n";
@@ -79,8 +79,7 @@ fn dash_is_stdin_and_stdout() {
     let playing = Scenario::replaying(&[(0, "123#01"), (5, "124#02")], "");
     let shown = playing.good(&["dump", "-n", "2", "-L"]);
     assert_eq!(playing.good(&["dump", "-n", "2", "-l", "-"]), shown);
-    let message = playing.fails(2, &["dump", "-l", "-", "--screen"]);
-    assert!(message.contains("--screen"), "{message}");
+    assert_has(&playing.fails(2, &["dump", "-l", "-", "--screen"]), "--screen");
 
     for command in [&["send", "123#"][..], &["gen", "-n", "1"]] {
         let output = bus.run(&[command, &["--capture", "-"]].concat());
@@ -89,8 +88,7 @@ fn dash_is_stdin_and_stdout() {
         let printed = |bytes: &[u8]| String::from_utf8_lossy(bytes).contains(" sent");
         assert!(printed(&output.stderr) && !printed(&output.stdout), "{command:?}");
     }
-    let message = bus.fails(2, &["gen", "-n", "1", "-v", "--capture", "-"]);
-    assert!(message.contains("--verbose"), "{message}");
+    assert_has(&bus.fails(2, &["gen", "-n", "1", "-v", "--capture", "-"]), "--verbose");
     assert!(!std::path::Path::new("-").exists());
 }
 

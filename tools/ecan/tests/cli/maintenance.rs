@@ -1,6 +1,6 @@
 //! `reg`, `filter`, `pins`, `reboot` and `plan`, used and misused.
 
-use crate::support::{ends, fails, good, json_of, scenario, setting, simulated};
+use crate::support::{assert_has, ends, fails, good, json_of, scenario, setting, simulated};
 
 #[test]
 fn registers_are_read_by_name_and_offset() {
@@ -27,8 +27,7 @@ fn whitelisted_registers_are_written() {
     assert!(listed.contains("0x0044  PSR     ro  protocol status\n"), "{listed}");
     // A protected register keeps its value outside INIT and CCE: said, and told by the status.
     let arguments = ["--ecrt", "sim", "reg", "write", "GFC", "0x3F", "--channel", "0"];
-    let message = fails(1, &arguments);
-    assert!(message.contains("GFC does not contain 0x0000003F"), "{message}");
+    assert_has(&fails(1, &arguments), "GFC does not contain 0x0000003F");
 }
 
 #[test]
@@ -89,8 +88,7 @@ fn gateway_restarts_and_responds() {
     // One that boots for longer than the patience.
     let file = scenario("[[gateway]]\nboot_ms = 9000\n");
     let arguments = ["--ecrt", &setting(&file), "reboot", "--wait", "--timeout", "2"];
-    let message = fails(4, &arguments);
-    assert!(message.contains("slave 0 does not respond 2 s after the restart"), "{message}");
+    assert_has(&fails(4, &arguments), "slave 0 does not respond 2 s after the restart");
     // Without any patience nothing is known of it.
     let message = fails(4, &["--ecrt", "sim", "reboot", "--wait", "--timeout", "0"]);
     let expected =
@@ -127,14 +125,12 @@ fn missing_restart_is_reported() {
     let file = abort("0");
     let arguments = ["--ecrt", &setting(&file), "reboot"];
     assert!(good(&arguments).contains("no answer to the command, which a restart explains"));
-    let message = fails(5, &[&arguments[..], &["--wait"]].concat());
-    assert!(
-        message.contains("slave 0 did not answer the command and did not restart"),
-        "{message}"
+    assert_has(
+        &fails(5, &[&arguments[..], &["--wait"]].concat()),
+        "slave 0 did not answer the command and did not restart",
     );
     let file = abort("0x08000022");
-    let message = fails(5, &["--ecrt", &setting(&file), "reboot", "--wait"]);
-    assert!(message.contains("0x08000022"), "{message}");
+    assert_has(&fails(5, &["--ecrt", &setting(&file), "reboot", "--wait"]), "0x08000022");
 }
 
 #[test]
@@ -255,7 +251,7 @@ fn invalid_use_has_message_and_status() {
     let sim = "--ecrt";
     let add =
         |rest: &[&'static str]| [&[sim, "sim", "filter", "add", "--channel", "0"], rest].concat();
-    let cases: [(i32, Vec<&str>, &str); 22] = [
+    let cases: [(i32, Vec<&str>, &str); 20] = [
         (2, vec!["reg", "read", "PSR"], "--channel"),
         (2, vec!["reg", "read", "PSR", "--channel", "4"], "expected a channel, 0 to 3"),
         (2, vec!["reg", "read", "PSX", "--channel", "0"], "unknown register \"PSX\""),
@@ -263,15 +259,9 @@ fn invalid_use_has_message_and_status() {
         (2, vec!["reg", "read", "0x408", "--channel", "0"], "from 0x0004 to 0x0404"),
         (2, vec!["reg", "write", "PSR", "1", "--channel", "0"], "PSR is not writable"),
         (2, vec!["reg", "write", "IR", "0x100000000", "--channel", "0"], "is out of range"),
-        (3, vec!["reg", "read", "PSR", "--channel", "0"], "libethercat.so.1"),
         (2, add(&[]), "required"),
         (2, add(&["--id", "0x800"]), "use --extended for 29-bit CAN IDs"),
         (2, add(&["--range", "9", "1"]), "range 0x9..0x1 is empty"),
-        (
-            2,
-            add(&["--extended", "--id", "0x20000000"]),
-            "is out of range; allowed: 0 to 0x1FFFFFFF",
-        ),
         (
             2,
             add(&["--id", "1", "--buffer", "12"]),

@@ -3,7 +3,7 @@
 use std::process::Command;
 
 use crate::support::terminal::{ENTER, LEAVE, OnTerminal};
-use crate::support::{Scenario, ecan, ends, fails, good, json_of, scenario, setting, simulated};
+use crate::support::{Scenario, all_fail, ecan, ends, good, json_of, scenario, setting, simulated};
 
 #[test]
 fn once_prints_gateways_channels_and_cycle() {
@@ -122,7 +122,7 @@ fn selected_gateway_is_monitored_alone() {
 
 #[test]
 fn invalid_use_has_message_and_status() {
-    let cases: [(i32, &[&str], &str); 9] = [
+    all_fail(&[
         (2, &["monitor", "--for", "0"], "expected seconds"),
         (2, &["monitor", "--for", "nan"], "expected seconds"),
         (2, &["monitor", "--for", "-1"], "'-1'"),
@@ -134,13 +134,7 @@ fn invalid_use_has_message_and_status() {
             "N = 25 is out of range; allowed: 1 to 24",
         ),
         (2, &["--ecrt", "sim", "monitor", "--bitrate", "333"], "bit/s"),
-        (3, &["--ecrt", "/nonexistent.so", "monitor"], "/nonexistent.so"),
-        (4, &["--ecrt", "sim", "--slave", "3", "monitor"], "slave 3 does not exist"),
-    ];
-    for (status, arguments, words) in cases {
-        let message = fails(status, arguments);
-        assert!(message.contains(words), "{arguments:?}: {message}");
-    }
+    ]);
 }
 
 /// The monitor on a terminal.
@@ -150,8 +144,8 @@ fn on_terminal(library: &str) -> OnTerminal {
 }
 
 #[test]
-fn terminal_is_drawn_until_quit_key() {
-    for key in [&b"q"[..], b"\x1b", b"\x03"] {
+fn terminal_is_drawn_until_quit_key_or_signal() {
+    for key in [&b"q"[..], b"\x1b", b"\x03", b""] {
         let mut monitor = on_terminal("sim");
         monitor.wait_for(ENTER);
         monitor.wait_for("Channels");
@@ -161,18 +155,12 @@ fn terminal_is_drawn_until_quit_key() {
         monitor.wait_for("PAUSED");
         monitor.wait_for("close");
         monitor.press(b"?p");
+        if key.is_empty() {
+            monitor.terminate();
+        }
         monitor.press(key);
         assert_eq!(monitor.end().0, Some(0), "{key:?}");
     }
-}
-
-#[test]
-fn signal_restores_terminal() {
-    let mut monitor = on_terminal("sim");
-    monitor.wait_for("Channels");
-    assert!(monitor.is_raw());
-    monitor.terminate();
-    assert_eq!(monitor.end().0, Some(0));
 }
 
 #[test]

@@ -15,7 +15,7 @@ use serde_json::{Value, json};
 use crate::serve::{Served, serve_ready};
 use crate::support::application::Application;
 use crate::support::on_screen::OnScreen;
-use crate::support::{ecan, ends, fails, good, json_of, wait_for};
+use crate::support::{assert_has, ecan, ends, fails, good, json_of, wait_for};
 
 /// Sends a frame every 5 cycles, whose second byte counts.
 fn count() -> impl FnMut(&mut Cycle<'_>) + Send {
@@ -156,8 +156,7 @@ fn ended_service_restores_terminal_and_is_reported() {
     assert!(monitor.is_raw() && monitor.screen().contains("via ecan serve"));
     daemon.program.terminate();
     monitor.wait_until("shell", |terminal| !terminal.has_own_screen());
-    let errors = monitor.ends(3);
-    assert!(errors.contains("bus.sock: the service closed the connection"), "{errors}");
+    assert_has(&monitor.ends(3), "bus.sock: the service closed the connection");
     assert!(!monitor.is_raw());
 }
 
@@ -302,6 +301,5 @@ fn invalid_use_of_a_service_has_message_and_status() {
     application.execute(|_, service| service.detach());
     let client = Client::connect(Path::new(&path), "test").unwrap();
     wait_for("the end of the cycle", || client.state().is_err());
-    let message = fails(3, &["--via", &path, "monitor"]);
-    assert!(message.contains("the service has no cycle"), "{message}");
+    assert_has(&fails(3, &["--via", &path, "monitor"]), "the service has no cycle");
 }

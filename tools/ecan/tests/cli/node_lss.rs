@@ -1,7 +1,7 @@
 //! `ecan node lss`: slaves without node-ID, on a bus that lives as long as a service, and alone.
 
 use crate::serve::{Served, serve_bus};
-use crate::support::{Scenario, ends};
+use crate::support::{Scenario, assert_has, ends};
 
 /// Drives with these node-IDs and serial numbers; those of `unconfigured` have no node-ID.
 fn slaves(unconfigured: &[u32], configured: &[(u8, u32)]) -> Scenario {
@@ -124,8 +124,7 @@ fn bit_rate_is_configured_and_activated() {
     assert!(message.contains("allowed: 1000000, 800000, 500000"), "{message}");
     let served = serve(&scenario);
     let activate = ["lss", "set-bitrate", "125000", "--only", "--activate", "100", "--yes"];
-    let message = served.node_fails(2, &activate);
-    assert!(message.contains("--activate needs the gateways alone: ecan serve"), "{message}");
+    assert_has(&served.node_fails(2, &activate), "--activate needs the gateways alone: ecan serve");
     assert!(served.node(&["lss", "store", "--only"]).ends_with(": node-ID 5, stored\n"));
     served.end();
 }
@@ -145,6 +144,5 @@ fn configuration_needs_a_confirmation_and_a_slave() {
         assert!(message.contains(expected), "{arguments:?}: {message}");
     }
     let empty = Scenario::new("");
-    let message = empty.fails(5, &["node", "lss", "scan"]);
-    assert!(message.contains("no node acknowledges"), "{message}");
+    assert_has(&empty.fails(5, &["node", "lss", "scan"]), "no node acknowledges");
 }

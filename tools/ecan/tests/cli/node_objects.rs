@@ -3,7 +3,7 @@
 use serde_json::Value;
 
 use crate::serve::serve_bus;
-use crate::support::{Scenario, fails, good, json_of};
+use crate::support::{Scenario, assert_has, fails, good, json_of};
 
 fn sdo(arguments: &[&str]) -> String {
     good(&[&["--ecrt", "sim:drives", "node", "sdo"], arguments].concat())
@@ -137,8 +137,7 @@ fn unsuitable_device_file_is_reported() {
     let files = Scenario::new("");
     let other = files.write("other.eds", &EDS.replace("ProductNumber=402", "ProductNumber=403"));
     let arguments = ["--ecrt", "sim:drives", "node", "info", "--node", "1", "--eds", &other];
-    let message = fails(1, &arguments);
-    assert!(message.contains("problems found; see the report above"), "{message}");
+    assert_has(&fails(1, &arguments), "problems found; see the report above");
     let empty = files.write("empty.eds", "[FileInfo]\n");
     let message = sdo_fails(6, &["read", "--node", "1", "--eds", &empty, "0x1000"]);
     assert!(message.contains("cannot use ") && message.contains("empty.eds"), "{message}");

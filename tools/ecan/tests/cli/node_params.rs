@@ -1,7 +1,7 @@
 //! `ecan node params`: the values of a node in a DCF, on nodes that live as long as a service.
 
 use crate::serve::{Served, serve_bus};
-use crate::support::{Scenario, ends, json_of};
+use crate::support::{Scenario, assert_has, ends, json_of};
 
 const EXAMPLE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../examples/network");
 
@@ -111,8 +111,7 @@ fn unsuitable_files_are_rejected() {
     let eds = format!("{EXAMPLE}/gripper.eds");
     let file = served.path_of("gripper.dcf");
     let save = ["params", "save", &file, "--node", "1.4"];
-    let message = served.node_fails(2, &save);
-    assert!(message.contains("use its device file: --eds FILE"), "{message}");
+    assert_has(&served.node_fails(2, &save), "use its device file: --eds FILE");
     let of_drive =
         ["--eds", concat!(env!("CARGO_MANIFEST_DIR"), "/../../examples/network/servo_drive.eds")];
     let message = served.node_fails(5, &[&save[..], &of_drive].concat());
@@ -126,8 +125,7 @@ fn unsuitable_files_are_rejected() {
     let message = served.node_fails(6, &["params", "diff", &eds, "--node", "1.4"]);
     assert!(message.contains("an EDS has no values of a node"), "{message}");
     let other = ["params", "restore", &file, "--node", "1.5", "--yes"];
-    let message = served.node_fails(2, &other);
-    assert!(message.contains("is of node 4, with its COB-IDs; for node 5 on can1"), "{message}");
+    assert_has(&served.node_fails(2, &other), "is of node 4, with its COB-IDs; for node 5 on can1");
     let message = served.node_fails(5, &[&other[..], &["--application"]].concat());
     assert!(message.contains("from node 5 (slave 0, channel 1): no answer"), "{message}");
     served.end();
@@ -150,8 +148,7 @@ fn values_that_the_node_rejects_are_listed() {
         "{report}"
     );
     assert!(report.contains("0x2100:00") && !report.contains("0x2000:00"), "{report}");
-    let message = served.node_fails(5, &restore);
-    assert!(message.contains("1 values of node 4 on can1 were not restored"), "{message}");
+    assert_has(&served.node_fails(5, &restore), "1 values of node 4 on can1 were not restored");
     let diff = ends(1, &[&via[..], &["params", "diff", &file, "--node", "1.4"]].concat());
     assert!(diff.contains("0x2100:00  Newer object  3     aborted by the node"), "{diff}");
     // The node has no 0x1010.

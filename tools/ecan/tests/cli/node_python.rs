@@ -8,7 +8,7 @@ use std::process::{Command, Stdio};
 
 use crate::serve::{Served, serve_bus};
 use crate::support::python::python_with;
-use crate::support::{Scenario, ecan, ends, fails, good};
+use crate::support::{Scenario, assert_has, ecan, ends, fails, good};
 use ecan_test_support::{Killed, Lines};
 
 fn script(python: &str, name: &str, port: u16, node: u8) -> Command {
@@ -160,8 +160,7 @@ fn parameters_of_a_canopen_node_are_restored_as_its_tools_read_them() {
     assert_eq!(differences.iter().map(|entry| entry.0).collect::<Vec<_>>(), ["2000:00", "2002:00"]);
     let capture = bus.served.path_of("restore.pcapng");
     let restore = ["params", "restore", &dcf, "--node", "5", "--yes", "--capture", &capture];
-    let restored = bus.node(&restore);
-    assert!(restored.contains(" values verified\n"), "{restored}");
+    assert_has(&bus.node(&restore), " values verified\n");
     let lines = lines_of(&mut bus, &dcf);
     assert!(values_of(&lines).iter().all(|(_, file, node)| file == node), "{lines:#?}");
 

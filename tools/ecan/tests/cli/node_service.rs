@@ -1,7 +1,7 @@
 //! `ecan node` through `ecan serve`: the nodes live as long as the service.
 
 use crate::serve::{Served, serve_bus};
-use crate::support::{fails, good, json_of};
+use crate::support::{assert_has, fails, good, json_of};
 
 fn serve_drives() -> Served {
     let mut served = serve_bus("sim:drives", &[]);
@@ -26,8 +26,7 @@ fn states_are_confirmed_by_heartbeats_and_kept() {
     let nmt = |command: &str| served.node(&["nmt", command, "--node", "2", "--yes"]);
     assert_eq!(nmt("stop"), "node 2 on can0: stopped, by its heartbeat\n");
     // A stopped node answers no SDO request.
-    let message = served.node_fails(5, &["info", "--node", "2"]);
-    assert!(message.contains("not in the state stopped"), "{message}");
+    assert_has(&served.node_fails(5, &["info", "--node", "2"]), "not in the state stopped");
     assert_eq!(nmt("preop"), "node 2 on can0: pre-operational, by its heartbeat\n");
     assert!(served.node(&["info", "--node", "2"]).contains("NMT state       pre-operational\n"));
     assert!(nmt("start").starts_with("node 2 on can0: operational, by its "));
@@ -86,7 +85,6 @@ fn search_for_bit_rates_needs_the_gateways_alone() {
 fn read_only_service_rejects_requests_to_nodes() {
     let mut served = serve_bus("sim:drives", &["--read-only"]);
     served.program.wait_for_error("slave 0: ready");
-    let message = served.node_fails(3, &["info", "--node", "1"]);
-    assert!(message.contains("read-only"), "{message}");
+    assert_has(&served.node_fails(3, &["info", "--node", "1"]), "read-only");
     served.end();
 }

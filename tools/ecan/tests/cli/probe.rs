@@ -1,6 +1,6 @@
 //! `ecan probe` as a user runs it.
 
-use crate::support::{ends, fails, good, json_of, scenario, setting, simulated};
+use crate::support::{assert_has, ends, fails, good, json_of, scenario, setting, simulated};
 
 /// Lines about a row of docs/ASSUMPTIONS.md.
 fn lines<'a>(printed: &'a str, row: &str) -> Vec<&'a str> {
@@ -36,8 +36,7 @@ fn difference_ends_with_status_1() {
 fn wired_channels_are_tried_on_request() {
     let bus = scenario("[[gateway]]\nbuses = [\"a\", \"a\", \"b\", \"b\"]\n");
     let ecrt = setting(&bus);
-    let without = good(&["--ecrt", &ecrt, "probe"]);
-    assert!(without.contains("no wired channels are given (--wired)"), "{without}");
+    assert_has(&good(&["--ecrt", &ecrt, "probe"]), "no wired channels are given (--wired)");
     for wired in ["0-1", "3-2"] {
         let printed = good(&["--ecrt", &ecrt, "probe", "--wired", wired]);
         assert!(lines(&printed, "H9").iter().all(|line| line.starts_with("  holds ")), "{printed}");
@@ -63,8 +62,7 @@ fn bundle_and_profile_are_written_once() {
         assert!(!json[key].is_null(), "{file}");
     }
     assert!(read("gateway.toml").contains("\nschedule_depth = 64\n"), "{}", read("gateway.toml"));
-    let message = fails(6, &["--ecrt", "sim", "probe", "--bundle", &bundle]);
-    assert!(message.contains("cannot create"), "{message}");
+    assert_has(&fails(6, &["--ecrt", "sim", "probe", "--bundle", &bundle]), "cannot create");
 }
 
 #[test]

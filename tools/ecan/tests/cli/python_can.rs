@@ -49,14 +49,7 @@ fn python_can_connects_to_a_busy_bus() {
     let Some(python) = python() else { return };
     let babbler = "[[node]]\nkind = \"faulty\"\nbus = \"0.0\"\nbabble_us = 300\n";
     let bus = Scenario::new(babbler);
-    let mut bridge = Running::start(&[
-        "--ecrt",
-        &bus.setting(),
-        "bridge",
-        "--bitrate",
-        "1000000",
-        "--socketcand",
-    ]);
+    let mut bridge = bus.start(&["bridge", "--bitrate", "1000000", "--socketcand"]);
     let line = bridge.line();
     let place = line.split(' ').nth(3).unwrap();
     assert_eq!(run(&python, "connect.py", &[place, "30"]), "30\n");

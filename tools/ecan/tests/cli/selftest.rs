@@ -3,7 +3,9 @@
 use std::io::{BufRead as _, BufReader, Read as _};
 use std::process::{Command, Stdio};
 
-use crate::support::{Scenario, ecan, ends, fails, good, json_of, scenario, setting, simulated};
+use crate::support::{
+    Scenario, assert_has, ecan, ends, fails, good, json_of, scenario, setting, simulated,
+};
 use ecan_test_support::Killed;
 use rustix::process::{Pid, Signal, kill_process};
 
@@ -354,13 +356,11 @@ fn invalid_use_is_reported() {
     let simulated = |status, arguments: &[&str]| {
         fails(status, &[&["--ecrt", "sim", "selftest"][..], arguments].concat())
     };
-    let message = simulated(2, &["--wired", "0-4"]);
-    assert!(
-        message.contains("expected pairs of channels 0 to 3, for example 0-1,2-3"),
-        "{message}"
+    assert_has(
+        &simulated(2, &["--wired", "0-4"]),
+        "expected pairs of channels 0 to 3, for example 0-1,2-3",
     );
-    let message = simulated(2, &["--wired", "0-1,1-2"]);
-    assert!(message.contains("channel 1 is used twice"), "{message}");
+    assert_has(&simulated(2, &["--wired", "0-1,1-2"]), "channel 1 is used twice");
     assert!(simulated(2, &["--frames", "0"]).contains("0 is not in 1..=256"));
     assert!(simulated(2, &["--channels", "5"]).contains("expected channels 0 to 3"));
     assert!(simulated(2, &["--pdo-n", "25"]).starts_with("ecan: "));
@@ -369,8 +369,6 @@ fn invalid_use_is_reported() {
     assert_eq!(message, expected);
     let both = ["--ecrt", "sim", "--slave", "0", "selftest", "--gateways", "1"];
     assert!(fails(2, &both).contains("--gateways and --slave exclude each other"));
-    let message = simulated(6, &["--config", "/nonexistent/cell.toml"]);
-    assert!(message.starts_with("ecan: cannot read /nonexistent/cell.toml: "), "{message}");
     let empty = scenario("[[gateway]]\nn = 5\n");
     let message = simulated(6, &["--config", &path(&empty)]);
     assert!(message.starts_with("ecan: cannot use "), "{message}");
@@ -382,8 +380,6 @@ fn invalid_use_is_reported() {
     let reserved = scenario("reserved = true\n[[gateway]]\n");
     let message = fails(3, &["--ecrt", &setting(&reserved), "selftest"]);
     assert!(message.contains("another application has reserved it"), "{message}");
-    let message = fails(4, &["--ecrt", "sim", "--slave", "3", "selftest"]);
-    assert_eq!(message, "ecan: slave 3 does not exist; allowed: 0");
 }
 
 /// The number of the listening mode selects a loopback: the bus cannot be observed.

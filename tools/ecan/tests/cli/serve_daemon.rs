@@ -13,7 +13,7 @@ use serde_json::json;
 
 use super::serve::serve;
 use super::support::timed_reader::LIMIT;
-use super::support::{Running, fails, good, scenario, setting, wait_for};
+use super::support::{Running, assert_has, fails, good, scenario, setting, wait_for};
 
 const FILE: &str = "\
 watchdog_us = 2_000_000
@@ -223,8 +223,7 @@ fn other_passed_sockets_are_rejected() {
     {
         let manager = Manager::new(FILE);
         let (mut program, _listener) = with_passed(&manager, sockets, options);
-        let errors = program.ends(2);
-        assert!(errors.contains(words), "{errors}");
+        assert_has(&program.ends(2), words);
     }
 }
 

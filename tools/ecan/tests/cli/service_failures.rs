@@ -13,7 +13,7 @@ use serde_json::{Value, json};
 
 use crate::serve::serve_ready;
 use crate::support::timed_reader::LIMIT;
-use crate::support::{Running, fails, wait_for};
+use crate::support::{Running, assert_has, fails, wait_for};
 use ecan_test_support::Killed;
 
 fn upload() -> UploadParams {
@@ -89,8 +89,7 @@ fn killed_daemon_ends_every_client_with_a_message_and_complete_files() {
     assert!(matches!(client.poll(LIMIT), Err(ClientError::Closed)));
     let message = format!("ecan: {}: the service closed the connection", daemon.path);
     for mut program in clients.into_iter().chain([reader]) {
-        let errors = program.ends(3);
-        assert!(errors.contains(&message), "{errors}");
+        assert_has(&program.ends(3), &message);
     }
     let numbers = logged(&log);
     assert!(numbers[0] <= first && is_complete(&numbers, first + FRAMES), "{numbers:?}");

@@ -14,7 +14,7 @@ use ecan_service::server::{Control, ServePort as _, ServiceConfig};
 use ecan_sim::{ClockKind, SimOptions};
 
 use super::support::timed_reader::TimedReader;
-use super::support::{SIM, Scenario, fails, good, simulated};
+use super::support::{SIM, Scenario, assert_has, fails, good, simulated};
 use ecan_test_support::Killed;
 
 #[test]
@@ -42,15 +42,10 @@ fn service_and_library_exclude_each_other() {
 }
 
 #[test]
-fn offline_command_rejects_a_service() {
-    let message = fails(2, &["--via", "/run/none.sock", "plan"]);
-    assert!(message.contains("does not use a service"), "{message}");
-}
-
-#[test]
-fn serve_rejects_a_service() {
-    let message = fails(2, &["--via", "/run/none.sock", "serve"]);
-    assert!(message.contains("does not use a service"), "{message}");
+fn offline_command_and_serve_reject_a_service() {
+    for command in ["plan", "serve"] {
+        assert_has(&fails(2, &["--via", "/run/none.sock", command]), "does not use a service");
+    }
 }
 
 #[test]
@@ -237,8 +232,7 @@ fn read_only_service_rejects_with_its_reason() {
     assert!(application.good(&["sdo", "read", "0x8010:3"]).contains("0x8010:03"));
     let message = application.fails(3, &["sdo", "write", "0x8010:3", "1"]);
     assert!(message.contains("read-only") && message.contains("cell 1.0"), "{message}");
-    let message = application.fails(3, &["send", "123#01"]);
-    assert!(message.contains("does not accept frames"), "{message}");
+    assert_has(&application.fails(3, &["send", "123#01"]), "does not accept frames");
 }
 
 #[test]
@@ -246,14 +240,11 @@ fn options_that_contradict_the_service_are_rejected() {
     let application = Application::start(Control::Owner);
     let message = application.fails(2, &["send", "--bitrate", "250000", "123#01"]);
     assert!(message.contains("--bitrate") && message.contains("500000 bit/s"), "{message}");
-    let message = application.fails(2, &["dump", "--listen-only", "-n", "1"]);
-    assert!(message.contains("--listen-only"), "{message}");
-    let message = application.fails(2, &["dump", "--channel", "2", "-n", "1"]);
-    assert!(message.contains("channel 2"), "{message}");
+    assert_has(&application.fails(2, &["dump", "--listen-only", "-n", "1"]), "--listen-only");
+    assert_has(&application.fails(2, &["dump", "--channel", "2", "-n", "1"]), "channel 2");
     let message = application.fails(3, &["sim", "status"]);
     assert!(message.contains("cell 1.0") && message.contains("does not offer"), "{message}");
-    let message = application.fails(3, &["probe"]);
-    assert!(message.contains("runs a cycle of its own"), "{message}");
+    assert_has(&application.fails(3, &["probe"]), "runs a cycle of its own");
     for command in [&["firmware", "version"][..], &["firmware", "update", "/dev/null"]] {
         let message = application.fails(3, command);
         assert!(message.contains("FoE") && message.contains("--via direct"), "{message}");

@@ -91,6 +91,20 @@ pub fn ends(status: i32, arguments: &[&str]) -> String {
     String::from_utf8(output.stdout).unwrap()
 }
 
+/// Checks that a text has these words.
+#[track_caller]
+pub fn assert_has(text: &str, words: &str) {
+    assert!(text.contains(words), "{words}: {text}");
+}
+
+/// Checks runs that fail: exit status, arguments, words of the message.
+#[track_caller]
+pub fn all_fail(cases: &[(i32, &[&str], &str)]) {
+    for (status, arguments, words) in cases {
+        assert_has(&fails(*status, arguments), words);
+    }
+}
+
 /// A printed JSON document.
 pub fn json_of(text: &str) -> serde_json::Value {
     serde_json::from_str(text).unwrap_or_else(|error| panic!("{error}: {text}"))
