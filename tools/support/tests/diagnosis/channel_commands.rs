@@ -13,6 +13,8 @@ fn each_apply_status_has_its_causes() {
     assert!(causes(3)[1].contains("0x8001 is out of range"), "{:#?}", causes(3));
     // The controller was not restarted, or its driver failed.
     assert!(causes(4)[0].contains("did not restart"), "{:#?}", causes(4));
+    let what = with(0x8001, 2, 4).what;
+    assert!(what.contains("the CAN controller could not be restarted with it"), "{what}");
     assert!(causes(77)[0].contains("not specified by the gateway"), "{:#?}", causes(77));
     // An exceeded Message RAM may be any of them.
     for status in [1, 3, 4] {

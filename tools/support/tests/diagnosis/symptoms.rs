@@ -502,7 +502,7 @@ const SYMPTOMS: &[Symptom] = &[
         "the configuration of the channel is impossible: CAN is not sent or received",
         "13.4",
         "apply-failed",
-        "",
+        "Message RAM layout needs ",
         || configured(3, [0x01; 2]).write(&[(0x8001, 62, 64), (0x8001, 64, 64), (0x8001, 1, 1)]),
     ),
     ("no filter accepts a frame: CAN cannot be received", "5.4.6", "rejects-all", "", || {
