@@ -183,18 +183,6 @@ fn watchdog_is_set_by_divider_and_intervals() {
 }
 
 #[test]
-fn torn_and_corrupted_images_are_detected() {
-    for fault in [GatewayFault::TornTxPdo { images: 2 }, GatewayFault::CrcErrorTxPdo { images: 2 }]
-    {
-        let mut program = Program::operational(&[3]);
-        program.simulation().inject(Fault::Gateway { gateway: 0, fault });
-        program.cycles(10);
-        assert_eq!(program.bad_images, 2, "{fault:?}");
-        crosses(&mut program, 0, 0x50);
-    }
-}
-
-#[test]
 fn al_error_is_reported_and_the_slave_returns_to_op() {
     let mut program = Program::new(stepped_echo(1), &[1]);
     let config = program.slaves[0].config;

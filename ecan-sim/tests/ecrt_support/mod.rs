@@ -53,8 +53,6 @@ pub struct Program {
     pub slaves: Vec<Slave>,
     /// Frames received so far: slave, channel, frame.
     pub received: Vec<(usize, u8, CanFrame)>,
-    /// Repeated, torn or invalid images.
-    pub bad_images: usize,
     pub next: u64,
 }
 
@@ -78,7 +76,7 @@ impl Program {
             })
             .collect();
         let next = backend.ecrt.clock().now_ns();
-        Self { backend, master, slaves, received: Vec::new(), bad_images: 0, next }
+        Self { backend, master, slaves, received: Vec::new(), next }
     }
 
     /// Activates, and runs cycles until every slave is in OP and its domain complete.
@@ -92,7 +90,6 @@ impl Program {
     pub fn operational(multipliers: &[u8]) -> Self {
         let mut program = Self::new(stepped_echo(multipliers.len()), multipliers).into_op();
         program.cycles(5);
-        program.bad_images = 0;
         program
     }
 
@@ -154,21 +151,19 @@ impl Program {
             let state = self.master.domain_state(slave.domain).expect("state");
             let data = self.master.domain_data_mut(slave.domain);
             let (outputs, inputs) = data.split_at_mut(slave.bytes);
-            if state.wc_state == WcState::Complete {
-                match slave.reader.read(inputs) {
-                    Ok(image) if slave.last_sequence != Some(image.sequence()) => {
-                        slave.last_sequence = Some(image.sequence());
-                        for packet in image.packets() {
-                            match packet.expect("the image was checked") {
-                                Packet::Frame(packet) => {
-                                    let frame = packet.frame.to_owned();
-                                    self.received.push((index, packet.channel, frame));
-                                }
-                                Packet::TxResult(_) => {}
-                            }
+            if state.wc_state == WcState::Complete
+                && let Ok(image) = slave.reader.read(inputs)
+                && slave.last_sequence != Some(image.sequence())
+            {
+                slave.last_sequence = Some(image.sequence());
+                for packet in image.packets() {
+                    match packet.expect("the image was checked") {
+                        Packet::Frame(packet) => {
+                            let frame = packet.frame.to_owned();
+                            self.received.push((index, packet.channel, frame));
                         }
+                        Packet::TxResult(_) => {}
                     }
-                    _ => self.bad_images += 1,
                 }
             }
             slave.writer.begin();

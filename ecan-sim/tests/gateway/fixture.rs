@@ -50,6 +50,16 @@ pub fn with_variant(variant: GatewayVariant) -> GatewayModelConfig {
     GatewayModelConfig { variant, ..GatewayModelConfig::default() }
 }
 
+/// A device with this behaviour, in PREOP.
+pub fn preop(variant: GatewayVariant) -> Fixture {
+    Fixture::preop_with(with_variant(variant))
+}
+
+/// A device with this behaviour, as of [`Fixture::configured`] with the smallest images.
+pub fn configured(variant: GatewayVariant) -> Fixture {
+    Fixture::configured_with(with_variant(variant), chunks(1), chunks(1))
+}
+
 impl Fixture {
     /// Booted, in PREOP, nothing configured.
     pub fn preop() -> Self {

@@ -4,19 +4,6 @@ use super::fixture::{Fixture, MS, chunks, standard};
 use ecan_protocol::image::Schedule;
 
 #[test]
-fn commands_are_denied_in_run_mode() {
-    let mut fixture = Fixture::preop();
-    for (count, command) in [(1, 0x01), (2, 0x02), (3, 0x04), (4, 0x08), (5, 0x10), (6, 0x40)] {
-        fixture.write_u8(0xB000, 4, command);
-        assert_eq!((fixture.upload(0xB000, 5), fixture.upload(0xB000, 12)), (2, count));
-    }
-    fixture.write_u8(0xB000, 4, 0x60);
-    assert_eq!(fixture.upload(0xB000, 5), 2, "clear diagnostics cannot be combined");
-    fixture.write_u8(0xB000, 4, 0x20);
-    assert_eq!((fixture.upload(0xB000, 5), fixture.upload(0xB000, 12)), (0, 8));
-}
-
-#[test]
 fn access_mode_is_granted_and_times_out() {
     let mut fixture = Fixture::preop();
     fixture.download(0xB000, 3, &2u16.to_le_bytes()).unwrap();

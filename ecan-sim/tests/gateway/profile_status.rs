@@ -19,16 +19,6 @@ fn apply(fixture: &mut Fixture, object: u16, field: u8, value: u8) -> u32 {
 }
 
 #[test]
-fn nothing_is_active_before_the_first_apply() {
-    let mut fixture = Fixture::preop();
-    for object in [0x8010, 0x8011] {
-        for active in [2, 9, 10, 11, 12] {
-            assert_eq!(fixture.upload(object, active), 0);
-        }
-    }
-}
-
-#[test]
 fn rejected_field_has_its_status_and_keeps_the_profile() {
     for object in [0x8010, 0x8011] {
         for (field, value, status, last_error) in [

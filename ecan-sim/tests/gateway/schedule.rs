@@ -29,12 +29,6 @@ fn diag_flags(fixture: &mut Fixture) -> u32 {
 }
 
 #[test]
-fn capability_bit_is_set() {
-    let mut fixture = Fixture::preop();
-    assert_ne!(fixture.upload(0xF000, 16) & 1 << 8, 0);
-}
-
-#[test]
 fn frame_leaves_at_its_phase_of_the_next_cycle() {
     let (mut fixture, start) = synchronous();
     fixture.now = start + 4 * MS + 300_000;

@@ -98,10 +98,3 @@ fn window_that_is_off_misses_nothing() {
     assert_eq!(cycles(&mut fixture, pulse, 30), [true; 30]);
     assert_eq!(fixture.sent(0).len(), 30);
 }
-
-#[test]
-fn outputs_without_sync0_are_taken() {
-    let mut fixture = Fixture::op(chunks(3), chunks(3));
-    let first = fixture.now.next_multiple_of(MS);
-    assert_eq!(cycles(&mut fixture, first, 30), [true; 30]);
-}

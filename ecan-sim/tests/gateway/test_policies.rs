@@ -153,9 +153,3 @@ fn payload_only_policy_leaves_stale_bytes_in_the_input_image() {
         assert_eq!(fixture.received(), []);
     }
 }
-
-#[test]
-fn legal_combinations_are_accepted() {
-    let mut fixture = Fixture::preop();
-    assert_eq!(fixture.upload(0x8030, 8), 0x1F);
-}

@@ -3,14 +3,13 @@
 use ecan_protocol::config::{McanChannelConfig, SamplePointWindow};
 use ecan_sim::variant::{BitTimingChoice, GatewayVariant};
 
-use super::fixture::{Fixture, with_variant};
+use super::fixture::{Fixture, preop};
 
 const BUILD_FAIL: u32 = 3;
 
 /// Applies a configuration in PREOP; returns the apply status.
 fn apply(bit_timing: BitTimingChoice, config: McanChannelConfig) -> (Fixture, u32) {
-    let variant = GatewayVariant { bit_timing, ..GatewayVariant::default() };
-    let mut fixture = Fixture::preop_with(with_variant(variant));
+    let mut fixture = preop(GatewayVariant { bit_timing, ..Default::default() });
     let status = fixture.try_apply_channel(0, config);
     (fixture, status)
 }

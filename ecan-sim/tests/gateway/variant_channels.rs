@@ -8,7 +8,7 @@ use ecan_sim::variant::{
     ProtectedRegister, RotationDirection, RotationEffect, TdcPrescaler,
 };
 
-use super::fixture::{Fixture, chunks, with_variant};
+use super::fixture::{configured, preop};
 
 const OK: u32 = 0;
 const FAIL: u32 = 1;
@@ -26,8 +26,7 @@ fn manual_timing_is_physical_or_in_register_values() {
         (ManualTiming::Physical, 80_000_000 / (9 * 14)),
         (ManualTiming::RegisterValues, 80_000_000 / (10 * 16)),
     ] {
-        let variant = GatewayVariant { manual_timing, ..GatewayVariant::default() };
-        let mut fixture = Fixture::preop_with(with_variant(variant));
+        let mut fixture = preop(GatewayVariant { manual_timing, ..Default::default() });
         assert_eq!(fixture.try_apply_channel(0, manual), OK, "{manual_timing:?}");
         let station = fixture.gateway.station_config(0).unwrap();
         assert_eq!(station.nominal_bitrate, bitrate, "{manual_timing:?}");
@@ -39,8 +38,7 @@ fn delay_compensation_works_with_two_or_all_prescalers() {
     let slow = McanChannelConfig { tdc: true, ..McanChannelConfig::fd(125_000, 500_000) };
     for (tdc_prescaler, expected) in [(TdcPrescaler::OneOrTwo, BUILD_FAIL), (TdcPrescaler::Any, OK)]
     {
-        let variant = GatewayVariant { tdc_prescaler, ..GatewayVariant::default() };
-        let mut fixture = Fixture::preop_with(with_variant(variant));
+        let mut fixture = preop(GatewayVariant { tdc_prescaler, ..Default::default() });
         assert_eq!(fixture.try_apply_channel(0, slow), expected, "{tdc_prescaler:?}");
     }
 }
@@ -50,8 +48,7 @@ fn channel_is_applied_in_op_or_rejected() {
     for (channel_apply_in_op, expected, bitrate) in
         [(ChannelApplyInOp::Executed, OK, 250_000), (ChannelApplyInOp::Rejected, FAIL, 1_000_000)]
     {
-        let variant = GatewayVariant { channel_apply_in_op, ..GatewayVariant::default() };
-        let mut fixture = Fixture::configured_with(with_variant(variant), chunks(1), chunks(1));
+        let mut fixture = configured(GatewayVariant { channel_apply_in_op, ..Default::default() });
         fixture.start();
         let other = McanChannelConfig::classic(250_000);
         assert_eq!(fixture.try_apply_channel(0, other), expected, "{channel_apply_in_op:?}");
@@ -72,8 +69,7 @@ fn message_ram_limits_the_layout() {
         (16384, [OK, OK, OK]),
     ] {
         let message_ram_bytes = Number::nearest(bytes);
-        let variant = GatewayVariant { message_ram_bytes, ..GatewayVariant::default() };
-        let mut fixture = Fixture::preop_with(with_variant(variant));
+        let mut fixture = preop(GatewayVariant { message_ram_bytes, ..Default::default() });
         let statuses = [small, default, large].map(|config| fixture.try_apply_channel(0, config));
         assert_eq!(statuses, expected, "{bytes} bytes");
     }
@@ -87,8 +83,7 @@ fn protected_register_is_ignored_or_rejected_in_operation() {
     for (protected_register, expected) in
         [(ProtectedRegister::Ignored, 0), (ProtectedRegister::Rejected, 2)]
     {
-        let variant = GatewayVariant { protected_register, ..GatewayVariant::default() };
-        let mut fixture = Fixture::configured_with(with_variant(variant), chunks(1), chunks(1));
+        let mut fixture = configured(GatewayVariant { protected_register, ..Default::default() });
         fixture.write_u8(0xB000, 1, ENGINEERING);
         fixture.download(0xA000, 4, &[0; 4]).unwrap();
         assert_eq!(fixture.register(NBTP, WRITE).0, expected, "{protected_register:?}");
@@ -100,8 +95,7 @@ fn rotation_moves_the_channels_up_or_down() {
     for (rotation_direction, channel_0_at) in
         [(RotationDirection::Up, 1), (RotationDirection::Down, 3)]
     {
-        let variant = GatewayVariant { rotation_direction, ..GatewayVariant::default() };
-        let mut fixture = Fixture::preop_with(with_variant(variant));
+        let mut fixture = preop(GatewayVariant { rotation_direction, ..Default::default() });
         fixture.write_u8(0x8000, 12, 1);
         fixture.apply_channel(0, McanChannelConfig::classic(250_000));
         for connector in 0..4 {
@@ -115,8 +109,7 @@ fn rotation_moves_the_channels_up_or_down() {
 fn rotation_takes_effect_at_its_time() {
     use RotationEffect::{ChannelApply, Start, Write};
     for (rotation_effect, active) in [(Write, [1, 1]), (ChannelApply, [0, 1]), (Start, [0, 0])] {
-        let variant = GatewayVariant { rotation_effect, ..GatewayVariant::default() };
-        let mut fixture = Fixture::preop_with(with_variant(variant));
+        let mut fixture = preop(GatewayVariant { rotation_effect, ..Default::default() });
         fixture.write_u8(0x8000, 12, 1);
         let mut read = [fixture.upload(0x8000, 13), 0];
         fixture.apply_channel(0, McanChannelConfig::classic(250_000));
@@ -129,8 +122,7 @@ fn rotation_takes_effect_at_its_time() {
 fn bit_rates_beyond_the_usual_are_accepted_or_rejected() {
     use BitRates::{Any, NominalLimited, Rejected};
     for (bit_rates, expected) in [(NominalLimited, [3, 0]), (Any, [0, 0]), (Rejected, [3, 3])] {
-        let variant = GatewayVariant { bit_rates, ..GatewayVariant::default() };
-        let mut fixture = Fixture::preop_with(with_variant(variant));
+        let mut fixture = preop(GatewayVariant { bit_rates, ..Default::default() });
         let slow = McanChannelConfig { tdc: false, ..McanChannelConfig::fd(1_000_000, 500_000) };
         let statuses = [McanChannelConfig::classic(2_000_000), slow]
             .map(|config| fixture.try_apply_channel(0, config));
@@ -141,8 +133,7 @@ fn bit_rates_beyond_the_usual_are_accepted_or_rejected() {
 #[test]
 fn recovery_from_bus_off_waits_or_not() {
     for (bus_off_wait, waits) in [(BusOffWait::BackoffBase, true), (BusOffWait::Nothing, false)] {
-        let variant = GatewayVariant { bus_off_wait, ..GatewayVariant::default() };
-        let mut fixture = Fixture::configured_with(with_variant(variant), chunks(1), chunks(1));
+        let mut fixture = configured(GatewayVariant { bus_off_wait, ..Default::default() });
         let policy = DataPathConfig { backoff_base_cycles: 3, ..DataPathConfig::default() };
         fixture.apply_data_path(0, policy);
         fixture.start();

@@ -12,12 +12,7 @@ use ecan_sim::variant::{
     SafeOpOutputs, SequenceReadback, TxPdoNumbering,
 };
 
-use super::fixture::{Fixture, MS, chunks, with_variant};
-
-/// In PREOP with one chunk per direction.
-fn configured(variant: GatewayVariant) -> Fixture {
-    Fixture::configured_with(with_variant(variant), chunks(1), chunks(1))
-}
+use super::fixture::{Fixture, MS, chunks, configured, preop};
 
 #[test]
 fn missing_entries_abort_every_access() {
@@ -27,9 +22,8 @@ fn missing_entries_abort_every_access() {
     ] {
         let missing_entries = MissingEntries::parse(["0xF000:19..30", "0x8030:2", "0x8021"]);
         let missing_entries = missing_entries.unwrap();
-        let variant =
-            GatewayVariant { missing_entries, missing_abort, ..GatewayVariant::default() };
-        let mut fixture = Fixture::preop_with(with_variant(variant));
+        let mut fixture =
+            preop(GatewayVariant { missing_entries, missing_abort, ..Default::default() });
         for (index, subindex) in [(0xF000, 19), (0xF000, 30), (0x8030, 2), (0x8021, 0), (0x8024, 4)]
         {
             assert_eq!(fixture.try_upload(index, subindex), Err(code), "{index:04X}:{subindex}");
@@ -45,8 +39,7 @@ fn missing_entries_abort_every_access() {
 #[test]
 fn mapped_subindex_is_that_of_the_variant() {
     for (mapped_subindex, number) in [(MappedSubindex::One, 1), (MappedSubindex::Zero, 0)] {
-        let variant = GatewayVariant { mapped_subindex, ..GatewayVariant::default() };
-        let mut fixture = Fixture::preop_with(with_variant(variant));
+        let mut fixture = preop(GatewayVariant { mapped_subindex, ..Default::default() });
         assert_eq!(fixture.upload(0x1600, 1), 0x7000_0080 | u32::from(number) << 8);
         assert_eq!(fixture.upload(0x1A01, 8), 0x60F0_0080 | u32::from(number) << 8);
         assert_eq!(fixture.try_upload(0x7000, number).unwrap().len(), 16);
@@ -58,7 +51,7 @@ fn mapped_subindex_is_that_of_the_variant() {
 #[test]
 fn layout_crc_depends_on_the_algorithm() {
     let of = |layout_crc| {
-        let mut fixture = configured(GatewayVariant { layout_crc, ..GatewayVariant::default() });
+        let mut fixture = configured(GatewayVariant { layout_crc, ..Default::default() });
         [0x8010, 0x8011].map(|index| fixture.upload(index, 11))
     };
     let object = of(LayoutCrc::Object);
@@ -75,8 +68,7 @@ fn profile_errors_show_in_the_status_or_in_counters_only() {
         (ProfileErrors::InStatus, ProfileStatus::EncapsulationError),
         (ProfileErrors::CountersOnly, ProfileStatus::Ok),
     ] {
-        let mut fixture =
-            configured(GatewayVariant { profile_errors, ..GatewayVariant::default() });
+        let mut fixture = configured(GatewayVariant { profile_errors, ..Default::default() });
         fixture.start();
         assert!(fixture.write_again(), "an image of zeros");
         assert_eq!(fixture.upload(0x8011, 2), u32::from(status.raw()), "{profile_errors:?}");
@@ -92,8 +84,7 @@ fn rewrite_assignment(fixture: &mut Fixture) {
 }
 
 fn rewritten(assignment_rewritten: AssignmentRewritten) -> Fixture {
-    let variant = GatewayVariant { assignment_rewritten, ..GatewayVariant::default() };
-    let mut fixture = configured(variant);
+    let mut fixture = configured(GatewayVariant { assignment_rewritten, ..Default::default() });
     rewrite_assignment(&mut fixture);
     fixture
 }
@@ -142,8 +133,7 @@ fn requested_profile_is_applied_at_safeop_or_rejected() {
         (ApplyAtSafeOp::Applied, (AlState::SafeOp, 0)),
         (ApplyAtSafeOp::Required, (AlState::PreOp, 0x1D)),
     ] {
-        let variant = GatewayVariant { apply_at_safeop, ..GatewayVariant::default() };
-        let mut fixture = Fixture::preop_with(with_variant(variant));
+        let mut fixture = preop(GatewayVariant { apply_at_safeop, ..Default::default() });
         rewrite_assignment(&mut fixture);
         for direction in Direction::ALL {
             fixture.send(chunks(1).writes(direction));
@@ -157,8 +147,7 @@ fn requested_profile_is_applied_at_safeop_or_rejected() {
 fn sequence_of_the_last_image_is_reported_or_zero() {
     for (sequence_readback, expected) in [(SequenceReadback::Last, 2), (SequenceReadback::Zero, 0)]
     {
-        let variant = GatewayVariant { sequence_readback, ..GatewayVariant::default() };
-        let mut fixture = configured(variant);
+        let mut fixture = configured(GatewayVariant { sequence_readback, ..Default::default() });
         fixture.start();
         fixture.cycle();
         fixture.cycle();
@@ -172,8 +161,7 @@ fn numbering_after_a_session_reset_begins_again_or_continues() {
     for (txpdo_numbering, expected) in
         [(TxPdoNumbering::FromOne, 1), (TxPdoNumbering::Continued, 5)]
     {
-        let mut fixture =
-            configured(GatewayVariant { txpdo_numbering, ..GatewayVariant::default() });
+        let mut fixture = configured(GatewayVariant { txpdo_numbering, ..Default::default() });
         fixture.start();
         for _ in 0..3 {
             fixture.cycle();
@@ -190,7 +178,7 @@ fn safeop_inputs_are_published_or_absent() {
     for (safeop_inputs, expected) in
         [(SafeOpInputs::Published, true), (SafeOpInputs::Absent, false)]
     {
-        let mut fixture = configured(GatewayVariant { safeop_inputs, ..GatewayVariant::default() });
+        let mut fixture = configured(GatewayVariant { safeop_inputs, ..Default::default() });
         fixture.request(AlState::SafeOp);
         fixture.pass(2 * MS);
         assert_eq!(fixture.read(), expected, "{safeop_inputs:?}");
@@ -205,8 +193,7 @@ fn safeop_outputs_are_discarded_or_kept() {
     for (safeop_outputs, expected) in
         [(SafeOpOutputs::Discarded, true), (SafeOpOutputs::Kept, false)]
     {
-        let mut fixture =
-            configured(GatewayVariant { safeop_outputs, ..GatewayVariant::default() });
+        let mut fixture = configured(GatewayVariant { safeop_outputs, ..Default::default() });
         fixture.request(AlState::SafeOp);
         assert!(fixture.write());
         assert_eq!(fixture.write(), expected, "{safeop_outputs:?}");
@@ -219,8 +206,7 @@ fn safeop_outputs_are_discarded_or_kept() {
 #[test]
 fn assignment_after_power_on_is_complete_or_empty() {
     for (assigned_at_start, count) in [(AssignedAtStart::All, 24), (AssignedAtStart::Nothing, 0)] {
-        let variant = GatewayVariant { assigned_at_start, ..GatewayVariant::default() };
-        let mut fixture = Fixture::preop_with(with_variant(variant));
+        let mut fixture = preop(GatewayVariant { assigned_at_start, ..Default::default() });
         assert_eq!(fixture.upload(0x1C12, 0), count, "{assigned_at_start:?}");
         assert_eq!(fixture.upload(0x1C13, 0), count, "{assigned_at_start:?}");
     }
@@ -231,8 +217,7 @@ fn undefined_budget_policy_has_the_status_of_the_variant() {
     for (rejected_budget, expected) in
         [(RejectedBudget::UnsupportedOption, 10), (RejectedBudget::InvalidProfile, 4)]
     {
-        let variant = GatewayVariant { rejected_budget, ..GatewayVariant::default() };
-        let mut fixture = Fixture::preop_with(with_variant(variant));
+        let mut fixture = preop(GatewayVariant { rejected_budget, ..Default::default() });
         fixture.write_u8(0x8010, 6, 3);
         fixture.send([PdoProfile::apply_write(Direction::TxPdo)]);
         assert_eq!(fixture.upload(0x8010, 2), expected, "{rejected_budget:?}");
@@ -250,7 +235,7 @@ fn settings_that_the_manual_leaves_open_are_accepted_or_rejected() {
     for (variant, expected) in
         [(GatewayVariant::default(), [3, 1, 0]), (lenient, [0, 0, 0]), (strict, [3, 1, 1])]
     {
-        let mut fixture = Fixture::preop_with(with_variant(variant));
+        let mut fixture = preop(variant);
         fixture.send(assignment_writes(Direction::TxPdo, 8));
         fixture.write_u8(0x8010, 4, 0);
         fixture.send([PdoProfile::apply_write(Direction::TxPdo)]);
@@ -269,7 +254,7 @@ fn image_of_another_layout_has_the_error_of_the_variant() {
     for (pdo_errors, expected) in
         [(PdoErrorNumbers::Assumed, 12), (PdoErrorNumbers::HeaderAndTruncated, 14)]
     {
-        let mut fixture = configured(GatewayVariant { pdo_errors, ..GatewayVariant::default() });
+        let mut fixture = configured(GatewayVariant { pdo_errors, ..Default::default() });
         fixture.start();
         fixture.writer.commit(&mut fixture.image, CommitFields::default());
         fixture.image[10] ^= 0xFF;
@@ -286,7 +271,7 @@ const DENIED: u32 = 2;
 /// Status of the command to validate the firmware image, of which there is none.
 fn validate(variant: GatewayVariant, mode: u8) -> u32 {
     const VALIDATE: u8 = 0x08;
-    let mut fixture = Fixture::preop_with(with_variant(variant));
+    let mut fixture = preop(variant);
     fixture.write_u8(0xB000, 1, mode);
     fixture.write_u8(0xB000, 4, VALIDATE);
     fixture.pass(100 * MS);
@@ -322,8 +307,7 @@ fn maintenance_status_has_the_numbers_of_the_variant() {
 #[test]
 fn filter_index_is_lost_or_kept_by_a_restart() {
     for (filter_index, expected) in [(FilterIndex::Lost, 0), (FilterIndex::Kept, 5)] {
-        let variant = GatewayVariant { filter_index, ..GatewayVariant::default() };
-        let mut fixture = Fixture::preop_with(with_variant(variant));
+        let mut fixture = preop(GatewayVariant { filter_index, ..Default::default() });
         fixture.write_u8(0x8001, 43, 5);
         fixture.write_u8(0x8000, 1, 1);
         fixture.pass(1_000 * MS);

@@ -84,17 +84,6 @@ fn bit_of_a_register_is_mapped() {
 }
 
 #[test]
-fn lost_response_is_read_again() {
-    let mut line = Line::preop(1);
-    assert_eq!(line.upload(0x1001, (0xF000, 2)), 4);
-    assert_eq!(line.read(FPRD, 0x1001, 0x1080, 128).1, 0, "it was read");
-    assert_eq!(line.write(FPWR, 0x1001, 0x080E, &[0x03]), 1);
-    assert_eq!(line.read(FPRD, 0x1001, 0x080F, 1).0, [0x02], "acknowledged");
-    let (answer, counter) = line.read(FPRD, 0x1001, 0x1080, 128);
-    assert_eq!((counter, answer[12]), (1, 4));
-}
-
-#[test]
 fn silent_firmware_leaves_its_mailbox_full() {
     let mut line = Line::preop(1);
     let silence = GatewayFault::MailboxSilent { ms: 50 };
