@@ -107,156 +107,45 @@ fn small_device_has_no_warning() {
     assert_eq!(read(SMALL).warnings(), []);
 }
 
+/// A line of the small device, what replaces it, the line that the warning names, and its text.
+const DEVIATIONS: &str = "\
+VendorName=none | VendorName | VendorName=none | line is neither [section] nor key=value; ignored
+[1000] | [1000 | [1000] | section [1000 has no closing bracket; read as if it had one
+[1000] | [1000] x | [1000] | text after [1000]; ignored
+; a comment | key=value | ; a comment | `key` is outside any section; ignored
+AccessType=const | DATATYPE=5 | AccessType=const | `DATATYPE` already exists at line 40; the first one counts
+2=0x2100 | 2=0x2107 | 2=0x2100 | section [2107] of a listed object is missing; the object is left out
+2=0x2100 | 2=0x1014 | 2=0x2100 | object 1014 is listed twice; read once
+2=0x2100 | 2=0x1014 | [2100] | object 2100 is in no object list; read nevertheless
+2=0x2100 | 2=x | 2=0x2100 | `2`: `x` is not a number; allowed: decimal, hexadecimal with 0x, octal with 0; ignored
+SupportedObjects=4 | SupportedObjects=5 | SupportedObjects=4 | `SupportedObjects` of [OptionalObjects] is 5, but 4 exist; the latter counts
+[MandatoryObjects] | [OtherObjects] | ; a comment | section [MandatoryObjects] is missing; read as if it were empty
+[FileInfo] |  | ; a comment | section [FileInfo] is missing; read as if it were empty
+[1001] | [2103] | [MandatoryObjects] | mandatory object 1001 is missing; the device is used without it
+SubNumber=2 | SubNumber=3 | SubNumber=2 | object 1018 has 2 sub-objects, but `SubNumber` is 3; the former counts
+SubNumber=2 |  | [1018] | [1018] has no `SubNumber`; the number of sub-objects is assumed
+ObjectType=9 | ObjectType=7 | [1018] | object 1018 of type VAR has sub-objects; read as RECORD
+ObjectType=9 | ObjectType=12 | ObjectType=9 | `ObjectType` = 12; allowed: 0 (NULL), 2 (DOMAIN), 5 (DEFTYPE), 6 (DEFSTRUCT), 7 (VAR), 8 (ARRAY), 9 (RECORD); RECORD is assumed
+ObjectType=9 |  | [1018] | [1018] has no `ObjectType`; RECORD is assumed
+ParameterName=Gain |  | [2100] | [2100] has no `ParameterName`; the index is assumed
+DataType=0x0003 | DataType=0x0030 | DataType=0x0003 | unknown data type 0x0030; its values are read as bytes
+AccessType=rw | AccessType=wr | AccessType=rw | `AccessType` = wr; allowed: const, ro, wo, rw, rwr, rww; rw is assumed
+AccessType=rw |  | [1014] | [1014] has no `AccessType`; rw is assumed
+LowLimit=-100 | LowLimit=101 | LowLimit=-100 | `LowLimit` 101 is above `HighLimit` 100; both are ignored
+DefaultValue=-5 | DefaultValue=-101 | DefaultValue=-5 | `DefaultValue` -101 is outside the limits -100 to 100; read nevertheless
+DefaultValue=-5 | DefaultValue=five | DefaultValue=-5 | `DefaultValue`: `five` is not a number; allowed: decimal, hexadecimal with 0x, octal with 0; ignored
+DefaultValue=010 | DefaultValue=09 | DefaultValue=010 | `DefaultValue` = 09: invalid octal number, read as decimal
+DefaultValue=0xFF | DefaultValue=0x100 | DefaultValue=0xFF | `DefaultValue`: 0x100 is out of range for INTEGER8; allowed: -128 to 127; ignored
+DefaultValue=$NODEID+0x80 | DefaultValue=NODEID+1 | DefaultValue=$NODEID+0x80 | `DefaultValue` = NODEID+1: read as $NODEID
+DefaultValue=$NODEID+0x80 | DefaultValue=-1 | DefaultValue=$NODEID+0x80 | `DefaultValue` = -1: out of range, read as the bits of the value
+NrOfRXPDO=0 | NrOfRXPDO=none | NrOfRXPDO=0 | `NrOfRXPDO`: `none` is not a number; allowed: decimal, hexadecimal with 0x, octal with 0; ignored";
+
 #[test]
 fn every_deviation_is_a_warning_with_its_line() {
-    let cases: [(&str, &str, &str, &str); 30] = [
-        (
-            "VendorName=none",
-            "VendorName",
-            "VendorName=none",
-            "line is neither [section] nor key=value; ignored",
-        ),
-        (
-            "[1000]",
-            "[1000",
-            "[1000]",
-            "section [1000 has no closing bracket; read as if it had one",
-        ),
-        ("[1000]", "[1000] x", "[1000]", "text after [1000]; ignored"),
-        ("; a comment", "key=value", "; a comment", "`key` is outside any section; ignored"),
-        (
-            "AccessType=const",
-            "DATATYPE=5",
-            "AccessType=const",
-            "`DATATYPE` already exists at line 40; the first one counts",
-        ),
-        (
-            "2=0x2100",
-            "2=0x2107",
-            "2=0x2100",
-            "section [2107] of a listed object is missing; the object is left out",
-        ),
-        ("2=0x2100", "2=0x1014", "2=0x2100", "object 1014 is listed twice; read once"),
-        ("2=0x2100", "2=0x1014", "[2100]", "object 2100 is in no object list; read nevertheless"),
-        (
-            "2=0x2100",
-            "2=x",
-            "2=0x2100",
-            "`2`: `x` is not a number; allowed: decimal, hexadecimal with 0x, octal with 0; ignored",
-        ),
-        (
-            "SupportedObjects=4",
-            "SupportedObjects=5",
-            "SupportedObjects=4",
-            "`SupportedObjects` of [OptionalObjects] is 5, but 4 exist; the latter counts",
-        ),
-        (
-            "[MandatoryObjects]",
-            "[OtherObjects]",
-            "; a comment",
-            "section [MandatoryObjects] is missing; read as if it were empty",
-        ),
-        (
-            "[FileInfo]",
-            "",
-            "; a comment",
-            "section [FileInfo] is missing; read as if it were empty",
-        ),
-        (
-            "[1001]",
-            "[2103]",
-            "[MandatoryObjects]",
-            "mandatory object 1001 is missing; the device is used without it",
-        ),
-        (
-            "SubNumber=2",
-            "SubNumber=3",
-            "SubNumber=2",
-            "object 1018 has 2 sub-objects, but `SubNumber` is 3; the former counts",
-        ),
-        (
-            "SubNumber=2",
-            "",
-            "[1018]",
-            "[1018] has no `SubNumber`; the number of sub-objects is assumed",
-        ),
-        (
-            "ObjectType=9",
-            "ObjectType=7",
-            "[1018]",
-            "object 1018 of type VAR has sub-objects; read as RECORD",
-        ),
-        (
-            "ObjectType=9",
-            "ObjectType=12",
-            "ObjectType=9",
-            "`ObjectType` = 12; allowed: 0 (NULL), 2 (DOMAIN), 5 (DEFTYPE), 6 (DEFSTRUCT), 7 (VAR), 8 (ARRAY), 9 (RECORD); RECORD is assumed",
-        ),
-        ("ObjectType=9", "", "[1018]", "[1018] has no `ObjectType`; RECORD is assumed"),
-        ("ParameterName=Gain", "", "[2100]", "[2100] has no `ParameterName`; the index is assumed"),
-        (
-            "DataType=0x0003",
-            "DataType=0x0030",
-            "DataType=0x0003",
-            "unknown data type 0x0030; its values are read as bytes",
-        ),
-        (
-            "AccessType=rw",
-            "AccessType=wr",
-            "AccessType=rw",
-            "`AccessType` = wr; allowed: const, ro, wo, rw, rwr, rww; rw is assumed",
-        ),
-        ("AccessType=rw", "", "[1014]", "[1014] has no `AccessType`; rw is assumed"),
-        (
-            "LowLimit=-100",
-            "LowLimit=101",
-            "LowLimit=-100",
-            "`LowLimit` 101 is above `HighLimit` 100; both are ignored",
-        ),
-        (
-            "DefaultValue=-5",
-            "DefaultValue=-101",
-            "DefaultValue=-5",
-            "`DefaultValue` -101 is outside the limits -100 to 100; read nevertheless",
-        ),
-        (
-            "DefaultValue=-5",
-            "DefaultValue=five",
-            "DefaultValue=-5",
-            "`DefaultValue`: `five` is not a number; allowed: decimal, hexadecimal with 0x, octal with 0; ignored",
-        ),
-        (
-            "DefaultValue=010",
-            "DefaultValue=09",
-            "DefaultValue=010",
-            "`DefaultValue` = 09: invalid octal number, read as decimal",
-        ),
-        (
-            "DefaultValue=0xFF",
-            "DefaultValue=0x100",
-            "DefaultValue=0xFF",
-            "`DefaultValue`: 0x100 is out of range for INTEGER8; allowed: -128 to 127; ignored",
-        ),
-        (
-            "DefaultValue=$NODEID+0x80",
-            "DefaultValue=NODEID+1",
-            "DefaultValue=$NODEID+0x80",
-            "`DefaultValue` = NODEID+1: read as $NODEID",
-        ),
-        (
-            "DefaultValue=$NODEID+0x80",
-            "DefaultValue=-1",
-            "DefaultValue=$NODEID+0x80",
-            "`DefaultValue` = -1: out of range, read as the bits of the value",
-        ),
-        (
-            "NrOfRXPDO=0",
-            "NrOfRXPDO=none",
-            "NrOfRXPDO=0",
-            "`NrOfRXPDO`: `none` is not a number; allowed: decimal, hexadecimal with 0x, octal with 0; ignored",
-        ),
-    ];
-    for (old, new, at, text) in cases {
+    for row in DEVIATIONS.lines() {
+        let [old, new, at, text] = row.split(" | ").collect::<Vec<_>>()[..] else {
+            panic!("{row}")
+        };
         let file = read(&changed(old, new));
         let expected = format!("line {}: {text}", line(at));
         let warnings: Vec<_> = file.warnings().iter().map(ToString::to_string).collect();
