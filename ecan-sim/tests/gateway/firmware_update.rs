@@ -69,6 +69,7 @@ fn size_crc_and_status_of_the_last_file_are_shown() {
     restart(&mut fixture);
     assert_eq!((fixture.upload(0xB000, 9), fixture.upload(0xB000, 11)), (10_032, 0));
     assert_eq!(version(&mut fixture), (0x0303, 3));
+    assert_eq!(fixture.try_upload(0x100A, 0).unwrap(), b"3.3.3");
 }
 
 #[test]

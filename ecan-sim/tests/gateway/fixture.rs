@@ -100,6 +100,7 @@ impl Fixture {
     pub fn power_cycle(&mut self) {
         self.gateway.power(self.now, false);
         self.pass(MS);
+        assert!((0..4).all(|connector| self.gateway.station_config(connector).is_none()), "off");
         self.gateway.power(self.now, true);
         self.boot();
     }
