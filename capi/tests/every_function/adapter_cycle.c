@@ -67,10 +67,8 @@ void test_adapter_cycle(void)
     uint64_t before;
     int cycle;
 
-    simulate(&config, "sim:echo");
+    simulate_channel(&config, &port_config, "sim:echo", 1000000);
     GOOD(ecan_igh_config_set_slave_pdo_multipliers(&config, 0, 2, 4));
-    GOOD(igh_mcan_port_default_config(&port_config));
-    GOOD(igh_mcan_port_set_classic_channel(&port_config, 0, 0, 1000000));
     GOOD(igh_mcan_port_apply_config(&config, &port_config));
     GOOD(ecan_igh_init(&context, &config));
     GOOD(ecan_igh_activate(&context));

@@ -169,9 +169,7 @@ static void invalid_contexts(void)
     igh_mcan_port_t port;
     ecan_igh_diagnostics_t diagnostics;
 
-    simulate(&config, "sim:echo");
-    GOOD(igh_mcan_port_default_config(&port_config));
-    GOOD(igh_mcan_port_set_classic_channel(&port_config, 0, 0, 500000));
+    simulate_channel(&config, &port_config, "sim:echo", 500000);
     GOOD(igh_mcan_port_apply_config(&config, &port_config));
     for (int kind = 0; kind < GARBAGE_KINDS; kind++) {
         const char *about = fill_garbage(kind, &context, sizeof(context));

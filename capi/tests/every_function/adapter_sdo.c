@@ -251,9 +251,7 @@ void test_adapter_sdo(void)
     size_t request = 99;
     size_t small = 99;
 
-    simulate(&config, "sim:echo");
-    GOOD(igh_mcan_port_default_config(&port_config));
-    GOOD(igh_mcan_port_set_classic_channel(&port_config, 0, 0, 1000000));
+    simulate_channel(&config, &port_config, "sim:echo", 1000000);
     GOOD(igh_mcan_port_apply_config(&config, &port_config));
     GOOD(ecan_igh_init(&context, &config));
     waiting_transfers(&context);

@@ -173,9 +173,7 @@ void test_canopen_life(void)
 
     mpdo();
     check_about(NULL);
-    simulate(&igh_config, "sim:drives");
-    GOOD(igh_mcan_port_default_config(&config));
-    GOOD(igh_mcan_port_set_classic_channel(&config, 0, 0, 1000000));
+    simulate_channel(&igh_config, &config, "sim:drives", 1000000);
     GOOD(igh_mcan_port_set_classic_channel(&config, 0, 1, 1000000));
     GOOD(igh_mcan_port_apply_config(&igh_config, &config));
     GOOD(ecan_igh_init(&igh, &igh_config));

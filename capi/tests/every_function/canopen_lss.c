@@ -101,11 +101,7 @@ static int finish(igh_canopen_lss_result_t *result)
 {
     uint8_t state = IGH_CANOPEN_LSS_RUNNING;
     for (int i = 0; i < CYCLES && state == IGH_CANOPEN_LSS_RUNNING; i++) {
-        GOOD(igh_mcan_port_wait_next_cycle(&port));
-        GOOD(igh_mcan_port_cycle_begin(&port));
-        GOOD(igh_cia402_process_rx(&motors));
-        GOOD(igh_cia402_send_targets_all(&motors));
-        GOOD(igh_mcan_port_cycle_end(&port));
+        run_axes(&port, &motors, 1);
         SAME(ECAN_OK, igh_canopen_lss_poll(&motors, 0, 0, &state, result));
     }
     return state;
@@ -170,9 +166,7 @@ void test_canopen_lss(void)
                            "[[node]]\nkind = \"drive\"\nbus = \"a\"\nname = \"2\"\nnode_id = 2\n"
                            "serial = 12\n[node.quirks]\nwithout_node_id = true\n",
                            setting, sizeof(setting)));
-    simulate(&igh_config, setting);
-    GOOD(igh_mcan_port_default_config(&config));
-    GOOD(igh_mcan_port_set_classic_channel(&config, 0, 0, 1000000));
+    simulate_channel(&igh_config, &config, setting, 1000000);
     SAME(0, start_port(&igh, &port, &igh_config, &config));
     without_axes();
     in_the_cycle();

@@ -62,22 +62,6 @@ static void on_boot(void *user, size_t node, const char *text)
     }
 }
 
-static void cycle(void)
-{
-    GOOD(igh_mcan_port_wait_next_cycle(&port));
-    GOOD(igh_mcan_port_cycle_begin(&port));
-    GOOD(igh_cia402_process_rx(&motors));
-    GOOD(igh_cia402_send_targets_all(&motors));
-    GOOD(igh_mcan_port_cycle_end(&port));
-}
-
-static void cycles(int count)
-{
-    for (int i = 0; i < count; i++) {
-        cycle();
-    }
-}
-
 static igh_canopen_node_state_t state_of(size_t node)
 {
     igh_canopen_node_state_t state;
@@ -127,7 +111,7 @@ static void boot(void)
     SAME(0, progress.status);
     SAME(IGH_CANOPEN_BOOT_PHASE_NONE, progress_of(AXIS).phase);
     /* The optional nodes end without the call. */
-    cycles(2000);
+    run_axes(&port, &motors, 2000);
     progress = progress_of(WRONG);
     SAME(IGH_CANOPEN_BOOT_PHASE_FAILED, progress.phase);
     SAME('D', progress.status);
@@ -149,12 +133,12 @@ static void boot(void)
     GOOD(igh_canopen_boot_again(&motors, NODE));
     SAME(IGH_CANOPEN_BOOT_RUNNING, boot_state());
     for (int i = 0; i < CYCLES && boot_state() == IGH_CANOPEN_BOOT_RUNNING; i++) {
-        cycle();
+        run_axes(&port, &motors, 1);
     }
     SAME(IGH_CANOPEN_BOOT_DONE, boot_state());
     /* A restart that the application commands. */
     GOOD(igh_canopen_send_nmt(&motors, NODE, IGH_CANOPEN_NMT_RESET_NODE));
-    cycles(3000);
+    run_axes(&port, &motors, 3000);
     SAME(IGH_CANOPEN_BOOT_DONE, boot_state());
     SAME(1, progress_of(NODE).restarts);
 }
@@ -164,7 +148,7 @@ static int finish(size_t node, uint8_t *data, size_t size, size_t *length)
 {
     uint8_t state = IGH_CIA402_SDO_RUNNING;
     for (int i = 0; i < CYCLES && state == IGH_CIA402_SDO_RUNNING; i++) {
-        cycle();
+        run_axes(&port, &motors, 1);
         (void)igh_canopen_sdo_poll(&motors, node, &state, data, size, length);
     }
     return state;
@@ -208,14 +192,14 @@ static void parameters(void)
     GOOD(igh_canopen_sdo_download(&port, 0, 0, 2, 0x6081, 0, SPEED, 4, 2000));
     GOOD(igh_canopen_store_parameters(&motors, NODE, IGH_CANOPEN_PARAMETERS_ALL, 10000));
     GOOD(igh_canopen_send_nmt(&motors, NODE, IGH_CANOPEN_NMT_RESET_NODE));
-    cycles(3000);
+    run_axes(&port, &motors, 3000);
     GOOD(igh_canopen_sdo_upload(&port, 0, 0, 2, 0x6081, 0, data, 4, &length, 2000));
     SAME(0, memcmp(SPEED, data, 4));
     GOOD(igh_canopen_restore_parameters(&motors, NODE, IGH_CANOPEN_PARAMETERS_ALL, 10000));
     GOOD(igh_canopen_boot_again(&motors, NODE));
     GOOD(igh_canopen_wait_booted_timeout(&motors, 20000));
     GOOD(igh_canopen_send_nmt(&motors, NODE, IGH_CANOPEN_NMT_RESET_NODE));
-    cycles(3000);
+    run_axes(&port, &motors, 3000);
     GOOD(igh_canopen_sdo_upload(&port, 0, 0, 2, 0x6081, 0, data, 4, &length, 2000));
     SAME(0, memcmp(kept, data, 4));
     /* The manufacturer has no such group. */
@@ -231,15 +215,15 @@ static void guarding_and_time(void)
     GOOD(igh_canopen_set_guarding(&motors, NODE, 100, 3, 2000));
     GOOD(igh_canopen_sdo_upload(&port, 0, 0, 2, 0x100C, 0, data, 2, &length, 2000));
     SAME(100, data[0]);
-    cycles(1000);
+    run_axes(&port, &motors, 1000);
     SAME(IGH_CANOPEN_HEARTBEAT_ACTIVE, state_of(NODE).heartbeat);
     SAME(0, state_of(NODE).guard_toggle_errors + state_of(NODE).guard_state_errors);
     GOOD(igh_canopen_set_guarding(&motors, NODE, 0, 0, 2000));
     SAME(IGH_CANOPEN_HEARTBEAT_UNCONFIGURED, state_of(NODE).heartbeat);
     GOOD(igh_canopen_set_time(&motors, 100, 0));
-    cycles(300);
+    run_axes(&port, &motors, 300);
     GOOD(igh_canopen_set_time(&motors, 100, 1795527900000000000u));
-    cycles(300);
+    run_axes(&port, &motors, 300);
     GOOD(igh_canopen_set_time(&motors, 0, 0));
 }
 
@@ -251,7 +235,7 @@ static void errors(void)
     size_t count = 99;
 
     for (int i = 0; i < 60000 && state_of(NODE).emergencies < 2; i++) {
-        cycle();
+        run_axes(&port, &motors, 1);
     }
     SAME(0x2310, state_of(NODE).error_code);
     GOOD(igh_canopen_get_emergencies(&motors, NODE, emergencies, ITEMS(emergencies), &count));

@@ -188,6 +188,14 @@ void simulate(ecan_igh_config_t *config, const char *setting)
     GOOD(ecan_igh_config_set_cycle_us(config, 1000));
 }
 
+void simulate_channel(ecan_igh_config_t *igh_config, igh_mcan_port_config_t *config,
+                      const char *setting, uint32_t bitrate)
+{
+    simulate(igh_config, setting);
+    GOOD(igh_mcan_port_default_config(config));
+    GOOD(igh_mcan_port_set_classic_channel(config, 0, 0, bitrate));
+}
+
 int start_port(ecan_igh_context_t *igh, igh_mcan_port_t *port, const ecan_igh_config_t *igh_config,
                const igh_mcan_port_config_t *config)
 {
@@ -198,4 +206,28 @@ int start_port(ecan_igh_context_t *igh, igh_mcan_port_t *port, const ecan_igh_co
     GOOD(igh_mcan_port_init(port, igh, config));
     GOOD(ecan_igh_wait_op_timeout(igh, 20000));
     return igh_mcan_port_is_ready(port) ? 0 : -1;
+}
+
+void begin_axes(igh_mcan_port_t *port, igh_cia402_context_t *motors)
+{
+    GOOD(igh_mcan_port_wait_next_cycle(port));
+    GOOD(igh_mcan_port_cycle_begin(port));
+    GOOD(igh_cia402_process_rx(motors));
+}
+
+void run_axes(igh_mcan_port_t *port, igh_cia402_context_t *motors, int cycles)
+{
+    for (int i = 0; i < cycles; i++) {
+        begin_axes(port, motors);
+        GOOD(igh_cia402_send_targets_all(motors));
+        GOOD(igh_mcan_port_cycle_end(port));
+    }
+}
+
+long axis_object(igh_cia402_context_t *motors, size_t axis, uint16_t index, uint8_t subindex)
+{
+    uint8_t data[4] = {0};
+    size_t length;
+    GOOD(igh_cia402_sdo_upload(motors, axis, index, subindex, data, sizeof(data), &length, 2000));
+    return (long)data[0] | (long)data[1] << 8 | (long)data[2] << 16 | (long)data[3] << 24;
 }

@@ -78,9 +78,19 @@ void remove_scenario(const char *setting);
 
 /* Configurations for a simulated bus with a stepped clock. */
 void simulate(ecan_igh_config_t *config, const char *setting);
+/* Channel 0 of the first gateway has classic CAN. */
+void simulate_channel(ecan_igh_config_t *igh_config, igh_mcan_port_config_t *config,
+                      const char *setting, uint32_t bitrate);
 /* Initialises a context, and a Port whose configuration is applied, or fails. */
 int start_port(ecan_igh_context_t *igh, igh_mcan_port_t *port, const ecan_igh_config_t *igh_config,
                const igh_mcan_port_config_t *config);
+
+/* Begins a cycle with axes, up to their targets. */
+void begin_axes(igh_mcan_port_t *port, igh_cia402_context_t *motors);
+/* Cycles in which all axes get their targets. */
+void run_axes(igh_mcan_port_t *port, igh_cia402_context_t *motors, int cycles);
+/* Value of an object of a drive. */
+long axis_object(igh_cia402_context_t *motors, size_t axis, uint16_t index, uint8_t subindex);
 
 /* The tests, by header. */
 void test_common(void);

@@ -269,9 +269,7 @@ void test_cia402_axes(void)
     check_about(NULL);
     GOOD(igh_cia402_axis_init(&axes[0], 0, 0, 1, 0));
     GOOD(igh_cia402_axis_init(&axes[1], 0, 0, 2, 0));
-    simulate(&igh_config, "sim:drives");
-    GOOD(igh_mcan_port_default_config(&config));
-    GOOD(igh_mcan_port_set_classic_channel(&config, 0, 0, 1000000));
+    simulate_channel(&igh_config, &config, "sim:drives", 1000000);
     GOOD(igh_mcan_port_apply_config(&igh_config, &config));
     memset(&port, 0, sizeof(port));
     BAD(ECAN_ERR_NOT_INITIALISED, igh_cia402_context_init(&context, &port, axes, 2));

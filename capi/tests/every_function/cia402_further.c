@@ -17,25 +17,10 @@ static igh_cia402_axis_state_t state_of(size_t axis)
     return state;
 }
 
-static void begin(void)
-{
-    GOOD(igh_mcan_port_wait_next_cycle(&port));
-    GOOD(igh_mcan_port_cycle_begin(&port));
-    GOOD(igh_cia402_process_rx(&motors));
-}
-
 static void end(void)
 {
     GOOD(igh_cia402_send_targets_all(&motors));
     GOOD(igh_mcan_port_cycle_end(&port));
-}
-
-static void cycles(int count)
-{
-    for (int i = 0; i < count; i++) {
-        begin();
-        end();
-    }
 }
 
 static void init_axes(void)
@@ -54,15 +39,6 @@ static void close_axes(void)
 {
     SAME(ECAN_OK, igh_cia402_shutdown_timeout(&motors, 20000));
     GOOD(igh_cia402_context_deinit(&motors));
-}
-
-/* Value of an object of the first drive. */
-static long object_of(uint16_t index, uint8_t subindex)
-{
-    uint8_t data[4] = {0};
-    size_t length;
-    GOOD(igh_cia402_sdo_upload(&motors, 0, index, subindex, data, sizeof(data), &length, 2000));
-    return (long)data[0] | (long)data[1] << 8 | (long)data[2] << 16 | (long)data[3] << 24;
 }
 
 static void identity(void)
@@ -136,11 +112,11 @@ static void process_data(void)
     SAME(0, state_of(1).inputs);
     SAME(8, state_of(0).mode_display);
     SAME(0, state_of(0).drive_error_code);
-    SAME(0x00FF0000, object_of(0x60FE, 2));
+    SAME(0x00FF0000, axis_object(&motors, 0, 0x60FE, 2));
 
     target = state_of(0).target;
     for (int i = 1; i <= 100; i++) {
-        begin();
+        begin_axes(&port, &motors);
         target += 50;
         GOOD(igh_cia402_set_target_with(&motors, 0, target, 50000, 25));
         end();
@@ -155,7 +131,7 @@ static void process_data(void)
     TRUE(statistics.feed_forwards_limited >= 100);
     /* Targets without a feed-forward: it returns to 0 by its changes. */
     for (int i = 0; i < 40; i++) {
-        begin();
+        begin_axes(&port, &motors);
         target += 50;
         GOOD(igh_cia402_set_target(&motors, 0, target));
         end();
@@ -165,13 +141,13 @@ static void process_data(void)
     SAME(1, igh_cia402_all_running(&motors));
 
     GOOD(igh_cia402_set_digital_outputs(&motors, 0, 0x00A50000));
-    cycles(10);
-    SAME(0x00A50000, object_of(0x60FE, 1));
+    run_axes(&port, &motors, 10);
+    SAME(0x00A50000, axis_object(&motors, 0, 0x60FE, 1));
     BAD(ECAN_ERR_AXIS_STATE, igh_cia402_set_digital_outputs(&motors, 1, 1));
     BAD(ECAN_ERR_AXIS, igh_cia402_set_digital_outputs(&motors, 2, 1));
     BAD(ECAN_ERR_AXIS, igh_cia402_set_target_with(&motors, 2, 0, 0, 0));
     GOOD(igh_cia402_set_target_with(&motors, 1, state_of(1).target, 1, 1));
-    cycles(2);
+    run_axes(&port, &motors, 2);
     SAME(0, state_of(1).velocity_offset);
     close_axes();
 }
@@ -210,13 +186,13 @@ static void touch_probes(void)
     BAD(ECAN_ERR_AXIS, igh_cia402_get_probe(&motors, 2, 1, &state));
 
     GOOD(igh_cia402_arm_probe(&motors, 0, 1, IGH_CIA402_PROBE_POSITIVE));
-    cycles(20);
+    run_axes(&port, &motors, 20);
     SAME(1, probe_of(1).is_armed);
     SAME(0, probe_of(1).has_positive);
     /* The input is active from 50000 on. */
     target = state_of(0).target;
     for (int i = 0; i < CYCLES && !probe_of(1).has_positive; i++) {
-        begin();
+        begin_axes(&port, &motors);
         target += 100;
         GOOD(igh_cia402_set_target(&motors, 0, target));
         end();
@@ -228,7 +204,7 @@ static void touch_probes(void)
     TRUE(state_of(0).probe_status != 0);
     SAME(0, probe_of(2).is_armed);
     GOOD(igh_cia402_disarm_probe(&motors, 0, 1));
-    cycles(20);
+    run_axes(&port, &motors, 20);
     SAME(0, probe_of(1).is_armed);
     close_axes();
 }
@@ -258,8 +234,8 @@ static void limits_and_units(void)
     GOOD(igh_cia402_get_drive_limits(&motors, 0, &limits));
     SAME(0, limits.is_read);
     GOOD(igh_cia402_start_up_timeout(&motors, 30000));
-    SAME(1500, object_of(0x6072, 0));
-    SAME(120, object_of(0x6080, 0));
+    SAME(1500, axis_object(&motors, 0, 0x6072, 0));
+    SAME(120, axis_object(&motors, 0, 0x6080, 0));
     memset(&limits, 0xA5, sizeof(limits));
     GOOD(igh_cia402_get_drive_limits(&motors, 0, &limits));
     SAME(1, limits.is_read);
@@ -329,11 +305,11 @@ static void modes(void)
     SAME(IGH_CIA402_MODE_IP, state_of(0).mode);
     SAME(IGH_CIA402_MODE_PT, state_of(1).mode);
     SAME(IGH_CIA402_MODE_VL, state_of(2).mode);
-    SAME(3, object_of(0x60C4, 2));
+    SAME(3, axis_object(&motors, 0, 0x60C4, 2));
     from = state_of(0).actual;
     target = state_of(0).target;
     for (int i = 0; i < 300; i++) {
-        begin();
+        begin_axes(&port, &motors);
         target += 20;
         GOOD(igh_cia402_set_target(&motors, 0, target));
         GOOD(igh_cia402_set_target(&motors, 1, 100));
@@ -345,7 +321,7 @@ static void modes(void)
     TRUE(state_of(2).vl_velocity > 80 && state_of(2).vl_velocity < 120);
     SAME(1, igh_cia402_all_running(&motors));
     GOOD(igh_cia402_set_target(&motors, 2, 501));
-    cycles(1);
+    run_axes(&port, &motors, 1);
     SAME(IGH_CIA402_DECISION_REJECTED, state_of(2).decision);
     SAME(IGH_CIA402_REJECTION_BOUNDS, state_of(2).decision_reason);
     close_axes();
@@ -367,9 +343,7 @@ void test_cia402_further(void)
                            "[[node]]\nkind = \"drive\"\nbus = \"a\"\nname = \"4\"\nnode_id = 4\n"
                            "serial = 103\n",
                            setting, sizeof(setting)));
-    simulate(&igh_config, setting);
-    GOOD(igh_mcan_port_default_config(&config));
-    GOOD(igh_mcan_port_set_classic_channel(&config, 0, 0, 1000000));
+    simulate_channel(&igh_config, &config, setting, 1000000);
     SAME(0, start_port(&igh, &port, &igh_config, &config));
     identity();
     process_data();

@@ -42,25 +42,11 @@ static igh_cia402_axis_state_t state_of(size_t axis)
     return state;
 }
 
-static void begin(void)
-{
-    GOOD(igh_mcan_port_wait_next_cycle(&port));
-    GOOD(igh_mcan_port_cycle_begin(&port));
-    GOOD(igh_cia402_process_rx(&motors));
-}
-
-static void cycle(void)
-{
-    begin();
-    GOOD(igh_cia402_send_targets_all(&motors));
-    GOOD(igh_mcan_port_cycle_end(&port));
-}
-
 /* Runs the cycle until the axis is in this phase. */
 static int reaches(size_t axis, int phase)
 {
     for (int i = 0; i < CYCLES; i++) {
-        cycle();
+        run_axes(&port, &motors, 1);
         if (state_of(axis).phase == phase) {
             return 1;
         }
@@ -120,9 +106,7 @@ static void start_up(void)
     GOOD(igh_cia402_set_progress_callback(&motors, NULL, NULL));
     SAME(IGH_CIA402_PHASE_STANDBY, state_of(0).phase);
     /* Until the next heartbeat reports it. */
-    for (int i = 0; i < 250; i++) {
-        cycle();
-    }
+    run_axes(&port, &motors, 250);
     SAME(IGH_CANOPEN_NMT_STATE_OPERATIONAL, state_of(0).nmt_state);
     SAME(IGH_CANOPEN_HEARTBEAT_ACTIVE, state_of(0).heartbeat);
     GOOD(igh_cia402_request_actual_position_all_timeout(&motors, 5000));
@@ -167,9 +151,7 @@ static void motion(void)
         SAME(0, summary.rejected);
         GOOD(igh_mcan_port_cycle_end(&port));
     }
-    for (int i = 0; i < 50; i++) {
-        cycle();
-    }
+    run_axes(&port, &motors, 50);
     for (size_t axis = 0; axis < AXES; axis++) {
         SAME(start[axis] + 1500, state_of(axis).actual);
         SAME(start[axis] + 1500, state_of(axis).target);
@@ -177,7 +159,7 @@ static void motion(void)
 
     /* By the step of the axis. */
     for (int i = 0; i < 200; i++) {
-        begin();
+        begin_axes(&port, &motors);
         GOOD(igh_cia402_send_target_step(&motors));
         GOOD(igh_mcan_port_cycle_end(&port));
         if (i == 100) {
@@ -190,13 +172,13 @@ static void motion(void)
         GOOD(igh_cia402_set_target_step(&motors, axis, 0));
     }
     for (int i = 0; i < 100; i++) {
-        begin();
+        begin_axes(&port, &motors);
         GOOD(igh_cia402_send_target_step(&motors));
         GOOD(igh_mcan_port_cycle_end(&port));
     }
 
     /* A target that is too far is rejected, and the previous one stays. */
-    begin();
+    begin_axes(&port, &motors);
     GOOD(igh_cia402_set_target(&motors, 0, state_of(0).target + 1001));
     GOOD(igh_cia402_send_targets_all(&motors));
     GOOD(igh_cia402_get_send_summary(&motors, &summary));
@@ -205,7 +187,7 @@ static void motion(void)
     SAME(IGH_CIA402_REJECTION_STEP, state_of(0).decision_reason);
     GOOD(igh_mcan_port_cycle_end(&port));
     GOOD(igh_cia402_set_target(&motors, 0, state_of(0).target));
-    begin();
+    begin_axes(&port, &motors);
     GOOD(igh_cia402_set_target_radians(&motors, 0, state_of(0).actual_radians));
     GOOD(igh_cia402_set_target_radians(&motors, 1, state_of(1).actual_radians));
     GOOD(igh_cia402_send_targets_all(&motors));
@@ -226,7 +208,7 @@ static void commands(void)
 
     GOOD(igh_cia402_halt(&motors, 0));
     TRUE(reaches(0, IGH_CIA402_PHASE_HALTED));
-    cycle();
+    run_axes(&port, &motors, 1);
     GOOD(igh_cia402_resume(&motors, 0));
     TRUE(reaches(0, IGH_CIA402_PHASE_RUNNING));
     GOOD(igh_cia402_stop_together(&motors));
@@ -238,15 +220,11 @@ static void commands(void)
 
     GOOD(igh_cia402_quick_stop(&motors, 0));
     TRUE(state_of(0).is_running == 0);
-    for (int i = 0; i < 200; i++) {
-        cycle();
-    }
+    run_axes(&port, &motors, 200);
     GOOD(igh_cia402_enable(&motors, 0));
     TRUE(reaches(0, IGH_CIA402_PHASE_RUNNING));
     GOOD(igh_cia402_quick_stop(&motors, IGH_CIA402_ALL_AXES));
-    for (int i = 0; i < 200; i++) {
-        cycle();
-    }
+    run_axes(&port, &motors, 200);
     SAME(0, igh_cia402_all_running(&motors));
     GOOD(igh_cia402_enable_all(&motors));
     GOOD(igh_cia402_enable_all_timeout(&motors, 10000));
@@ -268,9 +246,7 @@ static void commands(void)
     SAME(IGH_CIA402_STOP_CAUSE_NONE, state_of(0).stop_cause);
 
     GOOD(igh_cia402_disable(&motors, 1));
-    for (int i = 0; i < 300; i++) {
-        cycle();
-    }
+    run_axes(&port, &motors, 300);
     SAME(0, state_of(1).is_running);
     SAME(1, state_of(0).is_running);
     TRUE(state_of(1).drive_state != IGH_CIA402_DRIVE_OPERATION_ENABLED);
@@ -299,27 +275,21 @@ static void commands(void)
     SAME(IGH_CIA402_MODE_CSP, state_of(2).mode);
 
     GOOD(igh_cia402_disable(&motors, IGH_CIA402_ALL_AXES));
-    for (int i = 0; i < 500; i++) {
-        cycle();
-    }
+    run_axes(&port, &motors, 500);
     SAME(0, igh_cia402_all_running(&motors));
     GOOD(igh_cia402_request_actual_position(&motors, IGH_CIA402_ALL_AXES));
     TRUE(reaches(2, IGH_CIA402_PHASE_READY));
     GOOD(igh_cia402_reset_fault(&motors, 0));
-    for (int i = 0; i < 50; i++) {
-        cycle();
-    }
+    run_axes(&port, &motors, 50);
 
     /* NMT: a stopped node does not become active; it is configured again. */
     GOOD(igh_cia402_send_nmt(&motors, 0, IGH_CANOPEN_NMT_STOP));
-    for (int i = 0; i < 300; i++) {
-        cycle();
-    }
+    run_axes(&port, &motors, 300);
     SAME(IGH_CANOPEN_NMT_STATE_STOPPED, state_of(0).nmt_state);
     GOOD(igh_cia402_send_nmt_all(&motors, IGH_CANOPEN_NMT_START));
     GOOD(igh_cia402_configure(&motors, 0));
     for (int i = 0; i < CYCLES && state_of(0).is_configured != 1; i++) {
-        cycle();
+        run_axes(&port, &motors, 1);
     }
     SAME(1, state_of(0).is_configured);
     GOOD(igh_cia402_configure(&motors, IGH_CIA402_ALL_AXES));
@@ -375,7 +345,7 @@ static void shutdown(void)
     SAME(0, igh_cia402_shutdown_is_done(&motors));
     GOOD(igh_cia402_begin_shutdown(&motors));
     for (int i = 0; i < CYCLES && !igh_cia402_shutdown_is_done(&motors); i++) {
-        cycle();
+        run_axes(&port, &motors, 1);
     }
     SAME(1, igh_cia402_shutdown_is_done(&motors));
     SAME(0, igh_cia402_all_running(&motors));
@@ -402,10 +372,8 @@ static void faults(void)
                            "[[fault]]\nat_ms = 9000\nkind = \"drive_error\"\nnode = \"arm\"\n"
                            "code = 0x8611\n",
                            setting, sizeof(setting)));
-    simulate(&igh_config, setting);
+    simulate_channel(&igh_config, &config, setting, 1000000);
     GOOD(ecan_igh_config_set_dc_sync0(&igh_config, 1000, 700));
-    GOOD(igh_mcan_port_default_config(&config));
-    GOOD(igh_mcan_port_set_classic_channel(&config, 0, 0, 1000000));
     SAME(0, start_port(&igh, &port, &igh_config, &config));
     GOOD(igh_cia402_axis_init(&axis, 0, 0, 1, 0));
     GOOD(igh_cia402_context_init(&motors, &port, &axis, 1));
@@ -416,27 +384,21 @@ static void faults(void)
     GOOD(igh_cia402_start_up_timeout(&motors, 30000));
     SAME(1, igh_cia402_all_running(&motors));
     for (int i = 0; i < 12000 && !had_fault; i++) {
-        cycle();
+        run_axes(&port, &motors, 1);
         had_fault = state_of(0).drive_state == IGH_CIA402_DRIVE_FAULT;
     }
     SAME(1, had_fault);
-    for (int i = 0; i < 20; i++) {
-        cycle();
-    }
+    run_axes(&port, &motors, 20);
     SAME(0, state_of(0).is_running);
     SAME(0x8611, state_of(0).error_code);
     SAME(IGH_CIA402_AXIS_ERROR_FAULT, state_of(0).axis_error);
     /* Not enabled before the reset of the fault. */
     igh_cia402_enable(&motors, 0);
-    for (int i = 0; i < 300; i++) {
-        cycle();
-    }
+    run_axes(&port, &motors, 300);
     SAME(0, state_of(0).is_running);
     SAME(IGH_CIA402_DRIVE_FAULT, state_of(0).drive_state);
     GOOD(igh_cia402_reset_fault(&motors, 0));
-    for (int i = 0; i < 300; i++) {
-        cycle();
-    }
+    run_axes(&port, &motors, 300);
     GOOD(igh_cia402_enable_all_timeout(&motors, 10000));
     SAME(1, igh_cia402_all_running(&motors));
     GOOD(igh_cia402_get_axis_statistics(&motors, 0, &statistics));
@@ -455,9 +417,7 @@ void test_cia402_motion(void)
     static igh_mcan_port_config_t config;
     igh_cia402_axis_t axes[AXES];
 
-    simulate(&igh_config, "sim:drives");
-    GOOD(igh_mcan_port_default_config(&config));
-    GOOD(igh_mcan_port_set_classic_channel(&config, 0, 0, 1000000));
+    simulate_channel(&igh_config, &config, "sim:drives", 1000000);
     GOOD(igh_mcan_port_set_classic_channel(&config, 0, 1, 1000000));
     SAME(0, start_port(&igh, &port, &igh_config, &config));
     GOOD(igh_cia402_axis_init(&axes[0], 0, 0, 1, 5));

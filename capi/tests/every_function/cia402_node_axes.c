@@ -44,20 +44,10 @@ static void init_axes(void)
 static void cycles(int count)
 {
     for (int i = 0; i < count; i++) {
-        GOOD(igh_mcan_port_wait_next_cycle(&port));
-        GOOD(igh_mcan_port_cycle_begin(&port));
-        GOOD(igh_cia402_process_rx(&motors));
+        begin_axes(&port, &motors);
         GOOD(igh_cia402_send_target_step(&motors));
         GOOD(igh_mcan_port_cycle_end(&port));
     }
-}
-
-static long object_of(size_t axis, uint16_t index, uint8_t subindex)
-{
-    uint8_t data[4] = {0};
-    size_t length;
-    GOOD(igh_cia402_sdo_upload(&motors, axis, index, subindex, data, sizeof(data), &length, 2000));
-    return (long)data[0] | (long)data[1] << 8 | (long)data[2] << 16 | (long)data[3] << 24;
 }
 
 static int32_t actual_of(size_t axis)
@@ -99,9 +89,9 @@ static void motion(void)
     TRUE(actual_of(SECOND) < from[SECOND] - 2500);
     TRUE(actual_of(GUARDED) > from[GUARDED] + 1200);
     SAME(1, igh_cia402_all_running(&motors));
-    SAME(0x201, object_of(FIRST, 0x1400, 1) & 0x7FF);
-    SAME(0x301, object_of(SECOND, 0x1440, 1) & 0x7FF);
-    SAME(0x281, object_of(SECOND, 0x1840, 1) & 0x7FF);
+    SAME(0x201, axis_object(&motors, FIRST, 0x1400, 1) & 0x7FF);
+    SAME(0x301, axis_object(&motors, SECOND, 0x1440, 1) & 0x7FF);
+    SAME(0x281, axis_object(&motors, SECOND, 0x1840, 1) & 0x7FF);
 }
 
 static void guarding(void)
@@ -120,8 +110,8 @@ static void guarding(void)
     GOOD(igh_canopen_get_node_state(&motors, 1, &state));
     SAME(IGH_CANOPEN_HEARTBEAT_ACTIVE, state.heartbeat);
     SAME(0, state.heartbeat_timeouts);
-    SAME(20, object_of(GUARDED, 0x100C, 0));
-    SAME(5, object_of(GUARDED, 0x100D, 0));
+    SAME(20, axis_object(&motors, GUARDED, 0x100C, 0));
+    SAME(5, axis_object(&motors, GUARDED, 0x100D, 0));
 }
 
 static void faults(void)
@@ -156,9 +146,7 @@ void test_cia402_node_axes(void)
     char setting[512];
 
     SAME(0, write_scenario(SCENARIO, setting, sizeof(setting)));
-    simulate(&igh_config, setting);
-    GOOD(igh_mcan_port_default_config(&config));
-    GOOD(igh_mcan_port_set_classic_channel(&config, 0, 0, 1000000));
+    simulate_channel(&igh_config, &config, setting, 1000000);
     SAME(0, start_port(&igh, &port, &igh_config, &config));
     faults();
     init_axes();

@@ -91,11 +91,7 @@ static int finish(uint8_t *data, size_t size, size_t *length, int *code)
 {
     uint8_t state = IGH_CIA402_SDO_RUNNING;
     for (int i = 0; i < CYCLES && state == IGH_CIA402_SDO_RUNNING; i++) {
-        GOOD(igh_mcan_port_wait_next_cycle(&port));
-        GOOD(igh_mcan_port_cycle_begin(&port));
-        GOOD(igh_cia402_process_rx(&motors));
-        GOOD(igh_cia402_send_targets_all(&motors));
-        GOOD(igh_mcan_port_cycle_end(&port));
+        run_axes(&port, &motors, 1);
         *code = igh_cia402_sdo_poll(&motors, 0, &state, data, size, length);
     }
     return state;
@@ -146,10 +142,8 @@ void test_cia402_sdo(void)
     uint8_t state = 99;
     size_t length = 99;
 
-    simulate(&igh_config, "sim");
+    simulate_channel(&igh_config, &config, "sim", 1000000);
     GOOD(ecan_igh_config_suggest_scenario(&igh_config, "drives"));
-    GOOD(igh_mcan_port_default_config(&config));
-    GOOD(igh_mcan_port_set_classic_channel(&config, 0, 0, 1000000));
     GOOD(igh_mcan_port_apply_config(&igh_config, &config));
     GOOD(ecan_igh_init(&igh, &igh_config));
     GOOD(igh_mcan_port_init(&port, &igh, &config));

@@ -235,9 +235,7 @@ void test_observer(void)
     NONE(ECAN_ERR_NOT_INITIALISED, 0, ecan_igh_is_stop_requested(&igh));
     BAD(ECAN_ERR_NOT_INITIALISED, ecan_igh_clear_stop_request(&igh));
 
-    simulate(&config, "sim:drives");
-    GOOD(igh_mcan_port_default_config(&gateways));
-    GOOD(igh_mcan_port_set_classic_channel(&gateways, 0, 0, 1000000));
+    simulate_channel(&config, &gateways, "sim:drives", 1000000);
     GOOD(igh_mcan_port_apply_config(&config, &gateways));
     GOOD(ecan_igh_init(&igh, &config));
     GOOD(ecan_igh_observer_init(&observer, &igh));

@@ -115,8 +115,6 @@ static void faulty_profile(int code, igh_mcan_pdo_profile_t profile)
     BAD(code, igh_mcan_pdo_writer_init(&writer, &profile));
     BAD(code,
         igh_mcan_pdo_parse_frames_ex(&profile, image, sizeof(image), &frame, 1, &count, NULL));
-    BAD(code,
-        igh_mcan_pdo_parse_frames_ex(&profile, image, sizeof(image), &frame, 1, &count, NULL));
 }
 
 static void received_frames(void)
@@ -186,27 +184,22 @@ static void profiles(void)
     BAD(ECAN_ERR_CONFIG, igh_mcan_pdo_profile_default(&profile, IGH_MCAN_RXPDO, 25, 0x0F));
     BAD(ECAN_ERR_CONFIG, igh_mcan_pdo_profile_default(&profile, IGH_MCAN_RXPDO, 3, 0x10));
 
-    profile = good;
-    profile.direction = 2;
-    faulty_profile(ECAN_ERR_ARGUMENT, profile);
-    profile = good;
-    profile.encapsulation = 2;
-    faulty_profile(ECAN_ERR_ARGUMENT, profile);
-    profile = good;
-    profile.budget = 3;
-    faulty_profile(ECAN_ERR_ARGUMENT, profile);
-    profile = good;
-    profile.options = 0x80;
-    faulty_profile(ECAN_ERR_ARGUMENT, profile);
-    profile = good;
-    profile.multiplier = 25;
-    faulty_profile(ECAN_ERR_CONFIG, profile);
-    profile = good;
-    profile.channel_mask = 0x1F;
-    faulty_profile(ECAN_ERR_CONFIG, profile);
-    profile = good;
-    profile.options = IGH_MCAN_OPTION_TX_RESULT;
-    faulty_profile(ECAN_ERR_CONFIG, profile);
+#define FAULTY(code, field, value)                                                                 \
+    do {                                                                                           \
+        check_about(#field);                                                                       \
+        profile = good;                                                                            \
+        profile.field = (value);                                                                   \
+        faulty_profile((code), profile);                                                           \
+        check_about(NULL);                                                                         \
+    } while (0)
+    FAULTY(ECAN_ERR_ARGUMENT, direction, 2);
+    FAULTY(ECAN_ERR_ARGUMENT, encapsulation, 2);
+    FAULTY(ECAN_ERR_ARGUMENT, budget, 3);
+    FAULTY(ECAN_ERR_ARGUMENT, options, 0x80);
+    FAULTY(ECAN_ERR_CONFIG, multiplier, 25);
+    FAULTY(ECAN_ERR_CONFIG, channel_mask, 0x1F);
+    FAULTY(ECAN_ERR_CONFIG, options, IGH_MCAN_OPTION_TX_RESULT);
+#undef FAULTY
 }
 
 static void no_writer(int code, igh_mcan_pdo_writer_t *writer)

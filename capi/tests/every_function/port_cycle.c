@@ -272,9 +272,7 @@ static void faults(void)
                            "[[fault]]\nat_ms = 4900\nkind = \"library_error\"\n"
                            "call = \"receive\"\nerrno = \"EIO\"\ntimes = 2\n",
                            setting, sizeof(setting)));
-    simulate(&igh_config, setting);
-    GOOD(igh_mcan_port_default_config(&config));
-    GOOD(igh_mcan_port_set_classic_channel(&config, 0, 0, 500000));
+    simulate_channel(&igh_config, &config, setting, 500000);
     SAME(0, start_port(&igh, &port, &igh_config, &config));
     GOOD(igh_mcan_tx_frame_set_can(&tx, 0, 0, 0x123, 0, DATA, 8));
     for (int cycle = 0; cycle < 6000; cycle++) {

@@ -284,9 +284,7 @@ static void at_run_time(void)
 
 void test_port_life(void)
 {
-    simulate(&igh_config, "sim:echo");
-    GOOD(igh_mcan_port_default_config(&config));
-    GOOD(igh_mcan_port_set_classic_channel(&config, 0, 0, 500000));
+    simulate_channel(&igh_config, &config, "sim:echo", 500000);
     GOOD(igh_mcan_port_apply_config(&igh_config, &config));
     rejected_starts();
     invalid_ports();

@@ -52,9 +52,7 @@ void test_port_service(void)
     char byte;
 
     snprintf(path, sizeof(path), "every_function_%d.sock", (int)getpid());
-    simulate(&igh_config, "sim:echo");
-    GOOD(igh_mcan_port_default_config(&config));
-    GOOD(igh_mcan_port_set_classic_channel(&config, 0, 0, 500000));
+    simulate_channel(&igh_config, &config, "sim:echo", 500000);
     GOOD(igh_mcan_port_apply_config(&igh_config, &config));
     GOOD(ecan_igh_init(&igh, &igh_config));
     GOOD(igh_mcan_port_init(&port, &igh, &config));

@@ -100,9 +100,7 @@ void test_stop(void)
     memset(&igh, 0, sizeof(igh));
     BAD(ECAN_ERR_NOT_INITIALISED, ecan_igh_stop_waiting_when(&igh, stop, NULL));
 
-    simulate(&config, "sim:drives");
-    GOOD(igh_mcan_port_default_config(&gateways));
-    GOOD(igh_mcan_port_set_classic_channel(&gateways, 0, 0, 1000000));
+    simulate_channel(&config, &gateways, "sim:drives", 1000000);
     GOOD(igh_mcan_port_apply_config(&config, &gateways));
     GOOD(ecan_igh_init(&igh, &config));
     GOOD(igh_mcan_port_init(&port, &igh, &gateways));
