@@ -329,8 +329,7 @@ fn drive_from_foreign_eds_moves() {
     assert_eq!(fixture.read(0x6065, 0), Ok(32_768));
     // it supports only PP, PV, HM and CSP
     assert_eq!(fixture.write(0x6060, 0, 9, 1), Err(0x0609_0030));
-    fixture.write(0x60C2, 1, 1, 1).unwrap();
-    fixture.write(0x60C2, 2, -3, 1).unwrap();
+    fixture.writes(&[(0x60C2, 1, 1, 1), (0x60C2, 2, -3, 1)]);
     let mut target = 1000;
     fixture.start_csp(target);
     for _ in 0..1000 {

@@ -146,6 +146,14 @@ impl Fixture {
             .collect()
     }
 
+    /// Writes that must succeed: index, subindex, value, bytes.
+    pub fn writes(&mut self, values: &[(u16, u8, i64, u8)]) {
+        for (index, sub, value, bytes) in values {
+            let written = self.write(*index, *sub, *value, *bytes);
+            written.unwrap_or_else(|code| panic!("{index:04X}:{sub}: {code:08X}"));
+        }
+    }
+
     /// Writes a number with an expedited download; returns the abort code on failure.
     pub fn write(&mut self, index: u16, sub: u8, value: i64, bytes: u8) -> Result<(), u32> {
         let [low, high] = index.to_le_bytes();

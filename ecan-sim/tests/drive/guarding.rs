@@ -43,9 +43,7 @@ fn drive_with_heartbeat_does_not_respond() {
 #[test]
 fn missing_requests_count_as_lost_host() {
     let mut fixture = guarding_only();
-    fixture.write(0x100C, 0, 10, 2).unwrap();
-    fixture.write(0x100D, 0, 3, 1).unwrap();
-    fixture.write(0x6007, 0, 3, 2).unwrap();
+    fixture.writes(&[(0x100C, 0, 10, 2), (0x100D, 0, 3, 1), (0x6007, 0, 3, 2)]);
     fixture.enable(OperatingMode::CyclicPosition);
     fixture.nmt(NmtCommand::Start);
     fixture.pass_ms(500);

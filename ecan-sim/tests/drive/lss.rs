@@ -228,9 +228,7 @@ fn drive_without_lss_is_silent() {
 #[test]
 fn saved_values_survive_a_new_node_id_except_its_cob_ids() {
     let mut fixture = Fixture::booted();
-    fixture.write(0x1015, 0, 77, 2).unwrap();
-    fixture.write(0x1014, 0, 0x123, 4).unwrap();
-    fixture.write(0x1010, 1, 0x6576_6173, 4).unwrap();
+    fixture.writes(&[(0x1015, 0, 77, 2), (0x1014, 0, 0x123, 4), (0x1010, 1, 0x6576_6173, 4)]);
     lss(&mut fixture, &[0x04, 1]);
     lss(&mut fixture, &[0x11, 9]);
     lss(&mut fixture, &[0x04, 0]);

@@ -68,8 +68,7 @@ fn drive_enabled_without_target_stays_at_standstill() {
     // the quirk: it moves to the previous value of 0x607A
     let quirks = DriveQuirks { follows_old_target: true, ..DriveQuirks::default() };
     let mut fixture = Fixture::with_quirks(quirks);
-    fixture.write(0x6065, 0, 0xFFFF_FFFF, 4).unwrap();
-    fixture.write(0x607A, 0, 50_000, 4).unwrap();
+    fixture.writes(&[(0x6065, 0, 0xFFFF_FFFF, 4), (0x607A, 0, 50_000, 4)]);
     fixture.enable(OperatingMode::CyclicPosition);
     fixture.pass_ms(500);
     assert_eq!(fixture.drive.position(), 50_000);
@@ -166,8 +165,7 @@ fn blocked_motor_causes_following_error() {
 #[test]
 fn software_limits_clamp_targets() {
     let mut fixture = cyclic();
-    fixture.write(0x607D, 1, -500, 4).unwrap();
-    fixture.write(0x607D, 2, 1500, 4).unwrap();
+    fixture.writes(&[(0x607D, 1, -500, 4), (0x607D, 2, 1500, 4)]);
     let mut target = 1000;
     let mut status = 0;
     for _ in 0..200 {
@@ -245,8 +243,7 @@ fn velocity_and_torque_are_limited() {
 #[test]
 fn profile_velocity_uses_profile_acceleration() {
     let mut fixture = Fixture::booted();
-    fixture.write(0x6083, 0, 1_000_000, 4).unwrap();
-    fixture.write(0x60FF, 0, 200_000, 4).unwrap();
+    fixture.writes(&[(0x6083, 0, 1_000_000, 4), (0x60FF, 0, 200_000, 4)]);
     fixture.enable(OperatingMode::ProfileVelocity);
     fixture.pass_ms(100);
     assert!((fixture.drive.velocity() - 100_000.0).abs() < 5_000.0);
@@ -323,9 +320,7 @@ fn set_points_are_queued_or_replaced() {
 #[test]
 fn profile_position_respects_limits() {
     let mut fixture = Fixture::booted();
-    fixture.write(0x6081, 0, 100_000, 4).unwrap();
-    fixture.write(0x6083, 0, 1_000_000, 4).unwrap();
-    fixture.write(0x6084, 0, 500_000, 4).unwrap();
+    fixture.writes(&[(0x6081, 0, 100_000, 4), (0x6083, 0, 1_000_000, 4), (0x6084, 0, 500_000, 4)]);
     fixture.enable(OperatingMode::ProfilePosition);
     fixture.write(0x607A, 0, 101_000, 4).unwrap();
     fixture.controlword(0x1F);
@@ -362,8 +357,7 @@ fn homing_bits(fixture: &Fixture) -> (bool, bool, bool) {
 
 fn home(method: i64, offset: i64, machine: MotorConfig) -> (Fixture, u64) {
     let mut fixture = Fixture::with(&DriveConfig { motor: machine, ..config() });
-    fixture.write(0x6098, 0, method, 1).unwrap();
-    fixture.write(0x607C, 0, offset, 4).unwrap();
+    fixture.writes(&[(0x6098, 0, method, 1), (0x607C, 0, offset, 4)]);
     fixture.enable(OperatingMode::Homing);
     assert_eq!(homing_bits(&fixture), (true, false, false));
     fixture.controlword(0x1F);

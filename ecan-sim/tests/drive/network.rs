@@ -69,8 +69,7 @@ fn heartbeats_have_period_and_state() {
 /// 0x1016 monitors node 127, the host; 0x6007 selects the reaction to its loss.
 fn watching(reaction: i64) -> Fixture {
     let mut fixture = Fixture::booted();
-    fixture.write(0x1016, 1, 0x007F_0032, 4).unwrap();
-    fixture.write(0x6007, 0, reaction, 2).unwrap();
+    fixture.writes(&[(0x1016, 1, 0x007F_0032, 4), (0x6007, 0, reaction, 2)]);
     fixture.enable(OperatingMode::CyclicPosition);
     fixture.nmt(NmtCommand::Start);
     fixture
@@ -131,8 +130,7 @@ fn node_cannot_be_monitored_twice() {
     let mut fixture = Fixture::booted();
     fixture.write(0x1016, 1, 0x0001_0064, 4).unwrap();
     assert_eq!(fixture.write(0x1016, 2, 0x0001_00C8, 4), Err(0x0604_0043));
-    fixture.write(0x1016, 1, 0, 4).unwrap();
-    fixture.write(0x1016, 2, 0x0001_00C8, 4).unwrap();
+    fixture.writes(&[(0x1016, 1, 0, 4), (0x1016, 2, 0x0001_00C8, 4)]);
 }
 
 #[test]
@@ -201,8 +199,7 @@ fn temporary_error_does_not_change_state() {
 #[test]
 fn emergencies_respect_inhibit_time_and_cob_id() {
     let mut fixture = Fixture::booted();
-    fixture.write(0x1015, 0, 100, 2).unwrap();
-    fixture.write(0x1014, 0, 0x0123, 4).unwrap();
+    fixture.writes(&[(0x1015, 0, 100, 2), (0x1014, 0, 0x0123, 4)]);
     let start = fixture.now;
     let mut out = NodeOutput::new();
     for code in [0x1000, 0x1001, 0x1002] {

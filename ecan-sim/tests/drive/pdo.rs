@@ -72,8 +72,7 @@ fn communication_parameter_rules_apply() {
     for kind in [241, 251, 252, 253] {
         assert_eq!(fixture.write(0x1800, 2, kind, 1), Err(RANGE));
     }
-    fixture.write(0x1800, 3, 50, 2).unwrap();
-    fixture.write(0x1800, 1, 0x4000_0285, 4).unwrap();
+    fixture.writes(&[(0x1800, 3, 50, 2), (0x1800, 1, 0x4000_0285, 4)]);
     assert_eq!(fixture.write(0x1800, 3, 60, 2), Err(UNSUPPORTED));
     fixture.nmt(NmtCommand::Start);
     assert_eq!(fixture.write(0x1800, 1, 0xC000_0285, 4), Err(STATE));
@@ -126,9 +125,7 @@ fn every_nth_sync_and_start_value_apply() {
 fn start_value_without_counter_is_ignored() {
     let mut fixture = Fixture::booted();
     fixture.map_csp();
-    fixture.write(0x1800, 1, 0xC000_0185, 4).unwrap();
-    fixture.write(0x1800, 6, 2, 1).unwrap();
-    fixture.write(0x1800, 1, 0x4000_0185, 4).unwrap();
+    fixture.writes(&[(0x1800, 1, 0xC000_0185, 4), (0x1800, 6, 2, 1), (0x1800, 1, 0x4000_0185, 4)]);
     fixture.nmt(NmtCommand::Start);
     assert_eq!(fixture.frame(0x80, &[]).len(), 1);
 }
@@ -153,9 +150,7 @@ fn sync_counter_is_expected_by_0x1019() {
 #[test]
 fn event_driven_pdos_respect_inhibit_time() {
     let mut fixture = Fixture::booted();
-    fixture.write(0x1800, 1, 0xC000_0185, 4).unwrap();
-    fixture.write(0x1800, 3, 50, 2).unwrap();
-    fixture.write(0x1800, 1, 0x4000_0185, 4).unwrap();
+    fixture.writes(&[(0x1800, 1, 0xC000_0185, 4), (0x1800, 3, 50, 2), (0x1800, 1, 0x4000_0185, 4)]);
     assert_eq!(fixture.nmt(NmtCommand::Start), [(0x185, vec![0x40, 0x02])]);
     let start = fixture.now;
     // both changes are within the inhibit time of 5 ms: the last state is sent after it
@@ -216,13 +211,11 @@ fn pdos_are_ignored_outside_operational() {
 #[test]
 fn dummy_entries_in_received_pdo_are_skipped() {
     let mut fixture = Fixture::booted();
-    fixture.write(0x1400, 1, 0xC000_0205, 4).unwrap();
-    fixture.write(0x1600, 0, 0, 1).unwrap();
+    fixture.writes(&[(0x1400, 1, 0xC000_0205, 4), (0x1600, 0, 0, 1)]);
     for (sub, entry) in [(1, 0x0005_0008), (2, 0x6040_0010)] {
         fixture.write(0x1600, sub, entry, 4).unwrap();
     }
-    fixture.write(0x1600, 0, 2, 1).unwrap();
-    fixture.write(0x1400, 1, 0x4000_0205, 4).unwrap();
+    fixture.writes(&[(0x1600, 0, 2, 1), (0x1400, 1, 0x4000_0205, 4)]);
     fixture.nmt(NmtCommand::Start);
     fixture.frame(0x205, &[0xFF, 6, 0]);
     assert_eq!(fixture.drive.object(0x6040, 0), Some(6));
@@ -231,8 +224,7 @@ fn dummy_entries_in_received_pdo_are_skipped() {
 #[test]
 fn missing_pdo_is_detected() {
     let mut fixture = Fixture::booted();
-    fixture.write(0x1400, 5, 30, 2).unwrap();
-    fixture.write(0x6007, 0, 0, 2).unwrap();
+    fixture.writes(&[(0x1400, 5, 30, 2), (0x6007, 0, 0, 2)]);
     fixture.nmt(NmtCommand::Start);
     fixture.pass_ms(100);
     fixture.frame(0x205, &[0, 0]);
@@ -279,8 +271,7 @@ fn mpdo_in_destination_mode_writes_the_named_object() {
 fn mpdo_in_source_mode_sends_changed_objects_of_the_scanner_list() {
     let mut fixture = Fixture::booted();
     // Actual position, then both entries of 0x608F
-    fixture.write(0x1FA0, 1, 0x0160_6400, 4).unwrap();
-    fixture.write(0x1FA0, 2, 0x0260_8F01, 4).unwrap();
+    fixture.writes(&[(0x1FA0, 1, 0x0160_6400, 4), (0x1FA0, 2, 0x0260_8F01, 4)]);
     multiplex(&mut fixture, 0x1800, 0x1A00, 0xFE);
     let position = (0x185, vec![0x05, 0x64, 0x60, 0, 0xE8, 3, 0, 0]);
     let entries = [
@@ -294,9 +285,7 @@ fn mpdo_in_source_mode_sends_changed_objects_of_the_scanner_list() {
     assert!(fixture.sent.is_empty(), "no change, no MPDO");
     // Entering Operational sends all of them; the inhibit time of 5 ms lies between them.
     fixture.nmt(NmtCommand::EnterPreOperational);
-    fixture.write(0x1800, 1, 0xC000_0185, 4).unwrap();
-    fixture.write(0x1800, 3, 50, 2).unwrap();
-    fixture.write(0x1800, 1, 0x4000_0185, 4).unwrap();
+    fixture.writes(&[(0x1800, 1, 0xC000_0185, 4), (0x1800, 3, 50, 2), (0x1800, 1, 0x4000_0185, 4)]);
     let start = fixture.now;
     assert_eq!(fixture.nmt(NmtCommand::Start).len(), 1);
     fixture.lines();
@@ -308,8 +297,7 @@ fn mpdo_in_source_mode_sends_changed_objects_of_the_scanner_list() {
 #[test]
 fn mpdo_of_the_other_mode_is_aborted() {
     let mut fixture = Fixture::booted();
-    fixture.write(0x1400, 1, 0xC000_0205, 4).unwrap();
-    fixture.write(0x1800, 1, 0xC000_0185, 4).unwrap();
+    fixture.writes(&[(0x1400, 1, 0xC000_0205, 4), (0x1800, 1, 0xC000_0185, 4)]);
     assert_eq!(fixture.write(0x1600, 0, 0xFE, 1), Err(0x0609_0031));
     assert_eq!(fixture.write(0x1A00, 0, 0xFF, 1), Err(0x0609_0031));
     assert_eq!(fixture.write(0x1A00, 0, 9, 1), Err(0x0609_0031));

@@ -53,14 +53,11 @@ fn pdos_carry_objects_of_each_axis() {
     for (sub, entry) in [(1, 0x6840_0010), (2, 0x687A_0020)] {
         fixture.write(0x1640, sub, entry, 4).unwrap();
     }
-    fixture.write(0x1640, 0, 2, 1).unwrap();
-    fixture.write(0x1440, 1, 0x305, 4).unwrap();
-    fixture.write(0x1A40, 0, 0, 1).unwrap();
+    fixture.writes(&[(0x1640, 0, 2, 1), (0x1440, 1, 0x305, 4), (0x1A40, 0, 0, 1)]);
     for (sub, entry) in [(1, 0x6041_0010), (2, 0x6841_0010), (3, 0x6864_0020)] {
         fixture.write(0x1A40, sub, entry, 4).unwrap();
     }
-    fixture.write(0x1A40, 0, 3, 1).unwrap();
-    fixture.write(0x1840, 1, 0x285, 4).unwrap();
+    fixture.writes(&[(0x1A40, 0, 3, 1), (0x1840, 1, 0x285, 4)]);
     fixture.nmt(NmtCommand::Start);
     fixture.frame(0x300 + NODE, &[0x0F, 0, 0x08, 0x07, 0, 0]);
     fixture.pass_ms(100);
@@ -90,8 +87,7 @@ fn fault_of_an_axis_leaves_the_other_enabled() {
 fn lost_host_stops_all_axes() {
     let mut fixture = two_axes();
     enable_second(&mut fixture);
-    fixture.write(0x6007 + SECOND, 0, 3, 2).unwrap();
-    fixture.write(0x1016, 1, 0x007F_0032, 4).unwrap();
+    fixture.writes(&[(0x6007 + SECOND, 0, 3, 2), (0x1016, 1, 0x007F_0032, 4)]);
     fixture.frame(0x77F, &[5]);
     fixture.pass_ms(200);
     // 0x6007 of the first axis is 1: a fault.

@@ -116,8 +116,7 @@ fn requested_defaults_are_applied_on_the_way_to_safeop() {
         fixture.send(assignment_writes(direction, 8));
     }
     assert_eq!(fixture.request(SafeOp), (SafeOp, 0));
-    assert_eq!(fixture.upload(0x8010, 12), 0x1E7);
-    assert_eq!(fixture.upload(0x8011, 9), 1024);
+    fixture.has(&[(0x8010, 12, 0x1E7), (0x8011, 9, 1024)]);
 }
 
 #[test]

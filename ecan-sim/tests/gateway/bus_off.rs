@@ -144,9 +144,7 @@ fn events_are_latched_until_read() {
     fixture.gateway.bus_state(fixture.now, 0, ErrorState::Active, 0, 0);
     fixture.cycle();
     assert!(fixture.input().header().channel_status[0].detail_pending());
-    assert_eq!(fixture.upload(0x9000, 16), sequence + 1);
-    assert_eq!(fixture.upload(0x9000, 12), 1);
-    assert_eq!(fixture.upload(0x9000, 12), 0);
+    fixture.has(&[(0x9000, 16, sequence + 1), (0x9000, 12, 1), (0x9000, 12, 0)]);
     fixture.cycle();
     assert!(!fixture.input().header().channel_status[0].detail_pending());
 }
@@ -160,8 +158,7 @@ fn pending_counts_saturate_at_7() {
     let status = fixture.input().header().channel_status[0];
     assert_eq!((status.rx_pending(), status.tx_pending()), (7, 7));
     assert!(status.counter_sat());
-    assert_eq!(fixture.upload(0x9000, 10), 18);
-    assert_eq!(fixture.upload(0x9000, 11), 20);
+    fixture.has(&[(0x9000, 10, 18), (0x9000, 11, 20)]);
 }
 
 #[test]

@@ -18,9 +18,7 @@ fn example_image_sends_its_frame_on_channel_0() {
     for channel in 1..4 {
         assert_eq!(fixture.sent(channel), []);
     }
-    assert_eq!(fixture.upload(0x8011, 2), 0);
-    assert_eq!(fixture.upload(0x8011, 13), 1);
-    assert_eq!(fixture.upload(0x8011, 14), 0);
+    fixture.has(&[(0x8011, 2, 0), (0x8011, 13, 1), (0x8011, 14, 0)]);
 }
 
 #[test]

@@ -241,6 +241,14 @@ impl Fixture {
         self.gateway.sdo_upload(self.now, index, subindex, &mut data).map(|()| data)
     }
 
+    /// Reads objects in this order: index, subindex, expected value.
+    #[track_caller]
+    pub fn has(&mut self, values: &[(u16, u8, u32)]) {
+        for (index, subindex, expected) in values {
+            assert_eq!(self.upload(*index, *subindex), *expected, "{index:04X}:{subindex}");
+        }
+    }
+
     pub fn upload(&mut self, index: u16, subindex: u8) -> u32 {
         let data = self.try_upload(index, subindex).unwrap();
         let mut bytes = [0; 4];

@@ -44,9 +44,7 @@ fn truncated_image_is_flagged_and_the_rest_follows() {
     assert!(header.flags.contains(HeaderFlags::OVERFLOW_SAT_VALID));
     assert_eq!(header.frame_count, 8);
     assert_eq!(header.overflow_sat, 8);
-    assert_eq!(fixture.upload(0x8010, 16), 8);
-    assert_eq!(fixture.upload(0x8010, 2), 8);
-    assert_eq!(fixture.upload(0x8010, 14), 3);
+    fixture.has(&[(0x8010, 16, 8), (0x8010, 2, 8), (0x8010, 14, 3)]);
     assert_eq!(fixture.upload(0x8010, 15), 0, "no packet was wrong");
     let mut frames = fixture.received();
     fixture.cycle();
@@ -130,8 +128,7 @@ fn oversized_frame_is_an_overrun_and_blocks_no_other() {
     fixture.deliver(0, standard(2, &[]));
     fixture.cycle();
     assert_eq!(fixture.received(), [(0, standard(2, &[]))]);
-    assert_eq!(fixture.upload(0x8010, 14), 2);
-    assert_eq!(fixture.upload(0x8010, 16), 1);
+    fixture.has(&[(0x8010, 14, 2), (0x8010, 16, 1)]);
     assert_eq!(fixture.input().header().overflow_sat, 1);
     assert_eq!(fixture.gateway.counters().receive_losses.oversized, 1);
 }

@@ -49,9 +49,7 @@ fn cycle_statistics_count_and_clear() {
         fixture.cycle();
     }
     let reads_before_op = 1;
-    assert_eq!(fixture.upload(0x9011, 1), reads_before_op + 10);
-    assert_eq!(fixture.upload(0x9011, 2), 16);
-    assert_eq!(fixture.upload(0x9011, 3), 0);
+    fixture.has(&[(0x9011, 1, reads_before_op + 10), (0x9011, 2, 16), (0x9011, 3, 0)]);
     // 200 us at 400 MHz
     assert_eq!((fixture.upload(0x9011, 4), fixture.upload(0x9011, 5)), (80_000, 80_000));
     for cost in 6..=12 {

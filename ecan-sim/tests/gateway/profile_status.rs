@@ -42,9 +42,7 @@ fn rejected_field_has_its_status_and_keeps_the_profile() {
             );
             assert_eq!(fixture.upload(object, 14), last_error);
             assert_eq!(fixture.upload(object, 15), 0, "no packet was wrong");
-            assert_eq!(fixture.upload(object, 9), 1024);
-            assert_eq!(fixture.upload(object, 11), crc);
-            assert_eq!(fixture.upload(object, 12), 0x1E7);
+            fixture.has(&[(object, 9, 1024), (object, 11, crc), (object, 12, 0x1E7)]);
         }
     }
 }
@@ -94,8 +92,7 @@ fn assignment_changed_under_an_active_profile_needs_a_reload() {
     let mut fixture = Fixture::configured(chunks(8), chunks(8));
     fixture.send(assignment_writes(Direction::TxPdo, 3));
     fixture.send([PdoProfile::apply_write(Direction::TxPdo)]);
-    assert_eq!(fixture.upload(0x8010, 2), 5);
-    assert_eq!(fixture.upload(0x8010, 9), 1024);
+    fixture.has(&[(0x8010, 2, 5), (0x8010, 9, 1024)]);
 }
 
 #[test]
@@ -119,9 +116,7 @@ fn layout_crc_is_stable_and_distinguishes_layouts() {
 fn parser_faults_and_overflow_show_until_cleared() {
     let mut fixture = Fixture::op(chunks(8), chunks(8));
     assert!(fixture.write_again(), "all zero");
-    assert_eq!(fixture.upload(0x8011, 2), 7);
-    assert_eq!(fixture.upload(0x8011, 14), 14);
-    assert_eq!(fixture.upload(0x8011, 15), 1);
+    fixture.has(&[(0x8011, 2, 7), (0x8011, 14, 14), (0x8011, 15, 1)]);
     fixture.write_u8(0x8011, 8, 0x02);
     for cleared in [2, 14, 15, 16] {
         assert_eq!(fixture.upload(0x8011, cleared), 0);
@@ -133,13 +128,10 @@ fn reset_session_clears_all_but_the_counters() {
     let mut fixture = Fixture::op(chunks(8), chunks(8));
     assert!(fixture.write_again());
     fixture.cycle();
-    assert_eq!(fixture.upload(0x8011, 13), 1);
-    assert_eq!(fixture.upload(0x8010, 13), 2);
+    fixture.has(&[(0x8011, 13, 1), (0x8010, 13, 2)]);
     fixture.write_u8(0x8011, 8, 0x01);
     fixture.write_u8(0x8010, 8, 0x01);
-    assert_eq!(fixture.upload(0x8011, 13), 0);
-    assert_eq!(fixture.upload(0x8011, 14), 0);
-    assert_eq!(fixture.upload(0x8011, 15), 1);
+    fixture.has(&[(0x8011, 13, 0), (0x8011, 14, 0), (0x8011, 15, 1)]);
     fixture.cycle();
     assert_eq!(fixture.input().sequence(), 1);
 }

@@ -48,9 +48,7 @@ fn default_policy_drains_two_frames_per_service() {
     }
     assert_eq!(per_cycle, [2, 2, 2, 1, 0]);
     assert_eq!(ids, [0, 1, 2, 3, 4, 5, 6]);
-    assert_eq!(fixture.upload(0x9020, 4), 2);
-    assert_eq!(fixture.upload(0x9020, 10), 2);
-    assert_eq!(fixture.upload(0x9020, TOTAL), 0);
+    fixture.has(&[(0x9020, 4, 2), (0x9020, 10, 2), (0x9020, TOTAL, 0)]);
 }
 
 #[test]
@@ -223,8 +221,7 @@ fn applied_policy_is_read_back_packed() {
     let mut fixture = Fixture::preop();
     let policy = DataPathConfig::for_traffic(6, 7);
     fixture.apply_data_path(2, policy);
-    assert_eq!(fixture.upload(0x8023, 20), policy.active_word());
-    assert_eq!(fixture.upload(0x8022, 20), 0x5405_9201);
+    fixture.has(&[(0x8023, 20, policy.active_word()), (0x8022, 20, 0x5405_9201)]);
 }
 
 #[test]

@@ -20,8 +20,7 @@ fn exact_repeat_is_a_no_op() {
         assert_eq!(fixture.results(), []);
         assert_eq!(fixture.sent(0), []);
     }
-    assert_eq!(fixture.upload(0x8011, 14), 0);
-    assert_eq!(fixture.upload(0x8011, 15), 0);
+    fixture.has(&[(0x8011, 14, 0), (0x8011, 15, 0)]);
     assert_eq!(fixture.gateway.counters().images_repeated, 3);
 }
 
@@ -32,8 +31,7 @@ fn rejected_image_is_counted_once_until_another_one_arrives() {
         fixture.image.fill(0);
         for _ in 0..3 {
             assert!(fixture.write_again());
-            assert_eq!(fixture.upload(0x8011, 14), 14);
-            assert_eq!(fixture.upload(0x8011, 15), counted);
+            fixture.has(&[(0x8011, 14, 14), (0x8011, 15, counted)]);
         }
         fixture.push(0, standard(0x10, &[1]));
         fixture.cycle();

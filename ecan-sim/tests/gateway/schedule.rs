@@ -81,8 +81,7 @@ fn missed_phase_is_dropped_not_moved_to_another_cycle() {
     assert_eq!(Fixture::identifiers(&fixture.sent(0)), [0x11]);
     assert_eq!(fixture.gateway.counters().transmit_losses.late, 1);
     assert_eq!(diag_flags(&mut fixture), LATE_DROP);
-    assert_eq!(fixture.upload(0x8011, 16), 1);
-    assert_eq!(fixture.upload(0x8011, 2), 8);
+    fixture.has(&[(0x8011, 16, 1), (0x8011, 2, 8)]);
 }
 
 #[test]

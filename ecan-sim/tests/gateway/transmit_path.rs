@@ -66,9 +66,7 @@ fn drop_newest_and_drop_oldest_at_a_full_ring() {
         }
         let ids = Fixture::identifiers(&sent);
         assert_eq!(ids, (first..=last).collect::<Vec<_>>());
-        assert_eq!(fixture.upload(0x8011, 16), 6);
-        assert_eq!(fixture.upload(0x8011, 2), 8);
-        assert_eq!(fixture.upload(0xB000, 6), 1 << 4);
+        fixture.has(&[(0x8011, 16, 6), (0x8011, 2, 8), (0xB000, 6, 1 << 4)]);
         let stale = if tx_overflow == TxOverflow::DropOldest { 6 } else { 0 };
         assert_eq!(fixture.upload(0x9020, STALE), stale);
     }
@@ -79,9 +77,7 @@ fn full_fifo_is_counted_and_the_frames_wait_in_the_ring() {
     let mut fixture = with(DataPathConfig::default(), 2);
     fixture.push_ids(0, 0..6);
     fixture.cycle();
-    assert_eq!(fixture.upload(0x9020, FIFO_FULL), 1);
-    assert_eq!(fixture.upload(0x9000, 11), 6);
-    assert_eq!(fixture.upload(0xB000, 6), 1 << 5);
+    fixture.has(&[(0x9020, FIFO_FULL, 1), (0x9000, 11, 6), (0xB000, 6, 1 << 5)]);
     assert!(fixture.upload(0x9000, 9) & 1 << 7 != 0, "tx_pressure");
     let mut ids = Fixture::identifiers(&fixture.sent(0));
     for _ in 0..3 {
