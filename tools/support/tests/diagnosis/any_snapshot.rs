@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use crate::diagnosis::common::set_all;
 use ecan_tool_support::diagnosis::{Depth, Location, ObjectKey, ReadError, Snapshot, findings};
 use proptest::prelude::*;
 
@@ -94,9 +95,7 @@ fn extreme_numbers_are_reported_without_panic() {
     snapshot.set(0x1C12, 0, u32::MAX);
     snapshot.set(0x8000, 13, u32::MAX);
     // CAN1 is alone on its bus: the rotation is told.
-    snapshot.set(0x9001, 1, 128);
-    snapshot.set(0x9001, 2, 0x077B);
-    snapshot.set(0x9001, 9, 0x001A);
+    set_all(&mut snapshot, &[(0x9001, 1, 128), (0x9001, 2, 0x077B), (0x9001, 9, 0x001A)]);
     let found = findings(&snapshot);
     let what = |id| -> Vec<_> {
         found

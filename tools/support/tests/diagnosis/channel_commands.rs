@@ -1,6 +1,6 @@
 //! Configurations of a channel that were not applied, saved or loaded (manual 13.4).
 
-use crate::diagnosis::common::{only, with};
+use crate::diagnosis::common::{only, with, with_all};
 
 #[test]
 fn each_apply_status_has_its_causes() {
@@ -38,17 +38,11 @@ fn invalid_values_are_the_first_cause() {
     assert!(!found.causes.iter().any(|cause| cause.contains("Message RAM")), "{found:#?}");
     // 64 elements of 72 bytes in RX FIFO0, by either status.
     for status in [3, 4] {
-        let found = only(|snapshot| {
-            snapshot.set(0x8002, 2, status);
-            snapshot.set(0x8002, 62, 64);
-        });
+        let found = with_all(&[(0x8002, 2, status), (0x8002, 62, 64)]);
         let first = "Message RAM layout needs 9344 bytes, the channel has 8192";
         assert_eq!(found.causes[0], first, "{found:#?}");
     }
-    let found = only(|snapshot| {
-        snapshot.set(0x8004, 2, 3);
-        snapshot.set(0x8004, 65, 9);
-    });
+    let found = with_all(&[(0x8004, 2, 3), (0x8004, 65, 9)]);
     assert_eq!(found.causes[0], "invalid value 9 of 0x8004:65");
     // Manual bit timing, read and not read.
     let manual = |timing: &[(u8, u32)]| {

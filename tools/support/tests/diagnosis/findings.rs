@@ -1,6 +1,6 @@
 //! Each finding of manual 5.4.6, 13 and 16, fed by the values that a gateway would show.
 
-use crate::diagnosis::common::{healthy, only, with};
+use crate::diagnosis::common::{healthy, only, set_all, with, with_all};
 use ecan_tool_support::diagnosis::{Finding, Location, Severity, Snapshot, findings};
 
 /// Name and first cause: what an engineer looks at first.
@@ -18,8 +18,7 @@ fn gateway_in_preop_has_no_finding() {
     let mut snapshot = Snapshot { al_state: 2, ..Snapshot::default() };
     snapshot.set(0x1C12, 0, 24);
     for profile in [0x8010, 0x8011] {
-        snapshot.set(profile, 3, 8);
-        snapshot.set(profile, 9, 0);
+        set_all(&mut snapshot, &[(profile, 3, 8), (profile, 9, 0)]);
     }
     snapshot.set(0x9000, 9, 0);
     assert_eq!(findings(&snapshot), []);
@@ -147,9 +146,7 @@ fn sync_managers_are_compared_with_the_manual_and_the_profile() {
 fn large_images_without_op_blame_the_master() {
     let found = only(|snapshot| {
         snapshot.al_state = 2;
-        snapshot.set(0x1C13, 0, 12);
-        snapshot.set(0x8010, 9, 1536);
-        snapshot.set(0x8010, 10, 1512);
+        set_all(snapshot, &[(0x1C13, 0, 12), (0x8010, 9, 1536), (0x8010, 10, 1512)]);
     });
     assert_eq!(found.id, "images-large");
     assert!(found.causes[0].contains("at most 11"));
@@ -168,8 +165,7 @@ fn outputs_shortly_after_sync0_mean_a_small_shift() {
 fn outputs_shortly_before_sync0_mean_a_small_shift() {
     // At 400 MHz: 900 to 960 us after a pulse.
     let mut snapshot = healthy();
-    snapshot.set(0x9011, 4, 360_000);
-    snapshot.set(0x9011, 5, 384_000);
+    set_all(&mut snapshot, &[(0x9011, 4, 360_000), (0x9011, 5, 384_000)]);
     assert_eq!(findings(&snapshot), [], "the Sync0 period is not known");
     snapshot.sync0_period_ns = Some(2_000_000);
     assert_eq!(findings(&snapshot), []);
@@ -185,8 +181,7 @@ fn outputs_shortly_before_sync0_mean_a_small_shift() {
 fn phase_beyond_the_period_means_another_unit() {
     let mut snapshot = healthy();
     // 300 and 960 us in nanoseconds, which are 750 and 2400 us in CPU cycles.
-    snapshot.set(0x9011, 4, 300_000);
-    snapshot.set(0x9011, 5, 960_000);
+    set_all(&mut snapshot, &[(0x9011, 4, 300_000), (0x9011, 5, 960_000)]);
     snapshot.sync0_period_ns = Some(1_000_000);
     let found = findings(&snapshot);
     assert_eq!((found.len(), found[0].id), (1, "sync-phase-unit"));
@@ -233,11 +228,7 @@ fn each_pdo_error_has_its_cause() {
         (16, "pdo-bad-schedule", "Sync0"),
         (99, "pdo-error-unknown", "newer"),
     ] {
-        let found = only(|snapshot| {
-            snapshot.set(0x8011, 2, 7);
-            snapshot.set(0x8011, 14, error);
-            snapshot.set(0x8011, 15, 42);
-        });
+        let found = with_all(&[(0x8011, 2, 7), (0x8011, 14, error), (0x8011, 15, 42)]);
         assert_eq!((found.id, found.location), (id, Location::RxPdo));
         assert!(found.causes[0].contains(cause), "{found:#?}");
         assert!(found.what.starts_with("42 PDO errors"), "{found:#?}");
@@ -293,30 +284,19 @@ fn bypasses_and_tests_are_faults() {
 
 #[test]
 fn bus_off_names_rates_and_recovery() {
-    let found = only(|snapshot| {
-        snapshot.set(0x9001, 1, 0xF8);
-        snapshot.set(0x9001, 2, 0x07EF);
-        snapshot.set(0x9001, 9, 0x003B);
-        snapshot.set(0x9001, 15, 1);
-    });
+    let found =
+        with_all(&[(0x9001, 1, 0xF8), (0x9001, 2, 0x07EF), (0x9001, 9, 0x003B), (0x9001, 15, 1)]);
     assert_eq!((found.id, found.location), ("bus-off", Location::Channel(1)));
     assert!(found.causes[2].contains("500 kbit/s, sample point 80.0 to 80.0 %"), "{found:#?}");
     assert!(found.next.contains("recovery is automatic"), "{found:#?}");
-    let manual = only(|snapshot| {
-        snapshot.set(0x9001, 9, 0x003B);
-        snapshot.set(0x8022, 14, 0);
-    });
+    let manual = with_all(&[(0x9001, 9, 0x003B), (0x8022, 14, 0)]);
     let recovery = "recovery is manual (0x8022:14 = 0): apply the channel again (0x8002:01 = 1)";
     assert!(manual.next.ends_with(recovery), "{manual:#?}");
 }
 
 #[test]
 fn missing_partner_differs_from_bad_bus() {
-    let alone = only(|snapshot| {
-        snapshot.set(0x9000, 1, 128);
-        snapshot.set(0x9000, 2, 0x077B);
-        snapshot.set(0x9000, 9, 0x001A);
-    });
+    let alone = with_all(&[(0x9000, 1, 128), (0x9000, 2, 0x077B), (0x9000, 9, 0x001A)]);
     assert_eq!((alone.id, &*alone.location.to_string()), ("no-acknowledge", "CAN0"));
     assert!(alone.causes[0].contains("no other active node"));
     // A node that is alone never becomes bus-off.
@@ -327,27 +307,17 @@ fn missing_partner_differs_from_bad_bus() {
     let disturbed = &findings(&snapshot)[0];
     assert_eq!(disturbed.id, "no-acknowledge");
     assert!(disturbed.causes[0].contains("bit rate or sample point differs"), "{disturbed:#?}");
-    let rotated = only(|snapshot| {
-        snapshot.set(0x8000, 13, 3);
-        snapshot.set(0x9002, 1, 128);
-        snapshot.set(0x9002, 2, 0x077B);
-    });
+    let rotated = with_all(&[(0x8000, 13, 3), (0x9002, 1, 128), (0x9002, 2, 0x077B)]);
     assert_eq!(rotated.id, "no-acknowledge");
     assert_eq!(rotated.causes[1], "the pins are rotated by 3: this channel uses pin group 1");
-    let bad = only(|snapshot| {
-        snapshot.set(0x9000, 1, 0x8000 | 17);
-        snapshot.set(0x9000, 2, 0x0769);
-    });
+    let bad = with_all(&[(0x9000, 1, 0x8000 | 17), (0x9000, 2, 0x0769)]);
     assert_eq!(bad.id, "error-passive");
     assert!(bad.what.contains("17 transmit errors, 128 or more receive errors"), "{bad:#?}");
 }
 
 #[test]
 fn error_warning_shows_the_counters() {
-    let found = only(|snapshot| {
-        snapshot.set(0x9002, 1, 97 << 8 | 3);
-        snapshot.set(0x9002, 2, 0x074F);
-    });
+    let found = with_all(&[(0x9002, 1, 97 << 8 | 3), (0x9002, 2, 0x074F)]);
     assert_eq!((found.id, found.severity), ("error-warning", Severity::Warning));
     assert!(found.what.contains("3 transmit errors, 97 receive errors"));
 }
@@ -397,20 +367,14 @@ fn data_phase_errors_suggest_sample_point_and_tdc() {
 fn latched_error_flags_alone_are_no_finding() {
     for flags in [1 << 27, 1 << 28] {
         let mut snapshot = healthy();
-        snapshot.set(0x9000, 3, flags);
-        snapshot.set(0x9000, 1, 9 << 16 | 8);
+        set_all(&mut snapshot, &[(0x9000, 3, flags), (0x9000, 1, 9 << 16 | 8)]);
         assert_eq!(findings(&snapshot), []);
     }
 }
 
 #[test]
 fn repeated_errors_are_found_without_an_error_code() {
-    let found = |flags: u32| {
-        only(|snapshot| {
-            snapshot.set(0x9000, 1, 10 << 16 | 8);
-            snapshot.set(0x9000, 3, flags);
-        })
-    };
+    let found = |flags: u32| with_all(&[(0x9000, 1, 10 << 16 | 8), (0x9000, 3, flags)]);
     let in_data = found(1 << 28);
     assert_eq!(in_data.id, "data-phase-error");
     let what = "errors in the data phase of CAN FD frames, none in the arbitration phase; 10 errors are logged \
@@ -551,8 +515,7 @@ fn device_states_are_findings() {
 #[test]
 fn faults_come_before_warnings() {
     let mut snapshot = healthy();
-    snapshot.set(0x8010, 16, 1);
-    snapshot.set(0x8004, 2, 1);
+    set_all(&mut snapshot, &[(0x8010, 16, 1), (0x8004, 2, 1)]);
     let ids: Vec<_> = findings(&snapshot).iter().map(|finding| finding.id).collect();
     assert_eq!(ids, ["apply-failed", "pdo-overflow"]);
 }

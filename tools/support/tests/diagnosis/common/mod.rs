@@ -48,7 +48,19 @@ pub fn only(change: impl FnOnce(&mut Snapshot)) -> Finding {
     found
 }
 
+/// Sets index, subindex and value of several objects.
+pub fn set_all(snapshot: &mut Snapshot, values: &[(u16, u8, u32)]) {
+    for (index, subindex, value) in values {
+        snapshot.set(*index, *subindex, *value);
+    }
+}
+
+/// As [`only`], with these values changed.
+pub fn with_all(values: &[(u16, u8, u32)]) -> Finding {
+    only(|snapshot| set_all(snapshot, values))
+}
+
 /// As [`only`], with one value changed.
 pub fn with(index: u16, subindex: u8, value: u32) -> Finding {
-    only(|snapshot| snapshot.set(index, subindex, value))
+    with_all(&[(index, subindex, value)])
 }
