@@ -48,6 +48,12 @@ pub(crate) fn faults_with(text: &str, files: &[(&str, &str)]) -> Vec<(usize, Str
     }
 }
 
+/// Checks that a fault has these words.
+#[track_caller]
+pub(crate) fn has(found: &[(usize, String)], words: &str) {
+    assert!(found.iter().any(|fault| fault.1.contains(words)), "{words}: {found:#?}");
+}
+
 pub(crate) fn address(channel: u8, node: u8) -> NodeAddress {
     NodeAddress { slave: 0, channel, node: NodeId::new(node).unwrap() }
 }

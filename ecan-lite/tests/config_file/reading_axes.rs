@@ -10,7 +10,7 @@ use ecan_cia402::{
     AxisConfig, DriveConfig, FeedForwardLimits, InputObject, MotionLimits, NodeReset, OutputObject,
     PathTolerances, PdoCobIds, PdoConfig, PositionRange, Scale, ScaleSource, VlConfig,
 };
-use ecan_lite::config::{EXAMPLE, load_axes, parse, parse_axes};
+use ecan_lite::config::{EXAMPLE, parse, parse_axes};
 use ecan_protocol::can::CanId;
 
 const TWO_CHANNELS: &str = "[[gateway]]\nn = 3\ncan0 = { bitrate = 1_000_000 }\n\
@@ -182,18 +182,6 @@ channel = 0
         (36, 1, "`node` is missing: the node-ID of the drive, 1 to 127"),
     ];
     assert_eq!(found, expected, "{found:#?}");
-}
-
-#[test]
-fn axes_of_a_file_are_loaded() {
-    let directory = tempfile::tempdir().unwrap();
-    let path = directory.path().join("cell.toml");
-    std::fs::write(&path, EXAMPLE).unwrap();
-    let axes = load_axes(&path).unwrap();
-    assert_eq!(axes.len(), 1);
-    assert_eq!(axes[0].limits.velocity, Some(2.0));
-    let text = load_axes(directory.path().join("none.toml")).unwrap_err().to_string();
-    assert!(text.starts_with("cannot read "), "{text}");
 }
 
 #[test]

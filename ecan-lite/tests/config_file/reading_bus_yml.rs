@@ -9,7 +9,7 @@ use ecan_canopen::{
 use ecan_cia402::{InputObject, OutputObject, Scale};
 use ecan_lite::config::{load_axes, load_network, load_network_settings, load_nodes};
 
-use super::network_files::{GATEWAY, GRIPPER, SERVO, address, directory, faults_with, id};
+use super::network_files::{GATEWAY, GRIPPER, SERVO, address, directory, faults_with, has, id};
 
 /// A file in the form of ros2_canopen.
 const BUS: &str = r#"
@@ -100,15 +100,9 @@ fn faults_of_a_bus_have_its_lines() {
     }
     let bus = bus.replace("maybe", "true").replace("serial_numbr", "serial_number");
     let found = faults_with(text, &[("bus.yml", &bus)]);
-    let texts: Vec<_> = found.iter().map(|(_, reason)| reason.as_str()).collect();
-    assert!(
-        texts.iter().any(|text| text.contains("line 26") && text.contains("0x2009")),
-        "{texts:#?}"
-    );
-    assert!(
-        texts.iter().any(|text| text.contains("(Grip force) = 500 is out of range")),
-        "{texts:#?}"
-    );
+    let is_there = |text: &String| text.contains("line 26") && text.contains("0x2009");
+    assert!(found.iter().any(|(_, reason)| is_there(reason)), "{found:#?}");
+    has(&found, "(Grip force) = 500 is out of range");
     let broken = faults_with(text, &[("bus.yml", "a: [1\nb: 2")]);
     assert!(broken[0].1.starts_with("`file` bus.yml: line "), "{broken:#?}");
 }
@@ -250,16 +244,10 @@ fn unsuitable_drives_of_ros2_canopen_are_reported() {
         .replace("{index: 0x606C, sub_index: 0}", "{index: 0x6081, sub_index: 0}")
         .replace("heartbeat_consumer: true", "num_channels: 2");
     let found = faults_with(text, &[("bus.yml", &bus), ("servo_drive.eds", SERVO)]);
-    let has = |part: &str| {
-        assert!(found.iter().any(|fault| fault.1.contains(part)), "{part}: {found:#?}")
-    };
-    has("`num_channels` is not supported");
+    has(&found, "`num_channels` is not supported");
     let bus = bus.replace("num_channels: 2", "num_channels: 1");
     let found = faults_with(text, &[("bus.yml", &bus), ("servo_drive.eds", SERVO)]);
-    let has = |part: &str| {
-        assert!(found.iter().any(|fault| fault.1.contains(part)), "{part}: {found:#?}")
-    };
-    has("line 6, column 16: `sync_period` = 3000 must be a multiple of the cycle, 2000 us");
-    has("mode 6 is invalid for an axis");
-    has("0x6081:00: the TPDOs of an axis cannot contain it; allowed: 0x6041");
+    has(&found, "line 6, column 16: `sync_period` = 3000 must be a multiple of the cycle, 2000 us");
+    has(&found, "mode 6 is invalid for an axis");
+    has(&found, "0x6081:00: the TPDOs of an axis cannot contain it; allowed: 0x6041");
 }
