@@ -1,6 +1,8 @@
 //! The CiA 402 demos and the SDO probe as a user runs them.
 
-use crate::program::{command, fails, interrupt_after, run, succeeds, text};
+use crate::program::{
+    all_fail, command, contains_all, fails, interrupt_after, run, succeeds, text,
+};
 
 const SINGLE: &str = "cia402_single_axis_demo";
 const TEN: &str = "cia402_10axis_demo";
@@ -43,15 +45,14 @@ fn one_axis_follows_its_steps_and_is_plotted() {
     assert!((190_000..200_000).contains(&travelled), "{line}");
     assert!(numbers[0] - numbers[1] < 1_000, "the axis follows: {line}");
     let svg = std::fs::read_to_string(plot).unwrap();
-    for part in [
+    let parts = [
         "axis 0: node 1 (slave 0, channel 0), CSP",
         "position [inc]",
         "following error: largest 401 inc",
         "SIMULATED",
         "cia402_single_axis_demo --ecrt sim --step 100 --cycles 2000 --plot ",
-    ] {
-        assert!(svg.contains(part), "{part}");
-    }
+    ];
+    contains_all(&svg, &parts);
     assert!(svg.trim_end().ends_with("</svg>"));
 }
 
@@ -97,11 +98,9 @@ fn shift_among_the_arrivals_is_rejected_unless_measured() {
     for (program, size) in [(SINGLE, &[][..]), (TEN, &["--slaves", "1"])] {
         let base = [&shift[..], size].concat();
         let message = fails(program, &base);
-        for part in ["falls into the arrival of the outputs, by 18.5 us", "use a shift of 612.0 us"]
-        {
-            assert!(message.contains(part), "{message}");
-        }
-        assert!(message.contains("--dc-shift-measured accepts a measured shift"), "{message}");
+        let (arrival, remedy) =
+            ("falls into the arrival of the outputs, by 18.5 us", "use a shift of 612.0 us");
+        contains_all(&message, &[arrival, remedy, "--dc-shift-measured accepts a measured shift"]);
         // The simulated machine sends at once: 175 us is usable on it.
         let measured = [&base[..], &["--dc-shift-measured", "--cycles", "100"]].concat();
         let output = run(program, &measured);
@@ -157,7 +156,7 @@ fn options_of_the_manual_are_accepted() {
 
 #[test]
 fn wrong_use_of_the_demos_returns_a_helpful_message() {
-    let cases: [(&[&str], &str); 6] = [
+    let cases: &[(&[&str], &str)] = &[
         (&["--profile", "2"], "allowed: 0, 1, 4, 5"),
         (&["--node", "0"], "--node"),
         (&["--node", "99"], "node 99"),
@@ -165,12 +164,8 @@ fn wrong_use_of_the_demos_returns_a_helpful_message() {
         (&["--plot", "/no/such/dir/a.svg"], "cannot write /no/such/dir/a.svg"),
         (&["--skip-sdo-config"], "0x8011:09"),
     ];
-    for (arguments, expected) in cases {
-        let message = fails(SINGLE, &[&["--ecrt", "sim"], arguments].concat());
-        assert!(message.contains(expected), "{arguments:?}: {message}");
-    }
-    let message = fails(TEN, &["--ecrt", "/no/such/libethercat.so"]);
-    assert!(message.contains("was not found"), "{message}");
+    all_fail(SINGLE, &["--ecrt", "sim"], cases);
+    all_fail(TEN, &[], &[(&["--ecrt", "/no/such/libethercat.so"], "was not found")]);
 }
 
 #[test]
@@ -199,9 +194,7 @@ fn sdo_probe_reads_and_writes_objects() {
 
 #[test]
 fn sdo_probe_names_the_cause_of_failures() {
-    let base = ["--ecrt", "sim"];
-    let probe = |extra: &[&str]| fails(PROBE, &[&base[..], extra].concat());
-    let cases: [(&[&str], &str); 9] = [
+    let cases: &[(&[&str], &str)] = &[
         (
             &["--node", "1", "--index", "1000"],
             "0x03E8; for the hexadecimal index 0x1000 write 0x1000",
@@ -215,8 +208,5 @@ fn sdo_probe_names_the_cause_of_failures() {
         (&["--node", "1", "--index", "0x1000", "--type", "float"], "expected u8"),
         (&["--node", "1", "--index", "0x6081", "--write", "1"], "--type"),
     ];
-    for (arguments, expected) in cases {
-        let message = probe(arguments);
-        assert!(message.contains(expected), "{arguments:?}: {message}");
-    }
+    all_fail(PROBE, &["--ecrt", "sim"], cases);
 }

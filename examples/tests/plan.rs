@@ -1,6 +1,6 @@
 //! `--plan` as a user runs it: no bus, no master, no `--ecrt`.
 
-use crate::program::{fails, run, succeeds, text};
+use crate::program::{contains_all, fails, run, succeeds, text, written};
 
 const LOOP: &str = "simple_loop";
 const SINGLE: &str = "cia402_single_axis_demo";
@@ -11,12 +11,6 @@ const PROBE: &str = "mcan_gateway_tx_probe";
 fn line<'a>(printed: &'a str, start: &str) -> Vec<&'a str> {
     let line = printed.lines().find(|line| line.starts_with(start));
     line.unwrap_or_else(|| panic!("{start} is not in {printed}")).split_whitespace().collect()
-}
-
-fn contains_all(printed: &str, parts: &[&str]) {
-    for part in parts {
-        assert!(printed.contains(part), "{part} is not in {printed}");
-    }
 }
 
 /// 2 * 384 + 12 + 40 = 820 bytes of 80 ns; out and back 111 to 135 bits each in 10000.
@@ -59,13 +53,11 @@ fn three_gateways_with_can_fd() {
 /// back.
 #[test]
 fn recording_is_distributed_over_its_length() {
-    let directory = tempfile::tempdir().unwrap();
-    let path = directory.path().join("a.log");
     let mut log: String =
         (0..100).map(|n| format!("({n}.000000) can0 00000123#1122334455667788\n")).collect();
     log.push_str("(100.000000) can0 123#R8\n");
-    std::fs::write(&path, log).unwrap();
-    let replay = ["--plan", "--replay", path.to_str().unwrap(), "--cycle-us", "2000"];
+    let (_directory, path) = written(&log);
+    let replay = ["--plan", "--replay", &path, "--cycle-us", "2000"];
     let printed = succeeds(LOOP, &replay);
     contains_all(&printed, &["classic, 29 bit, 8 bytes", "remote, 11 bit, 8 bytes"]);
     // 1.01 frames a second are 0.002 a cycle; the fullest cycle may have one of each kind.

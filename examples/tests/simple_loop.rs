@@ -3,7 +3,7 @@
 use std::path::Path;
 use std::process::{Command, Output};
 
-use crate::program::{self, master_faults, text};
+use crate::program::{self, contains_all, master_faults, text, written};
 use ecan_can_io::candump::Record;
 use ecan_example_support::bus_load::BusLoad;
 use ecan_protocol::can::{CanFrame, CanId, Dlc};
@@ -79,15 +79,12 @@ fn same_seed_gives_same_output() {
 
 #[test]
 fn wrong_scenario_or_file_returns_status_6() {
-    let directory = tempfile::tempdir().unwrap();
-    let wrong = directory.path().join("wrong.toml");
-    std::fs::write(&wrong, "[[gateway]]\nn = 30\n").unwrap();
-    let wrong = wrong.to_str().unwrap();
+    let (_directory, wrong) = written("[[gateway]]\nn = 30\n");
     let scenario = format!("sim:{wrong}");
     let cases: [(i32, &str, &[&str]); 8] = [
         (6, "simple_loop", &["--ecrt", "sim:/no/such.toml"]),
         (6, "simple_loop", &["--ecrt", &scenario]),
-        (6, "simple_loop", &["--ecrt", "sim", "--config", wrong]),
+        (6, "simple_loop", &["--ecrt", "sim", "--config", &wrong]),
         (6, "simple_loop", &["--ecrt", "sim", "--replay", "/no/such.log"]),
         (6, "canopen_network", &["--ecrt", "sim", "/no/such.toml"]),
         (6, "cia402_single_axis_demo", &["--ecrt", "sim:ecco"]),
@@ -187,11 +184,10 @@ fn replay_with_lost_frames_fails() {
     let id = CanId::standard(1).unwrap();
     let frames: Vec<_> = (0..200_u8).map(|n| CanFrame::classic(id, &[n]).unwrap()).collect();
     write_log(&log, &frames, "can0", 50_000);
-    let scenario = directory.path().join("lossy.toml");
     let toml = "[[gateway]]\n\n[[node]]\nname = \"lossy\"\nbus = \"0.0\"\nkind = \"faulty\"\n\
                 drop_permille = 100\n";
-    std::fs::write(&scenario, toml).unwrap();
-    let ecrt = format!("sim:{}", scenario.display());
+    let (_scenario, scenario) = written(toml);
+    let ecrt = format!("sim:{scenario}");
     let message = fails(&["--ecrt", &ecrt, "--replay", log.to_str().unwrap()]);
     assert!(message.contains("did not return") || message.contains("expected"), "{message}");
 }
@@ -203,14 +199,12 @@ fn stalled_replay_ends_with_the_reason() {
     let id = CanId::standard(1).unwrap();
     let frames: Vec<_> = (0..200_u8).map(|n| CanFrame::classic(id, &[n]).unwrap()).collect();
     write_log(&log, &frames, "can0", 200_000_000);
-    let alone = directory.path().join("alone.toml");
-    std::fs::write(&alone, "[[gateway]]\n").unwrap();
-    let dies = directory.path().join("dies.toml");
-    let toml = "[[gateway]]\n[[node]]\nkind = \"echo\"\nbus = \"0.0\"\n\
+    let alone = "[[gateway]]\n";
+    let dies = "[[gateway]]\n[[node]]\nkind = \"echo\"\nbus = \"0.0\"\n\
                 [[fault]]\nkind = \"power_off\"\ngateway = 0\ncycle = 30000\n";
-    std::fs::write(&dies, toml).unwrap();
-    for (scenario, expected) in [(alone, "were not sent"), (dies, "waiting for OP")] {
-        let ecrt = format!("sim:{}", scenario.display());
+    for (toml, expected) in [(alone, "were not sent"), (dies, "waiting for OP")] {
+        let (_scenario, scenario) = written(toml);
+        let ecrt = format!("sim:{scenario}");
         let arguments = ["--ecrt", &ecrt, "--cycle-us", "1000", "--replay", log.to_str().unwrap()];
         let message = fails(&arguments);
         assert!(message.contains(expected), "{message}");
@@ -231,31 +225,24 @@ fn recording_is_not_overwritten() {
 
 #[test]
 fn wrong_use_returns_a_helpful_message() {
-    let directory = tempfile::tempdir().unwrap();
-    let bad = directory.path().join("bad.log");
-    std::fs::write(&bad, "(1.000000) can0 123#00\n(1.000000) can0 12Z#00\n").unwrap();
-    let empty = directory.path().join("empty.log");
-    std::fs::write(&empty, "# nothing\n\n").unwrap();
-    let cases: [(&[&str], &str); 13] = [
+    let (_bad, bad) = written("(1.000000) can0 123#00\n(1.000000) can0 12Z#00\n");
+    let (_empty, empty) = written("# nothing\n\n");
+    let cases: &[(&[&str], &str)] = &[
         (&["--slaves", "0"], "--slaves"),
         (&["--channel", "4"], "0 to 3 or `all`"),
         (&["--cycles", "many"], "--cycles"),
         (&["--no-such-flag"], "--no-such-flag"),
         (&["--replay", "/no/such.log"], "cannot read /no/such.log"),
-        (&["--replay", bad.to_str().unwrap()], "line 2, column"),
-        (&["--replay", empty.to_str().unwrap()], "holds no frame"),
+        (&["--replay", &bad], "line 2, column"),
+        (&["--replay", &empty], "holds no frame"),
         (&["--dump", "/no/such/dir/out.log"], "cannot write /no/such/dir/out.log"),
         (&["--pdo-n", "0"], "allowed: 1 to 24"),
         (&["--pdo-n", "12"], "at most 11"),
         (&["--bitrate", "123"], "bit timing"),
         (&["--cycle-us", "10"], "cycle of 10 us"),
-        (&["--ecrt", "sim:none"], "unknown scenario"),
     ];
-    for (arguments, expected) in cases {
-        let sim: &[&str] = if arguments[0] == "--ecrt" { &[] } else { &["--ecrt", "sim"] };
-        let message = fails(&[sim, arguments].concat());
-        assert!(message.contains(expected), "{arguments:?}: {message}");
-    }
+    program::all_fail("simple_loop", &["--ecrt", "sim"], cases);
+    program::all_fail("simple_loop", &[], &[(&["--ecrt", "sim:none"], "unknown scenario")]);
 }
 
 /// Two gateways with a place between them: CAN FD and classic CAN on the first, classic CAN on the
@@ -360,7 +347,8 @@ fn recording_uses_channels_of_the_configuration_file() {
     assert!(printed.contains("4 frames sent, 4 returned"), "{printed}");
     assert_eq!(lines_of_log(&back), lines_of_log(&log));
     let printed = succeeds(&[&base[..], &["--plan"]].concat());
-    assert!(printed.contains("plan for 2 gateway(s), cycle 2000.0 us"), "{printed}");
+    let channels = ["slave 0 can0", "slave 0 can2", "slave 1 can1"];
+    contains_all(&printed, &[&channels[..], &["plan for 2 gateway(s), cycle 2000.0 us"]].concat());
     // With --channel all frames go to the first gateway that has it, for any interface.
     write(&["can0 124#11", "can7 125#22"]);
     succeeds(&[&base[..], &["--channel", "1"]].concat());
@@ -380,31 +368,13 @@ fn recording_uses_channels_of_the_configuration_file() {
 }
 
 #[test]
-fn plan_uses_the_configuration_file() {
-    let directory = tempfile::tempdir().unwrap();
-    let cell = directory.path().join("cell.toml");
-    std::fs::write(&cell, CELL).unwrap();
-    let plan = ["--plan", "--config", cell.to_str().unwrap()];
-    let printed = succeeds(&plan);
-    assert!(printed.contains("plan for 2 gateway(s), cycle 2000.0 us"), "{printed}");
-    for channel in ["slave 0 can0", "slave 0 can2", "slave 1 can1"] {
-        assert!(printed.contains(channel), "{channel}: {printed}");
-    }
-}
-
-#[test]
 fn faulty_configuration_file_reports_every_fault() {
-    let directory = tempfile::tempdir().unwrap();
-    let file = directory.path().join("faulty.toml");
     let toml = "cycle_us = 2000\nspeed = 3\n[[gateway]]\nn = 25\ncan0 = { bitrate = 500_000 }\n";
-    std::fs::write(&file, toml).unwrap();
-    let config = file.to_str().unwrap();
-    let output = program::run("simple_loop", &["--ecrt", "sim", "--config", config]);
+    let (_directory, config) = written(toml);
+    let output = program::run("simple_loop", &["--ecrt", "sim", "--config", &config]);
     let message = text_of_failure(&output);
     assert!(message.starts_with(&format!("simple_loop: {config}: 2 faults\n")), "{message}");
-    for fault in ["\n  - line 2, column 1: ", "\n  - line 4, column 5: "] {
-        assert!(message.contains(fault), "{message}");
-    }
+    contains_all(&message, &["\n  - line 2, column 1: ", "\n  - line 4, column 5: "]);
     assert_eq!(text(&output.stdout), "", "no bus is touched");
 
     let output = program::run("simple_loop", &["--ecrt", "sim", "--config", "/no/such.toml"]);
@@ -436,16 +406,6 @@ fn configuration_file_conflicts_with_replaced_options() {
 }
 
 #[test]
-fn missing_gateway_is_named() {
-    let directory = tempfile::tempdir().unwrap();
-    let scenario = directory.path().join("one.toml");
-    std::fs::write(&scenario, "[[gateway]]\n").unwrap();
-    let ecrt = format!("sim:{}", scenario.display());
-    let message = fails(&["--ecrt", &ecrt, "--slaves", "2"]);
-    assert!(message.contains("position 1") && message.contains("not on the bus"), "{message}");
-}
-
-#[test]
 fn cycle_period_and_denied_settings_are_printed() {
     let base = ["--ecrt", "sim", "--cycles", "100", "--cycle-us", "1000"];
     assert!(!succeeds(&base).contains("master_period"), "not requested");
@@ -457,25 +417,23 @@ fn cycle_period_and_denied_settings_are_printed() {
         "{printed}"
     );
     let exact = "master_period: min/max 1000.000/1000.000 us, mean 1000.000 us";
-    assert!(printed.contains(exact) && printed.contains("max error 0.000 us"), "{printed}");
-    assert!(printed.contains("overruns 0, skipped 0"), "{printed}");
-    assert!(printed.contains("simulated times"), "{printed}");
+    let parts = ["max error 0.000 us", "overruns 0, skipped 0", "simulated times", exact];
+    contains_all(&printed, &parts);
 
     let printed = succeeds(&[&base[..], &["--real-time", "--spin-us", "100"]].concat());
-    for part in ["master_period: min/max ", "p99.9 ", "wake_up: ", "run_time: "] {
-        assert!(printed.contains(part), "{part} is not in: {printed}");
-    }
+    contains_all(&printed, &["master_period: min/max ", "p99.9 ", "wake_up: ", "run_time: "]);
     assert!(!printed.contains("simulated times"), "{printed}");
 
     // Granted or not, in expected.
     let printed = succeeds(&[&base[..], &["--rt-priority", "1", "--lock-memory"]].concat());
-    assert!(printed.contains("\nSCHED_FIFO priority 1: "), "{printed}");
-    assert!(printed.contains("\nlocked memory with 262144 bytes of stack: "), "{printed}");
+    let memory = "\nlocked memory with 262144 bytes of stack: ";
+    contains_all(&printed, &["\nSCHED_FIFO priority 1: ", memory]);
 
-    let message = fails(&[&base[..], &["--cpu", "4095", "--rt-required"]].concat());
-    assert!(message.contains("no real-time thread: CPU 4095: not granted"), "{message}");
-    let message = fails(&[&base[..], &["--rt-priority", "200"]].concat());
-    assert!(message.contains("1..=99"), "{message}");
+    let cases: &[(&[&str], &str)] = &[
+        (&["--cpu", "4095", "--rt-required"], "no real-time thread: CPU 4095: not granted"),
+        (&["--rt-priority", "200"], "1..=99"),
+    ];
+    program::all_fail("simple_loop", &base, cases);
 }
 
 #[test]

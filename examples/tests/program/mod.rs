@@ -50,6 +50,32 @@ pub fn fails(program: &str, arguments: &[&str]) -> String {
     message
 }
 
+/// Checks runs that fail: further arguments, words of the message.
+#[track_caller]
+pub fn all_fail(program: &str, base: &[&str], cases: &[(&[&str], &str)]) {
+    for (arguments, words) in cases {
+        let message = fails(program, &[base, *arguments].concat());
+        assert!(message.contains(words), "{arguments:?}: {message}");
+    }
+}
+
+/// Checks that a text has all of these parts.
+#[track_caller]
+pub fn contains_all(text: &str, parts: &[&str]) {
+    for part in parts {
+        assert!(text.contains(part), "{part} is not in {text}");
+    }
+}
+
+/// A file in a directory of its own, and its path.
+pub fn written(text: &str) -> (tempfile::TempDir, String) {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("file.toml");
+    std::fs::write(&path, text).unwrap();
+    let path = path.display().to_string();
+    (directory, path)
+}
+
 /// Starts a program and sends SIGINT after a line with `words`; expects success, and returns the output
 /// after that line.
 pub fn interrupt_after(mut command: Command, words: &str) -> String {
