@@ -20,18 +20,18 @@ const MANUALS_IMAGE: [u8; 36] = [
 ];
 
 /// The fields of each packet of a capture, with `|` between and commas between those of one name;
-/// `None` without tshark.
-fn fields(names: &[&str], fill: impl FnOnce(&mut Capture<Vec<u8>>)) -> Option<Vec<String>> {
+/// `None` without tshark. The names have blanks between them.
+fn fields(names: &str, fill: impl FnOnce(&mut Capture<Vec<u8>>)) -> Option<Vec<String>> {
     let mut capture = Capture::new(Vec::new(), "test").unwrap();
     fill(&mut capture);
     let directory = tempfile::tempdir().unwrap();
     let path = directory.path().join("capture.pcapng");
     std::fs::write(&path, capture.finish().unwrap()).unwrap();
-    fields_of(&path, DISSECTOR, "frame", names)
+    fields_of(&path, DISSECTOR, "frame", &names.split(' ').collect::<Vec<_>>())
 }
 
 fn image_fields(
-    names: &[&str],
+    names: &str,
     direction: Direction,
     profile: PdoProfile,
     image: &[u8],
@@ -41,7 +41,7 @@ fn image_fields(
 
 /// The fields of each image. A run of tshark takes a second.
 fn fields_of_images(
-    names: &[&str],
+    names: &str,
     direction: Direction,
     profile: PdoProfile,
     images: &[Vec<u8>],
@@ -66,34 +66,14 @@ fn standard(id: u16) -> CanId {
 
 #[test]
 fn image_of_the_manual_is_dissected() {
-    let names = [
-        "_ws.col.Protocol",
-        "_ws.col.Info",
-        "frame.time_epoch",
-        "frame.interface_name",
-        "ecan_pdo.direction",
-        "ecan_pdo.slave",
-        "ecan_pdo.profile.n",
-        "ecan_pdo.version",
-        "ecan_pdo.ihl",
-        "ecan_pdo.flags",
-        "ecan_pdo.seq_begin",
-        "ecan_pdo.seq_end",
-        "ecan_pdo.payload_len",
-        "ecan_pdo.payload_crc16",
-        "ecan_pdo.layout_id",
-        "ecan_pdo.channel_mask",
-        "ecan_pdo.frame_count",
-        "ecan_pdo.crc_alg",
-        "ecan_pdo.ctrl",
-        "ecan_pdo.channel",
-        "ecan_pdo.dlc",
-        "ecan_pdo.id",
-        "ecan_pdo.data",
-        "_ws.expert",
-    ];
+    let names = "_ws.col.Protocol _ws.col.Info frame.time_epoch frame.interface_name \
+                 ecan_pdo.direction ecan_pdo.slave ecan_pdo.profile.n ecan_pdo.version \
+                 ecan_pdo.ihl ecan_pdo.flags ecan_pdo.seq_begin ecan_pdo.seq_end \
+                 ecan_pdo.payload_len ecan_pdo.payload_crc16 ecan_pdo.layout_id \
+                 ecan_pdo.channel_mask ecan_pdo.frame_count ecan_pdo.crc_alg ecan_pdo.ctrl \
+                 ecan_pdo.channel ecan_pdo.dlc ecan_pdo.id ecan_pdo.data _ws.expert";
     let profile = PdoProfile::default();
-    let Some(line) = image_fields(&names, Direction::RxPdo, profile, &manuals_image()) else {
+    let Some(line) = image_fields(names, Direction::RxPdo, profile, &manuals_image()) else {
         return;
     };
     let expected = "ECAN-PDO|RxPDO slave 3, sequence 1  0:123#1122334455667788|\
@@ -133,22 +113,11 @@ fn all_packet_forms_are_dissected() {
         .with_tx_pending(6);
     writer.commit(&mut image, commit);
 
-    let names = [
-        "ecan_pdo.channel",
-        "ecan_pdo.kind",
-        "ecan_pdo.id",
-        "ecan_pdo.dlc",
-        "ecan_pdo.d64",
-        "ecan_pdo.data",
-        "ecan_pdo.time.delta16",
-        "ecan_pdo.result.sequence",
-        "ecan_pdo.result.frame",
-        "ecan_pdo.result.code",
-        "ecan_pdo.status.state",
-        "ecan_pdo.status.tx_pending",
-        "_ws.expert.message",
-    ];
-    let Some(line) = image_fields(&names, Direction::TxPdo, profile, &image) else { return };
+    let names = "ecan_pdo.channel ecan_pdo.kind ecan_pdo.id ecan_pdo.dlc ecan_pdo.d64 \
+                 ecan_pdo.data ecan_pdo.time.delta16 ecan_pdo.result.sequence \
+                 ecan_pdo.result.frame ecan_pdo.result.code ecan_pdo.status.state \
+                 ecan_pdo.status.tx_pending _ws.expert.message";
+    let Some(line) = image_fields(names, Direction::TxPdo, profile, &image) else { return };
     let columns: Vec<_> = line.split('|').collect();
     let data = ["010203", &"09".repeat(12), &"08".repeat(16)].join(",");
     let expected = [
@@ -178,16 +147,9 @@ fn scheduled_frames_show_their_phase() {
     let schedule = Schedule { tag: 77, offset_ns: 250_000 };
     writer.push_scheduled(&mut image, 1, 1, frame, schedule).unwrap();
     writer.commit(&mut image, CommitFields::default());
-    let names = [
-        "ecan_pdo.schedule.format",
-        "ecan_pdo.schedule.tag",
-        "ecan_pdo.schedule.offset_ns",
-        "ecan_pdo.id",
-        "ecan_pdo.id_aux_tx",
-        "ecan_pdo.data",
-        "_ws.expert",
-    ];
-    let Some(line) = image_fields(&names, Direction::RxPdo, profile, &image) else { return };
+    let names = "ecan_pdo.schedule.format ecan_pdo.schedule.tag ecan_pdo.schedule.offset_ns \
+                 ecan_pdo.id ecan_pdo.id_aux_tx ecan_pdo.data _ws.expert";
+    let Some(line) = image_fields(names, Direction::RxPdo, profile, &image) else { return };
     assert_eq!(line, "1|77|250000|0x00000321|1|0102|");
 }
 
@@ -208,15 +170,15 @@ fn damaged_images_are_marked() {
         bytes.iter().for_each(|(place, byte)| image[*place] = *byte);
         image
     });
-    let (names, profile) = (["_ws.expert.message"], PdoProfile::default());
-    let Some(lines) = fields_of_images(&names, Direction::TxPdo, profile, &images) else { return };
+    let (names, profile) = ("_ws.expert.message", PdoProfile::default());
+    let Some(lines) = fields_of_images(names, Direction::TxPdo, profile, &images) else { return };
     assert_eq!(lines, damages.map(|(message, _)| message));
     // Shorter than it says, by and by down to nothing: never an error of the script.
     let image = manuals_image();
     let profile = PdoProfile::default();
     let origin = ImageOrigin { slave: 0, direction: Direction::RxPdo, profile };
     let lengths = [0, 1, 23, 24, 25, 35];
-    let Some(lines) = fields(&["_ws.expert.message", "_ws.lua.text"], |capture| {
+    let Some(lines) = fields("_ws.expert.message _ws.lua.text", |capture| {
         for length in lengths {
             capture.image(TIME_NS, &origin, &image[..length]).unwrap();
         }
@@ -244,29 +206,18 @@ fn unreadable_packets_are_marked() {
         image[24..26].copy_from_slice(&control.to_le_bytes());
         image
     });
-    let names = ["_ws.expert.message", "ecan_pdo.data"];
-    let Some(lines) = fields_of_images(&names, Direction::TxPdo, profile, &images) else { return };
+    let names = "_ws.expert.message ecan_pdo.data";
+    let Some(lines) = fields_of_images(names, Direction::TxPdo, profile, &images) else { return };
     assert_eq!(lines, controls.map(|(_, message)| format!("{message}|")));
 }
 
 #[test]
 fn can_frames_are_dissected() {
     let extended = CanId::extended(0x1234_5678).unwrap();
-    let names = [
-        "frame.interface_name",
-        "frame.packet_flags_direction",
-        "_ws.col.Protocol",
-        "can.id",
-        "can.flags.xtd",
-        "can.flags.rtr",
-        "can.flags.err",
-        "can.len",
-        "canfd.flags.brs",
-        "canfd.flags.esi",
-        "data.data",
-        "can.err.busoff",
-    ];
-    let Some(lines) = fields(&names, |capture| {
+    let names = "frame.interface_name frame.packet_flags_direction _ws.col.Protocol can.id \
+                 can.flags.xtd can.flags.rtr can.flags.err can.len canfd.flags.brs \
+                 canfd.flags.esi data.data can.err.busoff";
+    let Some(lines) = fields(names, |capture| {
         let frames = [
             CanFrame::classic(standard(0x123), &[0xAA, 0xBB]).unwrap(),
             CanFrame::remote(extended, Dlc::new(4).unwrap()).unwrap(),
