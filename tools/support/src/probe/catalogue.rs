@@ -248,6 +248,7 @@ undecidable! {
     ["H45"] "" "no TX_RESULT of a channel that the TxPDO does not carry"
         "the experiments use the same channels in both directions";
     ["H53"] "" "a TX_RESULT in an RxPDO is PDO error 4" "the SDK sends none";
+    ["H54"] "" "no D64 packet in an RxPDO" "a choice of the host, which no device contradicts";
     ["S13"] "" "the balanced budget reserves 16 bytes per channel and lends what is unused"
         "no experiment fills an image from several channels";
     ["S16"] "bus_off_wait" "automatic bus-off recovery waits for the backoff base cycles"
