@@ -11,7 +11,9 @@ use ecan_cia402::{
 use ecan_host::AdapterConfig;
 use ecan_mcan_port::{ChannelConfig, GatewayConfig, Port, PortConfig};
 use ecan_protocol::config::TxMode;
+use ecan_protocol::image::BudgetPolicy;
 use ecan_protocol::mapping::Direction;
+use ecan_sim::variant::RxBudgetPolicy;
 use ecan_sim::{ClockKind, SimOptions};
 
 #[test]
@@ -171,5 +173,28 @@ fn axis_on_a_channel_of_one_direction_is_rejected() {
         let fault = AxisFault::ChannelDirection { slave: 0, channel: 1, direction: missing };
         assert_eq!(only_fault(error), fault);
         Cia402::new(&port, vec![axis(0, 0, 1)], Cia402Config::default()).unwrap();
+    }
+}
+
+/// Two axes on each channel of an RxPDO of 104 bytes, of which a channel has 26 with equal shares.
+#[test]
+fn axes_of_a_gateway_that_applies_the_budget_lose_no_frame() {
+    for budget in [BudgetPolicy::SharedOnly, BudgetPolicy::Balanced, BudgetPolicy::Deterministic] {
+        let mut scenario = ecan_sim::drives(1, 16);
+        scenario.gateways[0].config.variant.rx_budget = RxBudgetPolicy::Applied;
+        let adapter = AdapterConfig::new(1).with_cycle(Duration::from_millis(2)).with_multiplier(1);
+        let mut gateway = GatewayConfig::on_all_channels(ChannelConfig::classic(1_000_000));
+        gateway.rx_budget = budget;
+        let axes = (0..8).map(|n| axis(0, n / 2, n % 2 + 1).with_target_step(200)).collect();
+        let mut fixture =
+            Fixture::open_on(scenario, adapter, gateway, axes, Cia402Config::default()).started();
+        let positions = |fixture: &Fixture| [0, 7].map(|n| fixture.axis(n).actual().unwrap());
+        let before = positions(&fixture);
+        fixture.steps(400);
+        let moved: Vec<_> =
+            positions(&fixture).iter().zip(before).map(|(now, then)| now - then).collect();
+        assert!(moved.iter().all(|steps| *steps > 70_000), "{budget:?}: {moved:?}");
+        let losses = fixture.simulation.with_world(|world| world.counters(0).unwrap());
+        assert_eq!(losses.transmit_losses.over_budget, 0, "{budget:?}");
     }
 }

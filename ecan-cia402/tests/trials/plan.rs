@@ -36,6 +36,17 @@ const FRICTION: [u32; 3] = [3_000_000, 5_000_000, 15_000_000];
 /// Acceleration per thousandth of the rated torque, by the default motor.
 const PER_MILLE: u32 = 200_000_000 / 3_000;
 
+fn on_channel(axes: &[AxisPlan], slave: usize, channel: u8) -> impl Iterator<Item = &AxisPlan> {
+    axes.iter().filter(move |axis| {
+        (axis.config.address.slave, axis.config.address.channel) == (slave, channel)
+    })
+}
+
+/// RPDOs of the axes on a channel.
+pub fn rpdos_on(axes: &[AxisPlan], slave: usize, channel: u8) -> usize {
+    on_channel(axes, slave, channel).map(|axis| axis.config.layout().rpdo_count()).sum()
+}
+
 pub struct Plan {
     pub seed: u64,
     pub gateways: usize,
@@ -200,15 +211,8 @@ impl Plan {
         while axes.len() < count {
             let slave = r.below(gateways);
             let channel = r.below(2) as u8;
-            let used = axes
-                .iter()
-                .filter(|a| (a.config.address.slave, a.config.address.channel) == (slave, channel))
-                .count();
-            let is_here = |a: &&AxisPlan| {
-                (a.config.address.slave, a.config.address.channel) == (slave, channel)
-            };
-            let rpdos: usize =
-                axes.iter().filter(is_here).map(|a| a.config.layout().rpdo_count()).sum();
+            let used = on_channel(&axes, slave, channel).count();
+            let rpdos = rpdos_on(&axes, slave, channel);
             if used < per_channel && rpdos < MOST_RPDOS {
                 let node = NodeId::new(used as u8 + 1).expect("below 127");
                 let address = NodeAddress { slave, channel, node };
@@ -250,14 +254,10 @@ impl Plan {
         let variants = variants::draw(r, &axes, &timing);
         // At 1 ms the frames of two images are in the gateway, whose count must not saturate.
         let keeps_count = cycle_ms > 1
-            || axes.iter().all(|axis| {
-                let is_here = |other: &&AxisPlan| {
-                    (other.config.address.slave, other.config.address.channel)
-                        == (axis.config.address.slave, axis.config.address.channel)
-                };
-                let here = axes.iter().filter(is_here);
-                here.map(|other| other.config.layout().rpdo_count()).sum::<usize>() < 3
-            });
+            || axes
+                .iter()
+                .map(|axis| axis.config.address)
+                .all(|a| rpdos_on(&axes, a.slave, a.channel) < 3);
         // Drawn last: everything else of a seed stays.
         let clock = match clock {
             Some((Some(_), Some(sync_ns))) if r.chance(50) && keeps_count => {

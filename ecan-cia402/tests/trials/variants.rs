@@ -2,11 +2,10 @@
 
 use std::path::Path;
 
-use ecan_canopen::NodeAddress;
 use ecan_sim::variant::{Choice, toml, variants};
 use ecan_sim::{GatewayModelConfig, Scenario};
 
-use crate::plan::AxisPlan;
+use crate::plan::{AxisPlan, rpdos_on};
 use crate::random::Random;
 
 /// Share of the trials with such gateways, percent.
@@ -35,17 +34,8 @@ impl Timing {
             (None, _) => 0,
             (Some(_), _) => 2,
         };
-        let on_channel = |address: &NodeAddress| {
-            let is_there = |axis: &&AxisPlan| {
-                let other = axis.config.address;
-                (other.slave, other.channel) == (address.slave, address.channel)
-            };
-            axes.iter()
-                .filter(is_there)
-                .map(|axis| axis.config.layout().rpdo_count())
-                .sum::<usize>()
-        };
-        let rpdos = axes.iter().map(|axis| on_channel(&axis.config.address)).max().unwrap_or(0);
+        let addresses = axes.iter().map(|axis| axis.config.address);
+        let rpdos = addresses.map(|at| rpdos_on(axes, at.slave, at.channel)).max().unwrap_or(0);
         rpdos * images(targets, self.target_cycles) + images(sync, self.sync_cycles)
     }
 }
