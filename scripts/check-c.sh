@@ -186,6 +186,16 @@ for tree in "$build/vendor-package" "$build/moved/share/ecan-lite/vendor-package
     "$build/vendor/master"
 done
 
+# A program that calls ecrt_* itself gets the master's library, which need not have the calls of the SDK.
+echo 'unsigned int ecrt_version_magic(void); unsigned int ecrt_version_magic(void) { return 0x10602; }' |
+    gcc -shared -fPIC -xc - -o "$build/vendor/libmaster.so"
+cmake -S . -B "$build/vendor/own" "-DECRT_LIBRARY=$build/vendor/libmaster.so" "-DECAN_BUILT_LIBRARIES=$build" \
+    >"$build/vendor/own.log" || { cat "$build/vendor/own.log"; exit 1; }
+ln -sf "$build"/libecan_*_host.a "$build/vendor/own"
+echo 'unsigned int ecrt_version_magic(void); int main(void) { return ecrt_version_magic() != 0x10602; }' |
+    gcc -xc - "-L$build/vendor/own/vendor-package/lib" -lethercat -o "$build/vendor/own/program"
+"$build/vendor/own/program"
+
 say "the C++ header and its programs"
 scripts/check-cpp.sh "$build/moved" "$build/cpp"
 
