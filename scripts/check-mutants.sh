@@ -43,6 +43,13 @@ if [ -d "$tree" ]; then
     git -C "$tree" checkout --quiet --force --detach "$(git rev-parse HEAD)"
 else
     git worktree add --quiet --detach "$tree"
+    # The crates of others are compiled already.
+    for folder in .fingerprint build deps; do
+        [ -d "target/debug/$folder" ] || continue
+        mkdir -p "$tree/target/debug/$folder"
+        find "target/debug/$folder" -mindepth 1 -maxdepth 1 \( -type d -o -name 'lib*' -o -name '*.d' \) \
+            ! -name '*ecan*' ! -name '*ecrt*' -exec cp -a -t "$tree/target/debug/$folder" {} +
+    done
 fi
 cd "$tree"
 
