@@ -293,6 +293,9 @@ fn reserved_id_bits_return_error() {
     for high in [0x40, 0x80, 0xC0] {
         let packet = [0x00, 0x00, 0x01, high];
         assert_eq!(pdo_error(compact(), &packet), PdoError::ReservedBit);
+        // Eight bytes: the most frequent size has a path of its own.
+        let packet = [0x40, 0x00, 0x00, high, 1, 2, 3, 4, 5, 6, 7, 8];
+        assert_eq!(pdo_error(compact(), &packet), PdoError::ReservedBit);
     }
 }
 
@@ -336,10 +339,10 @@ fn packet_count_mismatch_returns_error() {
 
 #[test]
 fn diagnosis_has_location_and_fault() {
-    let diagnosis = packet_error(Direction::TxPdo, compact(), &[0x07, 0, 1, 0]);
+    let diagnosis = packet_error(Direction::TxPdo, compact(), &[0x17, 0, 1, 0, 1, 2]);
     assert_eq!(
         diagnosis.to_string(),
-        "invalid channel in image 77 at offset 30 to 34: control word 0x0007, kind 0, channel 7, \
-         DLC 0, TSF 0 (payload of 10 bytes, layout 0x00e1)"
+        "invalid channel in image 77 at offset 30 to 36: control word 0x0017, kind 0, channel 7, \
+         DLC 2, TSF 0 (payload of 12 bytes, layout 0x00e1)"
     );
 }

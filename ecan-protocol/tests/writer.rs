@@ -103,12 +103,45 @@ fn packets_of_a_discarded_image_are_cleared() {
     writer.commit(&mut image, CommitFields::default());
     for _ in 0..3 {
         let pushed = writer.push(&mut image, 0, 0, frame(&[0xBB; 8]), Timestamp::None);
-        assert!(pushed.is_ok());
+        assert!(pushed.is_ok() && !writer.is_empty());
     }
     writer.begin();
     assert!(writer.is_empty());
     writer.commit(&mut image, CommitFields::default());
     assert_eq!(image[24..], [0; 104]);
+}
+
+#[test]
+fn padding_is_zero_over_stale_bytes() {
+    let profile = PdoProfile { options: OptionFlags::ALIGN4, ..PdoProfile::default() };
+    for (id, start) in [(CanId::standard(0x7FF), 4), (CanId::extended(0x1FFF_FFFF), 6)] {
+        for length in [0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 48, 64] {
+            let mut image = [0xAA; 1024];
+            let mut writer = ImageWriter::new(Direction::RxPdo, profile);
+            let data = &[0xBB; 64][..length];
+            for data in [&[0xCC; 64][..], data] {
+                let frame = FrameRef::fd(id.unwrap(), data, false, false).unwrap();
+                writer.push(&mut image, 0, 7, frame, Timestamp::None).unwrap();
+                writer.commit(&mut image, CommitFields::default());
+            }
+            let (packet, padding) =
+                image[24..24 + (start + length).next_multiple_of(4)].split_at(start + length);
+            assert_eq!(packet[start..], *data);
+            assert!(padding.iter().all(|byte| *byte == 0), "{length}: {padding:?}");
+        }
+    }
+}
+
+/// The index of a frame counts frames only (manual 10).
+#[test]
+fn results_have_no_index() {
+    let profile = PdoProfile { options: OptionFlags::TX_RESULT, ..PdoProfile::default() };
+    let mut image = [0; 1024];
+    let mut writer = ImageWriter::new(Direction::TxPdo, profile);
+    let result = TxResult { channel: 0, sequence: 1, frame_index: 0, code: ResultCode::Ok };
+    assert_eq!(writer.push(&mut image, 0, 0, frame(&[1]), Timestamp::None), Ok(0));
+    assert_eq!(writer.push_tx_result(&mut image, &result), Ok(()));
+    assert_eq!(writer.push(&mut image, 0, 0, frame(&[1]), Timestamp::None), Ok(1));
 }
 
 /// Writes `count` short frames, then `last` if there is room; returns the end of the packets.
