@@ -231,7 +231,7 @@ mod tests {
         use x86_64 as processor;
 
         let data: Vec<u8> = (0..1000_u32).map(|i| ((i * i) >> 3) as u8).collect();
-        let is_available = accelerated::is_available();
+        let is_available = processor::IS_CERTAIN || processor::detect() >= shared::PRESENT;
         // Miri takes seconds for each length.
         let step = if cfg!(miri) { 61 } else { 1 };
         let tested = with_each_level(processor::detect(), |level| {
@@ -242,5 +242,19 @@ mod tests {
         });
         assert!(tested > usize::from(is_available), "{tested} levels");
         assert_eq!(accelerated::is_available(), is_available);
+        crc16_use_portable(true);
+        assert_eq!(crc16_is_accelerated(), processor::IS_CERTAIN);
+        crc16_use_portable(false);
+        assert_eq!(crc16_is_accelerated(), is_available);
+    }
+
+    /// The standard library says what the processor has.
+    #[cfg(all(target_arch = "x86_64", target_feature = "sse2", not(miri)))]
+    #[test]
+    fn best_level_of_the_processor_is_used() {
+        use std::is_x86_feature_detected as has;
+        let is_present = has!("pclmulqdq") && has!("ssse3");
+        let is_wide = is_present && has!("avx2") && has!("vpclmulqdq");
+        assert_eq!(x86_64::detect(), 1 + u8::from(is_present) + u8::from(is_wide));
     }
 }

@@ -430,12 +430,12 @@ mod tests {
         let mut sequence = Sequence::new([Step::<char>::write(0x2000, 0, 9_u8)].to_vec());
         device.is_busy = true;
         assert_eq!(sequence.advance(&mut device, 0, |_, _, _| {}), SequenceState::Running);
-        assert!(!sequence.is_transferring());
+        assert!(!sequence.is_transferring() && sequence.position() == 0);
         device.is_busy = false;
         assert!(device.start_write(0x2001, 0, &[1]).is_ok());
         sequence.stage = Stage::Writing;
         device.result = Some(Ok(Transfer::Lost));
         assert_eq!(sequence.advance(&mut device, 1, |_, _, _| {}), SequenceState::Done);
-        assert_eq!(device.values[0], 9);
+        assert_eq!((device.values[0], sequence.position()), (9, 1));
     }
 }

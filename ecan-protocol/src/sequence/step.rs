@@ -380,7 +380,7 @@ impl fmt::Display for Milliseconds {
 mod tests {
     use std::string::ToString as _;
 
-    use super::Expectation;
+    use super::*;
 
     extern crate std;
 
@@ -406,5 +406,25 @@ mod tests {
         let expectation = Expectation::AtLeast(128);
         assert_eq!(expectation.to_string(), "at least 128");
         assert_eq!(std::format!("{expectation:#}"), "at least 0x80");
+    }
+
+    #[test]
+    fn steps_name_their_action_and_purpose() {
+        let steps: [(Step<&str>, &str); 6] = [
+            (Step::write(0x1017, 0, 500_u16), "write 0x1017:00 = 0x01F4"),
+            (Step::modify(0x1005, 0, 1, 2), "change 0x1005:00"),
+            (Step::read(0x1018, 0x0A), "read 0x1018:0A"),
+            (Step::expect(0x8010, 2, 0_u8), "check 0x8010:02"),
+            (Step::pause(Duration::from_millis(20)), "wait 20 ms"),
+            (Step::device("set the node ID"), "set the node ID"),
+        ];
+        for (step, text) in steps {
+            assert_eq!(step.action.to_string(), text);
+            assert_eq!(step.named("purpose"), Step { purpose: "purpose", ..step });
+        }
+        let (expected, waited) = (Expectation::Equals(1), Duration::from_millis(300));
+        let error =
+            StepError::<core::convert::Infallible>::TimedOut { found: 17, expected, waited };
+        assert_eq!(error.to_string(), "value is 0x11 after 300 ms, expected 0x1");
     }
 }
