@@ -130,20 +130,26 @@ fn codes_of(samples: &[Sample], is_sent: bool) -> Vec<u8> {
     codes
 }
 
+/// SCHED_LATE_DROP of 0xB000:06.
+const LATE_DROP: u32 = 1 << 6;
+
 pub(in crate::probe) fn late_result(probe: &mut Probe) -> Result<Outcome> {
-    let mut samples = sample(probe)?;
-    samples.retain(|sample| !sample.is_missed);
+    let samples = sample(probe)?;
+    let setup = with_sync0(probe)?;
+    let has_late = probe.session(&setup)?.read(0xB000, 6)? & LATE_DROP != 0;
     let late = samples.iter().filter(|sample| !sample.is_sent).count();
     let (queued, dropped) = (codes_of(&samples, true), codes_of(&samples, false));
     let detail = format!(
         "results of {} frames that left: {queued:?}; of {late} frames that did not: {dropped:?}",
         samples.len() - late
     );
-    Ok(match (late, &queued[..], &dropped[..]) {
-        (0, ..) => Outcome::undecided(format!("no frame was dropped as late; {detail}")),
-        (_, [1] | [], []) => Outcome::holds(detail),
-        (_, [1] | [], [1]) => Outcome::differs(detail).like("queued"),
-        (_, [1] | [], [2]) => Outcome::differs(detail).like("bus_busy"),
+    Ok(match (&queued[..], &dropped[..]) {
+        _ if late == 0 || !has_late => {
+            Outcome::undecided(format!("no frame was dropped as late; {detail}"))
+        }
+        ([1] | [], []) => Outcome::holds(detail),
+        ([1] | [], [1]) => Outcome::differs(detail).like("queued"),
+        ([1] | [], [2]) => Outcome::differs(detail).like("bus_busy"),
         _ => Outcome::differs(detail),
     })
 }
