@@ -113,26 +113,42 @@ pub const fn error_code_text(code: u16) -> Option<&'static str> {
     Some(match code {
         0x0000 => "no error",
         0x1000 => "generic error",
+        0x2000 => "current",
+        0x2100 => "current at the input of the device",
         0x2110 => "short circuit or earth leakage at the input",
+        0x2200 => "current inside the device",
         0x2250 => "continuous over-current inside the device",
+        0x2300 => "current at the output of the device",
         0x2310 => "continuous over-current at the output",
         0x2320 => "short circuit or earth leakage at the motor",
         0x2330 => "earth leakage at the motor",
         0x2350 => "load level fault (I2t, thermal state)",
+        0x3000 => "voltage",
+        0x3100 => "mains voltage",
         0x3110 => "mains over-voltage",
         0x3120 => "mains under-voltage",
         0x3130 => "phase failure",
+        0x3200 => "voltage inside the device",
         0x3210 => "DC link over-voltage",
         0x3220 => "DC link under-voltage",
+        0x3300 => "output voltage",
+        0x4000 => "temperature",
+        0x4100 => "ambient temperature",
+        0x4200 => "temperature of the device",
         0x4210 => "excess temperature of the device",
         0x4310 => "excess temperature of the drive",
+        0x5000 => "device hardware",
         0x5100 => "supply",
         0x5441 => "contactor 1",
         0x5530 => "EEPROM fault",
+        0x6000 => "device software",
         0x6010 => "software reset by watchdog",
         0x6100 => "internal software",
+        0x6200 => "user software",
+        0x6300 => "data set",
         0x6310 => "loss of parameters",
         0x6320 => "parameter error",
+        0x7000 => "additional modules",
         0x7121 => "motor blocked",
         0x7122 => "motor error or commutation malfunction",
         0x7300 => "sensor",
@@ -140,13 +156,17 @@ pub const fn error_code_text(code: u16) -> Option<&'static str> {
         0x7310 => "speed sensor",
         0x7320 => "position sensor",
         0x7500 => "communication",
+        0x8000 => "monitoring",
+        0x8100 => "CAN communication",
         0x8110 => "CAN overrun, objects lost",
         0x8120 => "CAN in error passive mode",
         0x8130 => "life guard or heartbeat error",
         0x8140 => "recovered from bus-off",
         0x8150 => "CAN identifier collision",
+        0x8200 => "protocol error",
         0x8210 => "PDO not processed, length error",
         0x8220 => "PDO length exceeded",
+        0x8230 => "MPDO not processed, destination object not available",
         0x8240 => "SYNC data length unexpected",
         0x8250 => "RPDO timeout",
         0x8311 => "excess torque",
@@ -160,10 +180,22 @@ pub const fn error_code_text(code: u16) -> Option<&'static str> {
         0x8680 => "speed too low",
         0x8700 => "synchronisation controller",
         0x9000 => "external error",
+        0xF000 => "additional functions",
         0xF001 => "deceleration",
+        0xFF00 => "device specific",
         0xFF01 => "device specific error 1",
         _ => return None,
     })
+}
+
+/// `0x8611 following error (monitoring)`; the code of a whole class has no text besides.
+fn write_code(f: &mut fmt::Formatter<'_>, code: u16) -> fmt::Result {
+    let class = EmcyClass::of(code);
+    let is_class = code != 0 && (code & 0x0FFF == 0 || code == 0xFF00);
+    match error_code_text(code) {
+        Some(text) if !is_class => write!(f, "0x{code:04X} {text} ({class})"),
+        _ => write!(f, "0x{code:04X} {class}"),
+    }
 }
 
 /// An emergency message.
@@ -204,11 +236,7 @@ impl Emcy {
 impl fmt::Display for Emcy {
     /// `0x8611 following error (monitoring), error register: generic, device profile`
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "0x{:04X} ", self.code)?;
-        match error_code_text(self.code) {
-            Some(text) => write!(f, "{text} ({})", self.class())?,
-            None => write!(f, "{}", self.class())?,
-        }
+        write_code(f, self.code)?;
         write!(f, ", error register: {}", self.register)
     }
 }
@@ -244,11 +272,7 @@ impl HistoryEntry {
 /// `0x8611 following error (monitoring), additional 0x0001`
 impl fmt::Display for HistoryEntry {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "0x{:04X} ", self.code)?;
-        match error_code_text(self.code) {
-            Some(text) => write!(f, "{text} ({})", self.class())?,
-            None => write!(f, "{}", self.class())?,
-        }
+        write_code(f, self.code)?;
         if self.additional != 0 {
             write!(f, ", additional 0x{:04X}", self.additional)?;
         }
@@ -275,16 +299,28 @@ mod tests {
             "0x8611 following error (monitoring), error register: generic, device profile"
         );
         assert_eq!(Emcy { code: 0, ..emcy }.class(), EmcyClass::NoError);
+        for (code, text) in [
+            (0x0000, "0x0000 no error (error reset)"),
+            (0x5000, "0x5000 device hardware"),
+            (0x6200, "0x6200 user software (device software)"),
+            (0x8100, "0x8100 CAN communication (monitoring)"),
+            (0xFF00, "0xFF00 device specific"),
+            (0xFF42, "0xFF42 device specific"),
+        ] {
+            assert_eq!(HistoryEntry { code, additional: 0 }.to_string(), text);
+        }
         assert_eq!(Emcy::parse(&[0; 7]), None);
     }
 
     /// Codes that CiA 301 and CiA 402-2 name.
-    const NAMED: [u16; 51] = [
-        0x0000, 0x1000, 0x2110, 0x2250, 0x2310, 0x2320, 0x2330, 0x2350, 0x3110, 0x3120, 0x3130,
-        0x3210, 0x3220, 0x4210, 0x4310, 0x5100, 0x5441, 0x5530, 0x6010, 0x6100, 0x6310, 0x6320,
-        0x7121, 0x7122, 0x7300, 0x7305, 0x7310, 0x7320, 0x7500, 0x8110, 0x8120, 0x8130, 0x8140,
-        0x8150, 0x8210, 0x8220, 0x8240, 0x8250, 0x8311, 0x8331, 0x8400, 0x8480, 0x8500, 0x8600,
-        0x8611, 0x8612, 0x8680, 0x8700, 0x9000, 0xF001, 0xFF01,
+    const NAMED: [u16; 73] = [
+        0x0000, 0x1000, 0x2000, 0x2100, 0x2110, 0x2200, 0x2250, 0x2300, 0x2310, 0x2320, 0x2330,
+        0x2350, 0x3000, 0x3100, 0x3110, 0x3120, 0x3130, 0x3200, 0x3210, 0x3220, 0x3300, 0x4000,
+        0x4100, 0x4200, 0x4210, 0x4310, 0x5000, 0x5100, 0x5441, 0x5530, 0x6000, 0x6010, 0x6100,
+        0x6200, 0x6300, 0x6310, 0x6320, 0x7000, 0x7121, 0x7122, 0x7300, 0x7305, 0x7310, 0x7320,
+        0x7500, 0x8000, 0x8100, 0x8110, 0x8120, 0x8130, 0x8140, 0x8150, 0x8200, 0x8210, 0x8220,
+        0x8230, 0x8240, 0x8250, 0x8311, 0x8331, 0x8400, 0x8480, 0x8500, 0x8600, 0x8611, 0x8612,
+        0x8680, 0x8700, 0x9000, 0xF000, 0xF001, 0xFF00, 0xFF01,
     ];
 
     #[test]
