@@ -12,13 +12,13 @@
 #![allow(clippy::missing_safety_doc, reason = "the header states the rules for all pointers")]
 
 mod bus;
-#[cfg(all(test, feature = "sim"))]
-mod c_caller;
 mod callback;
 mod encoded;
 mod errors;
 mod guard;
 mod handle;
+#[cfg(all(test, feature = "sim"))]
+mod test_caller;
 
 pub mod adapter;
 pub mod canopen;

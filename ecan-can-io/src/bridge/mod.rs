@@ -10,14 +10,14 @@ mod client_queue;
 mod clients;
 mod config;
 mod connection;
-#[cfg(test)]
-mod frame_strategies;
 mod server;
 mod session;
 mod slcan;
 #[cfg(feature = "socketcan")]
 mod socketcan;
 mod socketcand;
+#[cfg(test)]
+mod test_frames;
 
 pub use clients::{ClientFrame, ClientId, Clients};
 pub use config::{

@@ -5,26 +5,37 @@ use std::collections::HashMap;
 
 use ecan_protocol::can::{CanFrame, CanId};
 
+use super::faults::{DbcFault, DbcFaults};
 use super::reader;
-use super::reader::DbcFaults;
 use super::signal::{Message, Number, Signal, UnknownName, find};
 
 /// Messages of a DBC file.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Database {
     messages: Vec<Message>,
+    warnings: Vec<DbcFault>,
     by_id: HashMap<(bool, u32), usize>,
 }
 
 impl Database {
-    /// Parses a file in UTF-8 or Windows-1252.
+    /// Parses a file in UTF-8 or Windows-1252. Messages and signals that cannot be used are left out, with a
+    /// [warning](Self::warnings).
     ///
     /// # Errors
-    /// A syntax error, or all other faults.
+    /// The faults of a file in which no message can be used.
     pub fn parse(bytes: &[u8]) -> Result<Self, DbcFaults> {
-        let messages = reader::read(bytes)?;
+        let (messages, warnings) = reader::read(&reader::text_of(bytes));
+        if messages.is_empty() && !warnings.is_empty() {
+            return Err(DbcFaults(warnings));
+        }
         let by_id = messages.iter().enumerate().map(|(at, it)| (key(it.id), at)).collect();
-        Ok(Self { messages, by_id })
+        Ok(Self { messages, warnings, by_id })
+    }
+
+    /// What is left out of the file, in the order of its lines.
+    #[must_use]
+    pub fn warnings(&self) -> &[DbcFault] {
+        &self.warnings
     }
 
     /// Messages in the order of the file.
@@ -45,7 +56,12 @@ impl Database {
     /// No message has this name.
     pub fn message_named(&self, name: &str) -> Result<&Message, UnknownName> {
         let names = self.messages.iter().map(|message| message.name.as_str());
-        let at = find("message", name, names)?;
+        let is_named =
+            |message: &Message| message.name == name || message.short_name.as_deref() == Some(name);
+        let at = match self.messages.iter().rposition(is_named) {
+            Some(at) => at,
+            None => find("message", name, names)?,
+        };
         let unknown =
             || UnknownName { what: "message", name: name.to_owned(), similar: Vec::new() };
         self.messages.get(at).ok_or_else(unknown)

@@ -29,10 +29,12 @@
 
 mod database;
 mod encode;
+mod faults;
 mod reader;
 mod signal;
+mod syntax;
 
 pub use database::{Database, Decoded, DecodedSignal};
 pub use encode::{EncodeError, EncodeErrorKind};
-pub use reader::{DbcFault, DbcFaults, FaultKind};
+pub use faults::{DbcFault, DbcFaults, FaultKind};
 pub use signal::{Condition, Message, Number, Signal, SignalKind, UnknownName};

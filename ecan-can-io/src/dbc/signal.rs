@@ -44,8 +44,10 @@ impl Condition {
 /// Signal of a message.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Signal {
-    /// Name, unique in its message.
+    /// Name, unique in its message; the long one, if the file has it (`SystemSignalLongSymbol`).
     pub name: String,
+    /// Name in the statements, if it is another one.
+    pub short_name: Option<String>,
     /// Unit; empty without one.
     pub unit: String,
     /// Kind of the raw value.
@@ -137,8 +139,10 @@ fn decimals(value: f64) -> usize {
 pub struct Message {
     /// CAN ID.
     pub id: CanId,
-    /// Name, unique in its file.
+    /// Name; the long one, if the file has it (`SystemMessageLongSymbol`).
     pub name: String,
+    /// Name in the statements, if it is another one.
+    pub short_name: Option<String>,
     /// Number of data bytes.
     pub length: usize,
     /// CAN FD: more than 8 bytes, or the attribute `VFrameFormat` names CAN FD.
@@ -157,7 +161,11 @@ impl Message {
     /// # Errors
     /// No signal has this name.
     pub fn index_of(&self, name: &str) -> Result<usize, UnknownName> {
-        find("signal", name, self.signals.iter().map(|signal| signal.name.as_str()))
+        let is_short = |signal: &Signal| signal.short_name.as_deref() == Some(name);
+        match self.signals.iter().position(is_short) {
+            Some(at) => Ok(at),
+            None => find("signal", name, self.signals.iter().map(|signal| signal.name.as_str())),
+        }
     }
 
     /// Returns whether a signal is in a frame, by the raw values of its multiplexers.

@@ -1,12 +1,17 @@
 //! Faults of files, with their lines.
 
 use ecan_can_io::dbc::{Database, DbcFaults};
+use ecan_protocol::can::{CanFrame, CanId};
 use proptest::prelude::*;
 
 const FILE: &str = include_str!("files/signals.dbc");
 
+/// What is left out of a file, whether or not a message is left.
 fn faults(text: &str) -> DbcFaults {
-    Database::parse(text.as_bytes()).expect_err(text)
+    match Database::parse(text.as_bytes()) {
+        Ok(database) => DbcFaults(database.warnings().to_vec()),
+        Err(faults) => faults,
+    }
 }
 
 #[test]
@@ -35,7 +40,7 @@ fn each_fault_names_its_line() {
             signal("S : 8|9@1+"),
             "line 3: signal S: 9 bits from bit 8 are not in 2 bytes; allowed: 1 to 64 bits",
         ),
-        (signal("S : -1|9@1+"), "line 3: Invalid Uint value: '-1'"),
+        (signal("S : -1|9@1+"), "line 3: signal S: 9 bits from bit -1 are not in 2 bytes"),
         (
             signal("S : 4|4@1+") + "SIG_VALTYPE_ 1 S : 1;\n",
             "line 4: signal S: a 32 bit float has 4 bits",
@@ -59,17 +64,18 @@ fn each_fault_names_its_line() {
         ),
         (
             signal("S m1M : 8|4@1+") + "SG_MUL_VAL_ 1 S T 1-1;\n",
-            "line 4: signal T of message 1 does not exist",
+            "2 faults\n  - line 3: signal S is multiplexed, but the message has 2 multiplexers; expected 1, or \
+             SG_MUL_VAL_\n  - line 4: signal T of message 1 does not exist",
         ),
         (
             signal("S : 8|4@1+") + "VAL_ 1 S 99999999999999999999 \"x\" ;\n",
-            "line 4: Invalid Int value",
+            "line 4: value of signal S 99999999999999999999 is out of range; allowed: whole",
         ),
     ];
     for (text, words) in cases {
         let message = faults(&text).to_string();
         assert!(message.starts_with(words), "{text}: {message}");
-        assert_eq!(message.lines().count(), 1, "{text}: {message}");
+        assert_eq!(message.lines().count(), words.lines().count(), "{text}: {message}");
     }
 }
 
@@ -79,6 +85,58 @@ fn all_faults_are_reported_in_order() {
     let message = faults(text).to_string();
     let lines: Vec<_> = message.lines().map(|line| line.split(':').next().unwrap()).collect();
     assert_eq!(lines, ["3 faults", "  - line 1", "  - line 2", "  - line 4"]);
+}
+
+/// As in cantools with `strict=False`: the rest of the file is used.
+#[test]
+fn what_is_faulty_is_left_out() {
+    let text = "VERSION \"\"\nNS_ :\n\tCM_\n\tBA_\nBS_:\nBU_: E\n\
+        BO_ 2365475321 L: 1785 E\n SG_ A : 0|8@1+ (1,0) [0|0] \"\" E\n\
+        BO_ 291 M: 8 E\n SG_ A : 0|8@1+ (1,0) [0|0] \"\" E\n SG_ B : 60|8@1+ (1,0) [0|0] \"\" E\n \
+        SG_ C : 8|8@1+ (2,0) [0|0] \"V\"\n SG_ D : 16|8@1+ (1,0)\n nonsense \"\n\
+        BO_ 292 N: 8\n SG_ Q x : 0|8@1+ (1,0) [0|0] \"\" E\n SG_ A m7 : 0|8@1+ (1,0) [0|0] \"\" E\n SG_ B : 8|8@1- (1,0) [0|0] \"\" E, F\n\
+        CM_ SG_ 291 A \"first line\nBO_ 1 X: 8 E\n\";\n\
+        BO_ 291 O: 4 E\n SG_ Z : 0|8@1+ (1,0) [0|0] \"\" E\n\
+        VAL_ 292 B 0 \"no\" 1 \"yes\" ; VAL_ 291 Z 7 \"seven\" ;\nVAL_ 291 Z x ;\n";
+    let database = Database::parse(text.as_bytes()).unwrap();
+    let names = database.messages().iter().map(|message| {
+        let signals: Vec<_> = message.signals.iter().map(|signal| signal.name.as_str()).collect();
+        (message.name.as_str(), signals.join(" "))
+    });
+    let expected = [("M", "A C".to_owned()), ("N", "B".to_owned()), ("O", "Z".to_owned())];
+    assert_eq!(names.collect::<Vec<_>>(), expected);
+    let lines: Vec<_> = database.warnings().iter().map(|fault| fault.line).collect();
+    assert_eq!(lines, [7, 11, 13, 14, 16, 17, 22, 25], "{:#?}", database.warnings());
+    let frame = |id, data: &[u8]| CanFrame::classic(CanId::standard(id).unwrap(), data).unwrap();
+    let texts = |frame: &CanFrame| -> Vec<String> {
+        database.decode(frame).unwrap().signals.iter().map(ToString::to_string).collect()
+    };
+    assert_eq!(texts(&frame(0x123, &[7, 0, 0, 0])), ["Z = 7 (seven)"], "the last one counts");
+    assert_eq!(texts(&frame(0x124, &[0, 1, 0, 0, 0, 0, 0, 0])), ["B = 1 (yes)"]);
+}
+
+#[test]
+fn long_names_are_shown_and_accepted() {
+    let text = "BO_ 291 Cut_00: 8 E\n SG_ Sig_00 : 0|8@1+ (1,0) [0|0] \"\" E\n\
+        BA_DEF_ BO_ \"SystemMessageLongSymbol\" STRING ;\n\
+        BA_DEF_DEF_ \"SystemMessageLongSymbol\" \"\";\n\
+        BA_ \"SystemMessageLongSymbol\" BO_ 291 \"Cut_the_long_name\";\n\
+        BA_ \"SystemSignalLongSymbol\" SG_ 291 Sig_00 \"Sig_the_long_name\";\n\
+        VAL_ 291 Sig_00 5 \"five\" ;\n";
+    let database = Database::parse(text.as_bytes()).unwrap();
+    let message = &database.messages()[0];
+    assert_eq!(
+        (message.name.as_str(), &*message.signals[0].name),
+        ("Cut_the_long_name", "Sig_the_long_name")
+    );
+    for name in ["Cut_00", "Cut_the_long_name"] {
+        for signal in ["Sig_00", "Sig_the_long_name"] {
+            let frame = database.message_named(name).unwrap().encode(&[(signal, "five")]).unwrap();
+            assert_eq!(frame.data()[0], 5);
+        }
+    }
+    let similar = database.message_named("Cut_the_long_nam").unwrap_err();
+    assert_eq!(similar.similar, ["Cut_the_long_name"]);
 }
 
 #[test]
@@ -117,9 +175,11 @@ proptest! {
         let end = (at + length).min(characters.len());
         let text: String =
             characters[..at].iter().chain(&other.chars().collect::<Vec<_>>()).chain(&characters[end..]).collect();
-        if let Err(DbcFaults(faults)) = Database::parse(text.as_bytes()) {
-            let lines = text.lines().count() + 1;
-            prop_assert!(!faults.is_empty() && faults.iter().all(|fault| (1..=lines).contains(&fault.line)));
+        let lines = text.lines().count() + 1;
+        let DbcFaults(faults) = faults(&text);
+        prop_assert!(faults.iter().all(|fault| (1..=lines).contains(&fault.line)));
+        if Database::parse(text.as_bytes()).is_err() {
+            prop_assert!(!faults.is_empty());
         }
     }
 }

@@ -10,7 +10,6 @@ use super::boot::*;
 use super::node::*;
 use crate::adapter::config::*;
 use crate::adapter::context::*;
-use crate::c_caller::{code, error, garbage, ok};
 use crate::cia402::commands::*;
 use crate::cia402::context::*;
 use crate::cia402::cycle::*;
@@ -21,6 +20,7 @@ use crate::mcan_port::config::*;
 use crate::mcan_port::config_file::*;
 use crate::mcan_port::context::*;
 use crate::mcan_port::cycle::{igh_mcan_port_send_can, *};
+use crate::test_caller::{code, error, garbage, ok};
 
 const GRIPPER: usize = 2;
 

@@ -16,10 +16,10 @@ use super::sdo::*;
 use super::state::*;
 use crate::adapter::config::*;
 use crate::adapter::context::*;
-use crate::c_caller::{code, error, garbage, ok};
 use crate::mcan_port::config::*;
 use crate::mcan_port::context::*;
 use crate::mcan_port::cycle::*;
+use crate::test_caller::{code, error, garbage, ok};
 
 const AXES: usize = 2;
 

@@ -4,7 +4,7 @@ use ecan_protocol::can::{CanFrame, CanId, Dlc};
 use proptest::prelude::*;
 
 use super::{MAX_LINE, NamedRate, SlcanCommand, UnknownCommand, encode, parse};
-use crate::bridge::frame_strategies::any_frame;
+use crate::bridge::test_frames::any_frame;
 
 fn standard(id: u16) -> CanId {
     CanId::standard(id).unwrap()

@@ -5,7 +5,7 @@ use proptest::prelude::*;
 
 use super::SlcanSession;
 use crate::bridge::config::{BusRates, Uplink};
-use crate::bridge::frame_strategies::any_frame;
+use crate::bridge::test_frames::any_frame;
 
 /// A bus that records its frames.
 #[derive(Default)]

@@ -8,7 +8,7 @@ use proptest::prelude::*;
 use socketcan::{CanAnyFrame, CanErrorFrame, CanFdSocket, Socket as _};
 
 use super::{from_kernel, to_kernel};
-use crate::bridge::frame_strategies::any_frame;
+use crate::bridge::test_frames::any_frame;
 
 /// Converts to the kernel's frame and back from these bytes.
 fn over_a_socket(frame: &CanAnyFrame) -> (Vec<u8>, CanAnyFrame) {

@@ -1,15 +1,18 @@
 //! Signals of frames by DBC files.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::Args;
-use ecan_can_io::dbc::{Database, Decoded, DecodedSignal, Message, Number, UnknownName};
+use ecan_can_io::dbc::{Database, DbcFault, Decoded, DecodedSignal, Message, Number, UnknownName};
 use ecan_protocol::can::CanFrame;
 use ecan_protocol::text::Printable;
 use serde::Serialize;
 
-use crate::context::{Failure, Result};
+use crate::context::{Failure, Result, note};
 use crate::frames::channels::parse_channel;
+
+/// Faults of a file that are named.
+const MOST_WARNINGS: usize = 10;
 
 #[derive(Clone, Debug, Args)]
 pub struct DbcOption {
@@ -40,9 +43,21 @@ impl DbcOption {
                 |what, error: &dyn ToString| Failure::file(what, &file.path, error.to_string());
             let bytes = std::fs::read(&file.path).map_err(|error| failure("read", &error))?;
             let database = Database::parse(&bytes).map_err(|error| failure("use", &error))?;
+            report_warnings(&file.path, database.warnings());
             Ok((file.channel, database))
         };
         self.dbc.iter().map(read).collect::<Result<_>>().map(|files| Signals { files })
+    }
+}
+
+/// Names what is left out of a file.
+fn report_warnings(path: &Path, warnings: &[DbcFault]) {
+    let path = Printable(path.display());
+    for fault in warnings.iter().take(MOST_WARNINGS) {
+        note(format_args!("warning: {path}: {}; left out", Printable(fault)));
+    }
+    if let Some(more @ 1..) = warnings.len().checked_sub(MOST_WARNINGS) {
+        note(format_args!("warning: {path}: {more} more faults; left out"));
     }
 }
 

@@ -115,6 +115,27 @@ fn invalid_signals_name_what_is_allowed() {
     }
 }
 
+/// A message that does not fit a CAN frame, as of J1939, and one with a long name.
+#[test]
+fn faults_of_a_file_are_warnings() {
+    let bus = Scenario::replaying(&[(0, "123#07")], "");
+    let name = "a_name_of_more_than_thirty_two_characters";
+    let dbc = bus.write(
+        "partly.dbc",
+        &format!(
+            "BO_ 2365475321 L: 1785 E\n SG_ A : 0|8@1+ (1,0) [0|0] \"\" E\nBO_ 291 Cut_0: 8 E\n \
+             SG_ A : 0|8@1+ (1,0) [0|0] \"\" E\n\
+             BA_ \"SystemMessageLongSymbol\" BO_ 291 \"{name}\";\n"
+        ),
+    );
+    let output = bus.run(&["dump", "-n", "1", "--dbc", &dbc]);
+    let errors = String::from_utf8(output.stderr).unwrap();
+    let warning = "partly.dbc: line 1: message length 1785 is out of range; allowed: 0 to 64 bytes; left out\n";
+    assert!(errors.contains(warning) && output.status.success(), "{errors}");
+    let shown = String::from_utf8(output.stdout).unwrap();
+    assert!(shown.contains(name) && shown.contains("A  7"), "{shown}");
+}
+
 #[test]
 fn monitor_prints_signals_once() {
     let bus = bus();
