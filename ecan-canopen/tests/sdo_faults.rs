@@ -334,7 +334,7 @@ fn wrong_size_is_a_violation() {
 }
 
 #[test]
-fn late_abort_does_not_end_an_unsent_attempt() {
+fn late_abort_or_answer_does_not_end_an_unsent_attempt() {
     let mut link = Link::new(Server::new(Block::Checked).with(0x1000, 0, &[7]), settings());
     link.client.start_upload(0x1000, 0).unwrap();
     link.client.sent(0);
@@ -344,8 +344,11 @@ fn late_abort_does_not_end_an_unsent_attempt() {
     assert_eq!(link.client.frame(), Some([0x40, 0x00, 0x10, 0, 0, 0, 0, 0]), "asking again");
     link.client.receive(&abort((0x1000, 0), 0x0504_0000), link.now_ns);
     assert_eq!((link.client.strays(), link.client.state()), (1, Sdo::Busy));
+    // Nor does a late answer.
+    link.client.receive(&[0x4F, 0x00, 0x10, 0, 9, 0, 0, 0], link.now_ns);
+    assert_eq!((link.client.strays(), link.client.state()), (2, Sdo::Busy));
     assert_eq!(link.run(), Sdo::Done { len: 1 });
-    assert_eq!(link.wire.len(), 2);
+    assert_eq!((link.client.data(), link.wire.len()), (&[7][..], 2));
 }
 
 fn server_kind() -> impl Strategy<Value = Block> {
