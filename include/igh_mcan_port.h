@@ -1101,8 +1101,8 @@ int igh_mcan_port_get_schedule_fault(igh_mcan_port_t *port,
                                      size_t slave);
 
 /**
- * Gets the reason of igh_mcan_port_get_schedule_fault() as text, with the assumption that does not
- * hold and what to do; empty without a reason.
+ * Gets the reason of igh_mcan_port_get_schedule_fault() as text, with what to do; empty without a
+ * reason.
  *
  * @param text  See the rules for texts in igh_ecan_common.h.
  *

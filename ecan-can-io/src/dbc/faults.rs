@@ -31,9 +31,9 @@ pub enum FaultKind {
     Value {
         /// What the number is.
         what: String,
-        /// Its text.
+        /// Text of the number.
         value: String,
-        /// Its limits.
+        /// Numbers that are allowed.
         allowed: &'static str,
     },
     /// CAN ID of a message.

@@ -68,8 +68,8 @@ struct Reader<'a> {
     by_key: HashMap<&'a str, usize>,
     attributes: Attributes<'a>,
     faults: Vec<DbcFault>,
-    /// The signals that follow belong to the last message.
-    is_in_message: bool,
+    /// Whether the signals that follow belong to the last message; `None` before the first one.
+    is_in_message: Option<bool>,
 }
 
 impl<'a> Reader<'a> {
@@ -77,12 +77,16 @@ impl<'a> Reader<'a> {
     fn take(&mut self, line: usize, item: Item<'a>) -> Result<Option<Item<'a>>, FaultKind> {
         match item {
             Item::Message { id, name, length } => {
-                self.is_in_message = false;
+                self.is_in_message = Some(false);
                 if name != INDEPENDENT_SIGNALS {
                     self.message(line, id, name, length)?;
                 }
             }
-            Item::Signal { .. } if !self.is_in_message => {}
+            Item::Signal { name, .. } if self.is_in_message.is_none() => {
+                return Err(FaultKind::Reference(format!("the message of signal {name}")));
+            }
+            // The fault of a message that is left out is reported already.
+            Item::Signal { .. } if self.is_in_message == Some(false) => {}
             item @ Item::Signal { .. } => self.signal(line, item)?,
             Item::Values { .. } | Item::Default { .. } | Item::Attribute { .. } => {
                 self.attributes.take(item);
@@ -90,7 +94,7 @@ impl<'a> Reader<'a> {
             Item::Texts { .. } | Item::ValueType { .. } | Item::Multiplexer { .. } => {
                 return Ok(Some(item));
             }
-            Item::NoMessage => self.is_in_message = false,
+            Item::NoMessage => self.is_in_message = Some(false),
             Item::Other => {}
         }
         Ok(None)
@@ -112,7 +116,7 @@ impl<'a> Reader<'a> {
             messages().find(|other| other.name == name).map(|same| ("message", name, same.line))
         });
         self.by_key.insert(key, self.messages.len());
-        self.is_in_message = true;
+        self.is_in_message = Some(true);
         self.messages.push(ReadMessage {
             message: Message {
                 id,
@@ -184,14 +188,18 @@ impl<'a> Reader<'a> {
             Item::Texts { message, signal, texts } => {
                 // Editors leave those of signals that do not exist any more.
                 let Ok(signal) = self.signal_of(message, signal) else { return Ok(()) };
-                for (value, text) in texts {
-                    let raw = value.parse().map_err(|_| FaultKind::Value {
-                        what: format!("value of signal {}", signal.name),
-                        value: value.to_owned(),
-                        allowed: "whole numbers of 64 bits",
-                    })?;
-                    signal.texts.push((raw, text.into_owned()));
-                }
+                let whole = |value: &str| value.parse().ok();
+                let wrong = texts.iter().find(|(value, _)| whole(value).is_none());
+                let fault = wrong.map(|(value, _)| FaultKind::Value {
+                    what: format!("value of signal {}", signal.name),
+                    value: (*value).to_owned(),
+                    allowed: "whole numbers of 64 bits",
+                });
+                let texts = texts.into_iter();
+                let texts =
+                    texts.filter_map(|(value, text)| Some((whole(value)?, text.into_owned())));
+                signal.texts = texts.collect();
+                return fault.map_or(Ok(()), Err);
             }
             Item::ValueType { message, signal, kind } => {
                 let (kind, expected) = match kind {

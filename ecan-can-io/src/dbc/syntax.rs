@@ -104,7 +104,7 @@ pub enum Item<'a> {
         signal: Option<&'a str>,
         value: &'a str,
     },
-    /// A message that cannot be read: the signals after it belong to none.
+    /// A message that cannot be read, or a line that may be one: the signals after it belong to none.
     NoMessage,
     /// A statement without effect.
     Other,
@@ -127,7 +127,7 @@ pub fn read<'a>(text: &'a str, mut take: impl FnMut(usize, Result<Item<'a>, Faul
             _ => continue,
         };
         let item = item.filter(|item| *item == Item::Other || cursor.is_at_end());
-        if item.is_none() && statement.keyword == "BO_" {
+        if item.is_none() && matches!(statement.keyword, "BO_" | "") {
             take(statement.line, Ok(Item::NoMessage));
         }
         take(statement.line, item.ok_or_else(|| cursor.fault(statement.line_at)));

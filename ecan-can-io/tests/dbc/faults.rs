@@ -51,6 +51,16 @@ fn each_fault_names_its_line() {
         ),
         ("SIG_VALTYPE_ 1 T : 1;\n".to_owned(), "line 1: message 1 does not exist"),
         (
+            " SG_ S : 0|4@1+ (1,0) [0|0] \"\" X\nBO_ 1 A: 2 X\n".to_owned(),
+            "line 1: the message of signal S does not exist",
+        ),
+        // Its signal must not become one of A.
+        (
+            "BO_ 1 A: 2 X\nB0_ 2 B: 2 X\n SG_ S : 0|4@1+ (1,0) [0|0] \"\" X\nVAL_ 1 S 0 \"x\" ;\n"
+                .to_owned(),
+            "line 2: column 1: syntax error in \"B0_ 2 B: 2 X\"",
+        ),
+        (
             "BO_ 1 A: 1 X\n SG_ S m1 : 0|4@1+ (1,0) [0|0] \"\" X\n".to_owned(),
             "line 2: signal S is multiplexed, but the message has 0 multiplexers; expected 1",
         ),

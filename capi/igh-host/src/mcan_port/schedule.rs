@@ -273,8 +273,8 @@ pub fn igh_mcan_port_get_schedule_fault(port: *mut igh_mcan_port_t, slave: usize
     Ok(igh_mcan_schedule_fault_t::from(port.schedule_fault(gateway)) as c_int)
 }
 
-/// Gets the reason of igh_mcan_port_get_schedule_fault() as text, with the assumption that does not
-/// hold and what to do; empty without a reason.
+/// Gets the reason of igh_mcan_port_get_schedule_fault() as text, with what to do; empty without a
+/// reason.
 ///
 /// @param text  See the rules for texts in igh_ecan_common.h.
 ///

@@ -50,14 +50,18 @@ impl DbcOption {
     }
 }
 
-/// Names what is left out of a file.
+/// Reports the first faults of a file, their number, and what they mean for its use.
 fn report_warnings(path: &Path, warnings: &[DbcFault]) {
     let path = Printable(path.display());
     for fault in warnings.iter().take(MOST_WARNINGS) {
-        note(format_args!("warning: {path}: {}; left out", Printable(fault)));
+        note(format_args!("warning: {path}: {}", Printable(fault)));
     }
-    if let Some(more @ 1..) = warnings.len().checked_sub(MOST_WARNINGS) {
-        note(format_args!("warning: {path}: {more} more faults; left out"));
+    if !warnings.is_empty() {
+        let count = warnings.len();
+        note(format_args!(
+            "warning: {path}: messages and signals with faults are left out, of equal messages the last one counts; \
+             faults: {count}"
+        ));
     }
 }
 

@@ -130,8 +130,10 @@ fn faults_of_a_file_are_warnings() {
     );
     let output = bus.run(&["dump", "-n", "1", "--dbc", &dbc]);
     let errors = String::from_utf8(output.stderr).unwrap();
-    let warning = "partly.dbc: line 1: message length 1785 is out of range; allowed: 0 to 64 bytes; left out\n";
+    let warning =
+        "partly.dbc: line 1: message length 1785 is out of range; allowed: 0 to 64 bytes\n";
     assert!(errors.contains(warning) && output.status.success(), "{errors}");
+    assert!(errors.contains("the last one counts; faults: 1\n"), "{errors}");
     let shown = String::from_utf8(output.stdout).unwrap();
     assert!(shown.contains(name) && shown.contains("A  7"), "{shown}");
 }
