@@ -21,8 +21,9 @@ declare -A parts=(
     [guard]="ecan-cia402 guard/**"
     [motion]="ecan-cia402 axis/target*.rs axis/ramp.rs axis/power.rs axis/takeover.rs table/path_stop.rs"
     [cycle]="ecan-host exchange.rs cycle_timing.rs clocks.rs adapter/**"
-    [service]="ecan-service server job_queue.rs output_queue.rs session.rs frame_feed.rs permission.rs"
-    [boundary]="capi/igh-host handle.rs handle/** guard.rs guard/**"
+    [service]="ecan-service server/client.rs server/frame_feed.rs server/job_queue.rs server/output_queue.rs
+        server/permission.rs server/session.rs"
+    [boundary]="capi/igh-host [!t]*.rs adapter/** canopen/[!t]*.rs cia402/[!t]*.rs mcan_port/**"
 )
 part=${1-} count=${2:-150} seed=${3:-1} most=10
 [ -n "${parts[${part:-none}]-}" ] || [ "$part" = changed ] || {

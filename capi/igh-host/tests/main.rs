@@ -6,6 +6,8 @@ mod allocation;
 mod c_port;
 mod corrupted_config;
 #[cfg(feature = "sim")]
+mod every_function;
+#[cfg(feature = "sim")]
 mod node_allocation;
 #[cfg(not(feature = "sim"))]
 mod without_simulator;
