@@ -104,7 +104,8 @@ static bool move(bus_t *bus, igh_cia402_context_t *network, uint64_t cycles)
             printf("axis %zu: actual position %" PRId32 "\n", axis, state.actual);
         }
     }
-    return igh_cia402_all_running(network) == 1 || interrupt_is_set();
+    return igh_cia402_axis_count(network) == 0 || igh_cia402_all_running(network) == 1 ||
+           interrupt_is_set();
 }
 
 int main(int argc, char **argv)
@@ -129,7 +130,7 @@ int main(int argc, char **argv)
             report_sdk_error();
             is_good = false;
         } else {
-            printf("axes stopped\n");
+            printf("stopped\n");
         }
     }
     is_good &= shut_down(&bus);

@@ -40,7 +40,7 @@ fn main() -> ExitCode {
     report_exit("canopen_network", run(&parse_arguments()))
 }
 
-/// Runs the network. Returns whether the axes followed their targets until the end.
+/// Runs the network. Returns whether all axes followed their targets until the end.
 fn run(arguments: &Arguments) -> Result<bool, Box<dyn Error>> {
     let path = &arguments.file;
     let (config, axes) = (ecan_lite::config::load(path)?, ecan_lite::config::load_axes(path)?);
@@ -65,12 +65,12 @@ fn run(arguments: &Arguments) -> Result<bool, Box<dyn Error>> {
 
     let moved = boot_nodes(&mut port, &mut cia402, &interrupt)
         .and_then(|()| move_axes(&mut port, &mut cia402, arguments.cycles, &interrupt));
-    let was_running = moved.is_ok() && cia402.all_running();
+    let was_running = moved.is_ok() && (cia402.axis_count() == 0 || cia402.all_running());
     // Stops and disables the drives, also after an error.
     let shutdown = cia402.blocking(&mut port, SHUTDOWN).shut_down();
     moved?;
     shutdown?;
-    print_line!("axes stopped");
+    print_line!("stopped");
     Ok(was_running || interrupt.is_set())
 }
 

@@ -1,7 +1,7 @@
 //! Steps that map a PDO, in the order that drives accept (CiA 301, 7.5.2.35 to 7.5.2.38).
 
 use ecan_protocol::can::CanId;
-use ecan_protocol::sequence::Expectation;
+use ecan_protocol::sequence::{Expectation, SdoValue};
 use thiserror::Error;
 
 use super::config::Step;
@@ -98,7 +98,8 @@ impl PdoMapping {
 
     /// Returns the steps: COB-ID invalid, transmission type and times, count 0, entries, count n, all of
     /// it read back, then COB-ID valid and read back. The COB-ID entry is read first and its bit 30
-    /// kept, since drives differ in whether they let it change.
+    /// kept, since drives differ in whether they let it change. Of a device that cannot write COB-ID, type or
+    /// mapping, the readbacks accept the same values.
     ///
     /// The node must be pre-operational.
     ///
@@ -120,8 +121,10 @@ impl PdoMapping {
         let (communication, mapping) = (self.communication_index(), self.mapping_index());
         let cob_id = PdoCobId::new(self.cob_id).raw() & !NO_RTR;
         let mut steps = vec![
-            Step::modify(communication, 1, 0, COB_ID_INVALID).named("PDO off"),
-            Step::write(communication, 2, self.transmission.raw()).named("transmission type"),
+            Step::modify(communication, 1, 0, COB_ID_INVALID).named("PDO off").if_writable(),
+            Step::write(communication, 2, self.transmission.raw())
+                .named("transmission type")
+                .if_writable(),
         ];
         if let Some(inhibit_time) = self.inhibit_time {
             steps.push(Step::write(communication, 3, inhibit_time).named("inhibit time"));
@@ -134,19 +137,20 @@ impl PdoMapping {
         {
             steps.push(Step::write(communication, 6, sync_start).named("SYNC start value"));
         }
-        steps.push(Step::write(mapping, 0, 0u8).named("mapping off"));
+        let write = |subindex, value: SdoValue, name| {
+            Step::write(mapping, subindex, value).named(name).if_writable()
+        };
         let numbered = || (1u8..).zip(&self.entries);
-        steps.extend(
-            numbered().map(|(nth, entry)| Step::write(mapping, nth, entry.raw()).named("mapping")),
-        );
-        steps.push(Step::write(mapping, 0, count).named("mapping on"));
+        steps.push(write(0, 0u8.into(), "mapping off"));
+        steps.extend(numbered().map(|(nth, entry)| write(nth, entry.raw().into(), "mapping")));
+        steps.push(write(0, count.into(), "mapping on"));
         steps.push(Step::expect(communication, 2, self.transmission.raw()).named("readback"));
         steps.push(Step::expect(mapping, 0, count).named("readback"));
         steps.extend(
             numbered()
                 .map(|(nth, entry)| Step::expect(mapping, nth, entry.raw()).named("readback")),
         );
-        steps.push(Step::modify(communication, 1, !NO_RTR, cob_id).named("PDO on"));
+        steps.push(Step::modify(communication, 1, !NO_RTR, cob_id).named("PDO on").if_writable());
         let expected = Expectation::Masked { value: cob_id.into(), mask: (!NO_RTR).into() };
         steps.push(Step::expect_that(communication, 1, expected).named("readback"));
         Ok(steps)
@@ -295,7 +299,7 @@ fn list_steps<T>(
     steps: &mut Vec<Step>,
     index: u16,
     entries: &[T],
-    value: impl Fn(&T) -> ecan_protocol::sequence::SdoValue,
+    value: impl Fn(&T) -> SdoValue,
 ) -> Result<(), MpdoConfigError> {
     let count = u8::try_from(entries.len()).ok().filter(|count| *count < u8::MAX);
     let count = count.ok_or(MpdoConfigError::Entries { entries: entries.len() })?;

@@ -16,7 +16,7 @@ pub(crate) mod power;
 pub(crate) mod procedure;
 pub(crate) mod process_data;
 pub(crate) mod ramp;
-mod script;
+pub(crate) mod script;
 pub(crate) mod setup;
 pub(crate) mod setup_steps;
 pub(crate) mod status;

@@ -146,12 +146,7 @@ impl Cia402 {
         let mut network = Network::new(config.network);
         network.set_sync(Some(config.sync))?;
         let mut lookup = AxisLookup::new(slaves);
-        let bus = BusConfig {
-            sync_period_ns: clock.sync().ns,
-            target_period_ns: clock.period_ns(),
-            host: config.network.host_heartbeat,
-            sync: config.sync,
-        };
+        let bus = config.bus(&clock);
         let mut table = Vec::with_capacity(axes.len());
         for (index, (axis, ramp)) in axes.into_iter().enumerate() {
             let address = axis.address;

@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use ecan_canopen::{
     BootProgress, HostHeartbeat, NetworkConfig, NetworkError, NmtError, NodeConfig,
-    PdoMappingError, SyncConfig, WaitError,
+    PdoMappingError, Step, SyncConfig, WaitError,
 };
 use ecan_host::CycleError;
 use ecan_mcan_port::{NotSchedulable, Port};
@@ -19,6 +19,8 @@ use crate::axis::config::{AxisConfig, Takeover};
 use crate::axis::error::{AxisFault, CommandError};
 use crate::axis::plan::SyncPeriod;
 use crate::axis::ramp::RampLimits;
+use crate::axis::script::{axis_step, mode_steps};
+use crate::axis::setup_steps::{self, BusConfig};
 use crate::axis::status::AxisProgress;
 use crate::axis::targets::{TargetPeriod, interpolation_time};
 
@@ -44,6 +46,34 @@ impl Cia402Config {
     /// takes effect with a SYNC. Drives get it as interpolation time 0x60C2.
     pub fn target_cycles(&self) -> u32 {
         target_cycles(self.motion_div, self.sync.every_cycles)
+    }
+
+    /// The steps that configure a node with these axes and set their modes, for
+    /// [`NodeDescription::setup`](ecan_canopen::NodeDescription::setup).
+    ///
+    /// # Errors
+    /// An invalid PDO.
+    pub fn setup_steps(
+        &self,
+        axes: &[&AxisConfig],
+        cycle_ns: u32,
+    ) -> Result<Vec<Step>, PdoMappingError> {
+        let clock = TargetClock::new(cycle_ns, self);
+        let mut steps = setup_steps::steps(axes, &self.bus(&clock))?;
+        for axis in axes {
+            let mode = mode_steps(axis.mode);
+            steps.extend(mode.map(|step| axis_step(axis.node_axis, step)));
+        }
+        Ok(steps)
+    }
+
+    pub(super) fn bus(&self, clock: &TargetClock) -> BusConfig {
+        BusConfig {
+            sync_period_ns: clock.sync().ns,
+            target_period_ns: clock.period_ns(),
+            host: self.network.host_heartbeat,
+            sync: self.sync,
+        }
     }
 }
 

@@ -22,6 +22,7 @@ use super::document::{Document, Includes, Table, load_by};
 use super::fault::{ConfigFileError, FileFaults};
 use super::gateway::{CHANNEL_TABLES, EXTENDED_TABLE, STANDARD_TABLE};
 use super::network::NetworkSettings;
+use super::node::FileNode;
 use super::{axis, bus, node};
 
 /// Returns the complete startup sequence of a gateway (manual 5.4.3, phases A to E, and 13.2.2):
@@ -90,7 +91,9 @@ pub fn load(path: impl AsRef<Path>) -> Result<Config, ConfigFileError> {
 /// # Errors
 /// [`ConfigFileError`]: the file cannot be read, or every fault of it, with line and column.
 pub fn load_axes(path: impl AsRef<Path>) -> Result<Vec<AxisConfig>, ConfigFileError> {
-    Ok(load_bus(path.as_ref())?.axes.into_iter().flatten().map(|axis| axis.config).collect())
+    let Bus { axes, nodes, .. } = load_bus(path.as_ref())?;
+    log_notes(nodes.iter().filter(|node| node.has_axis));
+    Ok(axes.into_iter().flatten().map(|axis| axis.config).collect())
 }
 
 /// Reads the names of the axes of [`load_axes`], in the same order: those of their nodes. `None` for an
@@ -123,9 +126,23 @@ pub fn load_axis_names(path: impl AsRef<Path>) -> Result<Vec<Option<String>>, Co
 /// # Errors
 /// [`ConfigFileError`]: the file cannot be read, or every fault of it, with line and column.
 pub fn load_nodes(path: impl AsRef<Path>) -> Result<Vec<NodeDescription>, ConfigFileError> {
-    let Bus { nodes, network, .. } = load_bus(path.as_ref())?;
-    let nodes = nodes.into_iter().filter(|node| !node.has_axis).map(|node| node.node.description);
-    Ok(nodes.map(|node| network.complete(node)).collect())
+    let Bus { mut nodes, network, .. } = load_bus(path.as_ref())?;
+    nodes.retain(|node| !node.has_axis);
+    log_notes(nodes.iter());
+    Ok(nodes.into_iter().map(|node| network.complete(node.node.description)).collect())
+}
+
+/// Reads what the device files make different from the usual boot-up of the nodes: objects that are left out because a
+/// device does not have them, statements that contradict each other. [`load_nodes`] and [`load_axes`] log it.
+///
+/// # Errors
+/// [`ConfigFileError`]: the file cannot be read, or every fault of it, with line and column.
+pub fn load_notes(path: impl AsRef<Path>) -> Result<Vec<String>, ConfigFileError> {
+    Ok(load_bus(path.as_ref())?.nodes.iter().flat_map(FileNode::notes).collect())
+}
+
+fn log_notes<'n>(nodes: impl Iterator<Item = &'n FileNode>) {
+    nodes.flat_map(FileNode::notes).for_each(|note| tracing::warn!("{note}"));
 }
 
 /// Reads the whole CANopen network of a configuration: all nodes, those with an axis too, in the order

@@ -6,6 +6,7 @@ mod network_files;
 mod axis_names;
 mod channel_masks;
 mod device;
+mod device_file_limits;
 mod device_profile;
 mod network_from_files;
 mod reading;

@@ -55,9 +55,32 @@ number = 1
 enabled = false
 "#;
 
+/// The gripper with the objects of [`FULL`] that it does not have.
+fn gripper_with_memory() -> String {
+    let number = |section: &str, bits: u8| {
+        let data_type = if bits == 16 { 6 } else { 7 };
+        format!("[{section}]\nParameterName={section}\nDataType={data_type}\nAccessType=rw\n")
+    };
+    let mut text = GRIPPER.to_owned() + &number("1801sub3", 16) + &number("1801sub5", 16);
+    for (index, last) in [("1010", 1), ("1011", 2), ("1020", 2), ("1F56", 1)] {
+        text +=
+            &format!("[{index}]\nParameterName={index}\nObjectType=8\nSubNumber={}\n", last + 1);
+        text += &format!(
+            "[{index}sub0]\nParameterName=n\nDataType=5\nAccessType=ro\nDefaultValue={last}\n"
+        );
+        text.extend((1..=last).map(|nth| number(&format!("{index}sub{nth}"), 32)));
+    }
+    text
+}
+
 #[test]
 fn node_has_every_value_of_its_table() {
-    let node = nodes(FULL).remove(0);
+    let device = gripper_with_memory();
+    let directory =
+        directory(&[("cell.toml", &format!("{GATEWAY}{FULL}")), ("gripper.eds", &device)]);
+    let node = load_nodes(directory.path().join("cell.toml"))
+        .unwrap_or_else(|error| panic!("{error}"))
+        .remove(0);
     assert_eq!((node.name.as_str(), node.address), ("left gripper", address(1, 9)));
     let parameters = node.boot.parameters.clone();
     let boot = BootConfig {

@@ -25,6 +25,8 @@ pub enum Tolerance {
     None,
     /// The object or subindex does not exist.
     Missing,
+    /// The object cannot be written.
+    ReadOnly,
     /// Any abort by the device, or a value other than the expected one.
     Any,
 }
@@ -34,6 +36,7 @@ impl Tolerance {
         match self {
             Self::None => false,
             Self::Missing => matches!(code, AbortCode::NO_OBJECT | AbortCode::NO_SUBINDEX),
+            Self::ReadOnly => matches!(code, AbortCode::READ_ONLY | AbortCode::UNSUPPORTED_ACCESS),
             Self::Any => true,
         }
     }
@@ -93,6 +96,20 @@ pub enum Action<A = NoAction> {
     Pause(Duration),
     /// Device-specific action.
     Device(A),
+}
+
+impl<A> Action<A> {
+    /// Index of the object; `None` for an action without one.
+    pub fn index(&self) -> Option<u16> {
+        match *self {
+            Self::Write { index, .. }
+            | Self::Modify { index, .. }
+            | Self::Read { index, .. }
+            | Self::Expect { index, .. }
+            | Self::Await { index, .. } => Some(index),
+            Self::Pause(_) | Self::Device(_) => None,
+        }
+    }
 }
 
 impl<A: fmt::Display> fmt::Display for Action<A> {
@@ -203,6 +220,13 @@ impl<A> Step<A> {
     #[must_use]
     pub fn if_present(mut self) -> Self {
         self.tolerance = Tolerance::Missing;
+        self
+    }
+
+    /// Tolerates a device whose object cannot be written; a later readback decides.
+    #[must_use]
+    pub fn if_writable(mut self) -> Self {
+        self.tolerance = Tolerance::ReadOnly;
         self
     }
 

@@ -7,9 +7,9 @@ use ecan_protocol::sequence::{Action, Expectation, StepError};
 use thiserror::Error;
 
 use super::parameters::{ParameterError, ParameterSet};
-use crate::network::config::{GuardingConfig, Step};
+use crate::network::config::{GuardingConfig, NodeAction, Step};
 use crate::network::error::StepFailure;
-use crate::object;
+use crate::{NmtCommand, NmtState, object};
 
 /// Reset of a node at the start of its boot-up.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -78,6 +78,66 @@ impl Default for BootConfig {
             starts: true,
             reboots: true,
         }
+    }
+}
+
+/// Shortest time to wait for an NMT state.
+const REPORT_TIMEOUT: Duration = Duration::from_millis(500);
+const LOAD: u32 = u32::from_le_bytes(*b"load");
+
+impl BootConfig {
+    /// Every step of the boot-up that accesses an object, without the values of its parameters.
+    pub(in crate::network) fn all_steps(&self) -> impl Iterator<Item = Step> {
+        let before = self.identity_steps().into_iter().chain(self.restore_steps());
+        let parameters = self.parameters.closing_steps();
+        before.chain(parameters).chain(self.steps.clone()).chain(self.start_steps())
+    }
+
+    pub(super) fn identity_steps(&self) -> Vec<Step> {
+        let mut steps = self.identity.steps();
+        if let Some(software) = self.software {
+            let expected = Expectation::Equals(software.into());
+            let step = Step::expect_that(object::PROGRAM_IDENTIFICATION, 1, expected);
+            steps.push(step.named("software identification"));
+        }
+        steps
+    }
+
+    pub(super) fn restore_steps(&self) -> Vec<Step> {
+        let Some(subindex) = self.restores else { return Vec::new() };
+        let timeout = self.boot_timeout;
+        vec![
+            Step::write(object::RESTORE_PARAMETERS, subindex, LOAD).named("default parameters"),
+            Step::device(NodeAction::Nmt(NmtCommand::ResetNode)),
+            Step::device(NodeAction::AwaitBootUp { timeout }),
+        ]
+    }
+
+    pub(super) fn start_steps(&self) -> Vec<Step> {
+        let mut steps = Vec::new();
+        let life_time = match self.guarding {
+            Some(guarding) => {
+                steps.extend(guarding.steps());
+                steps.push(Step::device(NodeAction::AwaitGuarding(guarding)));
+                Some(guarding.life_time())
+            }
+            None if self.heartbeat_ms > 0 => {
+                let timeout = Duration::from_millis(u64::from(self.heartbeat_ms) * 7 / 2);
+                let write = Step::write(object::PRODUCER_HEARTBEAT, 0, self.heartbeat_ms);
+                steps.push(write.named("heartbeat"));
+                steps.push(Step::device(NodeAction::AwaitHeartbeat { timeout }));
+                Some(timeout)
+            }
+            None => None,
+        };
+        if self.starts {
+            steps.push(Step::device(NodeAction::Nmt(NmtCommand::Start)));
+            if let Some(life_time) = life_time {
+                let (state, timeout) = (NmtState::Operational, life_time.max(REPORT_TIMEOUT));
+                steps.push(Step::device(NodeAction::AwaitState { state, timeout }));
+            }
+        }
+        steps
     }
 }
 

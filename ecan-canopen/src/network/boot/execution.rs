@@ -4,21 +4,16 @@ use std::fmt;
 use std::sync::Arc;
 use std::time::Duration;
 
-use ecan_protocol::sequence::Expectation;
-
 use super::config::{BootConfig, BootError, BootPhase, BootReset};
 use super::parameters::{ParameterDownload, ParameterState, Subject};
-use crate::network::config::{NodeAction, NodeAddress, NodeHandle, Step};
+use crate::network::config::{NodeAddress, NodeHandle, Step};
 use crate::network::node_sequence::{Configuring, NodeSequence};
 use crate::network::node_table::{Member, NodeTable};
 use crate::network::sdo::{SdoClient, SdoTurn, TurnState};
-use crate::{NmtCommand, NmtState, object};
+use crate::{NmtCommand, object};
 
 /// Restarts of a node in one boot-up before it fails.
 const MAX_RESTARTS: u8 = 3;
-/// Shortest time to wait for a heartbeat or an NMT state.
-const REPORT_TIMEOUT: Duration = Duration::from_millis(500);
-const LOAD: u32 = u32::from_le_bytes(*b"load");
 
 /// State of the boot-up of a network.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -234,10 +229,10 @@ impl NodeBoot {
             handle,
             address,
             phase: BootPhase::Waiting,
-            identity: NodeSequence::new(identity_steps(&config)),
-            restore: NodeSequence::new(restore_steps(&config)),
+            identity: NodeSequence::new(config.identity_steps()),
+            restore: NodeSequence::new(config.restore_steps()),
             further: NodeSequence::new(config.steps.clone()),
-            start: NodeSequence::new(start_steps(&config)),
+            start: NodeSequence::new(config.start_steps()),
             parameters: ParameterDownload::new(Arc::clone(&config.parameters)),
             contact: Contact::default(),
             begin_ns: 0,
@@ -447,51 +442,4 @@ fn step(
         Configuring::Done => Turn::Enter(next),
         Configuring::Failed(failure) => Turn::Fail(BootError::Step { phase, failure }),
     }
-}
-
-fn identity_steps(config: &BootConfig) -> Vec<Step> {
-    let mut steps = config.identity.steps();
-    if let Some(software) = config.software {
-        let expected = Expectation::Equals(software.into());
-        let step = Step::expect_that(object::PROGRAM_IDENTIFICATION, 1, expected);
-        steps.push(step.named("software identification"));
-    }
-    steps
-}
-
-fn restore_steps(config: &BootConfig) -> Vec<Step> {
-    let Some(subindex) = config.restores else { return Vec::new() };
-    let timeout = config.boot_timeout;
-    vec![
-        Step::write(object::RESTORE_PARAMETERS, subindex, LOAD).named("default parameters"),
-        Step::device(NodeAction::Nmt(NmtCommand::ResetNode)),
-        Step::device(NodeAction::AwaitBootUp { timeout }),
-    ]
-}
-
-fn start_steps(config: &BootConfig) -> Vec<Step> {
-    let mut steps = Vec::new();
-    let life_time = match config.guarding {
-        Some(guarding) => {
-            steps.extend(guarding.steps());
-            steps.push(Step::device(NodeAction::AwaitGuarding(guarding)));
-            Some(guarding.life_time())
-        }
-        None if config.heartbeat_ms > 0 => {
-            let timeout = Duration::from_millis(u64::from(config.heartbeat_ms) * 7 / 2);
-            let write = Step::write(object::PRODUCER_HEARTBEAT, 0, config.heartbeat_ms);
-            steps.push(write.named("heartbeat"));
-            steps.push(Step::device(NodeAction::AwaitHeartbeat { timeout }));
-            Some(timeout)
-        }
-        None => None,
-    };
-    if config.starts {
-        steps.push(Step::device(NodeAction::Nmt(NmtCommand::Start)));
-        if let Some(life_time) = life_time {
-            let (state, timeout) = (NmtState::Operational, life_time.max(REPORT_TIMEOUT));
-            steps.push(Step::device(NodeAction::AwaitState { state, timeout }));
-        }
-    }
-    steps
 }

@@ -6,6 +6,7 @@ use std::sync::Arc;
 use ecan_protocol::sequence::SdoValue;
 use thiserror::Error;
 
+use crate::network::config::Step;
 use crate::network::error::{NodeAccessError, SdoFault, SdoStartError};
 use crate::network::sdo::{SdoClient, SdoTurn, TurnState};
 use crate::object;
@@ -100,6 +101,23 @@ pub struct ParameterSet {
     pub date: Option<ConfigurationDate>,
     /// Saves the parameters in the node (0x1010:01) after the downloads.
     pub saves: bool,
+}
+
+impl ParameterSet {
+    /// The writes after those of the values: date and command to save.
+    pub(super) fn closing_steps(&self) -> Vec<Step> {
+        let mut steps = Vec::new();
+        if let Some(ConfigurationDate { days, milliseconds }) = self.date {
+            let writes = [(DAYS, days), (MILLISECONDS, milliseconds)];
+            let step = |((index, subindex), value)| Step::write(index, subindex, value);
+            steps.extend(writes.map(step).map(|step: Step| step.named("configuration date")));
+        }
+        if self.saves {
+            let (index, subindex) = SAVE_ALL;
+            steps.push(Step::write(index, subindex, u32::from_le_bytes(SAVE)).named("save"));
+        }
+        steps
+    }
 }
 
 /// Failure to write a [`ParameterSet`](super::ParameterSet).

@@ -1,18 +1,20 @@
 //! Check of a network as a whole.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use ecan_mcan_port::{ChannelLoad, FrameRate, FrameStream};
 use ecan_protocol::can::{CanFrame, CanId};
+use ecan_protocol::sequence::{Action, Expectation, Tolerance};
 
 use super::node_description::{
     ChannelDescription, NetworkDescription, NetworkFault, NetworkFaultKind, NodeDescription,
     PdoName,
 };
 use crate::device_file::{BitRates, DeviceFile};
-use crate::network::boot::{Parameter, Subject};
+use crate::network::boot::Subject;
+use crate::network::config::Step;
 use crate::network::pdo_mapping::{PdoDirection, PdoMapping};
-use crate::{CobId, MappingEntry, PdoCobId, TransmissionType, object};
+use crate::{CobId, MappingEntry, NodeId, PdoCobId, TransmissionType, object};
 
 impl NetworkDescription {
     /// Checks the description as a whole and returns every fault: addresses, bit rates, PDOs,
@@ -24,6 +26,7 @@ impl NetworkDescription {
             let mut report = |kind| faults.push(NetworkFault { nodes: vec![nth], kind });
             check_pdos(node, &mut report);
             check_parameters(node, &mut report);
+            check_steps(node, &mut report);
         }
         check_cob_ids(self, &mut faults);
         check_load(self, &mut faults);
@@ -245,34 +248,111 @@ fn frame(id: CanId, length: usize) -> Option<CanFrame> {
 pub(super) fn check_parameters(node: &NodeDescription, report: &mut impl FnMut(NetworkFaultKind)) {
     let Some(device) = node.device.as_deref() else { return };
     for value in &node.overrides {
-        let Parameter { index, subindex, data, .. } = value;
-        let subject = value.subject();
-        let Some(entry) = device.entry(*index, *subindex) else {
-            report(NetworkFaultKind::NoParameter { subject });
-            continue;
+        let faults = write_fault(device, node.address.node, value.subject(), Some(&value.data));
+        faults.into_iter().for_each(&mut *report);
+    }
+}
+
+/// Checks the steps that configure a node: what its device file excludes would end the boot-up. One fault for each
+/// object; a missing PDO has its own.
+fn check_steps(node: &NodeDescription, report: &mut impl FnMut(NetworkFaultKind)) {
+    let Some(device) = node.device.as_deref() else { return };
+    // Invalid values and PDOs have their own faults.
+    let boot = node.boot_config().unwrap_or_default();
+    let own = || boot.all_steps().collect();
+    let steps: Vec<Step> = node.setup.clone().unwrap_or_else(own);
+    let mut reported = BTreeSet::new();
+    for Step { action, purpose, tolerance } in steps {
+        let subject = |index, subindex| {
+            let name = device.entry(index, subindex).map(|entry| device.label(entry).into());
+            Subject { index, subindex, name }
         };
-        if !entry.access.is_writable() {
-            report(NetworkFaultKind::ReadOnly { subject });
-            continue;
-        }
-        if let Some(expected) = entry.data_type.size()
-            && expected != data.len()
-        {
-            report(NetworkFaultKind::ValueLength { subject, expected, found: data.len() });
-            continue;
-        }
-        let number = entry.data_type.decode(data).ok().and_then(|value| value.to_integer());
-        let (low, high) = entry.limits(node.address.node);
-        let (range_low, range_high) = entry.data_type.range().unwrap_or_default();
-        let low = low.and_then(|value| value.to_integer()).unwrap_or(range_low);
-        let high = high.and_then(|value| value.to_integer()).unwrap_or(range_high);
-        if let Some(number) = number
-            && !(low..=high).contains(&number)
-        {
-            let (value, low, high) = (number.to_string(), low.to_string(), high.to_string());
-            report(NetworkFaultKind::Limit { subject, value, low, high });
+        let write = |index, subindex, data: Option<&[u8]>| {
+            write_fault(device, node.address.node, subject(index, subindex), data)
+        };
+        let fault = match action {
+            Action::Write { index, subindex, value } => {
+                write(index, subindex, Some(value.as_bytes()))
+            }
+            Action::Modify { index, subindex, .. } => write(index, subindex, None),
+            Action::Read { index, subindex } | Action::Await { index, subindex, .. } => {
+                let is_missing = device.entry(index, subindex).is_none();
+                is_missing
+                    .then(|| NetworkFaultKind::NoParameter { subject: subject(index, subindex) })
+            }
+            Action::Expect { index, subindex, expected } => {
+                expected_fault(node, device, subject(index, subindex), expected)
+            }
+            Action::Pause(_) | Action::Device(_) => None,
+        };
+        let is_tolerated = match (tolerance, &fault) {
+            (Tolerance::Any, _) => true,
+            (Tolerance::Missing, Some(NetworkFaultKind::NoParameter { .. })) => true,
+            (Tolerance::ReadOnly, Some(NetworkFaultKind::ReadOnly { .. })) => true,
+            _ => false,
+        };
+        let Some(fault) = fault.filter(|_| !is_tolerated) else { continue };
+        let is_of_missing_pdo = match action.index() {
+            Some(index @ 0x1400..=0x1BFF) => device.object(index & !0x200).is_none(),
+            _ => false,
+        };
+        if !is_of_missing_pdo && reported.insert(fault.to_string()) {
+            report(NetworkFaultKind::Step { purpose, fault: Box::new(fault) });
         }
     }
+}
+
+/// Fault of a write to an object, without its value if that is not known.
+fn write_fault(
+    device: &DeviceFile,
+    node: NodeId,
+    subject: Subject,
+    data: Option<&[u8]>,
+) -> Option<NetworkFaultKind> {
+    let Some(entry) = device.entry(subject.index, subject.subindex) else {
+        return Some(NetworkFaultKind::NoParameter { subject });
+    };
+    if !entry.access.is_writable() {
+        return Some(NetworkFaultKind::ReadOnly { subject });
+    }
+    let data = data?;
+    if let Some(expected) = entry.data_type.size().filter(|size| *size != data.len()) {
+        return Some(NetworkFaultKind::ValueLength { subject, expected, found: data.len() });
+    }
+    let number = entry.data_type.decode(data).ok()?.to_integer()?;
+    let (low, high) = entry.limits(node);
+    let (range_low, range_high) = entry.data_type.range().unwrap_or_default();
+    let low = low.and_then(|value| value.to_integer()).unwrap_or(range_low);
+    let high = high.and_then(|value| value.to_integer()).unwrap_or(range_high);
+    let (is_inside, value) = ((low..=high).contains(&number), number.to_string());
+    let (low, high) = (low.to_string(), high.to_string());
+    (!is_inside).then_some(NetworkFaultKind::Limit { subject, value, low, high })
+}
+
+/// Fault of a check of an object: it does not exist, or it is part of a PDO and has another value for ever.
+fn expected_fault(
+    node: &NodeDescription,
+    device: &DeviceFile,
+    subject: Subject,
+    expected: Expectation,
+) -> Option<NetworkFaultKind> {
+    let (index, subindex) = (subject.index, subject.subindex);
+    let Some(entry) = device.entry(index, subindex) else {
+        return Some(NetworkFaultKind::NoParameter { subject });
+    };
+    if entry.access.is_writable() || !matches!(index, 0x1400..=0x1BFF) {
+        return None;
+    }
+    let found = u64::from(number(node, index, subindex)?);
+    let expected = match expected {
+        Expectation::Equals(value) | Expectation::Masked { value, .. }
+            if !expected.is_met_by(found) =>
+        {
+            value
+        }
+        _ => return None,
+    };
+    Some(NetworkFaultKind::Fixed { subject, found, expected })
 }
 
 pub(super) fn check_pdos(node: &NodeDescription, report: &mut impl FnMut(NetworkFaultKind)) {

@@ -42,6 +42,8 @@ pub struct NodeDescription {
     pub pdos: Vec<PdoMapping>,
     /// PDOs to disable.
     pub disabled_pdos: Vec<(PdoDirection, u16)>,
+    /// Steps that configure it in place of the boot-up, for example those of its axes.
+    pub setup: Option<Vec<Step>>,
 }
 
 impl NodeDescription {
@@ -55,6 +57,7 @@ impl NodeDescription {
             overrides: Vec::new(),
             pdos: Vec::new(),
             disabled_pdos: Vec::new(),
+            setup: None,
         }
     }
 
@@ -348,6 +351,27 @@ pub enum NetworkFaultKind {
         low: String,
         /// Upper limit.
         high: String,
+    },
+    /// The device has another value than the configured one, and does not let it change.
+    #[error(
+        "{subject} is 0x{found:X} and cannot be written, by its device file (`AccessType`); 0x{expected:X} is \
+         configured"
+    )]
+    Fixed {
+        /// The object.
+        subject: Subject,
+        /// Value of the device.
+        found: u64,
+        /// Configured value.
+        expected: u64,
+    },
+    /// A step of the configuration cannot succeed.
+    #[error("{purpose}: {fault}")]
+    Step {
+        /// Purpose of the step.
+        purpose: &'static str,
+        /// What the device file states.
+        fault: Box<NetworkFaultKind>,
     },
     /// The frames of the network do not fit the bus.
     #[error(

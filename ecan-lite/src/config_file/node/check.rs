@@ -22,6 +22,7 @@ pub(crate) fn network(
 ) -> NetworkDescription {
     let Cia402Config { network, sync, .. } = &settings.cia402;
     let mut descriptions: Vec<_> = nodes.iter().map(|node| node.node.description.clone()).collect();
+    let cycle_ns = config.adapter.cycle_ns();
     for FileAxis { config: axis, .. } in axes.iter().flatten() {
         let nth = descriptions.iter().position(|node| node.address == axis.address);
         let nth = nth.unwrap_or_else(|| {
@@ -29,6 +30,10 @@ pub(crate) fn network(
             descriptions.len() - 1
         });
         if let Some(node) = descriptions.get_mut(nth) {
+            let of_node = axes.iter().flatten().map(|axis| &axis.config);
+            let of_node: Vec<_> = of_node.filter(|other| other.address == axis.address).collect();
+            // An invalid PDO is a fault of the axes.
+            node.setup = Some(settings.cia402.setup_steps(&of_node, cycle_ns).unwrap_or_default());
             node.pdos.extend(axis.pdo_mappings());
         }
     }
@@ -43,7 +48,7 @@ pub(crate) fn network(
         channels: channels.collect(),
         host_heartbeat: network.host_heartbeat,
         sync: Some(*sync),
-        cycle_ns: config.adapter.cycle_ns(),
+        cycle_ns,
     }
 }
 
@@ -68,7 +73,7 @@ pub(crate) fn check(
             continue;
         }
         let text = match concerned.len() {
-            1 => format!("{}: {kind}", node.node.description.title()),
+            1 => format!("{}: {kind}{}", node.node.description.title(), cure(&kind)),
             _ => kind.to_string(),
         };
         let at = location(node, &kind);
@@ -78,6 +83,36 @@ pub(crate) fn check(
         };
         document.push(at, text);
     }
+}
+
+/// The key that cures a step which the device file excludes.
+fn cure(kind: &NetworkFaultKind) -> String {
+    let NetworkFaultKind::Step { purpose, fault } = kind else { return String::new() };
+    let keys = match *purpose {
+        "heartbeat" => "set `heartbeat_ms` = 0, or `guard_time_ms`",
+        "guard time" | "life time factor" => "leave out `guard_time_ms`",
+        "device type" => "leave out `device_type`",
+        "vendor-ID" => "leave out `vendor_id`",
+        "product code" => "leave out `product_code`",
+        "major revision" | "revision number" => "leave out `revision`",
+        "serial number" => "leave out `serial_number`",
+        "software identification" => "leave out `software`",
+        "default parameters" => "leave out `restore`",
+        "configuration date" => "leave out `configuration_date`",
+        "save" => "leave out `save`",
+        "transmission type" => "change `transmission`",
+        "inhibit time" => "leave out `inhibit_time_100us`",
+        "event timer" => "leave out `event_timer_ms`",
+        "SYNC start value" => "leave out `sync_start`",
+        "largest torque" => "leave out `max_torque`",
+        "largest motor speed" => "leave out `max_motor_speed`",
+        "torque slope" => "leave out `torque_slope`",
+        "digital output mask" => "leave out `output_mask`",
+        "buffer size" => "leave out `interpolation_buffer`",
+        _ if matches!(**fault, NetworkFaultKind::Fixed { .. }) => "configure what the device has",
+        _ => "compare the device file with the device",
+    };
+    format!("; {keys}")
 }
 
 /// Returns whether a fault is one between axes, which their check reports.
@@ -110,7 +145,7 @@ fn channel_path(kind: &NetworkFaultKind) -> String {
 
 /// The part of a node that a fault comes from.
 fn location(node: &FileNode, kind: &NetworkFaultKind) -> usize {
-    let ResolvedNode { description, at, parameters, pdos } = &node.node;
+    let ResolvedNode { description, at, parameters, pdos, .. } = &node.node;
     let of_pdo = |pdo: &PdoName| {
         let is_same =
             |other: &PdoMapping| (other.direction, other.number) == (pdo.direction, pdo.number);

@@ -36,6 +36,14 @@ pub(crate) struct FileNode {
     pub(crate) has_axis: bool,
 }
 
+impl FileNode {
+    /// What the device file makes different, with the name of the node.
+    pub(crate) fn notes(&self) -> impl Iterator<Item = String> {
+        let ResolvedNode { description, notes, .. } = &self.node;
+        notes.iter().map(|note| format!("{}: {note}", description.title()))
+    }
+}
+
 /// The file of a bus.
 pub(crate) struct BusFile {
     pub(crate) name: String,

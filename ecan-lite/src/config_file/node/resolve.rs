@@ -3,9 +3,9 @@
 use std::sync::Arc;
 
 use ecan_canopen::{
-    CobId, DeviceFile, IdentityCheck, MappingEntry, NodeAddress, NodeDescription, NodeId,
-    ObjectEntry, Parameter, PdoCobId, PdoDirection, PdoMapping, RevisionCheck, TransmissionType,
-    object,
+    BootConfig, CobId, DeviceFile, IdentityCheck, MappingEntry, NodeAddress, NodeDescription,
+    NodeId, ObjectEntry, Parameter, PdoCobId, PdoDirection, PdoMapping, RevisionCheck,
+    TransmissionType, object,
 };
 use ecan_protocol::can::CanId;
 
@@ -23,6 +23,8 @@ pub(crate) struct ResolvedNode {
     pub(crate) parameters: Vec<usize>,
     /// Of each PDO.
     pub(crate) pdos: Vec<usize>,
+    /// What its device file makes different from the usual boot-up.
+    pub(crate) notes: Vec<String>,
 }
 
 /// The description of a node; `None` without a node-ID. Faults of names and values are reported.
@@ -41,11 +43,12 @@ pub(crate) fn resolve(
     if let Some(fault) = source.settings.guarding_fault() {
         report(source.settings.guard_time_at, fault.to_owned());
     }
-    let mut description = NodeDescription {
-        name: source.name.clone(),
-        boot: source.settings.boot_config(&source.name, identity(&source.settings, file, node)),
-        ..NodeDescription::new(address)
-    };
+    let mut notes = Vec::new();
+    let identity = identity(&source.settings, file, node, &mut notes);
+    let mut boot = source.settings.boot_config(&source.name, identity);
+    choose_life_sign(&source.settings, file, &mut boot, &mut notes);
+    let mut description =
+        NodeDescription { name: source.name.clone(), boot, ..NodeDescription::new(address) };
     let (mut parameters, mut pdos) = (Vec::new(), Vec::new());
     for parameter in &source.parameters {
         if let Some(value) = parameter_value(parameter, file, report) {
@@ -63,31 +66,75 @@ pub(crate) fn resolve(
     }
     description.device = device;
     let at = source.node.as_ref().map_or(source.at, |node| node.at);
-    Some(ResolvedNode { description, at, parameters, pdos })
+    Some(ResolvedNode { description, at, parameters, pdos, notes })
 }
 
-/// The identity of the device file, unless the node has another one.
-fn identity(settings: &NodeSettings, file: Option<&DeviceFile>, node: NodeId) -> IdentityCheck {
+/// A node whose file has no heartbeat producer that can be set is guarded, or not watched, unless its settings state
+/// something else.
+fn choose_life_sign(
+    settings: &NodeSettings,
+    file: Option<&DeviceFile>,
+    boot: &mut BootConfig,
+    notes: &mut Vec<String>,
+) {
+    let Some(file) = file.filter(|_| settings.heartbeat_ms.is_none() && boot.guarding.is_none())
+    else {
+        return;
+    };
+    let is_writable = |index| file.entry(index, 0).is_some_and(|entry| entry.access.is_writable());
+    if is_writable(object::PRODUCER_HEARTBEAT) {
+        return;
+    }
+    let instead = if is_writable(object::GUARD_TIME)
+        && is_writable(object::LIFE_TIME_FACTOR)
+        && file.object(object::PRODUCER_HEARTBEAT).is_none()
+    {
+        let guarding = NodeSettings::guarding_every(boot.heartbeat_ms, settings.life_time_factor);
+        boot.guarding = Some(guarding);
+        format!("it is guarded every {} ms", guarding.guard_time.as_millis())
+    } else {
+        "the host does not watch it".to_owned()
+    };
+    boot.heartbeat_ms = 0;
+    notes.push(format!("the device file has no writable object 0x1017 (heartbeat): {instead}"));
+}
+
+/// The identity of the device file, unless the node has another one. Vendor and product are compared if `DeviceInfo`
+/// and 0x1018 state the same: makers leave out or contradict either.
+fn identity(
+    settings: &NodeSettings,
+    file: Option<&DeviceFile>,
+    node: NodeId,
+    notes: &mut Vec<String>,
+) -> IdentityCheck {
     let checks = settings.checks_identity.unwrap_or(true);
     let info = file.filter(|_| checks).map(|file| &file.device_info);
     let number = |index, subindex| {
         let value = file?.entry(index, subindex)?.configured_value(node)?.to_integer()?;
         u32::try_from(value).ok().filter(|value| *value != 0)
     };
-    let by_file = |stated: Option<u32>, subindex| {
-        stated.filter(|value| *value != 0).or_else(|| number(object::IDENTITY, subindex))
+    let mut by_file = |name: &str, stated: Option<u32>, subindex, is_wanted: bool| {
+        let own = number(object::IDENTITY, subindex);
+        let stated = stated.filter(|value| *value != 0);
+        if let (Some(stated), Some(own), true) = (stated, own, checks && stated != own) {
+            notes.push(format!(
+                "{name} is not compared: the device file states 0x{stated:X} in [DeviceInfo] and 0x{own:X} in \
+                 0x1018:{subindex:02X}"
+            ));
+            return None;
+        }
+        let both = own.filter(|own| stated == Some(*own));
+        if is_wanted { own.or(stated) } else { both }
     };
     let checked = |value: Option<u32>| value.filter(|_| checks);
-    let revision =
-        settings.revision_number.or_else(|| by_file(info.and_then(|info| info.revision_number), 3));
+    let vendor = by_file("the vendor-ID", info.and_then(|info| info.vendor_number), 1, false);
+    let product = by_file("the product code", info.and_then(|info| info.product_number), 2, false);
+    let revision = by_file("the revision", info.and_then(|info| info.revision_number), 3, true);
+    let revision = settings.revision_number.or(revision);
     IdentityCheck {
         device_type: settings.device_type.or_else(|| checked(number(object::DEVICE_TYPE, 0))),
-        vendor_id: settings
-            .vendor_id
-            .or_else(|| checked(by_file(info.and_then(|info| info.vendor_number), 1))),
-        product_code: settings
-            .product_code
-            .or_else(|| checked(by_file(info.and_then(|info| info.product_number), 2))),
+        vendor_id: settings.vendor_id.or_else(|| checked(vendor)),
+        product_code: settings.product_code.or_else(|| checked(product)),
         revision: match (settings.revision.unwrap_or_default(), revision) {
             (RevisionRule::Exact, Some(revision)) => RevisionCheck::Exactly(revision),
             (RevisionRule::Compatible, Some(revision)) => RevisionCheck::Compatible(revision),

@@ -172,9 +172,13 @@ impl NodeSettings {
     }
 
     pub(crate) fn guarding(&self) -> Option<GuardingConfig> {
-        let guard_time = Duration::from_millis(self.guard_time_ms?.into());
-        let life_time_factor = self.life_time_factor.unwrap_or(LIFE_TIME_FACTOR);
-        Some(GuardingConfig { guard_time, life_time_factor })
+        Some(Self::guarding_every(self.guard_time_ms?, self.life_time_factor))
+    }
+
+    pub(crate) fn guarding_every(ms: u16, life_time_factor: Option<u8>) -> GuardingConfig {
+        let guard_time = Duration::from_millis(ms.into());
+        let life_time_factor = life_time_factor.unwrap_or(LIFE_TIME_FACTOR);
+        GuardingConfig { guard_time, life_time_factor }
     }
 
     /// Fault of a node that both sends a heartbeat and is guarded.

@@ -5,7 +5,7 @@ use std::io::Write;
 use std::path::Path;
 
 use ecan_lite::config::{
-    ConfigFileError, DeviceProfile, FileFault, IncludedProfile, load, load_profiles,
+    ConfigFileError, DeviceProfile, FileFault, IncludedProfile, load, load_notes, load_profiles,
 };
 use ecan_mcan_port::{ChannelConfig, Config, GatewayConfig, PortPlan};
 use ecan_protocol::can::{
@@ -173,7 +173,8 @@ impl fmt::Display for Timing {
 }
 
 pub fn run(path: &Path, output: &Output) -> Result {
-    let (file, profiles) = match load(path).and_then(|file| Ok((file, load_profiles(path)?))) {
+    let read = || Ok((load(path)?, load_profiles(path)?, load_notes(path)?));
+    let (file, profiles, notes) = match read() {
         Ok(read) => read,
         Err(ConfigFileError::Read { path, reason }) => {
             return Err(Failure::file("read", &path, reason));
@@ -192,7 +193,8 @@ pub fn run(path: &Path, output: &Output) -> Result {
             return Err(Failure::ProblemsFound);
         }
     };
-    let checked = of_file(&file, &profiles);
+    let mut checked = of_file(&file, &profiles);
+    checked.warnings.extend(notes);
     output.data(&checked, |out| print(&checked, output, out))
 }
 
