@@ -97,6 +97,15 @@ impl DeviceFile {
         &self.warnings
     }
 
+    /// Their number, and the first one; `None` without.
+    #[must_use]
+    pub fn warning_summary(&self) -> Option<String> {
+        let first = self.warnings().first()?;
+        let count = self.warnings().len();
+        let plural = if count == 1 { "" } else { "s" };
+        Some(format!("{count} deviation{plural} from CiA 306; the first: {first}"))
+    }
+
     /// Returns whether the file is a DCF: it states the commissioning of a node.
     #[must_use]
     pub const fn is_dcf(&self) -> bool {

@@ -155,13 +155,11 @@ pub enum FileProblem {
         /// Name of its type.
         object_type: &'static str,
     },
-    /// A key is missing, and no value can be assumed.
-    #[error("[{section}] has no `{key}`; add it")]
-    MissingKey {
+    /// An object or sub-object has no data type.
+    #[error("[{section}] has no valid `DataType`; it is left out")]
+    NoDataType {
         /// Section.
         section: String,
-        /// Key.
-        key: &'static str,
     },
     /// A key is missing.
     #[error("[{section}] has no `{key}`; {assumed} is assumed")]

@@ -5,7 +5,7 @@ use alloc::format;
 use alloc::string::String;
 
 use super::data_type::{AccessType, DataType, ObjectType};
-use super::data_value::{FileValue, ValueError};
+use super::data_value::FileValue;
 use super::deviation::{FileProblem, Report};
 use super::device_object::{ObjectEntry, ObjectFlags};
 use super::ini::{Line, Section};
@@ -20,9 +20,6 @@ pub(super) struct EntryReader {
     pub(super) report: Report,
 }
 
-/// Data type of an entry that cannot be used; its values are not checked.
-const PLACEHOLDER: DataType = DataType::VisibleString;
-
 /// Properties of an entry that its section does not state.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct EntryPlace {
@@ -35,14 +32,17 @@ pub(super) struct EntryPlace {
 }
 
 impl EntryReader {
-    /// Reads an entry. A section without data type is reported as a fault; the entry then serves
-    /// only to find further faults.
-    pub(super) fn read(&mut self, section: &mut Section, place: EntryPlace) -> ObjectEntry {
+    /// Reads an entry; `None` without data type, which is reported.
+    pub(super) fn read(&mut self, section: &mut Section, place: EntryPlace) -> Option<ObjectEntry> {
         let EntryPlace { index, subindex, object_type, .. } = place;
         let name = self.name(section, index, subindex);
         // Objects without sub-objects may state that they have none.
         section.take("SubNumber");
-        let data_type = self.data_type(section, place);
+        let Some(data_type) = self.data_type(section, place) else {
+            let problem = FileProblem::NoDataType { section: section.name.clone() };
+            self.report.warn(section.line, problem);
+            return None;
+        };
         let access = self.access(section, object_type);
         let (low_limit, high_limit) = self.limits(section, data_type);
         let default = section.take("DefaultValue").and_then(|line| {
@@ -59,7 +59,7 @@ impl EntryReader {
         });
         let reference = section.take("ParamRefd").or_else(|| section.take("ParameterRefd"));
         let text = |line: Option<Line>| line.map(|line| line.value).unwrap_or_default();
-        ObjectEntry {
+        Some(ObjectEntry {
             index,
             subindex: subindex.unwrap_or(0),
             name,
@@ -77,7 +77,7 @@ impl EntryReader {
             upload_file: text(section.take("UploadFile")),
             download_file: text(section.take("DownloadFile")),
             extra: core::mem::replace(section, Section::empty("", 0)).into_rest(),
-        }
+        })
     }
 
     pub(super) fn name(
@@ -101,28 +101,12 @@ impl EntryReader {
         }
     }
 
-    fn data_type(&mut self, section: &mut Section, place: EntryPlace) -> DataType {
+    fn data_type(&mut self, section: &mut Section, place: EntryPlace) -> Option<DataType> {
         let Some(line) = section.take("DataType") else {
             return self.missing_data_type(section, place);
         };
-        let Some(number) = value_text::number(&line.value) else {
-            let error = ValueError::NotANumber { text: line.value };
-            let problem = FileProblem::InvalidValue { key: line.key, error };
-            self.report.fault(line.line, problem);
-            return PLACEHOLDER;
-        };
-        let Ok(number) = u16::try_from(number) else {
-            let error = ValueError::OutOfRange {
-                text: line.value,
-                data_type: DataType::Unsigned16,
-                low: 0,
-                high: u16::MAX.into(),
-            };
-            let problem = FileProblem::InvalidValue { key: line.key, error };
-            self.report.fault(line.line, problem);
-            return PLACEHOLDER;
-        };
-        match DataType::from_index(number) {
+        let number = u16::try_from(value_text::number(&line.value)?).ok()?;
+        Some(match DataType::from_index(number) {
             DataType::Other(index) => match self.derived.get(&index) {
                 Some(simple) => *simple,
                 None => {
@@ -131,26 +115,21 @@ impl EntryReader {
                 }
             },
             known => known,
-        }
+        })
     }
 
-    fn missing_data_type(&mut self, section: &Section, place: EntryPlace) -> DataType {
+    fn missing_data_type(&mut self, section: &Section, place: EntryPlace) -> Option<DataType> {
         let (data_type, assumed) = match (place.object_type, place.inherited) {
-            (ObjectType::Domain, _) => return DataType::Domain,
+            (ObjectType::Domain, _) => return Some(DataType::Domain),
             (_, Some(inherited)) => (inherited, "that of the object"),
             // The value of a type definition is its length in bits.
             (ObjectType::DefType, None) => (DataType::Unsigned32, "UNSIGNED32"),
-            _ => {
-                let section_name = section.name.clone();
-                let problem = FileProblem::MissingKey { section: section_name, key: "DataType" };
-                self.report.fault(section.line, problem);
-                return PLACEHOLDER;
-            }
+            _ => return None,
         };
         let section_name = section.name.clone();
         let problem = FileProblem::AssumedKey { section: section_name, key: "DataType", assumed };
         self.report.warn(section.line, problem);
-        data_type
+        Some(data_type)
     }
 
     fn access(&mut self, section: &mut Section, object_type: ObjectType) -> AccessType {

@@ -99,6 +99,7 @@ impl FileReader {
                 continue;
             }
             let object = read_object(index, sections, &mut self.reader, &mut self.rest);
+            let Some(object) = object else { continue };
             match owner {
                 None => file.insert(object),
                 Some(module) => {
@@ -106,7 +107,10 @@ impl FileReader {
                 }
             }
         }
-        self.check_lists(lists, &lines);
+        match file.objects().next() {
+            Some(_) => self.check_lists(lists, &lines),
+            None => self.reader.report.fault(1, FileProblem::NoObjects),
+        }
         self.read_extensions();
         if let Some(mut section) = supported_modules {
             check_count(&mut section, "NrOfEntries", self.modules.len(), &mut self.reader);
@@ -235,9 +239,6 @@ impl FileReader {
 
     /// Compares the lists with the objects, whose lines are given.
     fn check_lists(&mut self, lists: [Option<Section>; 3], lines: &BTreeMap<u16, usize>) {
-        if lines.is_empty() {
-            return self.reader.report.fault(1, FileProblem::NoObjects);
-        }
         let [mandatory, ..] = &lists;
         let mandatory_line = mandatory.as_ref().map_or(1, |section| section.line);
         if mandatory.is_none() {
@@ -276,7 +277,7 @@ impl FileReader {
             section.take("ObjectType");
             let object_type = ObjectType::Var;
             let place = EntryPlace { index, subindex: None, object_type, inherited: None };
-            let entry = self.reader.read(&mut section, place);
+            let Some(entry) = self.reader.read(&mut section, place) else { continue };
             let extension = SubExtension { entry, count, obj_extend };
             let extensions = &mut self.module(module).extensions;
             extensions.entry(index).or_insert(extension);

@@ -83,13 +83,13 @@ impl ObjectSections {
     }
 }
 
-/// Reads an object; sections that do not belong to it are added to `rest`.
+/// Reads an object; `None` if it has no data type. Sections that do not belong to it are added to `rest`.
 pub(super) fn read_object(
     index: u16,
     mut sections: ObjectSections,
     reader: &mut EntryReader,
     rest: &mut Vec<Section>,
-) -> DeviceObject {
+) -> Option<DeviceObject> {
     let mut main = sections.main.take().unwrap_or_else(|| {
         let first = sections.subs.values().min_by_key(|section| section.line);
         let (name, line) =
@@ -108,7 +108,7 @@ pub(super) fn read_object(
     let object_type = object_type(&mut main, index, &sections, compact, reader);
     let mut object = if object_type.has_sub_objects() {
         match compact {
-            Some(count) => read_compact(index, object_type, &mut main, count, reader),
+            Some(count) => read_compact(index, object_type, &mut main, count, reader)?,
             None => read_main(index, object_type, &mut main, &sections, reader),
         }
     } else if object_type == ObjectType::Null {
@@ -120,7 +120,7 @@ pub(super) fn read_object(
         object
     } else {
         let place = EntryPlace { index, subindex: None, object_type, inherited: None };
-        DeviceObject::variable(reader.read(&mut main, place))
+        DeviceObject::variable(reader.read(&mut main, place)?)
     };
     let inherited = match compact {
         Some(_) => object.entry(1).map(|entry| entry.data_type),
@@ -130,19 +130,25 @@ pub(super) fn read_object(
         let object_type = sub_type(&mut section, reader);
         let subindex = Some(subindex);
         let place = EntryPlace { index, subindex, object_type, inherited };
-        object.insert(reader.read(&mut section, place));
+        reader.read(&mut section, place).into_iter().for_each(|entry| object.insert(entry));
     }
     object.is_compact = compact.is_some();
     add_to(&mut object, sections, reader, rest);
     object.is_compact = object.compact_size().is_some();
-    object
+    Some(object)
 }
+
+/// Subindex 0xFF describes the structure of an object.
+const MOST_SUB_OBJECTS: i128 = 254;
 
 /// `CompactSubObj`, if it describes sub-objects.
 fn compact_count(main: &mut Section, reader: &mut EntryReader) -> Option<u8> {
     let line = main.take("CompactSubObj")?;
     let data_type = DataType::Unsigned8;
-    let count = bounded(&line, data_type, (0, 254), "ignored", &mut reader.report)?;
+    let number = value_text::number(&line.value);
+    let count =
+        bounded(&line, data_type, (0, MOST_SUB_OBJECTS), "254 is the most", &mut reader.report)
+            .or(number.filter(|number| *number > MOST_SUB_OBJECTS).map(|_| MOST_SUB_OBJECTS))?;
     u8::try_from(count).ok().filter(|count| *count > 0)
 }
 
@@ -263,11 +269,11 @@ fn read_compact(
     main: &mut Section,
     count: u8,
     reader: &mut EntryReader,
-) -> DeviceObject {
+) -> Option<DeviceObject> {
     let denotation = main.take("Denotation").map(|line| line.value).unwrap_or_default();
     let entry_type = ObjectType::Var;
     let place = EntryPlace { index, subindex: None, object_type: entry_type, inherited: None };
-    let mut entry = reader.read(main, place);
+    let mut entry = reader.read(main, place)?;
     let mut object = DeviceObject::new(index, &entry.name, object_type);
     object.denotation = denotation;
     object.flags = entry.flags;
@@ -277,7 +283,7 @@ fn read_compact(
         let name = compact_name(&object.name, subindex);
         object.insert(ObjectEntry { subindex, name, ..entry.clone() });
     }
-    object
+    Some(object)
 }
 
 /// Adds names, values, denotations, references and links from their sections.

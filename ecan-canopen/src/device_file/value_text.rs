@@ -159,8 +159,16 @@ fn integer(data_type: DataType, text: &str) -> Result<(FileValue, Option<ValueNo
         }
         return Ok((FileValue::NodeId { offset }, sum.offset.note));
     }
-    let Literal { value, is_hexadecimal, note } = sum.offset;
+    let Literal { mut value, is_hexadecimal, mut note } = sum.offset;
     let bits = high - low;
+    // A negative number with the digits of a longer type.
+    let extended = [16, 32, 64].map(|width| value - (1 << width));
+    if let Some(short) = extended.into_iter().find(|short| (low..0).contains(short))
+        && is_hexadecimal
+        && value > bits
+    {
+        (value, note) = (short, Some(ValueNote::TakenAsBits));
+    }
     let note = if (low..=high).contains(&value) {
         note
     } else if is_hexadecimal && (0..=bits).contains(&value) {

@@ -129,6 +129,9 @@ ObjectType=9 | ObjectType=12 | ObjectType=9 | `ObjectType` = 12; allowed: 0 (NUL
 ObjectType=9 |  | [1018] | [1018] has no `ObjectType`; RECORD is assumed
 ParameterName=Gain |  | [2100] | [2100] has no `ParameterName`; the index is assumed
 DataType=0x0003 | DataType=0x0030 | DataType=0x0003 | unknown data type 0x0030; its values are read as bytes
+DataType=0x0003 |  | [2100] | [2100] has no valid `DataType`; it is left out
+DataType=0x0003 | DataType=0xZZ | [2100] | [2100] has no valid `DataType`; it is left out
+CompactSubObj=3 | CompactSubObj=255 | CompactSubObj=3 | `CompactSubObj`: 255 is out of range for UNSIGNED8; allowed: 0 to 254; 254 is the most
 AccessType=rw | AccessType=wr | AccessType=rw | `AccessType` = wr; allowed: const, ro, wo, rw, rwr, rww; rw is assumed
 AccessType=rw |  | [1014] | [1014] has no `AccessType`; rw is assumed
 LowLimit=-100 | LowLimit=101 | LowLimit=-100 | `LowLimit` 101 is above `HighLimit` 100; both are ignored
@@ -136,6 +139,7 @@ DefaultValue=-5 | DefaultValue=-101 | DefaultValue=-5 | `DefaultValue` -101 is o
 DefaultValue=-5 | DefaultValue=five | DefaultValue=-5 | `DefaultValue`: `five` is not a number; allowed: decimal, hexadecimal with 0x, octal with 0; ignored
 DefaultValue=010 | DefaultValue=09 | DefaultValue=010 | `DefaultValue` = 09: invalid octal number, read as decimal
 DefaultValue=0xFF | DefaultValue=0x100 | DefaultValue=0xFF | `DefaultValue`: 0x100 is out of range for INTEGER8; allowed: -128 to 127; ignored
+DefaultValue=0xFF | DefaultValue=0xFFFFFFFB | DefaultValue=0xFF | `DefaultValue` = 0xFFFFFFFB: out of range, read as the bits of the value
 DefaultValue=$NODEID+0x80 | DefaultValue=NODEID+1 | DefaultValue=$NODEID+0x80 | `DefaultValue` = NODEID+1: read as $NODEID
 DefaultValue=$NODEID+0x80 | DefaultValue=-1 | DefaultValue=$NODEID+0x80 | `DefaultValue` = -1: out of range, read as the bits of the value
 NrOfRXPDO=0 | NrOfRXPDO=none | NrOfRXPDO=0 | `NrOfRXPDO`: `none` is not a number; allowed: decimal, hexadecimal with 0x, octal with 0; ignored";
@@ -151,6 +155,17 @@ fn every_deviation_is_a_warning_with_its_line() {
         let warnings: Vec<_> = file.warnings().iter().map(ToString::to_string).collect();
         assert!(warnings.contains(&expected), "{old} -> {new}: {expected}: {warnings:#?}");
     }
+}
+
+#[test]
+fn object_without_data_type_is_left_out_and_no_other() {
+    let file = read(&changed("DataType=0x0003", "DataType=nonsense"));
+    assert!(file.object(0x2100).is_none() && file.object(0x2101).is_some());
+    let file = read(&changed("DefaultValue=0xFF", "DefaultValue=0xFFFFFFFB"));
+    let value = file.entry(0x2101, 1).unwrap().default_value(node(5)).unwrap();
+    assert_eq!(value.to_integer(), Some(-5));
+    let file = read(&changed("CompactSubObj=3", "CompactSubObj=255"));
+    assert_eq!(file.object(0x2101).unwrap().entries().count(), 255, "with subindex 0");
 }
 
 #[test]
@@ -179,7 +194,6 @@ fn duplicate_section_is_ignored() {
 #[test]
 fn all_faults_are_reported_at_once() {
     let text = SMALL
-        .replace("DataType=0x0003\n", "")
         .replace("DefaultValue=hello world", "ParameterValue=h\u{20ac}llo")
         .replace("DefaultValue=0x00020192", "ParameterValue=0x100000000\nDefaultValue=x");
     let faults = DeviceFile::parse(text.as_bytes()).unwrap_err();
@@ -189,14 +203,13 @@ fn all_faults_are_reported_at_once() {
         [
             "line 26: `ParameterValue`: 0x100000000 is out of range for UNSIGNED32; allowed: 0 to \
              4294967295; correct it",
-            "line 57: [2100] has no `DataType`; add it",
-            "line 76: `ParameterValue`: '€' is not a character of VISIBLE_STRING; allowed: \
+            "line 77: `ParameterValue`: '€' is not a character of VISIBLE_STRING; allowed: \
              characters up to U+00FF (ISO 8859-1); correct it",
         ]
     );
     assert_eq!(faults.to_string(), texts.join("; "));
     let warnings: Vec<_> = faults.warnings.iter().map(|warning| warning.line).collect();
-    assert_eq!(warnings, [27, 76]);
+    assert_eq!(warnings, [27, 77]);
     for bytes in [&b""[..], b"\xEF\xBB\xBF", b"<?xml version=\"1.0\"?>", b"[FileInfo]\n"] {
         let faults = DeviceFile::parse(bytes).unwrap_err();
         assert_eq!(faults.faults.len(), 1);

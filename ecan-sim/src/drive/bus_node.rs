@@ -46,9 +46,9 @@ impl Drive {
     ///
     /// It is a drive if its device type (0x1000) states CiA 402, or if it has a controlword and a
     /// statusword; otherwise its objects have values, but no function, as those of an I/O module.
-    /// A `ParameterValue` counts as a saved value. Motion parameters that are 0 in the file and must
-    /// not be 0 have the values of the built-in dictionary; a serial number that is 0 is that of the
-    /// configuration.
+    /// A `ParameterValue` counts as a saved value. Objects of the profile without a default, and motion parameters
+    /// that are 0 in the file and must not be 0, have the values of the built-in dictionary; a serial number that is
+    /// 0 is that of the configuration.
     #[must_use]
     pub fn from_device_file(config: &DriveConfig, file: &DeviceFile) -> Self {
         Self::with_device(Device::new(config, ObjectSource::File(Arc::new(file.clone()))))

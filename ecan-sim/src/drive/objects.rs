@@ -28,6 +28,9 @@ impl ObjectSource {
         };
         let is_drive = is_drive(&list);
         if is_drive {
+            if let Self::File(file) = self {
+                fill_in_unstated(&mut list, file, &default_objects(config));
+            }
             fill_in(&mut list, motor);
         }
         list.retain(|object| !config.quirks.missing.contains(&object.index));
@@ -406,6 +409,23 @@ pub(super) fn fill_in(objects: &mut [Object], motor: &MotorConfig) {
                 object.default = known.default.clone();
                 object.value = known.default.clone();
             }
+        }
+    }
+}
+
+/// Gives objects of the profile without a default in the file the value that they have in the built-in drive: a file
+/// may leave out what its devices differ in.
+fn fill_in_unstated(objects: &mut [Object], file: &DeviceFile, built_in: &[Object]) {
+    for object in objects {
+        let (index, subindex) = object.key();
+        let is_open = file.entry(index, subindex).is_some_and(|entry| entry.default.is_none());
+        if is_open
+            && matches!(index, object::DEVICE_TYPE | 0x6000..=0x67FF)
+            && let Some(known) = built_in.iter().find(|known| known.key() == (index, subindex))
+        {
+            object.default = known.default.clone();
+            let saved = object.saved.clone();
+            object.value = saved.unwrap_or_else(|| known.default.clone());
         }
     }
 }

@@ -53,6 +53,21 @@ fn eds_values_are_parsed() {
 }
 
 #[test]
+fn drive_has_its_own_values_where_the_file_states_none() {
+    let text = SMALL.replace("DefaultValue=0x00020192", "DefaultValue=")
+        + "[6040] DataType=6, AccessType=rww\n[6041] DataType=6, AccessType=ro\n\
+           [6502] DataType=7, AccessType=ro, DefaultValue=\n[6085] DataType=7, AccessType=rw, DefaultValue=7\n";
+    let fixture = Fixture::from_file(&text);
+    assert!(fixture.drive.is_drive());
+    let number = |index| fixture.drive.object(index, 0);
+    let built_in = Drive::new(&config());
+    for index in [0x1000, 0x6502] {
+        assert_eq!(number(index), built_in.object(index, 0), "{index:04X}");
+    }
+    assert_eq!((number(0x6085), number(0x1001)), (Some(7), Some(0)));
+}
+
+#[test]
 fn deviations_of_file_do_not_prevent_drive() {
     let text = SMALL
         .replace("SubNumber=2", "SubNumber=9")

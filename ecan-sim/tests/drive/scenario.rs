@@ -450,11 +450,15 @@ fn missing_or_invalid_eds_is_reported() {
     let directory = std::env::temp_dir().join(format!("ecan-drive-{}", std::process::id()));
     std::fs::create_dir_all(&directory).unwrap();
     let path = directory.join("wrong.eds");
-    std::fs::write(&path, "[1000]\nDataType=none\n\n[1001]\nAccessType=ro\n").unwrap();
+    std::fs::write(
+        &path,
+        "[1000]\nDataType=7\nParameterValue=none\n[1001]\nDataType=5\nParameterValue=x\n",
+    )
+    .unwrap();
     let mut scenario = drives(1, 1);
     for (file, text) in [
-        (path.clone(), "wrong.eds, line 2: `DataType`: `none` is not a number; "),
-        (path.clone(), "; line 4: [1001] has no `DataType`; add it"),
+        (path.clone(), "wrong.eds, line 3: `ParameterValue`: `none` is not a number; "),
+        (path.clone(), "; line 6: `ParameterValue`: `x` is not a number; "),
         (directory.join("absent.eds"), "absent.eds: "),
     ] {
         let config = DriveConfig::new(id(1));

@@ -63,6 +63,9 @@ impl NetworkDescription {
     }
 }
 
+/// Data types are below.
+const FIRST_OBJECT: u16 = 0x1000;
+
 /// Sender of a COB-ID: its node, and a text.
 type Sender = (Option<usize>, String);
 
@@ -374,8 +377,13 @@ pub(super) fn check_pdos(node: &NodeDescription, report: &mut impl FnMut(Network
         if device.object(index).is_none() {
             report(NetworkFaultKind::NoPdo { pdo: name, index });
         }
-        for entry in &pdo.entries {
-            check_entry(device, name, *entry, report);
+        for (subindex, entry) in (1..).zip(&pdo.entries) {
+            // Devices have data types as gaps in mappings of their own.
+            let is_own_gap = entry.index < FIRST_OBJECT
+                && number(node, pdo.mapping_index(), subindex) == Some(entry.raw());
+            if !is_own_gap {
+                check_entry(device, name, *entry, report);
+            }
         }
     }
 }

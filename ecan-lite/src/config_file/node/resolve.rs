@@ -8,6 +8,7 @@ use ecan_canopen::{
     TransmissionType, object,
 };
 use ecan_protocol::can::CanId;
+use ecan_protocol::text::Printable;
 
 use super::source::{NodeSettings, NodeSource, ParameterSource, PdoSource, RevisionRule};
 use crate::config_file::fault::Located;
@@ -44,6 +45,11 @@ pub(crate) fn resolve(
         report(source.settings.guard_time_at, fault.to_owned());
     }
     let mut notes = Vec::new();
+    if let Some((summary, path)) =
+        file.and_then(DeviceFile::warning_summary).zip(source.device_file.as_ref())
+    {
+        notes.push(format!("{}: {summary}", Printable(path.value.display())));
+    }
     let identity = identity(&source.settings, file, node, &mut notes);
     let mut boot = source.settings.boot_config(&source.name, identity);
     choose_life_sign(&source.settings, file, &mut boot, &mut notes);

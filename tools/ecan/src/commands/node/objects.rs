@@ -52,9 +52,8 @@ impl DeviceFileArguments {
 pub fn read_device_file(path: &std::path::Path) -> Result<DeviceFile> {
     let bytes = config_file::read_input(path)?;
     let file = DeviceFile::parse(&bytes).map_err(|error| Failure::file("use", path, error))?;
-    if let Some(first) = file.warnings().first() {
-        let (count, path) = (file.warnings().len(), Printable(path.display()));
-        note(format_args!("# {path}: {count} deviations from CiA 306; the first: {first}"));
+    if let Some(summary) = file.warning_summary() {
+        note(format_args!("# {}: {summary}", Printable(path.display())));
     }
     Ok(file)
 }
