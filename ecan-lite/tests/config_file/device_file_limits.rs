@@ -31,10 +31,13 @@ fn with(text: &str, section: &str, line: (&str, &str)) -> String {
     changed
 }
 
+/// The node, and the notes except those of deviations of the changed file.
 fn node_and_notes(device: &str) -> (NodeDescription, Vec<String>) {
     let directory = directory(&[("cell.toml", &*format!("{GATEWAY}{NODE}")), ("d.eds", device)]);
     let path = directory.path().join("cell.toml");
-    (load_nodes(&path).unwrap().remove(0), load_notes(&path).unwrap())
+    let mut notes = load_notes(&path).unwrap();
+    notes.retain(|note| !note.contains("from CiA 306; the first: line "));
+    (load_nodes(&path).unwrap().remove(0), notes)
 }
 
 fn faults(more: &str, device: &str) -> Vec<String> {

@@ -17,28 +17,8 @@ use crate::config_file::network::MasterSource;
 /// Sections that describe no node.
 const SECTIONS: [&str; 4] = ["options", "master", "defaults", "nodes"];
 
-/// Keys of a node that concern ROS only, or drivers of ros2_canopen.
-const ROS_KEYS: [&str; 19] = [
-    "package",
-    "namespace",
-    "enable_lazy_load",
-    "dcf_path",
-    "polling",
-    "period",
-    "diagnostics",
-    "remappings",
-    "sdo_timeout_ms",
-    "configuration_file",
-    "heartbeat_multiplier",
-    "retry_factor",
-    "switching_state",
-    "homing_timeout_seconds",
-    "scale_pos_from_dev",
-    "scale_vel_from_dev",
-    "offset_pos_from_dev",
-    "boot",
-    "time_cob_id",
-];
+/// Takes over the keys of another mapping, or of several (YAML 1.1).
+const MERGE_KEY: &str = "<<";
 
 /// Reads the nodes of a bus on a channel, and its master.
 ///
@@ -126,14 +106,21 @@ impl Reader<'_> {
             }
             return Mapping::default();
         };
-        let mut pairs = Vec::new();
+        let (mut pairs, mut merged) = (Vec::new(), Vec::new());
         for (key, value) in mapping {
             match text_of(key) {
+                Some(name) if name == MERGE_KEY => match &value.data {
+                    YamlData::Sequence(list) => merged.extend(list),
+                    _ => merged.push(value),
+                },
                 Some(name) => pairs.push((Located::new(name, self.at(key)), value)),
                 None => self.fault(key, "a key must be a word or a number".to_owned()),
             }
         }
-        Mapping { pairs }
+        merged.into_iter().fold(Mapping { pairs }, |own, other| {
+            let other = self.mapping(other, "the value of `<<`");
+            own.or(&other)
+        })
     }
 
     /// `nodes` is a mapping, or a list of mappings of one name each.
@@ -230,6 +217,7 @@ impl Reader<'_> {
         node.settings.is_mandatory = Some(false);
         node.settings.heartbeat_ms = Some(0);
         node.settings.revision = Some(RevisionRule::Exact);
+        let mut ignored = Vec::new();
         for (key, value) in &keys.pairs {
             let (at, name) = (self.at(value), key.value.as_str());
             match name {
@@ -303,9 +291,11 @@ impl Reader<'_> {
                         format!("`{name}` is not supported; use the configuration file"),
                     );
                 }
-                name if ROS_KEYS.contains(&name) => {}
-                name => self.faults.push((key.at, format!("unknown key `{name}`"))),
+                _ => ignored.push(format!("`{name}`")),
             }
+        }
+        if !ignored.is_empty() {
+            node.notes.push(format!("ignored in its bus.yml: {}", ignored.join(", ")));
         }
         if node.device_file.is_none() {
             self.faults.push((node.at, format!("`{}` has no `dcf`: the EDS or DCF", node.name)));

@@ -44,7 +44,7 @@ pub(crate) fn resolve(
     if let Some(fault) = source.settings.guarding_fault() {
         report(source.settings.guard_time_at, fault.to_owned());
     }
-    let mut notes = Vec::new();
+    let mut notes = source.notes.clone();
     if let Some((summary, path)) =
         file.and_then(DeviceFile::warning_summary).zip(source.device_file.as_ref())
     {

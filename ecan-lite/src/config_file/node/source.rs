@@ -231,6 +231,8 @@ pub(crate) struct NodeSource {
     pub(crate) watches_master: Option<Located<bool>>,
     /// Keys of its axis (bus.yml).
     pub(crate) ros_axis: RosAxis,
+    /// What its file states and is not used.
+    pub(crate) notes: Vec<String>,
 }
 
 impl NodeSource {
@@ -247,6 +249,7 @@ impl NodeSource {
             pdos: Vec::new(),
             watches_master: None,
             ros_axis: RosAxis::default(),
+            notes: Vec::new(),
         }
     }
 }
