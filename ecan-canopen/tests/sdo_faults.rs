@@ -27,7 +27,10 @@ fn abort_by_the_server_is_final_and_explained() {
 fn silence_is_aborted_and_tried_again_then_reported() {
     let mut link = Link::new(Server::new(Block::Checked).with(0x1000, 0, &[7]), settings());
     link.lost = (0..100).collect();
-    assert_eq!(link.upload(0x1000, 0), Sdo::Failed(SdoFault::TimedOut { attempts: 3 }));
+    assert_eq!(
+        link.upload(0x1000, 0),
+        Sdo::Failed(SdoFault::TimedOut { attempts: 3, stray: None })
+    );
     let request = [0x40, 0x00, 0x10, 0, 0, 0, 0, 0];
     let timeout = [0x80, 0x00, 0x10, 0, 0x00, 0x00, 0x04, 0x05];
     assert_eq!(link.sent(), [request, timeout, request, timeout, request, timeout]);
@@ -42,9 +45,71 @@ fn zero_retries_fail_on_one_lost_frame() {
     let once = SdoConfig { retries: 0, ..settings() };
     let mut link = Link::new(Server::new(Block::Checked).with(0x1000, 0, &[7]), once);
     link.lost = vec![1];
-    let fault = SdoFault::TimedOut { attempts: 1 };
+    let fault = SdoFault::TimedOut { attempts: 1, stray: None };
     assert_eq!(link.upload(0x1000, 0), Sdo::Failed(fault));
     assert_eq!(fault.to_string(), "no answer after 1 attempt");
+}
+
+#[test]
+fn answers_that_do_not_count_are_named_after_the_timeout() {
+    let cases: [(&[u8], &str); 4] = [
+        (&[0x43, 0x00, 0x10, 0], "; the node sent an answer of 4 bytes, 8 are needed"),
+        (&[0x4B, 0x00, 0x10, 0, 7], "; the node sent an answer of 5 bytes, 8 are needed"),
+        (&[0x4F, 0x01, 0x10, 2, 7, 0, 0, 0], "; the node answered for 0x1001:02"),
+        (&[0x60, 0x00, 0x10, 0, 0, 0, 0], "; the node sent an answer of 7 bytes, 8 are needed"),
+    ];
+    for (answer, text) in cases {
+        let mut link =
+            Link::new(Server::new(Block::Checked), SdoConfig { retries: 0, ..settings() });
+        link.lost = (0..100).collect();
+        link.client.start_upload(0x1000, 0).unwrap();
+        link.client.sent(0);
+        link.client.receive(answer, 0);
+        let Sdo::Failed(fault) = link.run() else { panic!("{text}") };
+        assert_eq!(fault.to_string(), format!("no answer after 1 attempt{text}"));
+        assert_eq!(link.client.strays(), 1);
+    }
+}
+
+#[test]
+fn short_answer_with_its_whole_content_counts() {
+    let mut link = Link::new(Server::new(Block::Checked), settings());
+    for (answer, expected) in [
+        (&[0x4B, 0x00, 0x10, 0, 7, 9][..], &[7, 9][..]),
+        (&[0x47, 0x00, 0x10, 0, 1, 2, 3], &[1, 2, 3]),
+    ] {
+        link.client.start_upload(0x1000, 0).unwrap();
+        link.client.sent(0);
+        link.client.receive(answer, 0);
+        assert_eq!(link.client.data(), expected);
+    }
+    link.client.start_download(0x1000, 0, &[1]).unwrap();
+    link.client.sent(0);
+    link.client.receive(&[0x60, 0x00, 0x10, 0], 0);
+    assert_eq!(link.client.state(), Sdo::Done { len: 1 });
+}
+
+#[test]
+fn server_that_sends_empty_segments_for_ever_is_aborted() {
+    let mut link = Link::new(Server::new(Block::Checked), settings());
+    link.client.start_upload(0x1008, 0).unwrap();
+    link.client.sent(0);
+    link.client.receive(&[0x40, 0x08, 0x10, 0, 0, 0, 0, 0], 0);
+    let mut toggle = 0x00;
+    for segment in 0..10 {
+        if link.client.state() != Sdo::Busy {
+            break;
+        }
+        link.client.sent(0);
+        // Three bytes, then none.
+        let unused = if segment == 0 { 4 } else { 7 };
+        link.client.receive(&[toggle | unused << 1, 1, 2, 3, 0, 0, 0, 0], 0);
+        toggle ^= 0x10;
+    }
+    let Sdo::Failed(fault) = link.client.state() else { panic!("{:?}", link.client.state()) };
+    assert_eq!(fault, SdoFault::Endless { bytes: 3 });
+    let abort = link.client.frame().unwrap();
+    assert_eq!((abort[0], &abort[4..]), (0x80, &0x0800_0000_u32.to_le_bytes()[..]));
 }
 
 #[test]
@@ -73,7 +138,10 @@ fn answer_to_storing_parameters_may_be_slow() {
     // Reading the capability is as fast as any other object.
     let mut link = Link::new(server(), SdoConfig { storage_timeout, retries: 0, ..settings() });
     link.delays = vec![0, 1_900];
-    assert_eq!(link.upload(0x1010, 1), Sdo::Failed(SdoFault::TimedOut { attempts: 1 }));
+    assert_eq!(
+        link.upload(0x1010, 1),
+        Sdo::Failed(SdoFault::TimedOut { attempts: 1, stray: None })
+    );
 }
 
 #[test]
@@ -457,7 +525,7 @@ proptest! {
                 prop_assert_eq!(case.result(&link), &case.data[..]);
             }
             Sdo::Failed(fault) => {
-                prop_assert!(matches!(fault, SdoFault::TimedOut { attempts: 3 }
+                prop_assert!(matches!(fault, SdoFault::TimedOut { attempts: 3, .. }
                     | SdoFault::Violated(_) | SdoFault::Aborted(_)), "{}", fault);
             }
             state => prop_assert!(false, "{}", state),

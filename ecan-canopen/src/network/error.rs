@@ -184,10 +184,22 @@ pub enum SdoFault {
     #[error("aborted by the host: {0}")]
     Violated(AbortCode),
     /// No answer arrived in time.
-    #[error("no answer after {attempts} attempt{}", if *attempts == 1 { "" } else { "s" })]
+    #[error(
+        "no answer after {attempts} attempt{}{}",
+        if *attempts == 1 { "" } else { "s" },
+        stray.map(|stray| format!("; {stray}")).unwrap_or_default()
+    )]
     TimedOut {
         /// Number of attempts.
         attempts: u8,
+        /// What the node sent instead, last.
+        stray: Option<SdoStray>,
+    },
+    /// The node sends empty segments and does not end the transfer.
+    #[error("the node does not end the transfer: it sends empty segments after {bytes} bytes")]
+    Endless {
+        /// Bytes received.
+        bytes: usize,
     },
     /// The value is longer than the buffer of [`SdoConfig`](crate::SdoConfig).
     #[error("the value does not fit the buffer of {capacity} bytes")]
@@ -207,6 +219,28 @@ pub enum SdoFault {
     /// The Port rejected the frame for a reason that waiting does not cure.
     #[error("the frame was rejected: {0}")]
     Rejected(SendError),
+}
+
+/// A frame of an SDO server that is no answer to the running transfer.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
+pub enum SdoStray {
+    /// It has fewer bytes than its content needs; CiA 301, 7.2.4.3 demands 8.
+    #[error("the node sent an answer of {bytes} bytes, 8 are needed")]
+    Short {
+        /// Its bytes.
+        bytes: usize,
+    },
+    /// It is about another object.
+    #[error("the node answered for 0x{index:04X}:{subindex:02X}")]
+    OtherObject {
+        /// Index.
+        index: u16,
+        /// Subindex.
+        subindex: u8,
+    },
+    /// It does not fit the request.
+    #[error("the node sent an answer that does not fit the request")]
+    Unexpected,
 }
 
 impl SdoFault {

@@ -41,8 +41,8 @@ pub use description::{
 pub use ecan_host::SdoDirection;
 pub use ecan_protocol::sequence::{Expectation, SdoValue, Tolerance};
 pub use error::{
-    NetworkError, NmtError, NodeAccessError, SdoFailure, SdoFault, SdoStartError, StepFailure,
-    StepFault, WaitError,
+    NetworkError, NmtError, NodeAccessError, SdoFailure, SdoFault, SdoStartError, SdoStray,
+    StepFailure, StepFault, WaitError,
 };
 pub use life_sign::{GuardErrors, Heartbeat};
 pub use lss::{

@@ -391,7 +391,7 @@ fn messages_of_a_node_and_of_strangers() {
         assert!(!take(slave, channel, id, &[0], 0), "{slave} {channel} {id:#X} is someone else's");
     }
     let remote = CanFrame::remote(CanId::standard(0x705).unwrap(), Dlc::new(1).unwrap()).unwrap();
-    assert!(!network.take(&with_frame(0, 1, remote), 0));
+    assert!(network.take(&with_frame(0, 1, remote), 0), "a request for what the node sends");
     let extended = CanFrame::classic(CanId::extended(0x705).unwrap(), &[0]).unwrap();
     assert!(!network.take(&with_frame(0, 1, extended), 0));
 
@@ -404,7 +404,7 @@ fn messages_of_a_node_and_of_strangers() {
     assert_eq!(records[0].emcy.class(), EmcyClass::NoError);
     assert_eq!((records[1].at_ns, records[1].emcy.code), (20 * MS, 0x8611));
     let statistics = network.statistics();
-    assert_eq!((statistics.malformed, statistics.sdo_strays), (2, 1));
+    assert_eq!((statistics.malformed, statistics.sdo_strays), (3, 1));
     network.tick(111 * MS);
     assert_eq!(network.heartbeat(node), Heartbeat::TimedOut);
     assert_eq!(network.status(node).unwrap().heartbeat_timeouts, 1);
@@ -491,7 +491,10 @@ fn settings_reach_the_client() {
     cycle(&mut network, &mut sink, 5 * MS);
     assert_eq!(network.sdo_state(node), Sdo::Busy);
     cycle(&mut network, &mut sink, 6 * MS);
-    assert_eq!(network.sdo_state(node), Sdo::Failed(SdoFault::TimedOut { attempts: 1 }));
+    assert_eq!(
+        network.sdo_state(node),
+        Sdo::Failed(SdoFault::TimedOut { attempts: 1, stray: None })
+    );
     assert_eq!(sink.ids(), [0x601, 0x601], "the request and its abort");
     assert_eq!(network.heartbeat(node), Heartbeat::Unconfigured);
     assert_eq!(network.sdo_state(NodeHandle(5)), Sdo::Idle);

@@ -221,9 +221,6 @@ impl NodeTable {
     /// not belong to the network.
     pub(super) fn on_frame(&mut self, received: &ReceivedFrame, now_ns: u64) -> Option<bool> {
         let frame = &received.frame;
-        if frame.kind() != FrameKind::Data {
-            return None;
-        }
         let (slave, channel, data) = (received.slave, received.channel, frame.data());
         let service = CobId::classify(frame.id())?;
         let (Service::Emcy(node) | Service::SdoServer(node) | Service::Heartbeat(node)) = service
@@ -236,11 +233,15 @@ impl NodeTable {
         };
         let handle = self.find(slave, channel, node)?;
         let node = self.node_mut(handle)?;
+        // A service is data; a request for it is a fault of another master.
+        if frame.kind() != FrameKind::Data {
+            return Some(false);
+        }
         Some(match service {
             Service::Emcy(_) => node.on_emcy(data, now_ns),
             Service::Heartbeat(_) => node.on_error_control(data, now_ns),
             _ => {
-                node.sdo.receive(&pad(data), now_ns);
+                node.sdo.receive(data, now_ns);
                 true
             }
         })
@@ -258,13 +259,4 @@ impl NodeTable {
             }
         }
     }
-}
-
-/// Fills an SDO frame to eight bytes: a server that sends fewer means zeros.
-fn pad(data: &[u8]) -> [u8; 8] {
-    let mut bytes = [0; 8];
-    for (to, from) in bytes.iter_mut().zip(data) {
-        *to = *from;
-    }
-    bytes
 }

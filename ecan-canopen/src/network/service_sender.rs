@@ -310,7 +310,7 @@ pub struct ServiceStatistics {
     /// LSS responses that matched no command.
     pub lss_strays: u64,
     /// Messages of nodes that CiA 301 does not allow: a heartbeat without a valid state, an emergency
-    /// message of another length.
+    /// message of another length, a remote frame with the COB-ID of a service that a node sends.
     pub malformed: u64,
 }
 

@@ -7,7 +7,7 @@ use ecan_host::SdoDirection;
 use ecan_protocol::object::AbortCode;
 
 use crate::network::config::SdoConfig;
-use crate::network::error::{SdoFault, SdoStartError};
+use crate::network::error::{SdoFault, SdoStartError, SdoStray};
 use crate::network::producers::nanoseconds;
 use crate::{MAX_BLOCK_SIZE, object};
 
@@ -75,6 +75,8 @@ pub struct SdoClient {
     rejects_block: (bool, bool),
     generation: u64,
     strays: u64,
+    /// The last one since the transfer began.
+    last_stray: Option<SdoStray>,
     silences: u64,
 }
 
@@ -92,6 +94,7 @@ impl SdoClient {
             rejects_block: (false, false),
             generation: 0,
             strays: 0,
+            last_stray: None,
             silences: 0,
         }
     }
@@ -186,6 +189,7 @@ impl SdoClient {
         transfer.attempts = 1;
         self.subject = (transfer.direction, transfer.index, transfer.subindex);
         self.transfer = Some(transfer);
+        self.last_stray = None;
         self.generation += 1;
         Ok(())
     }
@@ -248,10 +252,15 @@ impl SdoClient {
                 (None, SdoFault::Aborted(code), has_attempts && is_transmission_fault(code))
             }
             TransferFailure::Timeout => {
-                (Some(AbortCode::TIMEOUT), SdoFault::TimedOut { attempts }, has_attempts)
+                let fault = SdoFault::TimedOut { attempts, stray: self.last_stray };
+                (Some(AbortCode::TIMEOUT), fault, has_attempts)
             }
             TransferFailure::Violation(code) => {
                 (Some(code), SdoFault::Violated(code), has_attempts)
+            }
+            TransferFailure::Endless => {
+                let bytes = transfer.position;
+                (Some(AbortCode::GENERAL), SdoFault::Endless { bytes }, false)
             }
             TransferFailure::TooLong => {
                 let capacity = self.buffer.len() - PADDING;
@@ -288,8 +297,9 @@ impl SdoClient {
         }
     }
 
-    pub(super) fn stray(&mut self) {
+    pub(super) fn stray(&mut self, stray: SdoStray) {
         self.strays += 1;
+        self.last_stray = Some(stray);
     }
 
     pub(super) fn block_size(&self) -> u8 {
@@ -372,6 +382,8 @@ pub(super) enum TransferFailure {
     Violation(AbortCode),
     /// The server aborted.
     Abort(AbortCode),
+    /// Segments without bytes, one after the other.
+    Endless,
     /// The value does not fit the buffer.
     TooLong,
 }
@@ -396,7 +408,7 @@ pub(super) struct Transfer {
     pub(super) block_size: u8,
     /// True if both sides check the CRC.
     pub(super) crc: bool,
-    /// Blocks in a row without progress.
+    /// Blocks or segments in a row without progress.
     pub(super) stalls: u8,
 }
 

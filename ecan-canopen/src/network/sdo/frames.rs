@@ -3,6 +3,7 @@
 use ecan_protocol::object::AbortCode;
 
 use super::client::{Phase, SEGMENT, SdoClient, Transfer, TransferFailure};
+use crate::network::error::SdoStray;
 use crate::{BlockSegment, ClientFrame, Initiate, MAX_BLOCK_SIZE, Segment, ServerFrame, block_crc};
 
 /// Below this number of bytes a server may answer a block upload with a segmented transfer: two segments.
@@ -121,12 +122,19 @@ const INVALID_SEQUENCE: AbortCode = AbortCode(0x0504_0003);
 const CRC_ERROR: AbortCode = AbortCode(0x0504_0004);
 
 impl SdoClient {
-    /// Processes a frame of the server that arrived at `now_ns`.
-    pub fn receive(&mut self, frame: &[u8; 8], now_ns: u64) {
-        let Some(transfer) = &self.transfer else { return self.stray() };
+    /// Processes the data of a frame of the server that arrived at `now_ns`. Fewer than 8 bytes count if they have the
+    /// whole content.
+    pub fn receive(&mut self, data: &[u8], now_ns: u64) {
+        let mut bytes = [0; 8];
+        bytes.iter_mut().zip(data).for_each(|(to, from)| *to = *from);
+        let frame = &bytes;
+        let Some(transfer) = &self.transfer else { return self.stray(SdoStray::Unexpected) };
+        if data.len() < content_bytes(frame, transfer.phase) {
+            return self.stray(SdoStray::Short { bytes: data.len() });
+        }
         if !transfer.is_known_to_node {
             // No request was sent: the frame belongs to an earlier attempt.
-            return self.stray();
+            return self.stray(SdoStray::Unexpected);
         }
         let answer = ServerFrame::parse(frame);
         if let Some(segment) = BlockSegment::parse(frame) {
@@ -148,7 +156,7 @@ impl SdoClient {
                 }
                 Phase::BlockUploadSegments { last, .. } => {
                     if is_answer && segment.sequence != last + 1 {
-                        return self.stray();
+                        return self.stray(SdoStray::Unexpected);
                     }
                     return self.block_segment(segment, last, now_ns);
                 }
@@ -161,11 +169,11 @@ impl SdoClient {
                 if transfer.is_about(index, subindex) || (index, subindex) == (0, 0) {
                     self.handle_failure(TransferFailure::Abort(code));
                 } else {
-                    self.stray();
+                    self.stray(SdoStray::OtherObject { index, subindex });
                 }
             }
             Ok(answer) if transfer.expects_answer() => self.answer(answer),
-            _ => self.stray(),
+            _ => self.stray(SdoStray::Unexpected),
         }
     }
 
@@ -174,7 +182,7 @@ impl SdoClient {
         if let Some((index, subindex)) = subject(&answer)
             && !transfer.is_about(index, subindex)
         {
-            return self.stray();
+            return self.stray(SdoStray::OtherObject { index, subindex });
         }
         match (transfer.phase, answer) {
             (Phase::Upload | Phase::BlockUpload, ServerFrame::Upload { initiate, .. }) => {
@@ -236,7 +244,7 @@ impl SdoClient {
                 | ServerFrame::BlockDownload { .. },
             ) => self.handle_failure(TransferFailure::Violation(AbortCode::COMMAND)),
             // A late answer to an earlier attempt.
-            _ => self.stray(),
+            _ => self.stray(SdoStray::Unexpected),
         }
     }
 
@@ -290,6 +298,13 @@ impl SdoClient {
             return self.handle_failure(TransferFailure::TooLong);
         }
         self.store(at, segment.bytes());
+        if let Some(transfer) = &mut self.transfer {
+            let is_stalled = segment.bytes().is_empty() && !segment.last;
+            transfer.stalls = if is_stalled { transfer.stalls.saturating_add(1) } else { 0 };
+            if transfer.stalls > self.retries() {
+                return self.handle_failure(TransferFailure::Endless);
+            }
+        }
         let is_whole = size.is_none_or(|size| size == end);
         let is_too_much = size.is_some_and(|size| end > size);
         if is_too_much || segment.last && !is_whole {
@@ -381,6 +396,20 @@ impl SdoClient {
         for (to, from) in self.buffer.iter_mut().skip(at).zip(bytes) {
             *to = *from;
         }
+    }
+}
+
+/// Bytes of a frame that have a content: the first byte states it (CiA 301, 7.2.4.3).
+fn content_bytes(frame: &[u8; 8], phase: Phase) -> usize {
+    match (phase, frame[0]) {
+        // An expedited value whose size is stated.
+        (Phase::Upload | Phase::BlockUpload, first @ (0x43 | 0x47 | 0x4B | 0x4F)) => {
+            8 - usize::from(first >> 2 & 3)
+        }
+        (Phase::UploadSegment { .. }, first @ 0x00..=0x1F) => 8 - usize::from(first >> 1 & 7),
+        (Phase::Download, 0x60) => 4,
+        (Phase::DownloadSegment { .. }, 0x20 | 0x30) => 1,
+        _ => 8,
     }
 }
 

@@ -377,10 +377,8 @@ fn deliver(observed: &Observed, requests: &mut [SdoRequest], now_ns: u64) {
     let Some(request) = find_request(requests, place, node) else { return };
     if is_boot_up {
         request.client.drop_transfer(SdoFault::NodeRestarted);
-    } else if let Ok(data) = observed.frame.frame.data().try_into()
-        && matches!(observed.service(), Some(CanopenService::SdoServer(_)))
-    {
-        request.client.receive(data, now_ns);
+    } else if matches!(observed.service(), Some(CanopenService::SdoServer(_))) {
+        request.client.receive(observed.frame.frame.data(), now_ns);
     }
 }
 
