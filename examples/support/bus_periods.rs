@@ -7,6 +7,8 @@ use ecan_protocol::can::{CanFrame, CanId};
 use ecan_protocol::text::Printable;
 use ecan_sim::BusFrame;
 
+use ecan_tool_support::print_line;
+
 use crate::log_file;
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -42,7 +44,9 @@ impl BusRecord {
     /// Reads an analyser's recording, without frames of other CAN IDs. The first frame of a number
     /// counts as sent, the others as its echo.
     pub fn from_log(path: &Path, id: CanId) -> Result<Self, Box<dyn Error>> {
-        let log = log_file::read(path)?.frames;
+        let log = log_file::read(path)?;
+        log_file::losses(path, &log).iter().for_each(|loss| print_line!("{loss}"));
+        let log = log.frames;
         let is_coarse = log.iter().all(|frame| frame.time_ns.is_multiple_of(1_000));
         let mut seen = std::collections::HashSet::new();
         let frames: Vec<_> = log

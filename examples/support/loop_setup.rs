@@ -72,7 +72,9 @@ impl LoopSetup {
         let name = Printable(path.display());
         let targets = self.channels.targets(&self.port);
         let assign = |logged| self.assign(logged, &targets);
-        let frames: Vec<_> = log_file::read(path)?
+        let recording = log_file::read(path)?;
+        log_file::losses(path, &recording).iter().for_each(|loss| print_line!("{loss}"));
+        let frames: Vec<_> = recording
             .frames
             .into_iter()
             .map(assign)

@@ -15,48 +15,44 @@
 use ecan_protocol::can::{CanFrame, CanId, Dlc};
 
 use super::records::{
-    FieldResult, Fields, Format, LoggedFrame, Recording, RecordingError, RecordingErrorKind,
-    classic, interface, invalid, number, remote, time_ns,
+    FieldResult, Fields, Format, Item, Recording, RecordingErrorKind, classic, interface, invalid,
+    number, remote, signed, time_ns,
 };
 
 /// Digits of a second in nanoseconds.
 const SECOND_DIGITS: u32 = 9;
 const FLAG_RTR: u32 = 1 << 4;
 const FLAG_FDF: u32 = 1 << 12;
+const CLASSIC_BYTES: usize = 8;
 const CAN_ID: &str = "000 to 7FF, or 0x to 1FFFFFFFx";
 const DIRECTION: &str = "Rx, Tx or TxRq";
 
-pub fn parse(text: &str) -> Result<Recording, RecordingError> {
-    let mut recording = Recording::new(Format::Asc);
-    let (mut radix, mut is_relative, mut now_ns) = (16, false, 0_u64);
-    for (line, text) in (1..).zip(text.lines()) {
-        let in_line = |kind| RecordingError { line, kind };
+pub fn parse(text: &str) -> Recording {
+    let (mut radix, mut is_relative, mut now_ns) = (16, false, 0_i64);
+    Recording::of_lines(Format::Asc, text, |text| {
         let mut fields = Fields::new(text);
-        let Some(first) = fields.next() else { continue };
+        let Some(first) = fields.next() else { return Ok(Item::Nothing) };
         if first.eq_ignore_ascii_case("base") {
-            radix = fields.parse("base", "hex or dec", radix_of).map_err(in_line)?;
+            radix = fields.parse("base", "hex or dec", radix_of)?;
             is_relative =
                 fields.clone().next().is_some_and(|text| text.eq_ignore_ascii_case("timestamps"))
                     && text.trim_end().to_ascii_lowercase().ends_with("relative");
         }
-        let Some(time_ns) = time_ns(first, SECOND_DIGITS).filter(|_| first.contains('.')) else {
-            continue;
+        let digits = first.strip_prefix('-');
+        let time_ns = time_ns(digits.unwrap_or(first), SECOND_DIGITS);
+        let Some(time_ns) = time_ns.filter(|_| first.contains('.')) else {
+            return Ok(Item::Nothing);
         };
+        let time_ns = signed(time_ns)?;
+        // Events before the trigger have times below 0.
+        let time_ns = if digits.is_some() { -time_ns } else { time_ns };
         // Relative times count from the event before, also from one without a frame.
         now_ns = match is_relative {
-            true => now_ns.checked_add(time_ns).ok_or(RecordingErrorKind::TimeRange),
-            false => Ok(time_ns),
-        }
-        .map_err(in_line)?;
-        match item(&mut fields, radix).map_err(in_line)? {
-            Item::Frame { interface, frame } => {
-                recording.frames.push(LoggedFrame { line, time_ns: now_ns, interface, frame });
-            }
-            Item::ErrorFrame => recording.error_frames += 1,
-            Item::Event => recording.events += 1,
-        }
-    }
-    Ok(recording)
+            true => now_ns.checked_add(time_ns).ok_or(RecordingErrorKind::TimeRange)?,
+            false => time_ns,
+        };
+        item(&mut fields, radix, now_ns)
+    })
 }
 
 fn radix_of(text: &str) -> Option<u32> {
@@ -67,26 +63,20 @@ fn radix_of(text: &str) -> Option<u32> {
     }
 }
 
-enum Item {
-    Frame { interface: String, frame: CanFrame },
-    ErrorFrame,
-    Event,
-}
-
 /// Parses what follows the time.
-fn item(fields: &mut Fields<'_>, radix: u32) -> FieldResult<Item> {
+fn item(fields: &mut Fields<'_>, radix: u32, time_ns: i64) -> FieldResult<Item> {
     match fields.peek() {
         Some("CANFD") => {
             fields.next();
-            fd_item(fields)
+            fd_item(fields, time_ns)
         }
         Some("CANXL") => Err(RecordingErrorKind::CanXl),
-        Some(channel) if number(channel, 10).is_some() => classic_item(fields, radix),
+        Some(channel) if number(channel, 10).is_some() => classic_item(fields, radix, time_ns),
         _ => Ok(Item::Event),
     }
 }
 
-fn classic_item(fields: &mut Fields<'_>, radix: u32) -> FieldResult<Item> {
+fn classic_item(fields: &mut Fields<'_>, radix: u32, time_ns: i64) -> FieldResult<Item> {
     let interface = fields.parse("channel", "a number, from 1", interface)?;
     let name = fields.take("CAN ID", CAN_ID)?;
     if is_error_frame(name) {
@@ -110,10 +100,10 @@ fn classic_item(fields: &mut Fields<'_>, radix: u32) -> FieldResult<Item> {
         "r" | "R" => remote(id, fields.peek().and_then(dlc).map_or(0, Dlc::value))?,
         other => return Err(invalid("kind of frame", other, "d or r")),
     };
-    Ok(Item::Frame { interface, frame })
+    Ok(Item::Frame { time_ns, interface, frame })
 }
 
-fn fd_item(fields: &mut Fields<'_>) -> FieldResult<Item> {
+fn fd_item(fields: &mut Fields<'_>, time_ns: i64) -> FieldResult<Item> {
     let interface = fields.parse("channel", "a number, from 1", interface)?;
     match fields.take("direction", DIRECTION)? {
         "Rx" | "Tx" => {}
@@ -143,7 +133,8 @@ fn fd_item(fields: &mut Fields<'_>) -> FieldResult<Item> {
         fields.next().map_or(Some(FLAG_FDF), |text| number(text, 16)).unwrap_or(FLAG_FDF)
     };
     let mismatch = RecordingErrorKind::LengthMismatch { length, dlc: dlc.value() };
-    let is_fd = flags & FLAG_FDF != 0;
+    // Some programs write no flags.
+    let is_fd = flags & FLAG_FDF != 0 || brs || esi || length > CLASSIC_BYTES;
     let frame = if is_fd && dlc.fd_len() == length {
         CanFrame::fd(id, data, brs, esi).map_err(|_| mismatch)?
     } else if !is_fd && flags & FLAG_RTR != 0 {
@@ -153,7 +144,7 @@ fn fd_item(fields: &mut Fields<'_>) -> FieldResult<Item> {
     } else {
         return Err(mismatch);
     };
-    Ok(Item::Frame { interface, frame })
+    Ok(Item::Frame { time_ns, interface, frame })
 }
 
 fn is_error_frame(text: &str) -> bool {

@@ -59,12 +59,15 @@ impl<'a> Fields<'a> {
 }
 
 pub fn invalid(field: &'static str, text: &str, expected: &'static str) -> RecordingErrorKind {
-    // No control sequence of the file reaches a terminal.
+    RecordingErrorKind::Invalid { field, text: quoted(text), expected }
+}
+
+/// The begin of a text; no control sequence of the file reaches a terminal.
+fn quoted(text: &str) -> String {
     let printable = |character: char| {
         if character.is_control() { char::REPLACEMENT_CHARACTER } else { character }
     };
-    let text = text.chars().take(MAX_QUOTED).map(printable).collect();
-    RecordingErrorKind::Invalid { field, text, expected }
+    text.chars().take(MAX_QUOTED).map(printable).collect()
 }
 
 fn byte_of(text: &str, radix: u32) -> Option<u8> {
@@ -119,10 +122,20 @@ pub fn interface(text: &str) -> Option<String> {
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("line {line}, {kind}")]
 pub struct RecordingError {
-    /// Line, from 1.
+    /// Line, from 1; of a binary format the number of the block or object.
     pub line: usize,
     /// Kind of error.
     pub kind: RecordingErrorKind,
+}
+
+/// A line that cannot be read and is left out.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{error}: {text}")]
+pub struct SkippedLine {
+    /// Line and reason.
+    pub error: RecordingError,
+    /// The line; a long one is cut.
+    pub text: String,
 }
 
 /// Kind of error in a recording.
@@ -131,8 +144,8 @@ pub struct RecordingError {
 pub enum RecordingErrorKind {
     /// The line belongs to no format.
     #[error(
-        "format not recognized; allowed: candump log, candump screen, Vector ASC, PEAK TRC; \
-         `ecan replay --format` selects one"
+        "format not recognized; allowed: candump log, candump screen, Vector ASC and BLF, PEAK TRC, pcapng and \
+         pcap of SocketCAN; `ecan replay --format` selects one of text"
     )]
     UnknownFormat,
     /// Syntax error in a line of candump.
@@ -173,6 +186,9 @@ pub enum RecordingErrorKind {
     /// A line of an ASC file for CAN XL.
     #[error("lines of kind CANXL are not supported; export the recording without CAN XL")]
     CanXl,
+    /// A block or object of a binary format that cannot be read; the rest of the file is lost.
+    #[error("{0}; the rest of the file cannot be read")]
+    Broken(String),
     /// A TRC file of version 2 without `$COLUMNS`.
     #[error("no line ;$COLUMNS before the first frame, which version 2 of TRC needs")]
     NoColumns,
@@ -181,11 +197,11 @@ pub enum RecordingErrorKind {
 /// Frame of a recording.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct LoggedFrame {
-    /// Line in the file, from 1.
+    /// Line in the file, from 1; of a binary format the number of the block or object.
     pub line: usize,
     /// Time in nanoseconds, from any reference.
     pub time_ns: u64,
-    /// Interface name; `can0` for channel 1 of ASC and bus 1 of TRC.
+    /// Interface name; `can0` for channel 1 of ASC and BLF, and bus 1 of TRC.
     pub interface: String,
     /// CAN frame.
     pub frame: CanFrame,
@@ -209,8 +225,12 @@ pub struct Recording {
     pub frames: Vec<LoggedFrame>,
     /// Number of error frames and SocketCAN error messages, which are not CAN frames.
     pub error_frames: usize,
-    /// Number of other lines without a frame: events of ASC and TRC.
+    /// Number of other lines or objects without a frame: events of ASC, TRC and BLF.
     pub events: usize,
+    /// Number of frames that the recording program has lost, by the recording itself.
+    pub dropped: u64,
+    /// Lines that cannot be read.
+    pub skipped: Vec<SkippedLine>,
     /// Given or recognized reference of the time stamps on candump's screen; `None` in other formats
     /// and without time stamps.
     pub screen_times: Option<ScreenTimes>,
@@ -218,8 +238,79 @@ pub struct Recording {
 
 impl Recording {
     pub(crate) const fn new(format: Format) -> Self {
-        Self { format, frames: Vec::new(), error_frames: 0, events: 0, screen_times: None }
+        Self {
+            format,
+            frames: Vec::new(),
+            error_frames: 0,
+            events: 0,
+            dropped: 0,
+            skipped: Vec::new(),
+            screen_times: None,
+        }
     }
+
+    /// Reads the lines of a text.
+    pub(crate) fn of_lines(
+        format: Format,
+        text: &str,
+        mut read: impl FnMut(&str) -> FieldResult<Item>,
+    ) -> Self {
+        let items = (1..).zip(text.lines()).map(|(line, text)| (line, read(text), text));
+        Self::of_items(format, items)
+    }
+
+    /// Collects items with their numbers and texts. Times before 0 shift all.
+    pub(crate) fn of_items<'t>(
+        format: Format,
+        items: impl Iterator<Item = (usize, FieldResult<Item>, &'t str)>,
+    ) -> Self {
+        let mut recording = Self::new(format);
+        let mut times = Vec::new();
+        for (line, item, text) in items {
+            match item {
+                Ok(Item::Frame { time_ns, interface, frame }) => {
+                    times.push(time_ns);
+                    let time_ns = 0;
+                    recording.frames.push(LoggedFrame { line, time_ns, interface, frame });
+                }
+                Ok(Item::ErrorFrame) => recording.error_frames += 1,
+                Ok(Item::Event) => recording.events += 1,
+                Ok(Item::Dropped(frames)) => {
+                    recording.dropped = recording.dropped.saturating_add(frames);
+                }
+                Ok(Item::Nothing) => {}
+                Err(kind) => {
+                    let error = RecordingError { line, kind };
+                    recording.skipped.push(SkippedLine { error, text: quoted(text.trim()) });
+                }
+            }
+        }
+        let origin = times.iter().copied().min().unwrap_or(0).min(0);
+        for (frame, time_ns) in recording.frames.iter_mut().zip(times) {
+            frame.time_ns = time_ns.abs_diff(origin);
+        }
+        recording
+    }
+}
+
+/// Content of a line or object.
+#[derive(Clone, Debug)]
+pub enum Item {
+    Frame {
+        time_ns: i64,
+        interface: String,
+        frame: CanFrame,
+    },
+    ErrorFrame,
+    Event,
+    /// Frames that were lost before.
+    Dropped(u64),
+    Nothing,
+}
+
+/// A time that fits 63 bits.
+pub fn signed(time_ns: u64) -> FieldResult<i64> {
+    i64::try_from(time_ns).map_err(|_| RecordingErrorKind::TimeRange)
 }
 
 /// Format of a recording.
@@ -234,11 +325,15 @@ pub enum Format {
     Asc,
     /// PEAK TRC, versions 1.0 to 2.1.
     Trc,
+    /// Vector BLF.
+    Blf,
+    /// pcapng or pcap with frames of SocketCAN.
+    Pcap,
 }
 
 impl Format {
-    /// All formats.
-    pub const ALL: [Self; 4] = [Self::CandumpLog, Self::CandumpScreen, Self::Asc, Self::Trc];
+    /// The formats of text. Binary ones are always recognized.
+    pub const TEXT: [Self; 4] = [Self::CandumpLog, Self::CandumpScreen, Self::Asc, Self::Trc];
 
     /// Name of the format, as [`FromStr`] accepts it.
     #[must_use]
@@ -248,6 +343,8 @@ impl Format {
             Self::CandumpScreen => "screen",
             Self::Asc => "asc",
             Self::Trc => "trc",
+            Self::Blf => "blf",
+            Self::Pcap => "pcap",
         }
     }
 
@@ -271,7 +368,11 @@ impl Format {
         if first.starts_with(';') || first.strip_suffix(')').is_some_and(is_number) {
             return Some(Self::Trc);
         }
-        let is_time = first.split_once('.').is_some_and(|(a, b)| is_number(a) && is_number(b));
+        let is_time = first
+            .strip_prefix('-')
+            .unwrap_or(first)
+            .split_once('.')
+            .is_some_and(|(a, b)| is_number(a) && is_number(b));
         if is_time || asc.iter().any(|start| words.starts_with(start)) {
             return Some(Self::Asc);
         }
@@ -303,7 +404,7 @@ impl FromStr for Format {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, Self::Err> {
-        let found = Self::ALL.into_iter().find(|format| format.name() == text);
+        let found = Self::TEXT.into_iter().find(|format| format.name() == text);
         found.ok_or_else(|| "expected log, screen, asc or trc".to_owned())
     }
 }
@@ -355,33 +456,28 @@ impl FromStr for ScreenTimes {
     }
 }
 
-/// `None` for a line without a frame.
-type Parsed<T> = Result<Option<T>, RecordingError>;
-
-pub fn parse_log(text: &str) -> Result<Recording, RecordingError> {
-    let mut recording = Recording::new(Format::CandumpLog);
-    for (line, text) in (1..).zip(text.lines()) {
-        if let Some(record) = counted(line, parse_line(text), &mut recording)? {
-            recording.frames.push(LoggedFrame {
-                line,
-                time_ns: record.time_ns,
-                interface: record.interface.to_owned(),
-                frame: record.frame,
-            });
-        }
-    }
-    Ok(recording)
+pub fn parse_log(text: &str) -> Recording {
+    Recording::of_lines(Format::CandumpLog, text, |text| {
+        let Some(record) = (match frame_or_item(parse_line(text), text)? {
+            Ok(record) => record,
+            Err(item) => return Ok(item),
+        }) else {
+            return Ok(Item::Nothing);
+        };
+        let (time_ns, interface) = (signed(record.time_ns)?, record.interface.to_owned());
+        Ok(Item::Frame { time_ns, interface, frame: record.frame })
+    })
 }
 
-pub fn parse_screen(
-    text: &str,
-    screen_times: Option<ScreenTimes>,
-) -> Result<Recording, RecordingError> {
-    let mut recording = Recording::new(Format::CandumpScreen);
+pub fn parse_screen(text: &str, screen_times: Option<ScreenTimes>) -> Recording {
     let (mut has_dates, mut has_times) = (false, false);
-    for (line, text) in (1..).zip(text.lines()) {
-        let parsed = counted(line, parse_screen_line(text), &mut recording)?;
-        let Some(record) = parsed else { continue };
+    let mut recording = Recording::of_lines(Format::CandumpScreen, text, |text| {
+        let Some(record) = (match frame_or_item(parse_screen_line(text), text)? {
+            Ok(record) => record,
+            Err(item) => return Ok(item),
+        }) else {
+            return Ok(Item::Nothing);
+        };
         let time_ns = match record.time {
             // All frames at once: the text has no times.
             None => 0,
@@ -391,47 +487,44 @@ pub fn parse_screen(
             }
             Some(ScreenTime::Date(date)) => {
                 has_dates = true;
-                let invalid = || RecordingErrorKind::Date(date.to_owned());
-                date_ns(date).ok_or_else(|| RecordingError { line, kind: invalid() })?
+                date_ns(date).ok_or_else(|| RecordingErrorKind::Date(date.to_owned()))?
             }
         };
-        let (interface, frame) = (record.interface.to_owned(), record.frame);
-        recording.frames.push(LoggedFrame { line, time_ns, interface, frame });
-    }
+        let (time_ns, interface) = (signed(time_ns)?, record.interface.to_owned());
+        Ok(Item::Frame { time_ns, interface, frame: record.frame })
+    });
     if has_times && !has_dates {
         let times: Vec<_> = recording.frames.iter().map(|frame| frame.time_ns).collect();
         let reference = screen_times.unwrap_or_else(|| ScreenTimes::recognize(&times));
         recording.screen_times = Some(reference);
         if reference == ScreenTimes::SincePrevious {
-            add_up(&mut recording.frames)?;
+            let mut sum_ns = 0_u64;
+            for LoggedFrame { time_ns, .. } in &mut recording.frames {
+                sum_ns = sum_ns.saturating_add(*time_ns);
+                *time_ns = sum_ns;
+            }
         }
     }
-    Ok(recording)
+    recording
 }
 
-/// Counts an error message, which concerns the recording interface and is not a frame on the bus.
-fn counted<T>(
-    line: usize,
-    parsed: Result<Option<T>, ParseError>,
-    recording: &mut Recording,
-) -> Parsed<T> {
+/// The record of a line of candump, or what the line has in its place: an error message, which concerns the recording
+/// interface and is not a frame on the bus, or a number of lost frames.
+fn frame_or_item<T>(parsed: Result<T, ParseError>, line: &str) -> FieldResult<Result<T, Item>> {
     match parsed {
-        Err(error) if error.kind == ParseErrorKind::ErrorMessage => {
-            recording.error_frames += 1;
-            Ok(None)
-        }
-        parsed => parsed.map_err(|cause| RecordingError { line, kind: cause.into() }),
+        Ok(record) => Ok(Ok(record)),
+        Err(error) if error.kind == ParseErrorKind::ErrorMessage => Ok(Err(Item::ErrorFrame)),
+        Err(error) => match dropped(line) {
+            Some(frames) => Ok(Err(Item::Dropped(frames))),
+            None => Err(error.into()),
+        },
     }
 }
 
-fn add_up(frames: &mut [LoggedFrame]) -> Result<(), RecordingError> {
-    let mut sum_ns = 0_u64;
-    for LoggedFrame { line, time_ns, .. } in frames {
-        let too_late = RecordingError { line: *line, kind: RecordingErrorKind::TimeRange };
-        sum_ns = sum_ns.checked_add(*time_ns).ok_or(too_late)?;
-        *time_ns = sum_ns;
-    }
-    Ok(())
+/// The number of `DROPCOUNT: dropped 3 CAN frames on 'can0' socket (total drops 3)`.
+fn dropped(line: &str) -> Option<u64> {
+    let rest = line.trim_start().strip_prefix("DROPCOUNT: dropped ")?;
+    rest.split(' ').next()?.parse().ok()
 }
 
 /// The time zone is not in the text and has no effect on differences.

@@ -14,8 +14,8 @@
 use ecan_protocol::can::{CanFrame, CanId, Dlc};
 
 use super::records::{
-    FieldResult, Fields, Format, LoggedFrame, Recording, RecordingError, RecordingErrorKind,
-    classic, interface, invalid, number, remote, time_ns,
+    FieldResult, Fields, Format, Item, Recording, RecordingErrorKind, classic, interface, invalid,
+    number, remote, signed, time_ns,
 };
 
 /// Digits of a millisecond in nanoseconds.
@@ -30,27 +30,17 @@ const VERSION_1_1: &str = "N,O,T,I,L,D";
 const VERSION_1_2: &str = "N,O,B,T,I,L,D";
 const VERSION_1_3: &str = "N,O,B,T,I,R,L,D";
 
-pub fn parse(text: &str) -> Result<Recording, RecordingError> {
-    let mut recording = Recording::new(Format::Trc);
+pub fn parse(text: &str) -> Recording {
     let mut columns = Some(VERSION_1_0.to_owned());
-    for (line, text) in (1..).zip(text.lines()) {
+    Recording::of_lines(Format::Trc, text, |text| {
         let text = text.trim();
-        let in_line = |kind| RecordingError { line, kind };
-        if let Some(comment) = text.strip_prefix(';') {
-            header(comment, &mut columns).map_err(in_line)?;
-        } else if !text.is_empty() {
-            let columns =
-                columns.as_deref().ok_or(RecordingErrorKind::NoColumns).map_err(in_line)?;
-            match item(text, columns).map_err(in_line)? {
-                Item::Frame { time_ns, interface, frame } => {
-                    recording.frames.push(LoggedFrame { line, time_ns, interface, frame });
-                }
-                Item::ErrorFrame => recording.error_frames += 1,
-                Item::Event => recording.events += 1,
-            }
+        match (text.strip_prefix(';'), &columns) {
+            (Some(comment), _) => header(comment, &mut columns).map(|()| Item::Nothing),
+            (None, _) if text.is_empty() => Ok(Item::Nothing),
+            (None, Some(columns)) => item(text, columns),
+            (None, None) => Err(RecordingErrorKind::NoColumns),
         }
-    }
-    Ok(recording)
+    })
 }
 
 fn header(comment: &str, columns: &mut Option<String>) -> FieldResult<()> {
@@ -76,12 +66,6 @@ fn header(comment: &str, columns: &mut Option<String>) -> FieldResult<()> {
         *columns = Some(given.to_owned());
     }
     Ok(())
-}
-
-enum Item {
-    Frame { time_ns: u64, interface: String, frame: CanFrame },
-    ErrorFrame,
-    Event,
 }
 
 #[derive(Clone, Copy, PartialEq)]
@@ -157,7 +141,7 @@ fn item(line: &str, columns: &str) -> FieldResult<Item> {
     }
     let missing = RecordingErrorKind::Missing { field: "CAN ID", expected: "4 or 8 hex digits" };
     let frame = frame(&mut fields, id.ok_or(missing)?, kind, length)?;
-    Ok(Item::Frame { time_ns: time, interface: bus, frame })
+    Ok(Item::Frame { time_ns: signed(time)?, interface: bus, frame })
 }
 
 #[derive(Clone, Copy)]

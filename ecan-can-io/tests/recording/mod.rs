@@ -1,3 +1,4 @@
 //! Recordings of several programs.
 
+mod binary;
 mod formats;

@@ -66,7 +66,7 @@ pub struct DumpArguments {
     /// Print direction, bit rate switch and error state indicator
     #[arg(short = 'x', long)]
     extra: bool,
-    /// Write a candump log and print nothing unless --screen is given; - is stdout
+    /// Write a candump log, or BLF with the name *.blf; print nothing unless --screen is given; - is stdout
     #[arg(short = 'l', long, value_name = "FILE")]
     record: Option<PathBuf>,
     /// Print in the format of the log

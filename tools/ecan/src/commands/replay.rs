@@ -45,9 +45,9 @@ impl FromStr for Loops {
 
 #[derive(Debug, Args)]
 pub struct ReplayArguments {
-    /// Recording: candump log or screen, Vector ASC, PEAK TRC; - is stdin
+    /// Recording: candump log or screen, Vector ASC or BLF, PEAK TRC, pcapng, pcap; - is stdin
     file: PathBuf,
-    /// Format: log, screen (both of candump), asc, trc [default: recognized]
+    /// Format of a text: log, screen (both of candump), asc, trc [default: recognized]
     #[arg(long, value_name = "FORMAT")]
     format: Option<Format>,
     /// Time stamps of candump's screen: a absolute, d delta, z since the first frame
@@ -63,7 +63,7 @@ pub struct ReplayArguments {
     /// Number of repetitions, or i for infinite
     #[arg(short = 'l', long = "loop", value_name = "TIMES", default_value = "1")]
     loops: Loops,
-    /// Record received frames in a candump log; - is stdout
+    /// Record received frames in a candump log, or BLF with the name *.blf; - is stdout
     #[arg(long, value_name = "FILE")]
     record: Option<PathBuf>,
     /// Exit if no frame is sent for this time, in ms

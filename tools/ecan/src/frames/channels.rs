@@ -1,5 +1,6 @@
 //! Channels of a command, their bit rates, and the frames of a recording for them.
 
+use std::collections::BTreeMap;
 use std::fmt;
 use std::path::Path;
 use std::str::FromStr;
@@ -12,7 +13,7 @@ use ecan_protocol::mapping::CHANNELS;
 use ecan_protocol::text::Printable;
 use ecan_tool_support::command_line::log_file;
 
-use crate::context::{Bus, Failure, Result};
+use crate::context::{Bus, Failure, Result, note};
 
 /// One or several channels of a gateway: `0`, `can0`, `0,2` or `all`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -184,19 +185,32 @@ pub struct RecordedLog {
     pub screen_times: Option<ScreenTimes>,
 }
 
-/// Reads the frames for the selected channels of a number of gateways; see [`Channels::destination_of`].
+/// Reads the frames for the selected channels of a number of gateways; see [`Channels::destination_of`]. Reports what
+/// is left out.
 pub fn read_recording(
     path: &Path,
     options: &ReadOptions,
     channels: Channels,
     gateways: usize,
 ) -> Result<RecordedLog> {
+    let recording = log_file::read_with(path, options)?;
+    let mut losses = log_file::losses(path, &recording);
+    let Recording { frames, error_frames, screen_times, .. } = recording;
+    let mut others: BTreeMap<String, u64> = BTreeMap::new();
     let assign = |logged: LoggedFrame| {
-        let (gateway, channel) = channels.destination_of(&logged.interface, gateways)?;
+        let Some((gateway, channel)) = channels.destination_of(&logged.interface, gateways) else {
+            *others.entry(logged.interface).or_default() += 1;
+            return None;
+        };
         Some(Recorded { gateway, channel, logged })
     };
-    let Recording { frames, error_frames, screen_times, .. } = log_file::read_with(path, options)?;
     let frames: Vec<_> = frames.into_iter().filter_map(assign).collect();
+    let others: Vec<_> =
+        others.iter().map(|(name, count)| format!("{} ({count})", Printable(name))).collect();
+    if !others.is_empty() && !frames.is_empty() {
+        losses.push(format!("frames of other interfaces left out: {}", others.join(", ")));
+    }
+    losses.iter().for_each(|loss| note(format_args!("# {loss}")));
     match frames.is_empty() {
         false => Ok(RecordedLog { frames, error_frames, screen_times }),
         true => {

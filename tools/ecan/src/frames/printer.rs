@@ -150,7 +150,9 @@ fn print_all(
                 writeln!(stream, "{}", screen.lines(&timed))?;
             }
             if let Some((log, lines)) = &mut log {
-                log.write_line(lines.line(&timed)).map_err(of_log)?;
+                let BusFrame { frame, channel, is_sent, .. } = &timed.frame;
+                let place = (timed.time_ns, usize::from(*channel));
+                log.write_frame(place, frame, *is_sent, lines.line(&timed)).map_err(of_log)?;
             }
         }
         stream.flush()?;
@@ -158,7 +160,7 @@ fn print_all(
             log.flush().map_err(of_log)?;
         }
     }
-    Ok(())
+    log.map_or(Ok(()), |(log, _)| log.finish().map_err(of_log))
 }
 
 /// Errors of a log on standard output are treated as output errors.

@@ -1,17 +1,19 @@
-//! Reading of recordings, writing of candump logs.
+//! Reading of recordings, writing of candump logs and BLF files.
 
 use std::fmt::Display;
+use std::fs::File;
 use std::io;
 use std::io::{BufWriter, Read, Write};
 use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
 
 use ecan_can_io::candump::Record;
-use ecan_can_io::recording::{ReadOptions, Recording, RecordingError};
+use ecan_can_io::recording::{BlfWriter, ReadOptions, Recording, RecordingError};
 use ecan_protocol::can::CanFrame;
 use ecan_protocol::text::Printable;
 use thiserror::Error;
 
-use super::new_file::{Existing, create, is_standard_stream};
+use super::new_file::{Existing, create, create_seekable, is_standard_stream};
 
 /// Error of a recording.
 #[derive(Debug, Error)]
@@ -49,20 +51,46 @@ pub fn read_with(path: &Path, options: &ReadOptions) -> Result<Recording, LogFil
         false => std::fs::File::open(path).and_then(|mut file| file.read_to_end(&mut bytes)),
     };
     read.map_err(|error| LogFileError::Read(path.to_owned(), error))?;
-    // Comments of Windows programs may have another encoding.
-    let recording = Recording::parse(&String::from_utf8_lossy(&bytes), options)
+    let recording = Recording::read(&bytes, options)
         .map_err(|error| LogFileError::Line(path.to_owned(), error))?;
-    if recording.frames.is_empty() {
-        return Err(LogFileError::Empty(path.to_owned()));
+    match (recording.frames.first(), recording.skipped.first()) {
+        (Some(_), _) => Ok(recording),
+        (None, Some(skipped)) => Err(LogFileError::Line(path.to_owned(), skipped.error.clone())),
+        (None, None) => Err(LogFileError::Empty(path.to_owned())),
     }
-    Ok(recording)
 }
 
-/// Writer of a candump log. Each function fails with [`LogFileError::Write`].
+/// Most lines of a recording that are reported one by one.
+const MOST_SKIPPED: usize = 10;
+
+/// What a recording does not give back: lines that cannot be read, and frames that were lost when it was made.
+pub fn losses(path: &Path, recording: &Recording) -> Vec<String> {
+    let name = Printable(path.display());
+    let skipped = recording.skipped.iter().take(MOST_SKIPPED);
+    let mut losses: Vec<_> = skipped.map(|line| format!("{name}, {line}; left out")).collect();
+    if let Some(more @ 1..) = recording.skipped.len().checked_sub(MOST_SKIPPED) {
+        losses.push(format!("{name}: {more} more lines left out"));
+    }
+    if recording.dropped > 0 {
+        losses.push(format!("{name}: {} frames lost when it was recorded", recording.dropped));
+    }
+    losses
+}
+
+/// Writer of a candump log, or of a BLF file if the name ends in `.blf`. Each function fails with
+/// [`LogFileError::Write`].
 pub struct Writer {
-    file: BufWriter<Box<dyn Write + Send>>,
+    log: Log,
     path: PathBuf,
 }
+
+enum Log {
+    Candump(BufWriter<Box<dyn Write + Send>>),
+    Blf { writer: BlfWriter<File>, flushed: Instant },
+}
+
+/// Longest time that frames of a BLF file wait for others to be compressed with.
+const BLF_FLUSH: Duration = Duration::from_secs(1);
 
 impl Writer {
     /// Creates or truncates the file; `-` is standard output.
@@ -72,14 +100,28 @@ impl Writer {
 
     /// As [`create`](Self::create), with a policy for an existing file.
     pub fn create_with(path: &Path, existing: Existing) -> Result<Self, LogFileError> {
+        let is_blf =
+            path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("blf"));
+        if !is_blf {
+            return Self::candump(path, existing);
+        }
         let path = path.to_owned();
-        match create(&path, existing) {
-            Ok(file) => Ok(Self { file: BufWriter::new(file), path }),
+        match create_seekable(&path, existing).and_then(BlfWriter::new) {
+            Ok(writer) => Ok(Self { log: Log::Blf { writer, flushed: Instant::now() }, path }),
             Err(error) => Err(LogFileError::Write(path, error)),
         }
     }
 
-    /// Appends a frame; `port` counts the channels of all gateways from `can0`.
+    /// As [`create_with`](Self::create_with), of a candump log with any name.
+    pub fn candump(path: &Path, existing: Existing) -> Result<Self, LogFileError> {
+        let path = path.to_owned();
+        match create(&path, existing) {
+            Ok(file) => Ok(Self { log: Log::Candump(BufWriter::new(file)), path }),
+            Err(error) => Err(LogFileError::Write(path, error)),
+        }
+    }
+
+    /// Appends a frame that was received; `port` counts the channels of all gateways from `can0`.
     pub fn write(
         &mut self,
         time_ns: u64,
@@ -87,22 +129,49 @@ impl Writer {
         frame: CanFrame,
     ) -> Result<(), LogFileError> {
         let interface = format!("can{port}");
-        self.write_line(Record { time_ns, interface: &interface, frame, direction: None })
+        let line = Record { time_ns, interface: &interface, frame, direction: None };
+        self.write_frame((time_ns, port), &frame, false, line)
     }
 
-    /// Appends a line, given without line break.
-    pub fn write_line(&mut self, line: impl Display) -> Result<(), LogFileError> {
-        writeln!(self.file, "{line}").map_err(|error| self.fault(error))
+    /// Appends a frame; `line` is its line in a candump log, without line break.
+    pub fn write_frame(
+        &mut self,
+        (time_ns, port): (u64, usize),
+        frame: &CanFrame,
+        is_sent: bool,
+        line: impl Display,
+    ) -> Result<(), LogFileError> {
+        let written = match &mut self.log {
+            Log::Candump(file) => writeln!(file, "{line}"),
+            Log::Blf { writer, .. } => {
+                let port = u16::try_from(port).unwrap_or(u16::MAX);
+                writer.write(time_ns, port, frame, is_sent)
+            }
+        };
+        written.map_err(|error| self.fault(error))
     }
 
-    /// Flushes the buffer.
+    /// Flushes the buffer; that of a BLF file at most once in a second.
     pub fn flush(&mut self) -> Result<(), LogFileError> {
-        self.file.flush().map_err(|error| self.fault(error))
+        let flushed = match &mut self.log {
+            Log::Candump(file) => file.flush(),
+            Log::Blf { writer, flushed } if flushed.elapsed() >= BLF_FLUSH => {
+                *flushed = Instant::now();
+                writer.flush()
+            }
+            Log::Blf { .. } => Ok(()),
+        };
+        flushed.map_err(|error| self.fault(error))
     }
 
     /// Flushes and closes the file.
-    pub fn finish(mut self) -> Result<(), LogFileError> {
-        self.flush()
+    pub fn finish(self) -> Result<(), LogFileError> {
+        let Self { log, path } = self;
+        let finished = match log {
+            Log::Candump(mut file) => file.flush(),
+            Log::Blf { writer, .. } => writer.finish().map(|_| ()),
+        };
+        finished.map_err(|error| LogFileError::Write(path, error))
     }
 
     fn fault(&self, error: io::Error) -> LogFileError {
@@ -135,9 +204,16 @@ mod tests {
             LoggedFrame { line: 1, time_ns: 1_500_000_000, interface: "can2".to_owned(), frame };
         assert_eq!(read(&path).unwrap().frames, [logged]);
 
-        std::fs::write(&path, "(1.000000) can0 123#\n(2.000000) can0 12#\n").unwrap();
+        let text = "(1.000000) can0 123#\n(2.000000) can0 12#\nDROPCOUNT: dropped 3 CAN frames on 'can0'\n";
+        std::fs::write(&path, text).unwrap();
+        let log = read(&path).unwrap();
+        let losses = losses(&path, &log);
+        assert!(losses[0].contains("a.log, line 2, column"), "{losses:?}");
+        assert!(losses[0].ends_with(": (2.000000) can0 12#; left out"), "{losses:?}");
+        assert!(losses[1].ends_with("a.log: 3 frames lost when it was recorded"), "{losses:?}");
+        std::fs::write(&path, "(2.000000) can0 12#\n").unwrap();
         let message = read(&path).unwrap_err().to_string();
-        assert!(message.contains("a.log, line 2, column"), "{message}");
+        assert!(message.contains("a.log, line 1, column"), "{message}");
         let with_errors = "(1.000000) can0 20000080#0000000000000000\n(2.000000) can0 123#\n";
         std::fs::write(&path, with_errors).unwrap();
         let log = read(&path).unwrap();

@@ -100,14 +100,34 @@ pub fn create(path: &Path, existing: Existing) -> io::Result<Box<dyn Write + Sen
             false => Stream::Output.unfiltered(),
         });
     }
+    Ok(Box::new(open(path, existing)?))
+}
+
+/// Opens a regular file for writing at any place while it grows.
+///
+/// # Errors
+/// As of [`create`]; the path is a pipe or a device.
+pub fn create_seekable(path: &Path, existing: Existing) -> io::Result<File> {
+    if is_standard_stream(path) {
+        return Err(stream_error());
+    }
+    let file = open(path, existing)?;
+    if file.metadata()?.is_file() { Ok(file) } else { Err(stream_error()) }
+}
+
+fn stream_error() -> io::Error {
+    let text = "this format needs a file; a pipe or a device cannot hold it";
+    io::Error::new(ErrorKind::InvalidInput, text)
+}
+
+fn open(path: &Path, existing: Existing) -> io::Result<File> {
     let mut options = OpenOptions::new();
-    let file = match find(path, existing)? {
-        Found::Stream => open_stream(path)?,
-        Found::File(_) => open_file(path, options.truncate(true))?,
-        Found::Nothing if existing == Existing::Keep => open_file(path, options.create_new(true))?,
-        Found::Nothing => open_file(path, options.create(true).truncate(true))?,
-    };
-    Ok(Box::new(file))
+    match find(path, existing)? {
+        Found::Stream => open_stream(path),
+        Found::File(_) => open_file(path, options.truncate(true)),
+        Found::Nothing if existing == Existing::Keep => open_file(path, options.create_new(true)),
+        Found::Nothing => open_file(path, options.create(true).truncate(true)),
+    }
 }
 
 /// A file that is complete or does not exist.

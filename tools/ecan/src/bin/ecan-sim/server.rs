@@ -11,6 +11,7 @@ use ecan_host::{Clock, MAX_SPIN_NS, MonotonicClock};
 use ecan_sim::{Wire, World};
 use ecan_tool_support::command_line::interrupt::Interrupt;
 use ecan_tool_support::command_line::log_file::{LogFileError, Writer};
+use ecan_tool_support::command_line::new_file::Existing;
 use ecan_tool_support::command_line::options::ThreadArguments;
 
 use crate::failure::{Failure, Screen};
@@ -201,7 +202,7 @@ pub struct Dump {
 impl Dump {
     /// Creates or truncates the file; `-` is standard output.
     pub fn create(path: &Path, offset_ns: u64) -> Result<Self, LogFileError> {
-        Ok(Self { log: Writer::create(path)?, offset_ns })
+        Ok(Self { log: Writer::candump(path, Existing::Replace)?, offset_ns })
     }
 
     /// Writes what was recorded since the last call. The bus names are the interface names.
@@ -220,7 +221,7 @@ impl Dump {
                 direction: None,
             };
             if result.is_ok() {
-                result = self.log.write_line(record);
+                result = self.log.write_frame((record.time_ns, 0), &record.frame, false, record);
             }
         });
         result
