@@ -147,6 +147,7 @@ fn config(spec: &BridgeSpec) -> BridgeConfig {
             crate::BridgeProtocol::Socketcand => ecan_can_io::bridge::BridgeProtocol::Socketcand,
         },
         address: SocketAddr::new(ip, spec.port),
+        bus: None,
         max_clients: spec.max_clients.unwrap_or(default.max_clients),
         queue: spec.queue.unwrap_or(default.queue),
         handshake: default.handshake,

@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use ecan_protocol::can::CanFrame;
 
-use super::config::{BusEvent, BusRates, ErrorFrame};
+use super::config::{BusEvent, BusRates, Conditions, ErrorFrame};
 use super::session::ReceiveSettings;
 
 /// Maximum number of queued answer bytes; above it the client is not read.
@@ -18,7 +18,7 @@ pub(crate) enum Outgoing {
     Frame(CanFrame, u64),
     /// Bytes of the protocol, and the client's receive settings after them.
     Answer(Vec<u8>, ReceiveSettings),
-    /// An event of the bus with its time, for CAN interfaces.
+    /// An event of the bus with its time.
     Error(ErrorFrame, u64),
     /// Result of the client's frame with this tag: its end time if it was sent.
     Result(u32, Option<u64>),
@@ -30,7 +30,7 @@ pub(crate) enum Outgoing {
 /// Form in which a client receives the losses of its frames, and events of the bus.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) enum Reports {
-    /// Lost frames, in the form of its protocol. No events.
+    /// Lost frames and events, in the form of its protocol.
     #[default]
     Losses,
     /// Events as error frames. A CAN interface has no transmit results.
@@ -45,8 +45,8 @@ struct State {
     frames: usize,
     answer_bytes: usize,
     is_closed: bool,
-    /// Frames were lost since the client last read its flags.
-    has_lost: bool,
+    /// Since the client last read its flags.
+    conditions: Conditions,
     /// The writer waits; nobody else needs to be woken by a frame.
     is_awaited: bool,
 }
@@ -80,9 +80,12 @@ impl ClientQueue {
         self.offer_bounded(Outgoing::Frame(*frame, time_ns))
     }
 
-    /// Queues an event if the client receives events; returns false if the queue is full.
-    pub(crate) fn offer_error(&self, error: ErrorFrame, time_ns: u64) -> bool {
-        self.reports == Reports::Losses || self.offer_bounded(Outgoing::Error(error, time_ns))
+    /// Queues an event of the bus; returns false if the queue is full.
+    pub(crate) fn offer_event(&self, event: BusEvent, error: ErrorFrame, time_ns: u64) -> bool {
+        self.lock().conditions.note(event);
+        // A client of a protocol with losses has the loss of its frame apart.
+        let is_told = self.reports == Reports::Losses && event.is_of_one_frame();
+        is_told || self.offer_bounded(Outgoing::Error(error, time_ns))
     }
 
     /// Queues an event for the loss of several frames if the client receives no report of each;
@@ -98,6 +101,8 @@ impl ClientQueue {
         if has_room {
             state.frames += 1;
             self.push(state, item);
+        } else {
+            state.conditions.note(BusEvent::ReceiveOverflow);
         }
         has_room
     }
@@ -118,7 +123,7 @@ impl ClientQueue {
             Reports::Events => {}
             Reports::Losses => {
                 let mut state = self.lock();
-                state.has_lost = true;
+                state.conditions.bus_error = true;
                 if let Some(Outgoing::Lost(count, last_ns)) = state.items.back_mut() {
                     (*count, *last_ns) = (*count + 1, time_ns);
                 } else {
@@ -128,9 +133,9 @@ impl ClientQueue {
         }
     }
 
-    /// Returns whether frames of the client were lost since the last call.
-    pub(crate) fn take_lost(&self) -> bool {
-        std::mem::take(&mut self.lock().has_lost)
+    /// What has happened since the last call.
+    pub(crate) fn take_conditions(&self) -> Conditions {
+        std::mem::take(&mut self.lock().conditions)
     }
 
     /// Queues an answer. Waits while too many answer bytes are queued; returns false once closed.
@@ -247,8 +252,11 @@ impl Writer {
                         break;
                     }
                 }
-                // Entries of CAN interfaces.
-                Outgoing::Error(..) | Outgoing::Result(..) => {}
+                Outgoing::Error(error, time_ns) => {
+                    self.receive_settings.encode_error(error, time_ns, &mut text);
+                }
+                // An entry of CAN interfaces.
+                Outgoing::Result(..) => {}
                 Outgoing::Answer(answer, receive_settings)
                     if receive_settings == self.receive_settings =>
                 {
@@ -307,7 +315,7 @@ mod tests {
     #[test]
     fn consecutive_losses_are_one_entry() {
         let queue = ClientQueue::new(2);
-        assert!(!queue.take_lost());
+        assert_eq!(queue.take_conditions(), Conditions::default());
         (1..=1000).for_each(|time_ns| queue.report_lost(0, time_ns));
         assert!(queue.offer(&frame(), 1001));
         queue.report_lost(0, 1002);
@@ -315,7 +323,9 @@ mod tests {
         assert_eq!(queue.try_take(), Some(Outgoing::Frame(frame(), 1001)));
         assert_eq!(queue.try_take(), Some(Outgoing::Lost(1, 1002)));
         assert_eq!(queue.try_take(), None);
-        assert_eq!((queue.take_lost(), queue.take_lost()), (true, false));
+        let lost = Conditions { bus_error: true, ..Conditions::default() };
+        assert_eq!(queue.take_conditions(), lost);
+        assert_eq!(queue.take_conditions(), Conditions::default());
     }
 
     #[test]

@@ -53,8 +53,8 @@ struct Inbox {
 
 #[derive(Debug, Default)]
 struct State {
-    /// The bus accepts no frames of clients.
-    is_closed_to_clients: bool,
+    /// The bus accepts no frames of clients, since this time of its clock.
+    closed_to_clients_ns: Option<u64>,
     waiting_clients: usize,
     clients: Vec<Client>,
     next_client: ClientId,
@@ -226,30 +226,17 @@ impl Clients {
         self.lock().bus
     }
 
-    /// Queues a client's frame for the bus; returns false if its queue is full or the bus accepts
-    /// none.
+    /// Queues a client's frame for the bus, and waits for space while the client is connected: its connection stops
+    /// it. Returns false if the bus accepts none.
     pub(crate) fn submit(&self, frame: ClientFrame) -> bool {
         let mut state = self.lock();
-        if state.is_closed_to_clients {
-            count(&self.counters.discarded);
-            return false;
-        }
-        let has_room = state.push(frame, self.queue);
-        if !has_room {
-            count(&self.counters.dropped_to_bus);
-        }
-        has_room
-    }
-
-    /// As [`submit`](Self::submit), but waits for space while the client is connected.
-    pub(crate) fn submit_when_possible(&self, frame: ClientFrame) {
-        let mut state = self.lock();
         loop {
-            if state.is_closed_to_clients || state.client(frame.client).is_none() {
-                return count(&self.counters.discarded);
+            if state.closed_to_clients_ns.is_some() || state.client(frame.client).is_none() {
+                count(&self.counters.discarded);
+                return false;
             }
             if state.push(frame, self.queue) {
-                return;
+                return true;
             }
             state.waiting_clients += 1;
             state = self.changed.wait(state).unwrap_or_else(PoisonError::into_inner);
@@ -279,7 +266,7 @@ impl Clients {
     /// call, at a time in nanoseconds of the bus's clock.
     pub fn set_accepting(&self, is_accepting: bool, time_ns: u64) -> usize {
         let mut state = self.lock();
-        state.is_closed_to_clients = !is_accepting;
+        state.closed_to_clients_ns = (!is_accepting).then_some(time_ns);
         if is_accepting {
             return 0;
         }
@@ -328,11 +315,20 @@ impl Clients {
         }
     }
 
-    /// Reports an event of the bus to the CAN interfaces, with the error counters if they are known.
+    /// Reports to a client that a frame of it was not accepted.
+    pub(crate) fn reject(&self, id: ClientId) {
+        let state = self.lock();
+        let time_ns = state.closed_to_clients_ns.unwrap_or(0);
+        if let Some(client) = state.client(id) {
+            client.queue.report_lost(0, time_ns);
+        }
+    }
+
+    /// Reports an event of the bus, with the error counters if they are known.
     pub fn report(&self, event: BusEvent, counters: Option<ErrorCounters>, time_ns: u64) {
         let error = ErrorFrame::of(event, counters);
         for client in &self.lock().clients {
-            if !client.queue.offer_error(error, time_ns) {
+            if !client.queue.offer_event(event, error, time_ns) {
                 count(&self.counters.dropped_to_clients);
             }
         }

@@ -28,13 +28,15 @@ impl BridgeProtocol {
 }
 
 /// Configuration of a bridge. Plain data.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub struct BridgeConfig {
     /// Protocol.
     pub protocol: BridgeProtocol,
     /// Address on which it listens. Port 0 takes any free one. Everyone who can reach this address
     /// can send on the bus.
     pub address: SocketAddr,
+    /// Name of the bus, which clients of socketcand open; `None` accepts every name.
+    pub bus: Option<String>,
     /// Maximum number of clients; more are rejected. A client that has not opened the bus loses its
     /// place if another one needs it.
     pub max_clients: usize,
@@ -52,6 +54,7 @@ impl Default for BridgeConfig {
         Self {
             protocol: BridgeProtocol::Slcan,
             address: SocketAddr::new(IpAddr::V4(Ipv4Addr::LOCALHOST), 0),
+            bus: None,
             max_clients: 8,
             queue: 4096,
             handshake: Duration::from_secs(10),
@@ -128,7 +131,8 @@ counters! {
     sent,
     /// Client frames that were passed to the bus and not sent, or without result.
     failed,
-    /// Client frames rejected because the queue to the bus was full.
+    /// Client frames dropped because a queue to the bus was full: of a CAN interface, or of connections that ended.
+    /// The clients of other protocols wait.
     dropped_to_bus,
     /// Client frames rejected or discarded because the bus accepted none, for example while the
     /// gateway was not ready.
@@ -174,6 +178,13 @@ pub enum BusEvent {
     ReceiveOverflow,
     /// The frame was not sent for another reason, or its result is unknown.
     TransmitFailed,
+}
+
+impl BusEvent {
+    /// Returns whether the event is the loss of one frame.
+    pub(crate) fn is_of_one_frame(self) -> bool {
+        matches!(self, Self::LostArbitration | Self::TransmitOverflow | Self::TransmitFailed)
+    }
 }
 
 /// Error counters of a CAN controller.
@@ -238,20 +249,48 @@ impl ErrorFrame {
     }
 }
 
+/// What has happened on the way of frames since a client last asked.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct Conditions {
+    /// Accepted frames of the client were lost, or the channel is off the bus.
+    pub(crate) bus_error: bool,
+    /// Frames for the client were dropped: it reads too slowly.
+    pub(crate) overrun: bool,
+    /// An error counter has reached its warning limit.
+    pub(crate) warning: bool,
+    /// A frame lost arbitration and was not sent.
+    pub(crate) lost_arbitration: bool,
+}
+
+impl Conditions {
+    pub(crate) fn note(&mut self, event: BusEvent) {
+        match event {
+            BusEvent::BusOff
+            | BusEvent::NotAcknowledged
+            | BusEvent::TransmitOverflow
+            | BusEvent::TransmitFailed => self.bus_error = true,
+            BusEvent::ErrorWarning | BusEvent::ErrorPassive => self.warning = true,
+            BusEvent::LostArbitration => self.lost_arbitration = true,
+            BusEvent::ReceiveOverflow => self.overrun = true,
+            BusEvent::Restarted | BusEvent::ErrorActive => {}
+        }
+    }
+}
+
 pub(crate) trait Uplink {
     /// Bit rates; `None` before they are known.
     fn bus(&self) -> Option<BusRates>;
 
-    /// Sends a frame; returns false if the queue is full.
+    /// Sends a frame and waits for space; returns false if the bus accepts none.
     fn send(&mut self, frame: CanFrame) -> bool;
 
-    /// Sends a frame and waits for space; no effect if the bus accepts none.
-    fn send_when_possible(&mut self, frame: CanFrame);
-
-    /// Returns whether accepted frames of the client were lost since the last call.
-    fn take_lost(&mut self) -> bool;
+    /// What the client has not read in the flags of its protocol yet.
+    fn take_conditions(&mut self) -> Conditions;
 
     fn count_rejected(&mut self);
+
+    /// Tells the client in the order of the frames that one of its frames is not sent.
+    fn report_lost(&mut self);
 
     /// Counts a frame that does not fit the bit rates or formats of the bus.
     fn count_mismatched(&mut self);

@@ -14,7 +14,9 @@ use ecan_protocol::can::CanFrame;
 
 use super::client_queue::{ClientQueue, Writer};
 use super::clients::{ClientFrame, ClientId, Clients};
-use super::config::{BridgeConfig, BridgeProtocol, BridgeStatistics, BusRates, Uplink, count};
+use super::config::{
+    BridgeConfig, BridgeProtocol, BridgeStatistics, BusRates, Conditions, Uplink, count,
+};
 use super::connection;
 use super::connection::{Connection, Terminal, TerminalLine};
 use super::session::Session;
@@ -61,6 +63,7 @@ impl BridgeServer {
         let acceptor = Acceptor {
             listener,
             protocol: config.protocol,
+            bus: config.bus.clone(),
             handshake: (config.protocol == BridgeProtocol::Socketcand).then_some(config.handshake),
             clients: clients.clone(),
             stop: stop.clone(),
@@ -100,6 +103,7 @@ impl Drop for BridgeServer {
 struct Acceptor {
     listener: TcpListener,
     protocol: BridgeProtocol,
+    bus: Option<String>,
     handshake: Option<Duration>,
     clients: Arc<Clients>,
     stop: Arc<AtomicBool>,
@@ -136,7 +140,7 @@ impl Acceptor {
         };
         let (connection, id) = admit().ok()??;
         let clients = self.clients.clone();
-        let session = Session::new(self.protocol);
+        let session = Session::new(self.protocol, self.bus.clone());
         let handshake = self.handshake;
         let serve = move || serve(&clients, id, &connection, session, &queue, handshake);
         let started = thread::Builder::new().name(format!("bridge client {id}")).spawn(serve);
@@ -179,27 +183,21 @@ struct ClientUplink<'a> {
     queue: &'a ClientQueue,
 }
 
-impl ClientUplink<'_> {
-    fn untagged(&self, frame: CanFrame) -> ClientFrame {
-        ClientFrame { client: self.id, frame, tag: 0 }
-    }
-}
-
 impl Uplink for ClientUplink<'_> {
     fn bus(&self) -> Option<BusRates> {
         self.clients.bus()
     }
 
     fn send(&mut self, frame: CanFrame) -> bool {
-        self.clients.submit(self.untagged(frame))
+        self.clients.submit(ClientFrame { client: self.id, frame, tag: 0 })
     }
 
-    fn send_when_possible(&mut self, frame: CanFrame) {
-        self.clients.submit_when_possible(self.untagged(frame));
+    fn take_conditions(&mut self) -> Conditions {
+        self.queue.take_conditions()
     }
 
-    fn take_lost(&mut self) -> bool {
-        self.queue.take_lost()
+    fn report_lost(&mut self) {
+        self.clients.reject(self.id);
     }
 
     fn count_rejected(&mut self) {
@@ -387,7 +385,7 @@ fn serve_programs(clients: &Clients, terminal: &Arc<Terminal>) {
         let Some(id) = clients.join(connection, None, queue.clone()) else {
             return;
         };
-        let session = Session::new(BridgeProtocol::Slcan);
+        let session = Session::new(BridgeProtocol::Slcan, None);
         serve(clients, id, &Connection::Terminal(line), session, &queue, None);
     }
 }

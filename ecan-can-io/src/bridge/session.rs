@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use ecan_protocol::can::CanFrame;
 
-use super::config::{BridgeProtocol, BusRates, Uplink};
+use super::config::{BridgeProtocol, BusRates, Conditions, ErrorFrame, Uplink};
 use super::slcan::{SlcanReceiveSettings, SlcanSession};
 use super::socketcand::SocketcandSession;
 use super::{slcan, socketcand};
@@ -20,10 +20,11 @@ pub(crate) enum Session {
 }
 
 impl Session {
-    pub(crate) fn new(protocol: BridgeProtocol) -> Self {
+    /// `bus` is the name that clients of socketcand open; `None` for every one.
+    pub(crate) fn new(protocol: BridgeProtocol, bus: Option<String>) -> Self {
         match protocol {
             BridgeProtocol::Slcan => Self::Slcan(SlcanSession::new()),
-            BridgeProtocol::Socketcand => Self::Socketcand(SocketcandSession::new()),
+            BridgeProtocol::Socketcand => Self::Socketcand(SocketcandSession::new(bus)),
         }
     }
 
@@ -68,7 +69,7 @@ pub(crate) enum ReceiveSettings {
 impl ReceiveSettings {
     #[cfg(test)]
     pub(crate) fn nothing(protocol: BridgeProtocol) -> Self {
-        Session::new(protocol).receive_settings()
+        Session::new(protocol, None).receive_settings()
     }
 
     /// Appends a frame of the bus if the client receives it.
@@ -91,6 +92,13 @@ impl ReceiveSettings {
         match self {
             Self::Slcan(_) => slcan::encode_losses(count, text),
             Self::Socketcand { .. } => socketcand::encode_losses(count, time_ns, text),
+        }
+    }
+
+    /// Appends an event of the bus. slcan has flags in its place.
+    pub(crate) fn encode_error(&self, error: ErrorFrame, time_ns: u64, text: &mut Vec<u8>) {
+        if let Self::Socketcand { is_raw: true } = self {
+            socketcand::encode_error(error.class, time_ns, text);
         }
     }
 
@@ -123,7 +131,7 @@ impl OfflineSession {
         rates: Option<BusRates>,
         pieces: impl IntoIterator<Item = &'a [u8]>,
     ) -> Self {
-        let mut session = Session::new(protocol);
+        let mut session = Session::new(protocol, None);
         let mut session_result = Self::default();
         let mut bus = Bus { rates, sent: Vec::new() };
         session.greet(&mut session_result.answers);
@@ -153,13 +161,11 @@ impl Uplink for Bus {
         true
     }
 
-    fn send_when_possible(&mut self, frame: CanFrame) {
-        self.sent.push(frame);
+    fn take_conditions(&mut self) -> Conditions {
+        Conditions::default()
     }
 
-    fn take_lost(&mut self) -> bool {
-        false
-    }
+    fn report_lost(&mut self) {}
 
     fn count_rejected(&mut self) {}
 

@@ -19,9 +19,13 @@ const BELL: u8 = 0x07;
 const VERSION: &[u8] = b"V1010";
 /// Four characters, as Lawicel's have.
 const SERIAL_NUMBER: &[u8] = b"NECAN";
-/// Status flag "transmit queue full".
-const FLAG_TRANSMIT_FULL: u32 = 1 << 1;
-/// Status flag "bus error": a confirmed frame was lost.
+/// Status flags: receive queue full, error warning, data overrun, arbitration lost, bus error. "Transmit queue full",
+/// bit 1, is never set, since a client waits; nor is "error passive", bit 5: the status word of the gateway has one
+/// bit for warning and passive.
+const FLAG_RECEIVE_FULL: u32 = 1 << 0;
+const FLAG_WARNING: u32 = 1 << 2;
+const FLAG_OVERRUN: u32 = 1 << 3;
+const FLAG_ARBITRATION: u32 = 1 << 6;
 const FLAG_BUS_ERROR: u32 = 1 << 7;
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -34,8 +38,8 @@ enum Mode {
 
 /// The adapter of one client.
 ///
-/// A client cannot change the bit rates of the bus. With other bit rates than the bus it receives
-/// nothing and cannot send, as on a real bus.
+/// A client cannot change the bit rates of the bus: other ones are rejected, and the channel does not open with them.
+/// The queue to the bus stops a client that sends faster than the bus.
 #[derive(Debug)]
 pub(super) struct SlcanSession {
     line: Vec<u8>,
@@ -92,8 +96,14 @@ impl SlcanSession {
             Command::Version => answer.extend(VERSION),
             Command::SerialNumber => answer.extend(SERIAL_NUMBER),
             Command::Flags if !is_closed => {
-                if bus.take_lost() {
-                    self.flags |= FLAG_BUS_ERROR;
+                let conditions = bus.take_conditions();
+                for (is_set, flags) in [
+                    (conditions.bus_error, FLAG_BUS_ERROR),
+                    (conditions.overrun, FLAG_RECEIVE_FULL | FLAG_OVERRUN),
+                    (conditions.warning, FLAG_WARNING),
+                    (conditions.lost_arbitration, FLAG_ARBITRATION),
+                ] {
+                    self.flags |= if is_set { flags } else { 0 };
                 }
                 answer.push(b'F');
                 hex(std::mem::take(&mut self.flags), 2, answer);
@@ -106,15 +116,38 @@ impl SlcanSession {
             Command::OpenListening if self.receive_settings.mode == Mode::Listening => {}
             // Everything else requires a closed channel.
             _ if !is_closed => return false,
-            Command::Open => self.receive_settings.mode = Mode::Open,
-            Command::OpenListening => self.receive_settings.mode = Mode::Listening,
-            Command::Bitrate(bitrate) => self.receive_settings.bitrate = Some(bitrate),
-            Command::DataBitrate(bitrate) => self.receive_settings.data_bitrate = Some(bitrate),
+            Command::Open => return self.open(Mode::Open, bus),
+            Command::OpenListening => return self.open(Mode::Listening, bus),
+            Command::Bitrate(bitrate) => {
+                self.receive_settings.bitrate = Some(bitrate);
+                return self.shares_rates(bus);
+            }
+            Command::DataBitrate(bitrate) => {
+                self.receive_settings.data_bitrate = Some(bitrate);
+                return self.shares_rates(bus);
+            }
             Command::Timestamps(wanted) => self.receive_settings.timestamps = wanted,
             Command::AcceptAll => {}
             Command::Flags | Command::Transmit(_) => return false,
         }
         true
+    }
+
+    fn open(&mut self, mode: Mode, bus: &mut impl Uplink) -> bool {
+        let opens = self.shares_rates(bus);
+        if opens {
+            self.receive_settings.mode = mode;
+        }
+        opens
+    }
+
+    /// Returns whether the bit rates of the client are those of the bus, as far as both are known.
+    fn shares_rates(&self, bus: &mut impl Uplink) -> bool {
+        let shares = bus.bus().is_none_or(|rates| self.receive_settings.shares(&rates));
+        if !shares {
+            bus.count_mismatched();
+        }
+        shares
     }
 
     fn transmit(&mut self, frame: CanFrame, bus: &mut impl Uplink, answer: &mut Vec<u8>) -> bool {
@@ -123,7 +156,7 @@ impl SlcanSession {
             return false;
         }
         if !bus.send(frame) {
-            self.flags |= FLAG_TRANSMIT_FULL;
+            self.flags |= FLAG_BUS_ERROR;
             return false;
         }
         answer.push(if frame.id().is_extended() { b'Z' } else { b'z' });
@@ -150,6 +183,12 @@ pub(crate) struct SlcanReceiveSettings {
 }
 
 impl SlcanReceiveSettings {
+    fn shares(&self, bus: &BusRates) -> bool {
+        let shares = |named: Option<NamedRate>, real| named.is_none_or(|named| named.fits(real));
+        shares(self.bitrate, bus.nominal_bitrate)
+            && (!bus.fd || shares(self.data_bitrate, bus.data_bitrate))
+    }
+
     fn fits(&self, frame: &CanFrame, bus: &BusRates) -> bool {
         let shares = |named: Option<NamedRate>, real| named.is_none_or(|named| named.fits(real));
         let is_fast = matches!(frame.kind(), FrameKind::Fd { brs: true, .. });
@@ -206,7 +245,7 @@ pub(crate) struct UnknownCommand;
 /// The longest command: an extended CAN FD frame of 64 bytes.
 const MAX_LINE: usize = 1 + 8 + 1 + 2 * 64;
 
-const EXTENDED_BITS: u32 = 0x1FFF_FFFF;
+const EXTENDED_FLAG: u32 = 1 << 31;
 
 fn parse(line: &[u8]) -> Result<SlcanCommand, UnknownCommand> {
     use SlcanCommand as Command;
@@ -258,8 +297,8 @@ fn transmit(arguments: &[u8], extended: bool, format: Format) -> Option<SlcanCom
     let digits = if extended { 8 } else { 3 };
     let (id, rest) = arguments.split_at_checked(digits)?;
     let id = number(id, digits)?;
-    // Some clients leave SocketCAN's flags in extended identifiers.
-    let id = if extended { id & EXTENDED_BITS } else { id };
+    // Some clients leave SocketCAN's flag of the format in extended identifiers.
+    let id = if extended { id & !EXTENDED_FLAG } else { id };
     let id = CanId::new(id, extended).ok()?;
     let (&code, hex) = rest.split_first()?;
     let dlc = Dlc::new(hex_digit(code)?)?;

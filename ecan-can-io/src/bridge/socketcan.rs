@@ -213,7 +213,7 @@ impl Connection {
             count(&self.clients.counters.rejected);
             return self.clients.report(BusEvent::TransmitFailed, None, 0);
         }
-        self.clients.submit_when_possible(ClientFrame { client: self.id, frame, tag: 0 });
+        let _ = self.clients.submit(ClientFrame { client: self.id, frame, tag: 0 });
     }
 
     fn write_all(&self, queue: &ClientQueue) {

@@ -18,17 +18,19 @@ enum Mode {
     Raw,
 }
 
-/// The daemon of one client. Any bus name opens the bus of the bridge.
+/// The daemon of one client.
 #[derive(Debug)]
 pub(super) struct SocketcandSession {
+    /// Name of the bus; `None` for every one.
+    bus: Option<String>,
     /// Text since the last `<`; `None` outside a command.
     command: Option<Vec<u8>>,
     mode: Mode,
 }
 
 impl SocketcandSession {
-    pub(crate) fn new() -> Self {
-        Self { command: None, mode: Mode::NoBus }
+    pub(crate) fn new(bus: Option<String>) -> Self {
+        Self { bus, command: None, mode: Mode::NoBus }
     }
 
     pub(crate) fn greet(&self, answer: &mut Vec<u8>) {
@@ -60,10 +62,11 @@ impl SocketcandSession {
             return;
         };
         bus.count_rejected();
-        // Clients expect a bus error, with class and time, as error of a frame.
-        if error != CommandError::Frame {
+        match error {
+            // Clients expect a bus error, with class and time, as error of a frame.
+            CommandError::Frame => bus.report_lost(),
             // infallible: writing to a vector
-            let _ = write!(answer, "< error {error} >");
+            _ => _ = write!(answer, "< error {error} >"),
         }
     }
 
@@ -74,16 +77,22 @@ impl SocketcandSession {
         answer: &mut Vec<u8>,
     ) -> Result<(), CommandError> {
         match command {
-            SocketcandCommand::Open if self.mode == Mode::NoBus => self.mode = Mode::Opened,
+            SocketcandCommand::Open { name } if self.mode == Mode::NoBus => {
+                if self.bus.as_ref().is_some_and(|bus| *bus != name) {
+                    return Err(CommandError::UnknownBus);
+                }
+                self.mode = Mode::Opened;
+            }
             SocketcandCommand::RawMode if self.mode == Mode::Opened => self.mode = Mode::Raw,
             SocketcandCommand::Echo => {
                 answer.extend(b"< echo >");
                 return Ok(());
             }
-            // Sending has no answer. A full queue blocks the client; a bus that accepts no frames
-            // counts them itself.
+            // Sending has no answer. A full queue blocks the client.
             SocketcandCommand::Send(frame) if self.mode != Mode::NoBus => {
-                bus.send_when_possible(frame);
+                if !bus.send(frame) {
+                    bus.report_lost();
+                }
                 return Ok(());
             }
             _ => return Err(CommandError::Mode),
@@ -103,10 +112,11 @@ impl SocketcandSession {
     }
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) enum SocketcandCommand {
-    /// `open NAME`.
-    Open,
+    Open {
+        name: String,
+    },
     RawMode,
     Echo,
     /// `send ID LENGTH BYTES`, `sendrtr ID DLC`.
@@ -122,9 +132,11 @@ pub(crate) enum CommandError {
     Syntax,
     #[error("bus name is missing")]
     NoBus,
+    #[error("could not open bus")]
+    UnknownBus,
     #[error("not possible in this mode")]
     Mode,
-    /// An invalid frame; it gets no answer.
+    /// An invalid frame.
     #[error("the frame is not sent")]
     Frame,
 }
@@ -132,7 +144,10 @@ pub(crate) enum CommandError {
 fn parse(text: &str) -> Result<SocketcandCommand, CommandError> {
     let mut words = text.split_ascii_whitespace();
     let command = match words.next().ok_or(CommandError::Syntax)? {
-        "open" => words.next().map(|_| SocketcandCommand::Open).ok_or(CommandError::NoBus)?,
+        "open" => {
+            let name = words.next().ok_or(CommandError::NoBus)?.to_owned();
+            SocketcandCommand::Open { name }
+        }
         "rawmode" => SocketcandCommand::RawMode,
         "echo" => SocketcandCommand::Echo,
         "send" => return frame(words, data_frame),
@@ -191,13 +206,16 @@ fn lowest_digits(word: &str) -> Option<u32> {
 /// Class of an error frame "transmission timed out" (`linux/can/error.h`).
 const TX_TIMEOUT: u32 = 0x001;
 
-/// Appends one error frame for each accepted frame that was not sent, with its time in seconds.
+/// Appends one error frame for each frame that was not sent.
 pub(super) fn encode_losses(count: u64, time_ns: u64, text: &mut Vec<u8>) {
+    (0..count).for_each(|_| encode_error(TX_TIMEOUT, time_ns, text));
+}
+
+/// Appends an error frame with its time in seconds.
+pub(super) fn encode_error(class: u32, time_ns: u64, text: &mut Vec<u8>) {
     let (seconds, micros) = parts(time_ns);
-    for _ in 0..count {
-        // infallible: writing to a vector
-        let _ = write!(text, "< error {TX_TIMEOUT:03X} {seconds}.{micros:06} >");
-    }
+    // infallible: writing to a vector
+    let _ = write!(text, "< error {class:03X} {seconds}.{micros:06} >");
 }
 
 /// Seconds, and the microseconds after them.

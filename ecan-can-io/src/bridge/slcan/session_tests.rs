@@ -4,7 +4,7 @@ use ecan_protocol::can::{CanFrame, CanId};
 use proptest::prelude::*;
 
 use super::SlcanSession;
-use crate::bridge::config::{BusRates, Uplink};
+use crate::bridge::config::{BusEvent, BusRates, Conditions, Uplink};
 use crate::bridge::test_frames::any_frame;
 
 /// A bus that records its frames.
@@ -15,7 +15,7 @@ struct Bus {
     room: usize,
     rejected: usize,
     mismatched: usize,
-    has_lost: bool,
+    conditions: Conditions,
 }
 
 impl Bus {
@@ -37,12 +37,12 @@ impl Uplink for Bus {
         has_room
     }
 
-    fn send_when_possible(&mut self, _frame: CanFrame) {
-        unreachable!("a client of slcan is answered")
+    fn take_conditions(&mut self) -> Conditions {
+        std::mem::take(&mut self.conditions)
     }
 
-    fn take_lost(&mut self) -> bool {
-        std::mem::take(&mut self.has_lost)
+    fn report_lost(&mut self) {
+        unreachable!("a client of slcan is answered")
     }
 
     fn count_rejected(&mut self) {
@@ -106,23 +106,50 @@ fn channel_is_configured_while_closed() {
 }
 
 #[test]
-fn full_queue_rejects_and_sets_flag() {
+fn bus_that_accepts_nothing_rejects_and_sets_flag() {
     let mut session = SlcanSession::new();
     let mut bus = Bus::new(None);
     bus.room = 1;
     assert_eq!(say(&mut session, &mut bus, "O\rt1230\rt1230\r"), "\rz\r\x07");
-    assert_eq!(say(&mut session, &mut bus, "F\rF\r"), "F02\rF00\r");
+    assert_eq!(say(&mut session, &mut bus, "F\rF\r"), "F80\rF00\r");
 }
 
 #[test]
-fn other_bit_rate_receives_and_sends_nothing() {
+fn flags_have_what_happened_since_they_were_read() {
+    let mut session = SlcanSession::new();
+    let mut bus = Bus::new(None);
+    say(&mut session, &mut bus, "O\r");
+    for (event, flags) in [
+        (BusEvent::ErrorWarning, "F04\r"),
+        (BusEvent::LostArbitration, "F40\r"),
+        (BusEvent::BusOff, "F80\r"),
+        (BusEvent::TransmitFailed, "F80\r"),
+        (BusEvent::ReceiveOverflow, "F09\r"),
+        (BusEvent::Restarted, "F00\r"),
+    ] {
+        bus.conditions.note(event);
+        assert_eq!(say(&mut session, &mut bus, "F\rF\r"), format!("{flags}F00\r"), "{event:?}");
+    }
+}
+
+#[test]
+fn extended_identifier_has_29_bits_and_may_have_the_flag_of_socketcan() {
+    let mut session = SlcanSession::new();
+    let mut bus = Bus::new(None);
+    let text = "O\rTFFFFFFFF0\rT200000000\rT9FFFFFFF0\rT1FFFFFFF0\r";
+    assert_eq!(say(&mut session, &mut bus, text), "\r\x07\x07Z\rZ\r");
+    assert_eq!((bus.sent.len(), bus.rejected), (2, 2));
+}
+
+#[test]
+fn other_bit_rate_is_rejected_and_does_not_open_the_channel() {
     let mut session = SlcanSession::new();
     let mut bus = Bus::new(Some(BusRates::classic(500_000)));
-    assert_eq!(say(&mut session, &mut bus, "S8\rO\rt1230\r"), "\r\r\x07");
+    assert_eq!(say(&mut session, &mut bus, "S8\rO\rt1230\r"), "\x07\x07\x07");
     assert_eq!(received(&session, &bus, &frame(&[])), "");
-    assert_eq!((bus.sent.len(), bus.mismatched), (0, 1));
+    assert_eq!((bus.sent.len(), bus.mismatched), (0, 2));
     bus.config = Some(BusRates::classic(1_000_000));
-    assert_eq!(say(&mut session, &mut bus, "t1230\r"), "z\r");
+    assert_eq!(say(&mut session, &mut bus, "O\rt1230\r"), "\rz\r");
     assert_eq!(received(&session, &bus, &frame(&[])), "t1230\r");
 }
 

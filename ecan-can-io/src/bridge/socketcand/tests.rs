@@ -4,13 +4,15 @@ use ecan_protocol::can::{CanFrame, CanId, Dlc};
 use proptest::prelude::*;
 
 use super::SocketcandSession;
-use crate::bridge::config::{BusRates, Uplink};
+use crate::bridge::config::{BusRates, Conditions, Uplink};
 use crate::bridge::session::ReceiveSettings;
 
 #[derive(Default)]
 struct Bus {
     sent: Vec<CanFrame>,
     rejected: usize,
+    is_closed: bool,
+    lost: usize,
 }
 
 impl Uplink for Bus {
@@ -18,16 +20,19 @@ impl Uplink for Bus {
         None
     }
 
-    fn send(&mut self, _frame: CanFrame) -> bool {
-        unreachable!("a client of socketcand is held back instead")
+    fn send(&mut self, frame: CanFrame) -> bool {
+        if !self.is_closed {
+            self.sent.push(frame);
+        }
+        !self.is_closed
     }
 
-    fn send_when_possible(&mut self, frame: CanFrame) {
-        self.sent.push(frame);
+    fn take_conditions(&mut self) -> Conditions {
+        unreachable!("socketcand has no flags")
     }
 
-    fn take_lost(&mut self) -> bool {
-        false
+    fn report_lost(&mut self) {
+        self.lost += 1;
     }
 
     fn count_rejected(&mut self) {
@@ -59,14 +64,34 @@ fn extended(data: &[u8]) -> CanFrame {
 }
 
 fn raw(bus: &mut Bus) -> SocketcandSession {
-    let mut session = SocketcandSession::new();
+    let mut session = SocketcandSession::new(None);
     assert_eq!(say(&mut session, bus, "< open can0 >< rawmode >"), "< ok >< ok >");
     session
 }
 
 #[test]
+fn only_the_bus_of_the_bridge_opens() {
+    let mut session = SocketcandSession::new(Some("can1".to_owned()));
+    let mut bus = Bus::default();
+    let answers = say(&mut session, &mut bus, "< open can0 >< open can1 >");
+    assert_eq!(answers, "< error could not open bus >< ok >");
+    assert_eq!(bus.rejected, 1);
+}
+
+#[test]
+fn frame_that_is_not_sent_is_an_error_of_the_bus() {
+    let mut bus = Bus::default();
+    let mut session = raw(&mut bus);
+    assert_eq!(say(&mut session, &mut bus, "< send 3FFFFFFF 0 >"), "");
+    assert_eq!((bus.lost, bus.rejected, bus.sent.len()), (1, 1, 0));
+    bus.is_closed = true;
+    assert_eq!(say(&mut session, &mut bus, "< send 123 0 >"), "");
+    assert_eq!((bus.lost, bus.sent.len()), (2, 0));
+}
+
+#[test]
 fn session_starts_as_in_python_can() {
-    let mut session = SocketcandSession::new();
+    let mut session = SocketcandSession::new(None);
     let mut bus = Bus::default();
     let mut greeting = Vec::new();
     session.greet(&mut greeting);
@@ -125,7 +150,7 @@ fn frames_match_savvycan_format() {
 #[test]
 fn invalid_commands_are_rejected_with_reason() {
     let mut bus = Bus::default();
-    let mut session = SocketcandSession::new();
+    let mut session = SocketcandSession::new(None);
     let mut rejected = |text: &str| say(&mut session, &mut bus, text);
     assert_eq!(rejected("< send 123 0 >"), "< error not possible in this mode >");
     assert_eq!(rejected("< rawmode >"), "< error not possible in this mode >");
@@ -195,7 +220,7 @@ proptest! {
 
     #[test]
     fn any_bytes_never_panic(bytes in prop::collection::vec(any::<u8>(), 0..2000)) {
-        let mut session = SocketcandSession::new();
+        let mut session = SocketcandSession::new(None);
         session.feed(&bytes, &mut Bus::default(), &mut Vec::new());
     }
 }

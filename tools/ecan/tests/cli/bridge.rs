@@ -12,12 +12,20 @@ use crate::support::client::Client;
 use crate::support::timed_reader::{LIMIT, TimedReader};
 use crate::support::{Running, Scenario, all_fail, json_of};
 
-/// Frame in the format of socketcand: CAN ID, time and data.
+/// The next message of socketcand, in words.
+fn next_message(client: &mut Client) -> Vec<String> {
+    client.hear_through(b">").split(' ').map(str::to_owned).collect()
+}
+
+/// The next frame of socketcand after errors of the bus: CAN ID, time and data.
 fn next_frame(client: &mut Client) -> [String; 3] {
-    let text = client.hear_through(b">");
-    let words: Vec<_> = text.split(' ').collect();
-    assert_eq!(words[1], "frame", "{text}");
-    [words[2], words[3], words[4]].map(str::to_owned)
+    loop {
+        let words = next_message(client);
+        if words[1] != "error" {
+            assert_eq!(words[1], "frame", "{words:?}");
+            return [&words[2], &words[3], &words[4]].map(Clone::clone);
+        }
+    }
 }
 
 fn expect_frame(client: &mut Client, id: &str, data: &str) {
@@ -26,10 +34,10 @@ fn expect_frame(client: &mut Client, id: &str, data: &str) {
 }
 
 /// Receiving socketcand client.
-fn socketcand_client(address: &str) -> Client {
+fn socketcand_client(address: &str, bus: &str) -> Client {
     let mut client = Client::connect(address);
     client.expect("< hi >");
-    client.say("< open can0 >");
+    client.say(&format!("< open {bus} >"));
     client.expect("< ok >");
     client.say("< rawmode >");
     client.expect("< ok >");
@@ -53,7 +61,7 @@ fn clients_of_both_protocols_share_the_channel() {
     let mut slcan = Client::connect(&slcan);
     slcan.say("S6\rO\r");
     slcan.expect("\r\r");
-    let mut socketcand = socketcand_client(&socketcand);
+    let mut socketcand = socketcand_client(&socketcand, "can1");
 
     // The sender receives the echo of the node, the others also its frame.
     slcan.say("t1232AABB\r");
@@ -150,15 +158,15 @@ fn slcan_passes_can_fd_at_channel_bit_rates() {
     client.expect("\r\r\r");
     client.say("b1239112233445566778899AABBCC\r");
     client.expect("z\rb1239112233445566778899AABBCC\r");
-    // A client with another bit rate is rejected.
+    // A client with another bit rate is rejected, at once and in the total at the end.
     let mut other = Client::connect(address);
     other.say("S8\rO\rt1230\r");
-    other.expect("\r\r\x07");
-    // Losses are reported at the end.
+    other.expect("\x07\x07\x07");
+    let text = "commands or frames rejected: another bit rate than that of the bus";
+    bridge.wait_for_error(text);
     let errors = bridge.end();
-    let told = format!("# slcan bridge at {address}: 1 frames to the bus rejected: wrong bit rate");
-    assert_eq!(errors.matches(&told).count(), 1, "{errors}");
-    assert_eq!(errors.matches('#').count(), 1, "{errors}");
+    let total = format!("# slcan bridge at {address}: 2 {text}");
+    assert!(errors.contains(&total), "{errors}");
 }
 
 #[test]
@@ -195,6 +203,29 @@ fn frames_during_bus_off_are_rejected() {
     assert_eq!(late, [0; 0]);
 }
 
+/// Clients receive states of the bus in the form of their protocol.
+#[test]
+fn bus_off_and_recovery_reach_clients() {
+    let bus = Scenario::new(
+        "[[node]]\nkind = \"silent\"\nbus = \"0.0\"\n\
+         [[fault]]\nat_ms = 3000\nkind = \"bus_off\"\ngateway = 0\nchannel = 0\n",
+    );
+    let mut bridge = bus.start(&["bridge", "--slcan", "--socketcand"]);
+    let mut slcan = Client::connect(&address(&bridge.line(), "slcan", "can0"));
+    slcan.say("O\rF\r");
+    slcan.expect("\rF00\r");
+    let mut socketcand = socketcand_client(&address(&bridge.line(), "socketcand", "can0"), "can0");
+    // Off the bus, and restarted (`linux/can/error.h`).
+    for class in ["040", "100"] {
+        while next_message(&mut socketcand)[1..3] != ["error", class] {}
+    }
+    slcan.say("F\rF\r");
+    let flags = slcan.hear_through(b"\r");
+    assert_eq!(u8::from_str_radix(flags[1..].trim_end(), 16).unwrap() & 0x80, 0x80, "{flags}");
+    slcan.expect("F00\r");
+    bridge.end();
+}
+
 /// Only the frames in the gateway are sent when a node acknowledges again.
 #[test]
 fn frames_without_acknowledgement_are_rejected() {
@@ -218,7 +249,7 @@ fn rejects_during(node: &str, fault: impl Fn(u32) -> String, end: &str) -> Vec<u
     let bus = Scenario::new(&format!("[[node]]\nbus = \"0.0\"\n{node}\n{}", faults.concat()));
     let mut bridge = bus.start(&["bridge", "--slcan", "--socketcand"]);
     let mut sender = Client::connect(&address(&bridge.line(), "slcan", "can0"));
-    let mut listener = socketcand_client(&address(&bridge.line(), "socketcand", "can0"));
+    let mut listener = socketcand_client(&address(&bridge.line(), "socketcand", "can0"), "can0");
     sender.say("O\r");
     sender.expect("\r");
     // Each frame waits for the response to the previous one, so that the queue never fills.
@@ -256,8 +287,12 @@ fn rejects_during(node: &str, fault: impl Fn(u32) -> String, end: &str) -> Vec<u
     }
     let errors = bridge.end();
     let rejected = answers.iter().filter(|is_taken| !**is_taken).count();
-    let note = format!("# can0: {rejected} client frames rejected: channel not available");
-    assert!(errors.contains(&note), "{errors}");
+    // The total at the end; frames that waited are lost, too.
+    let of_bridge =
+        |line: &&str| line.contains("frames to the bus rejected: channel not available");
+    let total = errors.lines().rfind(of_bridge).unwrap();
+    let total = total.rsplit(": ").nth(1).and_then(|text| text.split(' ').next()).unwrap();
+    assert!(total.parse::<usize>().unwrap() >= rejected, "{errors}");
     let back = errors.lines().rfind(|line| line.ends_with(end)).unwrap();
     let back: f64 = back["# (".len()..].split(')').next().unwrap().parse().unwrap();
     assert!(heard.iter().all(|(_, number)| answers[*number]), "a rejected frame was sent");
@@ -276,12 +311,14 @@ fn listen_only_bridge_rejects_frames() {
     );
     let mut bridge = bus.start(&["bridge", "--listen-only", "--slcan", "--socketcand"]);
     let mut slcan = Client::connect(&address(&bridge.line(), "slcan", "can0"));
-    let mut socketcand = socketcand_client(&address(&bridge.line(), "socketcand", "can0"));
+    let mut socketcand = socketcand_client(&address(&bridge.line(), "socketcand", "can0"), "can0");
     slcan.say("O\rt7FF0\r");
     slcan.expect("\r");
     // Frames from the bus may precede the response.
     while slcan.hear_through(b"\r\x07") != "\x07" {}
     socketcand.say("< send 7FE 0 >");
+    while next_message(&mut socketcand)[1..3] != ["error", "001"] {}
+    bridge.wait_for_error("frames to the bus rejected: channel not available or listen-only");
     for _ in 0..10 {
         let [id, ..] = next_frame(&mut socketcand);
         assert!(id != "7FF" && id != "7FE", "{id} was sent");
@@ -367,7 +404,7 @@ fn silent_connections_lose_their_places_with_a_note() {
     bridge.wait_for_error("connections closed: their clients did not open the bus");
     let mut fifth = Client::connect(&address);
     assert_eq!(fifth.hear_through(b"\r"), "");
-    bridge.wait_for_error("connections rejected: 4 clients are connected; set --max-clients");
+    bridge.wait_for_error("connections rejected: too many clients; set --max-clients");
     for client in &mut clients {
         client.say("V\r");
         client.expect("V1010\r");
@@ -392,7 +429,8 @@ fn flooding_client_starves_no_other() {
         while output.write_all(&frames).is_ok() {}
     });
     let begun = Instant::now();
-    while answered[0].load(Ordering::Relaxed) == 0 {
+    // As many as its queue holds.
+    while answered[1].load(Ordering::Relaxed) < 4096 {
         assert!(begun.elapsed() < LIMIT, "the queue of the flooder is not full");
         std::thread::yield_now();
     }
@@ -416,6 +454,7 @@ fn flooding_client_starves_no_other() {
         before += 1;
     }
     assert!(before < 4096, "{before} frames before it");
+    assert_eq!(answered[0].load(Ordering::Relaxed), 0, "the flooder waits and loses nothing");
     flooder.shutdown(std::net::Shutdown::Both).unwrap();
     flood.join().unwrap();
     bridge.end();

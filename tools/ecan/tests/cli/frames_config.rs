@@ -98,7 +98,7 @@ fn bridge_uses_file_bit_rates() {
     };
     // S4 is 125 kbit/s, S6 500; Y1 1 Mbit/s of data.
     talk("S4\rY1\rO\rb12308AA\r", "\r\r\r");
-    talk("S6\rO\rt1230\r", "\r\r\x07");
+    talk("S6\rO\rt1230\r", "\x07\x07\x07");
     talk("S4\rO\rt1232AABB\r", "\r\rz\rt1232AABB\r");
     bridge.end();
 }

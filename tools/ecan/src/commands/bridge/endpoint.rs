@@ -10,7 +10,7 @@ use ecan_can_io::bridge::{
 };
 use serde::Serialize;
 
-use crate::context::{Failure, Result, note};
+use crate::context::{Failure, Result};
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Listening(pub SocketAddr);
@@ -81,10 +81,15 @@ impl Endpoint {
     pub fn listen(
         protocol: BridgeProtocol,
         Listening(address): Listening,
+        LaneId { channel, .. }: LaneId,
         max_clients: u16,
     ) -> Result<Self> {
-        let mut config = BridgeConfig::with_protocol(protocol);
-        (config.address, config.max_clients) = (address, max_clients.into());
+        let config = BridgeConfig {
+            address,
+            bus: Some(format!("can{channel}")),
+            max_clients: max_clients.into(),
+            ..BridgeConfig::with_protocol(protocol)
+        };
         let server = BridgeServer::listen(&config);
         server.map(Self::Server).map_err(|error| Failure::Bridge(error.to_string()))
     }
@@ -148,19 +153,20 @@ impl Endpoint {
         })
     }
 
-    pub fn losses(&self) -> Vec<String> {
+    /// What is lost so far, in texts.
+    pub fn losses(&self) -> [(u64, &'static str); LOSSES] {
         let counted = self.clients().statistics();
-        let counted_apart = counted.dropped_to_bus + counted.mismatched + counted.discarded;
-        let losses = [
+        let counted_apart = counted.mismatched + counted.discarded;
+        [
             (counted.dropped_to_bus, "frames to the bus dropped: queue full"),
             (counted.dropped_to_clients, "frames from the bus dropped: clients too slow"),
             (
                 counted.rejected.saturating_sub(counted_apart),
-                "commands or frames rejected: malformed, unknown, or out of sequence",
+                "commands or frames rejected: malformed, unknown, out of sequence, or of another bus",
             ),
             (
                 counted.mismatched,
-                "frames to the bus rejected: wrong bit rate, or CAN FD is disabled",
+                "commands or frames rejected: another bit rate than that of the bus, or CAN FD is disabled",
             ),
             (counted.failed, "frames to the bus not sent, or with unknown result"),
             (counted.rejected_clients, "connections rejected: too many clients; set --max-clients"),
@@ -171,11 +177,12 @@ impl Endpoint {
                 "CAN FD frames from the bus dropped: the interface is classic CAN (with \
                  ip link set INTERFACE mtu 72 a virtual one carries them)",
             ),
-        ];
-        let lost = losses.into_iter().filter(|(count, _)| *count > 0);
-        lost.map(|(count, text)| format!("{count} {text}")).collect()
+        ]
     }
 }
+
+/// Kinds of losses of an endpoint.
+pub const LOSSES: usize = 9;
 
 /// A name with the placeholders `%g` (index of the gateway) and `%c` (channel).
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -238,60 +245,24 @@ impl fmt::Display for LaneId {
 /// Frames that are sent later, all at once, would be outdated and could move an axis.
 #[derive(Debug)]
 pub struct TransmitGate {
-    lane: LaneId,
     is_open: bool,
-    /// Frames rejected before the gate was closed.
-    rejected_before: u64,
 }
 
 impl TransmitGate {
-    pub fn new(lane: LaneId, endpoints: &[Endpoint]) -> Self {
-        for endpoint in endpoints {
-            endpoint.clients().set_accepting(false, 0);
-        }
-        Self { lane, is_open: false, rejected_before: count_rejected(endpoints) }
+    pub fn new(endpoints: &[Endpoint]) -> Self {
+        let mut gate = Self { is_open: true };
+        gate.set_open(false, 0, endpoints);
+        gate
     }
 
-    /// Opens or closes the gate and reports lost frames, also to their clients. `held` pending frames
-    /// are dropped with those in the queues.
-    pub fn set_open(
-        &mut self,
-        is_open: bool,
-        (held, time_ns): (usize, u64),
-        endpoints: &[Endpoint],
-    ) {
-        if is_open == self.is_open {
-            return;
-        }
-        self.is_open = is_open;
-        let lane = self.lane;
-        // Before the first endpoint is closed: from then on its frames are rejected.
-        let rejected_before = count_rejected(endpoints);
-        let waiting: usize = endpoints
-            .iter()
-            .map(|endpoint| endpoint.clients().set_accepting(is_open, time_ns))
-            .sum();
-        let dropped = held + waiting;
-        if !is_open {
-            self.rejected_before = rejected_before + waiting as u64;
-            if dropped > 0 {
-                note(format_args!(
-                    "# {lane}: {dropped} client frames dropped: channel not available"
-                ));
+    /// Opens or closes the gate; clients are told which of their frames are lost.
+    pub fn set_open(&mut self, is_open: bool, time_ns: u64, endpoints: &[Endpoint]) {
+        if std::mem::replace(&mut self.is_open, is_open) != is_open {
+            for endpoint in endpoints {
+                endpoint.clients().set_accepting(is_open, time_ns);
             }
-            return;
-        }
-        let rejected = count_rejected(endpoints) - self.rejected_before;
-        if rejected > 0 {
-            note(format_args!(
-                "# {lane}: {rejected} client frames rejected: channel not available"
-            ));
         }
     }
-}
-
-fn count_rejected(endpoints: &[Endpoint]) -> u64 {
-    endpoints.iter().map(|endpoint| endpoint.clients().statistics().discarded).sum()
 }
 
 #[cfg(test)]

@@ -6,7 +6,7 @@ use ecan_can_io::bridge::{BusEvent, ClientFrame};
 use ecan_protocol::can::CanFrame;
 use ecan_protocol::image::{ChannelState, ChannelStatus, ResultCode};
 
-use super::endpoint::{Address, Endpoint, LaneId, TransmitGate};
+use super::endpoint::{Address, Endpoint, LOSSES, LaneId, TransmitGate};
 use crate::context::{Result, note};
 use crate::frames::{Event, Losses, Outcome, Service, Ticket};
 
@@ -25,8 +25,8 @@ pub struct PendingFrame {
 pub struct Lane {
     pub id: LaneId,
     endpoints: Vec<Endpoint>,
-    /// Rejected and closed connections of each endpoint.
-    lost_connections: Vec<(Losses, Losses)>,
+    /// Reported losses of each endpoint.
+    losses: Vec<[Losses; LOSSES]>,
     is_listening: bool,
     /// Frame that waits for space.
     waiting: Option<PendingFrame>,
@@ -48,9 +48,9 @@ impl Lane {
             is_listening,
             waiting: None,
             turns: RoundRobin::default(),
-            gate: TransmitGate::new(id, &endpoints),
+            gate: TransmitGate::new(&endpoints),
             events: ChannelEvents::default(),
-            lost_connections: endpoints.iter().map(|_| Default::default()).collect(),
+            losses: endpoints.iter().map(|_| Default::default()).collect(),
             moved_ns: 0,
             status_ns: 0,
             idle_ns: 0,
@@ -69,7 +69,7 @@ impl Lane {
 
     /// Accepts frames of clients from now on.
     pub fn start(&mut self) {
-        self.gate.set_open(!self.is_listening, (0, 0), &self.endpoints);
+        self.gate.set_open(!self.is_listening, 0, &self.endpoints);
     }
 
     /// Follows the state of the channel: events, and whether frames can be sent.
@@ -82,7 +82,7 @@ impl Lane {
                 self.report(event, time_ns);
             }
         }
-        self.report_connections(now_ns);
+        self.report_new_losses(now_ns);
         let before_ns = std::mem::replace(&mut self.status_ns, service.status_ns(self.id.gateway));
         if status.tx_pending() == 0 {
             self.idle_ns += self.status_ns - before_ns;
@@ -100,26 +100,16 @@ impl Lane {
         if let Some(dropped) = &dropped {
             self.fail(dropped, time_ns);
         }
-        self.gate.set_open(can_send, (dropped.iter().count(), time_ns), &self.endpoints);
+        self.gate.set_open(can_send, time_ns, &self.endpoints);
     }
 
-    /// Reports connections without a place.
-    fn report_connections(&mut self, now_ns: u64) {
-        for (endpoint, (rejected, silent)) in self.endpoints.iter().zip(&mut self.lost_connections)
-        {
-            let clients = endpoint.clients();
-            let (counted, places) = (clients.statistics(), clients.max_clients());
-            let report = |text: String| {
+    /// Reports losses when they happen, each kind at most once per interval.
+    fn report_new_losses(&mut self, now_ns: u64) {
+        for (endpoint, reported) in self.endpoints.iter().zip(&mut self.losses) {
+            for ((count, loss), reported) in endpoint.losses().into_iter().zip(reported) {
+                let Some(new) = reported.next(count, now_ns) else { continue };
                 let Address { protocol, address, .. } = endpoint.address(self.id);
-                note(format_args!("# {protocol} bridge at {address}: {text}"));
-            };
-            if let Some(count) = rejected.next(counted.rejected_clients, now_ns) {
-                report(format!(
-                    "{count} connections rejected: {places} clients are connected; set --max-clients"
-                ));
-            }
-            if let Some(count) = silent.next(counted.silent_clients, now_ns) {
-                report(format!("{count} connections closed: their clients did not open the bus"));
+                note(format_args!("# {protocol} bridge at {address}: {new} {loss}"));
             }
         }
     }
@@ -194,11 +184,12 @@ impl Lane {
         self.endpoints.iter().try_for_each(Endpoint::check)
     }
 
+    /// Reports all losses at the end.
     pub fn report_losses(&self) {
         for endpoint in &self.endpoints {
             let Address { protocol, address, .. } = endpoint.address(self.id);
-            for loss in endpoint.losses() {
-                note(format_args!("# {protocol} bridge at {address}: {loss}"));
+            for (count, loss) in endpoint.losses().into_iter().filter(|(count, _)| *count > 0) {
+                note(format_args!("# {protocol} bridge at {address}: {count} {loss}"));
             }
         }
     }

@@ -138,7 +138,7 @@ fn listen(arguments: &BridgeArguments, prepared: &Prepared<'_>) -> Result<Vec<La
         for (protocol, at) in protocols {
             if let Some(at) = at {
                 let at = at.following(index)?;
-                endpoints.push(Endpoint::listen(protocol, at, arguments.max_clients)?);
+                endpoints.push(Endpoint::listen(protocol, at, *id, arguments.max_clients)?);
             }
         }
         if let Some(link) = &arguments.pty {
