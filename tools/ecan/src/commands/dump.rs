@@ -155,7 +155,8 @@ fn receive(arguments: &DumpArguments, mut service: Service, printer: &mut Printe
             let Event::Frame(frame) = arrival.event else { continue };
             last_ns = service.observed_ns();
             let time_ns = service.absolute_ns(arrival.time_ns);
-            printer.put(TimedFrame { time_ns, frame }, service.is_real_time());
+            let gap = service.take_gap(frame.gateway);
+            printer.put(TimedFrame { time_ns, frame, gap }, service.is_real_time());
         }
         let is_quiet = timeout_ns.is_some_and(|limit| service.observed_ns() - last_ns >= limit);
         let ended = service.end(cycle);

@@ -176,6 +176,16 @@ pub struct TimedFrame {
     /// Time since 1970, or since the start of a stepped simulation.
     pub time_ns: u64,
     pub frame: BusFrame,
+    /// Images before it that were lost or incomplete: frames may be missing there.
+    pub gap: Option<u64>,
+}
+
+/// Mark of a gap: a comment in a candump log.
+fn gap_line(images: u64) -> String {
+    let plural = if images == 1 { "" } else { "s" };
+    format!(
+        "# gap: {images} image{plural} of the gateway lost or incomplete, frames may be missing"
+    )
 }
 
 #[derive(Clone, Debug, Default)]
@@ -203,6 +213,8 @@ struct Line {
     length: usize,
     data: String,
     device_time: Option<u64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    gap_images: Option<u64>,
     #[serde(flatten)]
     decoded: Option<DecodedMessage>,
 }
@@ -234,7 +246,10 @@ impl ScreenLines {
             return json(timed, decoded.map(DecodedMessage::from));
         }
         let below = decoded.iter().flat_map(signals::lines).collect::<Vec<_>>();
-        std::iter::once(self.line(timed)).chain(below).collect::<Vec<_>>().join("\n")
+        // A line of the log has the mark itself.
+        let above = timed.gap.filter(|_| !self.screen.is_log).map(gap_line);
+        let line = self.line(timed);
+        above.into_iter().chain([line]).chain(below).collect::<Vec<_>>().join("\n")
     }
 
     fn line(&mut self, timed: &TimedFrame) -> String {
@@ -284,7 +299,8 @@ impl LogLines {
             (true, false) => " R",
             (true, true) => " T",
         };
-        format!("{time} can{channel} {}{mark}", FrameText(frame))
+        let gap = timed.gap.map(|images| gap_line(images) + "\n").unwrap_or_default();
+        format!("{gap}{time} can{channel} {}{mark}", FrameText(frame))
     }
 }
 
@@ -328,6 +344,7 @@ fn json(timed: &TimedFrame, decoded: Option<DecodedMessage>) -> String {
             text
         }),
         device_time: device_time(*timestamp),
+        gap_images: timed.gap,
         decoded,
     };
     serde_json::to_string(&line).unwrap_or_default()
@@ -413,7 +430,7 @@ mod tests {
         let frame = CanFrame::classic(CanId::standard(1).unwrap(), &[]).unwrap();
         let frame =
             BusFrame { gateway: 0, channel: 0, frame, timestamp: Timestamp::None, is_sent: false };
-        TimedFrame { time_ns: 0, frame }
+        TimedFrame { time_ns: 0, frame, gap: None }
     }
 
     #[test]

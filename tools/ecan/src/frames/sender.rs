@@ -54,18 +54,20 @@ impl Record {
             let frame =
                 BusFrame { gateway: 0, channel, frame, timestamp: Timestamp::None, is_sent: true };
             // Sent frames are printed without time stamps.
-            printer.put(TimedFrame { time_ns: 0, frame }, service.is_real_time());
+            let timed = TimedFrame { time_ns: 0, frame, gap: None };
+            printer.put(timed, service.is_real_time());
         }
     }
 
-    fn print_received(&mut self, cycle: &Cycle, service: &Service) {
+    fn print_received(&mut self, cycle: &Cycle, service: &mut Service) {
         let Self::Received(printer) = self else { return };
         for arrival in &cycle.arrivals {
             if let Event::Frame(frame) = arrival.event
                 && !frame.is_sent
             {
                 let time_ns = service.absolute_ns(arrival.time_ns);
-                printer.put(TimedFrame { time_ns, frame }, service.is_real_time());
+                let gap = service.take_gap(frame.gateway);
+                printer.put(TimedFrame { time_ns, frame, gap }, service.is_real_time());
             }
         }
     }

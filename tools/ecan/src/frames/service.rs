@@ -88,6 +88,7 @@ pub struct Service {
     cycle_time: ObservedTime,
     /// Of each gateway.
     status_times: Vec<StatusTime>,
+    gaps: Vec<Gap>,
     watch: StatusWatch,
     capture: Option<FrameCapture>,
     interrupt: Interrupt,
@@ -110,8 +111,10 @@ impl Service {
         let status_times = (0..gateways.len())
             .map(|gateway| StatusTime { total_ns: 0, images: images(gateway) })
             .collect();
+        let gap = |gateway| Gap { seen: Gap::lost(link.statistics(gateway)), images: 0 };
+        let gaps = (0..gateways.len()).map(gap).collect();
         let store = Vec::new();
-        Self { link, gateways, store, cycle_time, status_times, watch, capture, interrupt }
+        Self { link, gateways, store, cycle_time, status_times, gaps, watch, capture, interrupt }
     }
 
     pub fn begin(&mut self) -> Cycle {
@@ -128,6 +131,9 @@ impl Service {
         for (gateway, status) in self.status_times.iter_mut().enumerate() {
             status.advance(self.link.statistics(gateway).txpdo_received, period_ns);
         }
+        for (gateway, gap) in self.gaps.iter_mut().enumerate() {
+            gap.advance(self.link.statistics(gateway));
+        }
         arrivals.retain(|arrival| match &arrival.event {
             Event::Frame(received) => {
                 let channels = self.channels(received.gateway);
@@ -139,6 +145,13 @@ impl Service {
             capture.after_begin(self.link.as_ref(), now_ns, &arrivals);
         }
         Cycle { now_ns, arrivals }
+    }
+
+    /// Images of a gateway that were lost, or incomplete in the gateway, since the last call: frames may be missing
+    /// before those of this cycle.
+    pub fn take_gap(&mut self, gateway: usize) -> Option<u64> {
+        let gap = self.gaps.get_mut(gateway)?;
+        Some(std::mem::take(&mut gap.images)).filter(|images| *images > 0)
     }
 
     /// Sends a frame; `None` without space in this cycle.
@@ -423,6 +436,28 @@ impl LastReported {
     }
 }
 
+/// Gap in the frames of a gateway.
+#[derive(Debug)]
+struct Gap {
+    /// Lost images so far.
+    seen: u64,
+    /// Those that are not marked yet.
+    images: u64,
+}
+
+impl Gap {
+    fn lost(statistics: SlaveStatistics) -> u64 {
+        statistics.txpdo_lost + statistics.txpdo_unknown + statistics.txpdo_incomplete
+    }
+
+    fn advance(&mut self, statistics: SlaveStatistics) {
+        let lost = Self::lost(statistics);
+        // A service that restarts counts from 0.
+        self.images += lost.saturating_sub(self.seen);
+        self.seen = lost;
+    }
+}
+
 /// Reported number of losses, for example of lost images.
 #[derive(Debug, Default)]
 pub struct Losses {
@@ -454,6 +489,8 @@ struct GatewayWatch {
     losses: Losses,
     /// Images before the gateway started its sequence again.
     unknown: Losses,
+    /// Images of which the gateway has left frames out.
+    incomplete: Losses,
 }
 
 impl GatewayWatch {
@@ -468,6 +505,7 @@ impl GatewayWatch {
             session: SessionState::Of(Session::Ready),
             losses: since(counters.txpdo_lost),
             unknown: since(counters.txpdo_unknown),
+            incomplete: since(counters.txpdo_incomplete),
         }
     }
 
@@ -516,6 +554,11 @@ impl GatewayWatch {
         if let Some(unknown) = self.unknown.next(counters.txpdo_unknown, now_ns) {
             report(format!(
                 "{prefix}gateway: up to {unknown} images unknown, received frames may be missing"
+            ));
+        }
+        if let Some(incomplete) = self.incomplete.next(counters.txpdo_incomplete, now_ns) {
+            report(format!(
+                "{prefix}gateway: {incomplete} images incomplete, it has dropped frames"
             ));
         }
     }

@@ -293,6 +293,13 @@ impl Traffic {
 
     fn cycle(&mut self) -> Result {
         let cycle = self.service.begin();
+        let time_ns = self.service.absolute_ns(cycle.now_ns);
+        for gateway in 0..self.service.gateways() {
+            if self.service.take_gap(gateway).is_some() {
+                let lanes = self.lanes.iter().filter(|lane| lane.id.gateway == gateway);
+                lanes.for_each(|lane| lane.report(BusEvent::ReceiveOverflow, time_ns));
+            }
+        }
         for arrival in &cycle.arrivals {
             let time_ns = self.service.absolute_ns(arrival.time_ns);
             match &arrival.event {

@@ -59,6 +59,7 @@ def write(file, kinds, has_remote_length=True):
 
 
 write("all.asc", ["data", "fd", "remote", "error"])
+write("all.blf", ["data", "fd", "remote", "error"])
 # Its writer of candump logs omits the length of remote frames.
 write("all.log", ["data", "fd", "remote", "error"], has_remote_length=False)
 # Its writer of TRC has data frames only.
