@@ -413,6 +413,35 @@ fn drive_that_opens_its_brake_at_the_takeover_is_switched_off() {
     assert_eq!(state(&fixture), DriveState::SwitchOnDisabled);
 }
 
+/// With a velocity offset of the earlier owner, velocity 0 would not be standstill.
+#[test]
+fn drive_whose_velocity_offset_is_not_known_is_not_adopted() {
+    let mode = OperatingMode::CyclicVelocity;
+    for (effect, is_adopted) in [
+        (SdoEffect::Abort(AbortCode::NO_OBJECT), true),
+        (SdoEffect::Abort(AbortCode::GENERAL), false),
+    ] {
+        let rule = SdoRule {
+            index: object::VELOCITY_OFFSET,
+            subindex: None,
+            direction: SdoDirection::Read,
+            effect,
+            times: None,
+        };
+        let scenario = drives(|drive| drive.quirks.sdo_rules.push(rule));
+        let mut fixture = open(scenario, mode, HostHeartbeat::On);
+        fixture.start();
+        fixture.idle(100);
+        adopt(&mut fixture, mode);
+        fixture
+            .until(1_000, |cia402| cia402.all_stopped() || cia402.axis(0).unwrap().is_configured());
+        assert_eq!(fixture.axis(0).is_configured(), is_adopted);
+        let expected =
+            if is_adopted { DriveState::OperationEnabled } else { DriveState::SwitchOnDisabled };
+        assert_eq!(state(&fixture), expected);
+    }
+}
+
 /// Lost responses of the position do not make a drive absent that reported that it is enabled.
 #[test]
 fn enabled_drive_whose_position_is_not_answered_is_stopped() {

@@ -29,6 +29,8 @@ pub struct Prepared<'a> {
     service: Option<ServiceSetup>,
     cache_depths: Vec<u32>,
     options: &'a FrameOptions,
+    /// The command ends by itself, not with a service.
+    has_end: bool,
     pub interrupt: Interrupt,
 }
 
@@ -79,7 +81,8 @@ impl<'a> Prepared<'a> {
         };
         let depth = |position: &usize| bus.read(*position, 0xF000, 29).unwrap_or(CACHE_DEPTH);
         let cache_depths = planned.positions.iter().map(depth).collect();
-        Ok(Self { bus, planned, service, cache_depths, options, interrupt })
+        let has_end = requirements.has_end;
+        Ok(Self { bus, planned, service, cache_depths, options, has_end, interrupt })
     }
 
     /// Rejects CAN FD frames for a classic channel of the only gateway.
@@ -125,7 +128,7 @@ impl<'a> Prepared<'a> {
 
     /// Starts the gateways, with a capture if requested; `None` if the user stops.
     pub fn enter(self) -> Result<Option<Service>> {
-        let Self { bus, planned, service, cache_depths, options, interrupt } = self;
+        let Self { bus, planned, service, cache_depths, options, has_end, interrupt } = self;
         let channels = planned.channels();
         let real_time = &options.gateway.real_time;
         let capture =
@@ -134,9 +137,10 @@ impl<'a> Prepared<'a> {
         let started = match service {
             Some(ServiceSetup { connection, gateways }) => {
                 let has_images = options.capture.has_images();
-                let channels = planned.requested;
-                ServiceLink::start(connection, config, &gateways, channels, has_images)
-                    .map(box_link)
+                let subscribed = (planned.requested, has_images);
+                let link = ServiceLink::start(connection, config, &gateways, subscribed)
+                    .map(|link| link.reconnecting(!has_end));
+                link.map(box_link)
             }
             None => real_time.apply(|line| note(line)).map_err(Failure::from).and_then(|()| {
                 let link = PortLink::start(bus.ecrt()?, config, real_time, &interrupt);

@@ -7,7 +7,7 @@ use ecan_mcan_port::{PortConfig, SlaveStatistics};
 use ecan_protocol::can::CanFrame;
 use ecan_protocol::image::{ChannelState, ChannelStatus, Timestamp};
 use ecan_protocol::mapping::{CHANNELS, Direction};
-use ecan_service::client::{ClientError, Event as ServiceEvent, ReceivedImage, SendError};
+use ecan_service::client::{Client, ClientError, Event as ServiceEvent, ReceivedImage, SendError};
 use ecan_service::protocol::{
     EventKind, FrameEvent, FrameReport, Gateway, GatewayState, ImageSubscription, NOT_AVAILABLE,
     Subscription,
@@ -25,6 +25,8 @@ const STATE_NS: u64 = 50_000_000;
 /// Most events of one cycle.
 const MAX_EVENTS: usize = 4096;
 const LOSS_REPORT_NS: u64 = 1_000_000_000;
+/// Time between two attempts to connect again.
+const RECONNECT_NS: u64 = 200_000_000;
 
 /// A gateway of the command.
 #[derive(Debug)]
@@ -39,6 +41,8 @@ struct LinkedGateway {
     /// Counters at the start of the command.
     start: Value,
     statistics: SlaveStatistics,
+    /// Images while there was no connection, at most.
+    missed: u64,
 }
 
 /// Cycles of the service that this program has observed, for limits of responses.
@@ -118,6 +122,13 @@ pub struct ServiceLink {
     images: Vec<ReceivedImage>,
     lost: u64,
     lost_reported_ns: u64,
+    /// Channels and, if they are subscribed, images, for a new connection.
+    subscribed: (Channels, bool),
+    /// The command goes on when the service is there again.
+    reconnects: bool,
+    /// Time since which there is no connection.
+    disconnected_ns: Option<u64>,
+    next_attempt_ns: u64,
     /// Error that ends the command.
     failure: Option<Failure>,
 }
@@ -129,8 +140,7 @@ impl ServiceLink {
         connection: ServiceConnection,
         (adapter, config): (AdapterConfig, PortConfig),
         gateways: &[(u16, u16)],
-        channels: Channels,
-        has_images: bool,
+        subscribed: (Channels, bool),
     ) -> Result<Self> {
         let since_1970 = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH);
         let since_1970_ns = u64::try_from(since_1970.unwrap_or_default().as_nanos()).unwrap_or(0);
@@ -147,23 +157,102 @@ impl ServiceLink {
             images: Vec::new(),
             lost: 0,
             lost_reported_ns: 0,
+            subscribed,
+            reconnects: false,
+            disconnected_ns: None,
+            next_attempt_ns: 0,
             failure: None,
         };
-        link.read_state().map_err(|error| link.error(&error))?;
-        let indices: Vec<_> = gateways.iter().map(|gateway| gateway.0).collect();
+        link.subscribe().map_err(|error| link.error(&error))?;
+        Ok(link)
+    }
+
+    /// Waits for a service that ends, instead of ending the command.
+    pub fn reconnecting(mut self, reconnects: bool) -> Self {
+        self.reconnects = reconnects;
+        self
+    }
+
+    fn subscribe(&mut self) -> Result<(), ClientError> {
+        self.read_state()?;
+        let (channels, has_images) = self.subscribed;
+        let indices: Vec<_> = self.gateways.iter().map(|gateway| gateway.index).collect();
         let subscription = Subscription {
             gateways: indices.clone(),
             channels: channels.iter().collect(),
             kinds: vec![EventKind::Received, EventKind::Transmitted, EventKind::Published],
             ..Subscription::default()
         };
-        let client = link.connection.client();
-        client.subscribe(&subscription).map_err(|error| link.error(&error))?;
+        let client = self.connection.client();
+        client.subscribe(&subscription)?;
         if has_images {
             let images = ImageSubscription { gateways: indices, ..ImageSubscription::default() };
-            client.subscribe_images(&images).map_err(|error| link.error(&error))?;
+            client.subscribe_images(&images)?;
         }
-        Ok(link)
+        Ok(())
+    }
+
+    /// Takes note of an error of the connection. The gateways are not ready until there is another one.
+    fn take_error(&mut self, error: &ClientError) {
+        let is_lost =
+            matches!(error, ClientError::Closed | ClientError::Io(_) | ClientError::Connect { .. });
+        if !is_lost || !self.reconnects {
+            self.failure = Some(self.error(error));
+            return;
+        }
+        if self.disconnected_ns.is_none() {
+            note(format_args!("# {}; waiting for it", self.error(error)));
+            self.disconnected_ns = Some(self.now_ns());
+        }
+        self.forget_state();
+    }
+
+    /// Frames of the former cycle have no result, and the counters begin again.
+    fn forget_state(&mut self) {
+        self.cycles.waiting = 0;
+        for gateway in &mut self.gateways {
+            (gateway.session, gateway.start) = (SessionState::default(), Value::Null);
+        }
+    }
+
+    /// Connects to the service again, if there is one; waits for one cycle.
+    fn reconnect(&mut self, since_ns: u64) {
+        MonotonicClock.sleep_until_ns(self.now_ns() + u64::from(self.adapter.cycle_ns()));
+        let now_ns = self.now_ns();
+        if now_ns < self.next_attempt_ns {
+            return;
+        }
+        self.next_attempt_ns = now_ns + RECONNECT_NS;
+        let path = self.connection.path().to_owned();
+        let Ok(client) = Client::connect(&path, "ecan") else { return };
+        let before = std::mem::replace(&mut self.connection, ServiceConnection::new(client, &path));
+        let known = &before.hello().gateways;
+        if self.has_channels_of(known, &self.connection.hello().gateways) {
+            note(format_args!("# {} is there again", self.connection.program()));
+            let missed =
+                now_ns.saturating_sub(since_ns) / u64::from(self.adapter.cycle_ns()).max(1);
+            self.gateways.iter_mut().for_each(|gateway| gateway.missed += missed);
+            self.disconnected_ns = None;
+            if let Err(error) = self.subscribe() {
+                self.take_error(&error);
+            }
+        } else {
+            self.failure = Some(self.other_channels());
+        }
+    }
+
+    fn has_channels_of(&self, known: &[Gateway], new: &[Gateway]) -> bool {
+        self.gateways.iter().all(|linked| {
+            let index = usize::from(linked.index);
+            known.get(index) == new.get(index)
+        })
+    }
+
+    fn other_channels(&self) -> Failure {
+        let program = self.connection.program();
+        let reason =
+            format!("{program} has configured the bus again, with other channels; start again");
+        Failure::Device(ecan_host::Error::Disconnected { reason })
     }
 
     pub fn connection(&self) -> &ServiceConnection {
@@ -176,26 +265,14 @@ impl ServiceLink {
 
     /// Continues if the gateways of the command have the channels that they had.
     fn take_gateways(&mut self, new: &[Gateway]) {
-        // Frames of the former cycle have no result.
-        self.cycles.waiting = 0;
+        self.forget_state();
         let program = self.connection.program();
-        let known = &self.connection.hello().gateways;
-        let is_same = |linked: &LinkedGateway| {
-            let index = usize::from(linked.index);
-            known.get(index) == new.get(index)
-        };
-        for gateway in &mut self.gateways {
-            // The counters begin again.
-            (gateway.session, gateway.start) = (SessionState::default(), Value::Null);
-        }
         if new.is_empty() {
             note(format_args!("# {program} has stopped its cycle; waiting for it"));
-        } else if self.gateways.iter().all(is_same) {
+        } else if self.has_channels_of(&self.connection.hello().gateways, new) {
             note(format_args!("# {program} has configured the bus again, with the same channels"));
         } else {
-            let reason =
-                format!("{program} has configured the bus again, with other channels; start again");
-            self.failure = Some(Failure::Device(ecan_host::Error::Disconnected { reason }));
+            self.failure = Some(self.other_channels());
         }
     }
 
@@ -299,6 +376,7 @@ impl LinkedGateway {
             last_status: [ChannelStatus::default(); CHANNELS],
             start: Value::Null,
             statistics: SlaveStatistics::default(),
+            missed: 0,
         }
     }
 
@@ -318,6 +396,7 @@ impl LinkedGateway {
         let since = difference(&counters, &self.start);
         let before = self.statistics.channels;
         self.statistics = serde_json::from_value(since).unwrap_or_default();
+        self.statistics.txpdo_unknown += self.missed;
         self.status = self.last_status;
         let counts = before.iter().zip(&self.statistics.channels);
         for (status, (before, now)) in self.status.iter_mut().zip(counts) {
@@ -378,8 +457,10 @@ impl FrameLink for ServiceLink {
     fn begin(&mut self, arrivals: &mut Vec<Arrival>) -> u64 {
         self.images.clear();
         self.gateways.iter_mut().for_each(LinkedGateway::begin);
-        if let Err(error) = self.read_events(arrivals) {
-            self.failure = Some(self.error(&error));
+        if let Some(since_ns) = self.disconnected_ns {
+            self.reconnect(since_ns);
+        } else if let Err(error) = self.read_events(arrivals) {
+            self.take_error(&error);
         }
         self.now_ns()
     }
@@ -393,7 +474,10 @@ impl FrameLink for ServiceLink {
                 Ok(Some(Ticket::of_service(tag)))
             }
             Err(SendError::WindowFull { .. }) => Ok(None),
-            Err(SendError::Client(error)) => Err(self.error(&error)),
+            Err(SendError::Client(error)) => {
+                self.take_error(&error);
+                self.failure.take().map_or(Ok(None), Err)
+            }
             Err(error) => {
                 let reason = error.to_string();
                 Err(Failure::Device(ecan_host::Error::NotPermitted { reason }))

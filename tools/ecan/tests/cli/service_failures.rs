@@ -52,7 +52,7 @@ fn is_complete(numbers: &[u16], end: u16) -> bool {
 }
 
 #[test]
-fn killed_daemon_ends_every_client_with_a_message_and_complete_files() {
+fn killed_daemon_ends_requests_and_frame_commands_wait_for_the_next_one() {
     const FRAMES: u16 = 100;
     let daemon = serve_ready();
     let (log, capture) = (daemon.path_of("bus.log"), daemon.path_of("bus.pcapng"));
@@ -88,8 +88,12 @@ fn killed_daemon_ends_every_client_with_a_message_and_complete_files() {
     });
     assert!(matches!(client.poll(LIMIT), Err(ClientError::Closed)));
     let message = format!("ecan: {}: the service closed the connection", daemon.path);
-    for mut program in clients.into_iter().chain([reader]) {
-        assert_has(&program.ends(3), &message);
+    assert_has(&reader.ends(3), &message);
+    for program in &mut clients {
+        program.wait_for_error(&format!(
+            "{}: the service closed the connection; waiting for it",
+            daemon.path
+        ));
     }
     let numbers = logged(&log);
     assert!(numbers[0] <= first && is_complete(&numbers, first + FRAMES), "{numbers:?}");
@@ -106,6 +110,28 @@ fn killed_daemon_ends_every_client_with_a_message_and_complete_files() {
     let mut next = Running::start(&["--ecrt", "sim", "serve", "--socket", &daemon.path]);
     next.wait_for_error("slave 0: ready");
     exchange_alone(&daemon.client());
+    for program in &mut clients {
+        program.wait_for_error("is there again");
+    }
+    let client = daemon.client();
+    client.subscribe(&Subscription::default()).unwrap();
+    let delivered = || {
+        let clients = client.service_stats().unwrap().clients;
+        clients.iter().filter(|client| client.frames_delivered > 0).count() == 4
+    };
+    let mut second = first + FRAMES;
+    wait_for("the subscriptions", || {
+        exchange(&client, second);
+        second += 1;
+        delivered()
+    });
+    for mut program in clients {
+        program.end();
+    }
+    let numbers = logged(&log);
+    assert_eq!(numbers.last(), Some(&(second - 1)), "{numbers:?}");
+    let text = std::fs::read_to_string(&log).unwrap();
+    assert!(text.contains("# gap: "), "the gap is marked");
 }
 
 /// As `exchange`, without a subscription.

@@ -141,7 +141,7 @@ impl Running {
         let (setup, planned) = gateways_of_service(connection, bus, true)?;
         let ServiceSetup { connection, gateways } = setup;
         let config = (planned.adapter, planned.config);
-        let link = ServiceLink::start(connection, config, &gateways, Channels::ALL, false)?;
+        let link = ServiceLink::start(connection, config, &gateways, (Channels::ALL, false))?;
         Ok(Some(Self { link, planned }))
     }
 
