@@ -10,7 +10,6 @@ mod program;
 mod summary;
 
 pub mod backend;
-pub mod bus_load;
 pub mod clock_plot;
 pub mod frame_source;
 pub mod loop_record;

@@ -12,10 +12,10 @@ use ecan_tool_support::command_line::screen::{Stream, print};
 use ecan_tool_support::{print_error_line, print_line};
 use indicatif::ProgressBar;
 
-use crate::bus_load::BusLoad;
 use crate::echo_check::EchoCheck;
 use crate::frame_source::Source;
 use crate::program::{IDLE_TIMEOUT_NS, STALL_TIMEOUT_NS, SessionWatch};
+use crate::summary::BusLoad;
 use crate::{log_file, program, real_time, summary};
 
 /// Minimum number of cycles without a frame before the loop ends.

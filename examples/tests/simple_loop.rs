@@ -5,7 +5,7 @@ use std::process::{Command, Output};
 
 use crate::program::{self, contains_all, master_faults, text, written};
 use ecan_can_io::candump::Record;
-use ecan_example_support::bus_load::BusLoad;
+use ecan_example_support::summary::BusLoad;
 use ecan_protocol::can::{CanFrame, CanId, Dlc};
 use ecan_test_support::output;
 

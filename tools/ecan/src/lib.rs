@@ -24,10 +24,14 @@ mod slave_choice;
 mod value;
 
 use std::ffi::OsString;
+use std::path::Path;
 
 use clap::{CommandFactory, FromArgMatches, Parser};
+use clap_mangen::Man;
 use commands::Command;
 use context::{Context, Failure, GlobalOptions, Output, note};
+use ecan_protocol::text::Printable;
+use ecan_tool_support::command_line::new_file::{Existing, create};
 use ecan_tool_support::command_line::screen::{print_message, with_printable_arguments};
 use global::{Color, GivenOptions};
 
@@ -85,7 +89,7 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> u8 {
             clap_complete::generate(*shell, &mut Arguments::command(), "ecan", &mut script);
             output.bytes(&script)
         }
-        Command::Man { directory } => commands::man::write_manual(&Arguments::command(), directory),
+        Command::Man { directory } => write_manual(&Arguments::command(), directory),
     };
     match outcome {
         Ok(()) | Err(Failure::ReaderGone) => 0,
@@ -130,10 +134,29 @@ fn reject(arguments: &[OsString], error: &clap::Error) -> u8 {
     print_message(error)
 }
 
+/// Writes the help as manual pages.
+fn write_manual(command: &clap::Command, directory: &Path) -> context::Result {
+    let mut command = command.clone().disable_help_subcommand(true);
+    command.build();
+    std::fs::create_dir_all(directory)
+        .and_then(|()| write_page(&command, directory))
+        .map_err(|error| Failure::file("write the manual pages to", directory, error))?;
+    note(format_args!("manual pages written to {}", Printable(directory.display())));
+    Ok(())
+}
+
+/// Writes the pages of a command and its subcommands.
+fn write_page(command: &clap::Command, directory: &Path) -> std::io::Result<()> {
+    for subcommand in command.get_subcommands().filter(|command| !command.is_hide_set()) {
+        write_page(subcommand, directory)?;
+    }
+    let name = command.get_display_name().unwrap_or_else(|| command.get_name());
+    let mut page = create(&directory.join(format!("{name}.1")), Existing::Replace)?;
+    Man::new(command.clone()).render(&mut page)
+}
+
 #[cfg(test)]
 mod tests {
-    use std::path::Path;
-
     use super::*;
 
     /// Calls `visit` with the path and the text of each Rust file below a folder.

@@ -8,7 +8,6 @@ pub mod filter;
 pub mod firmware;
 pub mod generate;
 pub mod info;
-pub mod man;
 pub mod monitor;
 pub mod node;
 pub mod pins;
