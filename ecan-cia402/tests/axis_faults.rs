@@ -8,7 +8,7 @@ use crate::axes::{Fixture, START, axes, axis, with_quirk};
 use ecan_canopen::{CobId, DriveState, NmtCommand, NmtState, StepFault};
 use ecan_cia402::{
     AxisCommand, AxisConfig, AxisError, AxisPhase, AxisTimeout, Cia402, Cia402Config, Cia402Error,
-    Decision, HoldReason, StopKind,
+    Decision, HoldReason, InputObject, StopKind,
 };
 use ecan_mcan_port::Session;
 use ecan_protocol::can::FrameRef;
@@ -193,11 +193,14 @@ fn unanswered_object_is_retried_then_reported() {
 }
 
 #[test]
-fn fixed_mapping_is_reported() {
+fn fixed_mapping_is_used_as_it_is_or_reported() {
     let scenario = with_quirk(1, 1, |quirks| quirks.fixed_mapping = true);
-    let mut fixture = Fixture::with(scenario, moving(1));
+    Fixture::with(scenario.clone(), moving(1)).started().check();
+    let mut axes = moving(1);
+    axes[0].pdos.inputs.push(InputObject::Torque);
+    let mut fixture = Fixture::with(scenario, axes);
     let text = start_fails(&mut fixture).to_string();
-    assert!(text.contains("mapping") && text.contains("0x1600"), "{text}");
+    assert!(text.contains("readback (check 0x1A00:0"), "{text}");
 }
 
 #[test]

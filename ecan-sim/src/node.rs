@@ -354,9 +354,9 @@ impl ReplayNode {
     /// Replays a recording of a format that is recognized; only of one interface, if given.
     ///
     /// # Errors
-    /// As for [`Recording::parse`].
+    /// A format that is not recognized, or the first line that cannot be read.
     pub fn from_log(log: &str, interface: Option<&str>) -> Result<Self, RecordingError> {
-        let recording = Recording::parse(log, &ReadOptions::default())?;
+        let recording = Recording::parse(log, &ReadOptions::default())?.whole()?;
         Ok(Self::from_recording(&recording, interface))
     }
 

@@ -7,7 +7,7 @@ use ecan_protocol::can::{CanFrame, CanId};
 use ecan_protocol::text::Printable;
 use ecan_sim::BusFrame;
 
-use ecan_tool_support::print_line;
+use ecan_tool_support::print_error_line;
 
 use crate::log_file;
 
@@ -45,7 +45,7 @@ impl BusRecord {
     /// counts as sent, the others as its echo.
     pub fn from_log(path: &Path, id: CanId) -> Result<Self, Box<dyn Error>> {
         let log = log_file::read(path)?;
-        log_file::losses(path, &log).iter().for_each(|loss| print_line!("{loss}"));
+        log_file::losses(path, &log).iter().for_each(|loss| print_error_line!("{loss}"));
         let log = log.frames;
         let is_coarse = log.iter().all(|frame| frame.time_ns.is_multiple_of(1_000));
         let mut seen = std::collections::HashSet::new();

@@ -7,7 +7,7 @@ mod motion_record;
 mod phase_table;
 mod probe_report;
 mod program;
-mod summary;
+pub mod summary;
 
 pub mod backend;
 pub mod clock_plot;

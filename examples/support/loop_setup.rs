@@ -10,7 +10,7 @@ use ecan_mcan_port::{ChannelConfig, GatewayConfig, PortConfig};
 use ecan_protocol::can::CanId;
 use ecan_protocol::text::Printable;
 use ecan_tool_support::command_line::options::parse_bit_rate;
-use ecan_tool_support::print_line;
+use ecan_tool_support::{print_error_line, print_line};
 
 use crate::backend::MasterArguments;
 use crate::frame_source::{Channels, RecordedFrame, Source, Target};
@@ -73,7 +73,7 @@ impl LoopSetup {
         let targets = self.channels.targets(&self.port);
         let assign = |logged| self.assign(logged, &targets);
         let recording = log_file::read(path)?;
-        log_file::losses(path, &recording).iter().for_each(|loss| print_line!("{loss}"));
+        log_file::losses(path, &recording).iter().for_each(|loss| print_error_line!("{loss}"));
         let frames: Vec<_> = recording
             .frames
             .into_iter()

@@ -225,7 +225,7 @@ fn recording_is_not_overwritten() {
 
 #[test]
 fn wrong_use_returns_a_helpful_message() {
-    let (_bad, bad) = written("(1.000000) can0 123#00\n(1.000000) can0 12Z#00\n");
+    let (_bad, bad) = written("# nothing\n(1.000000) can0 12Z#00\n");
     let (_empty, empty) = written("# nothing\n\n");
     let cases: &[(&[&str], &str)] = &[
         (&["--slaves", "0"], "--slaves"),

@@ -249,6 +249,14 @@ impl Recording {
         }
     }
 
+    /// The recording, if every line of it could be read.
+    ///
+    /// # Errors
+    /// The first line that could not.
+    pub fn whole(mut self) -> Result<Self, RecordingError> {
+        if self.skipped.is_empty() { Ok(self) } else { Err(self.skipped.swap_remove(0).error) }
+    }
+
     /// Reads the lines of a text.
     pub(crate) fn of_lines(
         format: Format,

@@ -274,7 +274,8 @@ impl NodeSlot {
 
 fn read_log(path: &Path, options: &ReadOptions) -> Result<ReplayNode, BackendError> {
     let bytes = std::fs::read(path).map_err(|error| BackendError::Read(path.to_owned(), error))?;
-    let recording = Recording::parse(&String::from_utf8_lossy(&bytes), options)
+    let recording = Recording::read(&bytes, options)
+        .and_then(Recording::whole)
         .map_err(|error| BackendError::Recording(path.to_owned(), error))?;
     Ok(ReplayNode::from_recording(&recording, None))
 }
