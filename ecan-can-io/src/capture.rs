@@ -276,15 +276,15 @@ impl ErrorFrame {
     }
 }
 
-const SECTION_HEADER: u32 = 0x0A0D_0D0A;
-const BYTE_ORDER_MAGIC: u32 = 0x1A2B_3C4D;
-const INTERFACE_DESCRIPTION: u32 = 1;
-const ENHANCED_PACKET: u32 = 6;
+pub(crate) const SECTION_HEADER: u32 = 0x0A0D_0D0A;
+pub(crate) const BYTE_ORDER_MAGIC: u32 = 0x1A2B_3C4D;
+pub(crate) const INTERFACE_DESCRIPTION: u32 = 1;
+pub(crate) const ENHANCED_PACKET: u32 = 6;
 
 const OPTION_END: u16 = 0;
 const SECTION_APPLICATION: u16 = 4;
-const INTERFACE_NAME: u16 = 2;
-const INTERFACE_TIME_RESOLUTION: u16 = 9;
+pub(crate) const INTERFACE_NAME: u16 = 2;
+pub(crate) const INTERFACE_TIME_RESOLUTION: u16 = 9;
 const PACKET_FLAGS: u16 = 2;
 /// Decimal digits of the seconds' fraction.
 const NANOSECONDS: u8 = 9;
@@ -403,16 +403,16 @@ fn length(bytes: usize) -> io::Result<u32> {
 }
 
 /// Link type of CAN frames.
-const CAN_LINK_TYPE: u16 = 227;
+pub(crate) const CAN_LINK_TYPE: u16 = 227;
 /// Size of the header before the data, in bytes.
 const HEADER_BYTES: usize = 8;
 
-const EXTENDED: u32 = 1 << 31;
-const REMOTE: u32 = 1 << 30;
-const ERROR: u32 = 1 << 29;
-const BIT_RATE_SWITCH: u8 = 1;
-const ERROR_STATE: u8 = 2;
-const FD: u8 = 4;
+pub(crate) const EXTENDED: u32 = 1 << 31;
+pub(crate) const REMOTE: u32 = 1 << 30;
+pub(crate) const ERROR: u32 = 1 << 29;
+pub(crate) const BIT_RATE_SWITCH: u8 = 1;
+pub(crate) const ERROR_STATE: u8 = 2;
+pub(crate) const FD: u8 = 4;
 /// Maximum length of a classic frame in bytes.
 const CLASSIC_BYTES: u8 = 8;
 

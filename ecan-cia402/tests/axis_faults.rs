@@ -195,12 +195,14 @@ fn unanswered_object_is_retried_then_reported() {
 #[test]
 fn fixed_mapping_is_used_as_it_is_or_reported() {
     let scenario = with_quirk(1, 1, |quirks| quirks.fixed_mapping = true);
-    Fixture::with(scenario.clone(), moving(1)).started().check();
     let mut axes = moving(1);
+    // RPDO 3 has controlword and target position, TPDO 3 statusword and actual position.
+    axes[0].pdos.number = 3;
+    Fixture::with(scenario.clone(), axes.clone()).started().check();
     axes[0].pdos.inputs.push(InputObject::Torque);
     let mut fixture = Fixture::with(scenario, axes);
     let text = start_fails(&mut fixture).to_string();
-    assert!(text.contains("readback (check 0x1A00:0"), "{text}");
+    assert!(text.contains("readback (check 0x1A02:00): value is 0x2, expected 0x3"), "{text}");
 }
 
 #[test]

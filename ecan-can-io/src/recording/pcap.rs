@@ -8,25 +8,17 @@ use ecan_protocol::can::{CanFrame, CanId, Dlc};
 use super::records::{
     FieldResult, Format, Item, Recording, RecordingErrorKind, invalid, remote, signed,
 };
+use crate::capture::{
+    BIT_RATE_SWITCH, BYTE_ORDER_MAGIC, CAN_LINK_TYPE, ENHANCED_PACKET, ERROR, ERROR_STATE,
+    EXTENDED, FD, INTERFACE_DESCRIPTION, INTERFACE_NAME, INTERFACE_TIME_RESOLUTION, REMOTE,
+    SECTION_HEADER,
+};
 
-const SECTION_HEADER: u32 = 0x0A0D_0D0A;
-const BYTE_ORDER_MAGIC: u32 = 0x1A2B_3C4D;
-const INTERFACE_DESCRIPTION: u32 = 1;
-const ENHANCED_PACKET: u32 = 6;
-const INTERFACE_NAME: u16 = 2;
-const TIME_RESOLUTION: u16 = 9;
 const PCAP_MICROSECONDS: u32 = 0xA1B2_C3D4;
 const PCAP_NANOSECONDS: u32 = 0xA1B2_3C4D;
 const PCAP_HEADER_BYTES: usize = 24;
 const PACKET_HEADER_BYTES: usize = 16;
 
-const SOCKETCAN: u16 = 227;
-const EXTENDED: u32 = 1 << 31;
-const REMOTE: u32 = 1 << 30;
-const ERROR: u32 = 1 << 29;
-const BIT_RATE_SWITCH: u8 = 1;
-const ERROR_STATE: u8 = 2;
-const FD: u8 = 4;
 const CLASSIC_BYTES: usize = 8;
 
 /// Returns whether a file is pcapng or pcap.
@@ -161,7 +153,7 @@ fn interface(content: Bytes<'_>, number: usize) -> Option<Interface> {
             (INTERFACE_NAME, name) if !name.is_empty() => {
                 interface.name = String::from_utf8_lossy(name).into_owned();
             }
-            (TIME_RESOLUTION, [resolution]) => {
+            (INTERFACE_TIME_RESOLUTION, [resolution]) => {
                 let exponent = u32::from(resolution & 0x7F);
                 let base: u64 = if resolution & 0x80 == 0 { 10 } else { 2 };
                 interface.per_second = base.checked_pow(exponent)?;
@@ -183,7 +175,7 @@ fn packet(content: Bytes<'_>, interfaces: &[Interface]) -> Option<FieldResult<It
 }
 
 fn item(link_type: u16, interface: &str, time_ns: u64, packet: &[u8]) -> FieldResult<Item> {
-    if link_type != SOCKETCAN {
+    if link_type != CAN_LINK_TYPE {
         return Ok(Item::Event);
     }
     let size = packet.len().to_string();

@@ -225,6 +225,10 @@ impl ServiceLink {
         self.next_attempt_ns = now_ns + RECONNECT_NS;
         let path = self.connection.path().to_owned();
         let Ok(client) = Client::connect(&path, "ecan") else { return };
+        if client.hello().gateways.is_empty() {
+            // It has no cycle yet.
+            return;
+        }
         let before = std::mem::replace(&mut self.connection, ServiceConnection::new(client, &path));
         let known = &before.hello().gateways;
         if self.has_channels_of(known, &self.connection.hello().gateways) {
@@ -241,10 +245,12 @@ impl ServiceLink {
         }
     }
 
+    /// Returns whether the gateways of the command are the same. Whether they report results is known later.
     fn has_channels_of(&self, known: &[Gateway], new: &[Gateway]) -> bool {
+        let part = |gateway: &Gateway| (gateway.alias, gateway.position, gateway.channels.clone());
         self.gateways.iter().all(|linked| {
             let index = usize::from(linked.index);
-            known.get(index) == new.get(index)
+            known.get(index).map(part) == new.get(index).map(part)
         })
     }
 

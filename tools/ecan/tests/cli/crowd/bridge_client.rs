@@ -78,7 +78,8 @@ impl BridgeClient {
     /// Connects to the only address of a bridge.
     pub fn connect(protocol: Protocol, bridge: &mut Running) -> Self {
         let line = bridge.line();
-        let address = line.split(' ').nth(3).unwrap();
+        let words: Vec<_> = line.split(' ').collect();
+        let (address, bus) = (words[3], words[5]);
         let stream = TcpStream::connect(address).unwrap();
         stream.set_nodelay(true).unwrap();
         stream.set_read_timeout(Some(LIMIT)).unwrap();
@@ -88,7 +89,7 @@ impl BridgeClient {
             Protocol::Slcan => client.command("O\r", "\r"),
             Protocol::Socketcand => {
                 client.command("", "< hi >");
-                client.command("< open can0 >", "< ok >");
+                client.command(&format!("< open {bus} >"), "< ok >");
                 client.command("< rawmode >", "< ok >");
             }
         }
