@@ -288,12 +288,12 @@ fn check_steps(node: &NodeDescription, report: &mut impl FnMut(NetworkFaultKind)
             }
             Action::Pause(_) | Action::Device(_) => None,
         };
-        let is_tolerated = match (tolerance, &fault) {
-            (Tolerance::Any, _) => true,
-            (Tolerance::Missing, Some(NetworkFaultKind::NoParameter { .. })) => true,
-            (Tolerance::ReadOnly, Some(NetworkFaultKind::ReadOnly { .. })) => true,
-            _ => false,
-        };
+        let is_tolerated = matches!(
+            (tolerance, &fault),
+            (Tolerance::Any, _)
+                | (Tolerance::Missing, Some(NetworkFaultKind::NoParameter { .. }))
+                | (Tolerance::ReadOnly, Some(NetworkFaultKind::ReadOnly { .. }))
+        );
         let Some(fault) = fault.filter(|_| !is_tolerated) else { continue };
         let is_of_missing_pdo = match action.index() {
             Some(index @ 0x1400..=0x1BFF) => device.object(index & !0x200).is_none(),
