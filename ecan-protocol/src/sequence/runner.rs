@@ -321,12 +321,14 @@ mod tests {
         log: Vec<(char, u16)>,
         result: Option<Result<Transfer, AbortCode>>,
         is_busy: bool,
+        refusal: Option<AbortCode>,
     }
 
     impl Device {
         fn value(&mut self, index: u16) -> Result<&mut u64, AbortCode> {
             let slot = usize::from(index.wrapping_sub(0x2000));
-            self.values.get_mut(slot).ok_or(AbortCode::NO_OBJECT)
+            let value = self.values.get_mut(slot).ok_or(AbortCode::NO_OBJECT);
+            self.refusal.map_or(value, Err)
         }
     }
 
@@ -409,6 +411,28 @@ mod tests {
         let error = StepError::Mismatch { found: 0, expected: Expectation::Equals(1) };
         assert_eq!(run(&mut device, vec![other.if_present()]).0, SequenceState::Failed(error));
         assert_eq!(run(&mut device, vec![other.if_accepted()]).0, SequenceState::Done);
+    }
+
+    #[test]
+    fn each_tolerance_covers_its_refusals() {
+        let step: Step<char> = Step::write(0x2000, 0, 1_u8);
+        let cases = [
+            (AbortCode::NO_OBJECT, [false, true, false, true]),
+            (AbortCode::NO_SUBINDEX, [false, true, false, true]),
+            (AbortCode::READ_ONLY, [false, false, true, true]),
+            (AbortCode::UNSUPPORTED_ACCESS, [false, false, true, true]),
+            (AbortCode::GENERAL, [false, false, false, true]),
+        ];
+        for (code, covered) in cases {
+            let steps = [step, step.if_present(), step.if_writable(), step.if_accepted()];
+            for (step, is_covered) in steps.into_iter().zip(covered) {
+                let mut device = Device { refusal: Some(code), ..Device::default() };
+                let error = SequenceState::Failed(StepError::Access(code));
+                let expected = if is_covered { SequenceState::Done } else { error };
+                assert_eq!(run(&mut device, vec![step]).0, expected, "{:?}", step.tolerance);
+                assert_eq!(device.log, [('w', 0x2000)]);
+            }
+        }
     }
 
     #[test]

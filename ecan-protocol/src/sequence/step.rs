@@ -433,17 +433,19 @@ mod tests {
     }
 
     #[test]
-    fn steps_name_their_action_and_purpose() {
-        let steps: [(Step<&str>, &str); 6] = [
-            (Step::write(0x1017, 0, 500_u16), "write 0x1017:00 = 0x01F4"),
-            (Step::modify(0x1005, 0, 1, 2), "change 0x1005:00"),
-            (Step::read(0x1018, 0x0A), "read 0x1018:0A"),
-            (Step::expect(0x8010, 2, 0_u8), "check 0x8010:02"),
-            (Step::pause(Duration::from_millis(20)), "wait 20 ms"),
-            (Step::device("set the node ID"), "set the node ID"),
+    fn steps_name_their_object_action_and_purpose() {
+        let time = Duration::from_millis(20);
+        let steps: [(Step<&str>, Option<u16>, &str); 7] = [
+            (Step::write(0x1017, 0, 500_u16), Some(0x1017), "write 0x1017:00 = 0x01F4"),
+            (Step::modify(0x1005, 0, 1, 2), Some(0x1005), "change 0x1005:00"),
+            (Step::read(0x1018, 0x0A), Some(0x1018), "read 0x1018:0A"),
+            (Step::expect(0x8010, 2, 0_u8), Some(0x8010), "check 0x8010:02"),
+            (Step::await_value(0x6041, 0, 1_u16, time), Some(0x6041), "wait for 0x6041:00"),
+            (Step::pause(time), None, "wait 20 ms"),
+            (Step::device("set the node ID"), None, "set the node ID"),
         ];
-        for (step, text) in steps {
-            assert_eq!(step.action.to_string(), text);
+        for (step, index, text) in steps {
+            assert_eq!((step.action.index(), step.action.to_string().as_str()), (index, text));
             assert_eq!(step.named("purpose"), Step { purpose: "purpose", ..step });
         }
         let (expected, waited) = (Expectation::Equals(1), Duration::from_millis(300));
