@@ -304,15 +304,20 @@ fn assert_moves_again(fixture: &mut Fixture, mode: OperatingMode) {
     assert!(fixture.axis(0).actual().unwrap() > from + 1_000, "{mode}");
 }
 
-/// The last RPDO of the earlier owner waits in the drive for the first SYNC of the new one.
-#[test]
-fn waiting_target_does_not_move_an_adopted_drive() {
-    let mode = OperatingMode::CyclicVelocity;
+/// A drive whose frames can be scheduled at a phase of Sync0.
+fn open_with_dc(mode: OperatingMode) -> Fixture {
     let mut adapter = AdapterConfig::new(1).with_cycle(Duration::from_millis(2));
     adapter.dc = Some(DcSync::new(Duration::from_millis(2), Duration::from_micros(700)));
     let scenario = drives(|drive| drive.trace = 50_000);
     let axes = table(mode, HostHeartbeat::On);
-    let mut fixture = Fixture::open_with(scenario, adapter, axes, config(HostHeartbeat::On));
+    Fixture::open_with(scenario, adapter, axes, config(HostHeartbeat::On))
+}
+
+/// The last RPDO of the earlier owner waits in the drive for the first SYNC of the new one.
+#[test]
+fn waiting_target_does_not_move_an_adopted_drive() {
+    let mode = OperatingMode::CyclicVelocity;
+    let mut fixture = open_with_dc(mode);
     // After the SYNC of its cycle.
     fixture.cia402.set_scheduled_tx(&fixture.port, Some(200_000), None).unwrap();
     let mut fixture = fixture.started();
@@ -440,6 +445,70 @@ fn drive_whose_velocity_offset_is_not_known_is_not_adopted() {
             if is_adopted { DriveState::OperationEnabled } else { DriveState::SwitchOnDisabled };
         assert_eq!(state(&fixture), expected);
     }
+}
+
+/// The drive takes over what it got last with the first SYNC, so that must be the standstill, also if frames wait
+/// in the gateway for their time.
+#[test]
+fn adopted_drive_gets_its_standstill_before_the_first_sync() {
+    let node = NodeId::new(1).unwrap();
+    let [to_drive, sync] = [CobId::rpdo(node, 1), CobId::SYNC].map(CobId::can_id);
+    for mode in ADOPTED_MODES.into_iter().chain([OperatingMode::CyclicPosition]) {
+        for target_ns in [None, Some(1_900_000)] {
+            let mut fixture = open_with_dc(mode);
+            fixture.start();
+            fixture.idle(100);
+            adopt(&mut fixture, mode);
+            fixture.cia402.set_scheduled_tx(&fixture.port, target_ns, None).unwrap();
+            // Frames of the old owner, which the Port and the gateway still hold.
+            fixture.steps(3);
+            fixture.simulation.with_world(|world| world.record_bus_of(0, 0));
+            fixture.until(500, |cia402| cia402.axis(0).unwrap().is_configured());
+            let recorded = fixture.simulation.with_world(ecan_sim::World::take_recorded);
+            let sent = recorded.iter().filter(|frame| frame.is_from_channel);
+            let ids = sent.map(|frame| frame.frame.id()).take_while(|id| *id != sync);
+            let before = ids.filter(|id| *id == to_drive).count();
+            assert!(before >= 2, "{mode}, {target_ns:?}: {before} frames before SYNC");
+        }
+    }
+}
+
+/// The transfer that the stop interrupts is aborted, and the next one can begin at once.
+#[test]
+fn stop_during_an_adoption_aborts_its_transfer() {
+    let mode = OperatingMode::CyclicVelocity;
+    let rule = SdoRule {
+        index: object::VELOCITY_OFFSET,
+        subindex: None,
+        direction: SdoDirection::Read,
+        effect: SdoEffect::Silence,
+        times: None,
+    };
+    let scenario = drives(|drive| drive.quirks.sdo_rules.push(rule));
+    let mut fixture = open(scenario, mode, HostHeartbeat::On);
+    fixture.start();
+    fixture.idle(100);
+    adopt(&mut fixture, mode);
+    fixture.simulation.with_world(|world| world.record_bus_of(0, 0));
+    let to_server = CobId::sdo_client(NodeId::new(1).unwrap()).can_id();
+    let request_of = |fixture: &mut Fixture, command: u8| {
+        let [low, high] = object::VELOCITY_OFFSET.to_le_bytes();
+        let recorded = fixture.simulation.with_world(ecan_sim::World::take_recorded);
+        recorded.iter().any(|frame| {
+            frame.frame.id() == to_server && frame.frame.data().starts_with(&[command, low, high])
+        })
+    };
+    let mut limit = 500;
+    while !request_of(&mut fixture, 0x40) {
+        fixture.step();
+        limit -= 1;
+        assert!(limit > 0, "the offset is not asked for");
+    }
+    fixture.axis_mut(0).stop(StopKind::Disable);
+    fixture.steps(5);
+    assert!(request_of(&mut fixture, 0x80), "no abort within 10 ms");
+    fixture.until(500, Cia402::all_stopped);
+    assert_eq!(state(&fixture), DriveState::SwitchOnDisabled);
 }
 
 /// Lost responses of the position do not make a drive absent that reported that it is enabled.

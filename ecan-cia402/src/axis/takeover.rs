@@ -231,7 +231,7 @@ impl FirstContact {
             }
             TakeoverState::Adopting(_) => {
                 if is_stopping {
-                    self.cancel_adoption(plan, network);
+                    // The first request of the stop aborts the transfer.
                     self.state = TakeoverState::Stopping;
                     return None;
                 }
@@ -351,19 +351,6 @@ impl FirstContact {
         let stage = next.unwrap_or(stage);
         self.state = TakeoverState::Adopting(Adoption { stage, target });
         None
-    }
-
-    fn cancel_adoption(&self, plan: &AxisPlan, network: &mut Network) {
-        if let TakeoverState::Adopting(Adoption {
-            stage:
-                AdoptionStage::Verifying(script)
-                | AdoptionStage::Replacing(script)
-                | AdoptionStage::Confirming(script),
-            ..
-        }) = self.state
-        {
-            script.cancel(network, plan.node);
-        }
     }
 
     /// Controlword and target of the frame that keeps a drive at standstill while it is adopted. `repeats`
