@@ -372,6 +372,30 @@ mod tests {
         source.next(&limits(TargetKind::Position, 1_000), last, Some(step))
     }
 
+    /// The motion that a ramp continues after these steps, whose means are over eight of them.
+    fn continued(steps: impl Iterator<Item = i64>) -> (i128, i128) {
+        let mut history = StepHistory::REST;
+        steps.for_each(|step| history.push(step));
+        let Profile { rate, change } = history.ramp(&RampLimits::new(16 * ONE / 50, 1)).profile();
+        (rate, change)
+    }
+
+    #[test]
+    fn ramp_continues_the_motion_of_the_application() {
+        for sign in [1, -1] {
+            let one = i128::from(sign) * ONE;
+            let faster = (1..=40).map(|nth| sign * 10 * nth);
+            assert_eq!(continued(faster.clone()), (400 * one, 10 * one));
+            assert_eq!(continued(faster.rev()), (10 * one, -10 * one));
+            // 2.75 increments per target, rounded.
+            let constant = (0..40_i64).map(|nth| sign * if nth % 4 == 2 { 2 } else { 3 });
+            assert_eq!(continued(constant), (11 * one / 4, 0));
+        }
+        // The last step bounds a change that the means cannot follow.
+        assert_eq!(continued((0..40).map(|nth| if nth < 39 { 100 } else { 20 })).0, 20 * ONE);
+        assert_eq!(continued([100; 40].into_iter().chain([0])).0, 0);
+    }
+
     #[test]
     fn halted_rate_returns_to_zero_by_its_limit() {
         let mut source = TargetSource::new(RampLimits::increments(10));
