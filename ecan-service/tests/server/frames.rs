@@ -13,7 +13,7 @@ use ecan_service::client::{
     SendError, SessionState, Subscription,
 };
 use ecan_service::server::{Control, ServePort as _, Service, ServiceConfig};
-use ecan_sim::{ClockKind, Fault, SimOptions};
+use ecan_sim::{ClockKind, Fault, SimOptions, Simulation};
 
 fn next_frame(client: &Client) -> FrameReport {
     match next(client) {
@@ -211,24 +211,47 @@ fn reconfiguration_reports_gateways_and_frames_continue() {
 }
 
 /// A Port in stepped time whose cycle runs on the thread of the test, with a client of its service.
-fn stepped() -> (tempfile::TempDir, Port, Service, Client) {
-    stepped_with(GatewayConfig::on_channel(0, ChannelConfig::classic(1_000_000)))
+struct Stepped {
+    port: Port,
+    service: Service,
+    client: Client,
+    simulation: Simulation,
+    directory: tempfile::TempDir,
 }
 
-fn stepped_with(gateway: GatewayConfig) -> (tempfile::TempDir, Port, Service, Client) {
-    let directory = tempfile::tempdir().unwrap();
-    let path = directory.path().join("master0.sock");
-    let options = SimOptions { clock: Some(ClockKind::Stepped), ..SimOptions::default() };
-    let backend = ecan_sim::open_scenario(ecan_sim::echo(1), &options).unwrap();
-    // A slave leaves OP when its watchdog expires: not in a pause of a test.
-    let adapter = AdapterConfig::new(1)
-        .with_cycle(Duration::from_millis(1))
-        .with_watchdog(Duration::from_secs(6));
-    let mut port = Port::open(&backend.ecrt, (adapter, PortConfig::uniform(1, gateway))).unwrap();
-    let service = port.serve(ServiceConfig::new(&path).with_control(Control::Owner)).unwrap();
-    port.wait_ready().unwrap();
-    let client = Client::connect(&path, "test").unwrap();
-    (directory, port, service, client)
+impl Stepped {
+    fn start() -> Self {
+        Self::with(GatewayConfig::on_channel(0, ChannelConfig::classic(1_000_000)), |_| ())
+    }
+
+    fn with(gateway: GatewayConfig, change: impl FnOnce(&mut ServiceConfig)) -> Self {
+        let directory = tempfile::tempdir().unwrap();
+        let options = SimOptions { clock: Some(ClockKind::Stepped), ..SimOptions::default() };
+        let backend = ecan_sim::open_scenario(ecan_sim::echo(1), &options).unwrap();
+        // A slave leaves OP when its watchdog expires: not in a pause of a test.
+        let adapter = AdapterConfig::new(1)
+            .with_cycle(Duration::from_millis(1))
+            .with_watchdog(Duration::from_secs(6));
+        let config = (adapter, PortConfig::uniform(1, gateway));
+        let mut port = Port::open(&backend.ecrt, config).unwrap();
+        let path = directory.path().join("master0.sock");
+        let mut config = ServiceConfig::new(&path).with_control(Control::Owner);
+        change(&mut config);
+        let service = port.serve(config).unwrap();
+        port.wait_ready().unwrap();
+        let client = Client::connect(&path, "test").unwrap();
+        Self { port, service, client, simulation: backend.simulation.unwrap(), directory }
+    }
+
+    fn connect(&self) -> Client {
+        Client::connect(self.service.path(), "test").unwrap()
+    }
+
+    fn cycles(&mut self, count: usize) {
+        for _ in 0..count {
+            self.port.next_cycle().finish();
+        }
+    }
 }
 
 /// Sends a frame; returns once it is in the queue of the cycle.
@@ -246,21 +269,19 @@ fn pause(port: &Port, client: &Client, pause: Duration) {
 
 #[test]
 fn pause_of_the_host_loses_no_result() {
-    let (_directory, mut port, _service, client) = stepped_with(super::common::gateway());
+    let mut bus = Stepped::with(super::common::gateway(), |_| ());
     for number in 0..50 {
-        client.send(0, 0, &frame(0x100 + number, &[])).unwrap();
-        client.state().unwrap();
-        port.next_cycle().finish();
-        pause(&port, &client, Duration::from_secs(5));
-        assert_eq!(client.poll(Duration::ZERO).unwrap(), None, "the result is not known");
-        for _ in 0..10 {
-            port.next_cycle().finish();
-        }
-        let report = next_frame(&client);
+        bus.client.send(0, 0, &frame(0x100 + number, &[])).unwrap();
+        bus.client.state().unwrap();
+        bus.cycles(1);
+        pause(&bus.port, &bus.client, Duration::from_secs(5));
+        assert_eq!(bus.client.poll(Duration::ZERO).unwrap(), None, "the result is not known");
+        bus.cycles(10);
+        let report = next_frame(&bus.client);
         assert_eq!(report.event, FrameEvent::Transmitted);
         assert_eq!(report.frame.id().raw(), u32::from(0x100 + number));
     }
-    let stats = client.service_stats().unwrap().clients[0].clone();
+    let stats = bus.client.service_stats().unwrap().clients[0].clone();
     assert_eq!((stats.frames_accepted, stats.frames_pending), (50, 0));
 }
 
@@ -299,28 +320,55 @@ fn frames_of_a_lost_session_end_as_transmitted_or_unknown() {
     assert_eq!(accepted(), 300);
 }
 
+/// While the gateway is off no image of it arrives that could end them.
+#[test]
+fn frames_of_a_gateway_that_stays_away_end_without_result() {
+    let mut bus = Stepped::with(super::common::gateway(), |_| ());
+    queue_frame(&bus.client);
+    bus.cycles(1);
+    bus.simulation.inject(Fault::PowerCycle { gateway: 0, off_ms: 60_000 });
+    bus.cycles(50);
+    assert_ne!(bus.client.state().unwrap().gateways[0].session, SessionState::Ready);
+    assert_eq!(next_frame(&bus.client).event, FrameEvent::Unknown);
+    assert_eq!(bus.client.in_flight(0, 0), 0);
+}
+
+#[test]
+fn frames_of_many_clients_that_find_the_queue_full_are_rejected_as_such() {
+    let gateway = GatewayConfig::on_channel(0, ChannelConfig::classic(1_000_000));
+    let mut bus = Stepped::with(gateway, |config| config.window = 1);
+    let clients: Vec<Client> = (0..40).map(|_| bus.connect()).collect();
+    clients.iter().for_each(queue_frame);
+    bus.cycles(20);
+    let events: Vec<FrameEvent> = clients.iter().map(|client| next_frame(client).event).collect();
+    let (published, rest) =
+        events.split_at(events.iter().take_while(|event| **event == FrameEvent::Published).count());
+    assert!(published.len() >= 4, "{events:?}");
+    assert!(!rest.is_empty(), "40 frames fit");
+    let full = FrameEvent::Rejected(RejectReason::QueueFull);
+    assert!(rest.iter().all(|event| *event == full), "{events:?}");
+}
+
 #[test]
 fn frame_older_than_its_limit_is_rejected() {
-    let (_directory, mut port, _service, client) = stepped();
+    let mut bus = Stepped::start();
     let (short, long) = (Duration::from_millis(5), Duration::from_secs(60));
-    client.send_within(0, 0, &frame(1, &[]), short).unwrap();
-    client.send_within(0, 0, &frame(2, &[]), long).unwrap();
-    client.send(0, 0, &frame(3, &[])).unwrap();
-    client.state().unwrap();
-    pause(&port, &client, Duration::from_secs(11));
-    port.next_cycle().finish();
-    port.next_cycle().finish();
-    let mut events = [next_frame(&client), next_frame(&client), next_frame(&client)]
-        .map(|report| (report.frame.id().raw(), report.event));
-    events.sort_by_key(|(id, _)| *id);
+    bus.client.send_within(0, 0, &frame(1, &[]), short).unwrap();
+    bus.client.send_within(0, 0, &frame(2, &[]), long).unwrap();
+    bus.client.send(0, 0, &frame(3, &[])).unwrap();
+    bus.client.state().unwrap();
+    pause(&bus.port, &bus.client, Duration::from_secs(11));
+    bus.cycles(2);
+    let mut events = [(); 3].map(|()| next_frame(&bus.client));
+    events.sort_by_key(|report| report.frame.id().raw());
     let expired = FrameEvent::Rejected(RejectReason::Expired);
     // The last one has the default limit of 10 s.
-    assert_eq!(events, [(1, expired), (2, FrameEvent::Published), (3, expired)]);
+    assert_eq!(events.map(|report| report.event), [expired, FrameEvent::Published, expired]);
 }
 
 #[test]
 fn end_of_service_after_a_cycle_reports_what_it_sent() {
-    let (_directory, mut port, mut service, mut client) = stepped();
+    let Stepped { mut port, mut service, mut client, directory: _directory, .. } = Stepped::start();
     for _ in 0..50 {
         queue_frame(&client);
         port.next_cycle().finish();
@@ -334,7 +382,7 @@ fn end_of_service_after_a_cycle_reports_what_it_sent() {
 
 #[test]
 fn end_of_service_leaves_queued_frames_without_result() {
-    let (_directory, mut port, service, client) = stepped();
+    let Stepped { mut port, service, client, directory: _directory, .. } = Stepped::start();
     queue_frame(&client);
     let accepted =
         |port: &Port| port.statistics(port.gateway(0).unwrap()).channels[0].frames_accepted;
@@ -349,10 +397,9 @@ fn end_of_service_leaves_queued_frames_without_result() {
 
 #[test]
 fn end_of_port_rejects_queued_frames() {
-    let (_directory, port, service, client) = stepped();
+    let Stepped { port, service: _service, client, directory: _directory, .. } = Stepped::start();
     queue_frame(&client);
     drop(port);
-    drop(service);
     assert_eq!(next_frame(&client).event, FrameEvent::Rejected(RejectReason::Closed));
 }
 
