@@ -418,26 +418,32 @@ fn drive_that_opens_its_brake_at_the_takeover_is_switched_off() {
     assert_eq!(state(&fixture), DriveState::SwitchOnDisabled);
 }
 
+/// A drive at rest whose adoption begins, with this answer to a request of its velocity offset.
+fn adopted_with_offset(effect: SdoEffect) -> Fixture {
+    let mode = OperatingMode::CyclicVelocity;
+    let rule = SdoRule {
+        index: object::VELOCITY_OFFSET,
+        subindex: None,
+        direction: SdoDirection::Read,
+        effect,
+        times: None,
+    };
+    let scenario = drives(|drive| drive.quirks.sdo_rules.push(rule));
+    let mut fixture = open(scenario, mode, HostHeartbeat::On);
+    fixture.start();
+    fixture.idle(100);
+    adopt(&mut fixture, mode);
+    fixture
+}
+
 /// With a velocity offset of the earlier owner, velocity 0 would not be standstill.
 #[test]
 fn drive_whose_velocity_offset_is_not_known_is_not_adopted() {
-    let mode = OperatingMode::CyclicVelocity;
     for (effect, is_adopted) in [
         (SdoEffect::Abort(AbortCode::NO_OBJECT), true),
         (SdoEffect::Abort(AbortCode::GENERAL), false),
     ] {
-        let rule = SdoRule {
-            index: object::VELOCITY_OFFSET,
-            subindex: None,
-            direction: SdoDirection::Read,
-            effect,
-            times: None,
-        };
-        let scenario = drives(|drive| drive.quirks.sdo_rules.push(rule));
-        let mut fixture = open(scenario, mode, HostHeartbeat::On);
-        fixture.start();
-        fixture.idle(100);
-        adopt(&mut fixture, mode);
+        let mut fixture = adopted_with_offset(effect);
         fixture
             .until(1_000, |cia402| cia402.all_stopped() || cia402.axis(0).unwrap().is_configured());
         assert_eq!(fixture.axis(0).is_configured(), is_adopted);
@@ -476,19 +482,7 @@ fn adopted_drive_gets_its_standstill_before_the_first_sync() {
 /// The transfer that the stop interrupts is aborted, and the next one can begin at once.
 #[test]
 fn stop_during_an_adoption_aborts_its_transfer() {
-    let mode = OperatingMode::CyclicVelocity;
-    let rule = SdoRule {
-        index: object::VELOCITY_OFFSET,
-        subindex: None,
-        direction: SdoDirection::Read,
-        effect: SdoEffect::Silence,
-        times: None,
-    };
-    let scenario = drives(|drive| drive.quirks.sdo_rules.push(rule));
-    let mut fixture = open(scenario, mode, HostHeartbeat::On);
-    fixture.start();
-    fixture.idle(100);
-    adopt(&mut fixture, mode);
+    let mut fixture = adopted_with_offset(SdoEffect::Silence);
     fixture.simulation.with_world(|world| world.record_bus_of(0, 0));
     let to_server = CobId::sdo_client(NodeId::new(1).unwrap()).can_id();
     let request_of = |fixture: &mut Fixture, command: u8| {

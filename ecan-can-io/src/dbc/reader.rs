@@ -68,7 +68,8 @@ struct Reader<'a> {
     by_key: HashMap<&'a str, usize>,
     attributes: Attributes<'a>,
     faults: Vec<DbcFault>,
-    /// Whether the signals that follow belong to the last message; `None` before the first one.
+    /// True if the last line of a message could be read, so that the signals that follow belong to that message; `None`
+    /// before the first such line.
     is_in_message: Option<bool>,
 }
 

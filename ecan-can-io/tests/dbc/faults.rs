@@ -54,7 +54,7 @@ fn each_fault_names_its_line() {
             " SG_ S : 0|4@1+ (1,0) [0|0] \"\" X\nBO_ 1 A: 2 X\n".to_owned(),
             "line 1: the message of signal S does not exist",
         ),
-        // Its signal must not become one of A.
+        // The signal of the misspelt message must not become one of message A.
         (
             "BO_ 1 A: 2 X\nB0_ 2 B: 2 X\n SG_ S : 0|4@1+ (1,0) [0|0] \"\" X\nVAL_ 1 S 0 \"x\" ;\n"
                 .to_owned(),

@@ -97,7 +97,7 @@ impl DeviceFile {
         &self.warnings
     }
 
-    /// Their number, and the first one; `None` without.
+    /// Number of warnings and the text of the first; `None` if there are none.
     #[must_use]
     pub fn warning_summary(&self) -> Option<String> {
         let first = self.warnings().first()?;

@@ -224,13 +224,13 @@ pub enum SdoFault {
 /// A frame of an SDO server that is no answer to the running transfer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
 pub enum SdoStray {
-    /// It has fewer bytes than its content needs; CiA 301, 7.2.4.3 demands 8.
+    /// The frame has fewer bytes than its command needs; CiA 301, 7.2.4.3 demands 8.
     #[error("the node sent an answer of {bytes} bytes, 8 are needed")]
     Short {
-        /// Its bytes.
+        /// Length of the frame.
         bytes: usize,
     },
-    /// It is about another object.
+    /// The frame names another object than the running transfer.
     #[error("the node answered for 0x{index:04X}:{subindex:02X}")]
     OtherObject {
         /// Index.
@@ -238,7 +238,7 @@ pub enum SdoStray {
         /// Subindex.
         subindex: u8,
     },
-    /// It does not fit the request.
+    /// The command of the frame does not follow from the request.
     #[error("the node sent an answer that does not fit the request")]
     Unexpected,
 }

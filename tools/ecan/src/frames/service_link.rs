@@ -226,7 +226,7 @@ impl ServiceLink {
         let path = self.connection.path().to_owned();
         let Ok(client) = Client::connect(&path, "ecan") else { return };
         if client.hello().gateways.is_empty() {
-            // It has no cycle yet.
+            // The service has no cycle yet.
             return;
         }
         let before = std::mem::replace(&mut self.connection, ServiceConnection::new(client, &path));
