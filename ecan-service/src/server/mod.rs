@@ -22,9 +22,10 @@ mod shared;
 mod workers;
 
 pub use config::{
-    Control, Extension, Permission, ServiceConfig, ServiceError, parse_params, result_value,
+    Control, Extension, MetricsAddress, MetricsAddressError, MetricsConfig, Permission,
+    ServiceConfig, ServiceError, parse_params, result_value,
 };
-pub use metrics::{MetricsAddress, MetricsAddressError, MetricsConfig};
+pub use metrics::MetricsServer;
 pub use service::{ServePort, Service};
 #[doc(hidden)]
 pub use session::OfflineSession;

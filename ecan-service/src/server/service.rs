@@ -13,9 +13,9 @@ use super::bus::Attachment;
 use super::client::Admission;
 use crate::protocol::{Access, DEFAULT_MAX_AGE_MS, Hello, PROTOCOL_VERSION, ServiceStats};
 use crate::server::bus::Bus;
-use crate::server::config::{Control, ServiceConfig, ServiceError};
+use crate::server::config::{Control, MetricsAddress, ServiceConfig, ServiceError};
 use crate::server::listener::Listener;
-use crate::server::metrics::{MetricsAddress, MetricsServer};
+use crate::server::metrics::{self, MetricsServer};
 use crate::server::permission::AccessRule;
 use crate::server::server_loop::{Limits, ServerLoop};
 use crate::server::shared::{Shared, Update};
@@ -74,9 +74,10 @@ impl Service {
         let bus = Bus { hello, cycle: None, clock, workers, stats: ServiceStats::default() };
         let shared = Arc::new(Shared::new(waker));
         let socket = (config.mode, config.group.as_deref());
-        let metrics = config
-            .metrics
-            .map(|metrics| MetricsServer::start(&metrics, socket, &shared, ecrt, master_index));
+        let metrics = config.metrics.map(|metrics| {
+            let text = metrics::source(&metrics, &shared, ecrt, master_index)?;
+            MetricsServer::start(&metrics, socket, text)
+        });
         let metrics = metrics.transpose()?;
         let limits = Limits { queue_bytes: config.queue_bytes, window: config.window };
         let admission = Admission::new(config.max_clients);

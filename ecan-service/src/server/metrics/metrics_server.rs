@@ -8,19 +8,12 @@ use std::thread;
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-use ecan_host::Ecrt;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::io::Errno;
 use rustix::net::{RecvFlags, SendFlags, Shutdown, SocketFlags, accept_with, recv, send, shutdown};
 
-use super::declared::{Source, metrics};
-use super::device_objects::DeviceObjects;
-use super::metrics_config::{MetricsAddress, MetricsConfig};
-use super::render;
-use crate::server::bus_calls::BusCalls;
-use crate::server::config::ServiceError;
+use crate::server::config::{MetricsAddress, MetricsConfig, ServiceError};
 use crate::server::listener::{Listener, enter_background};
-use crate::server::shared::Shared;
 use crate::server::workers::Waker;
 
 /// Time of one client, also if it sends nothing.
@@ -28,9 +21,9 @@ const CLIENT_LIMIT: Duration = Duration::from_secs(2);
 /// Interval of checking the socket file.
 const CHECK_INTERVAL: Duration = Duration::from_secs(1);
 
-/// Server of metrics, on a thread of its own. Dropping it ends the thread.
+/// Server of metrics for Prometheus, on a thread of its own. Dropping it ends the thread.
 #[derive(Debug)]
-pub(crate) struct MetricsServer {
+pub struct MetricsServer {
     address: MetricsAddress,
     is_stopped: Arc<AtomicBool>,
     waker: Waker,
@@ -38,13 +31,15 @@ pub(crate) struct MetricsServer {
 }
 
 impl MetricsServer {
-    /// Listens; `mode` and `group` are those of a socket file.
-    pub(crate) fn start(
+    /// Listens at the address of `config`, and answers each scrape with what `text` returns: the text form of
+    /// Prometheus (0.0.4), or the reason without one. Mode and group are those of a socket file.
+    ///
+    /// # Errors
+    /// The address is in use, reached by other hosts and not permitted, or no socket can be made there.
+    pub fn start(
         config: &MetricsConfig,
         (mode, group): (u32, Option<&str>),
-        shared: &Arc<Shared>,
-        ecrt: &Ecrt,
-        master_index: u32,
+        text: impl Fn() -> Result<String, String> + Send + 'static,
     ) -> Result<Self, ServiceError> {
         let (socket, address) = match &config.address {
             MetricsAddress::Tcp(address) => {
@@ -64,29 +59,14 @@ impl MetricsServer {
         };
         let waker = Waker::new().map_err(|error| ServiceError::Thread(error.into()))?;
         let is_stopped = Arc::new(AtomicBool::new(false));
-        let objects = config.object_interval.map(|interval| {
-            let objects = metrics().filter_map(|metric| match metric.source {
-                Source::Object { index, subindex, .. } => Some((index, subindex)),
-                _ => None,
-            });
-            DeviceObjects::start(interval, objects.collect(), shared, ecrt)
-        });
-        let objects = objects.transpose().map_err(ServiceError::Thread)?;
-        let server = Server {
-            socket,
-            shared: shared.clone(),
-            bus: BusCalls::new(ecrt.clone(), master_index),
-            objects,
-            waker: waker.clone(),
-            is_stopped: is_stopped.clone(),
-        };
+        let server = Server { socket, text, waker: waker.clone(), is_stopped: is_stopped.clone() };
         let builder = thread::Builder::new().name("ecan metrics".into());
         let thread = builder.spawn(move || server.run()).map_err(ServiceError::Thread)?;
         Ok(Self { address, is_stopped, waker, thread: Some(thread) })
     }
 
     /// The address, with the port that the system has chosen for port 0.
-    pub(crate) fn address(&self) -> &MetricsAddress {
+    pub fn address(&self) -> &MetricsAddress {
         &self.address
     }
 }
@@ -116,16 +96,14 @@ impl Socket {
     }
 }
 
-struct Server {
+struct Server<F> {
     socket: Socket,
-    shared: Arc<Shared>,
-    bus: BusCalls,
-    objects: Option<DeviceObjects>,
+    text: F,
     waker: Waker,
     is_stopped: Arc<AtomicBool>,
 }
 
-impl Server {
+impl<F: Fn() -> Result<String, String>> Server<F> {
     fn run(mut self) {
         enter_background();
         while !self.is_stopped.load(Ordering::Acquire) {
@@ -143,22 +121,12 @@ impl Server {
             }
             let flags = SocketFlags::CLOEXEC | SocketFlags::NONBLOCK;
             match accept_with(self.socket.as_fd(), flags) {
-                Ok(client) => self.serve(client),
+                // One client after the other: a scrape takes a few milliseconds.
+                Ok(client) => HttpConnection::new(client, CLIENT_LIMIT).respond(&self.text),
                 // Without a free descriptor the socket stays readable.
                 Err(_) => thread::sleep(CHECK_INTERVAL / 20),
             }
         }
-    }
-
-    /// One client after the other: a scrape takes a few milliseconds.
-    fn serve(&self, client: OwnedFd) {
-        HttpConnection::new(client, CLIENT_LIMIT).respond(|| {
-            let sample = self.shared.metrics_sample();
-            let mut sample = sample.ok_or("the service did not answer in time\n")?;
-            sample.objects = self.objects.as_ref().map(DeviceObjects::values).unwrap_or_default();
-            sample.bus = self.bus.bus_state().ok();
-            render::text(&sample).map_err(|error| format!("{error}\n"))
-        });
     }
 }
 

@@ -3,12 +3,11 @@
 mod declared;
 mod device_objects;
 #[cfg(test)]
-mod documentation;
-mod metrics_config;
+mod documentation_tests;
 mod metrics_server;
 mod render;
 mod sample;
 
-pub use metrics_config::{MetricsAddress, MetricsAddressError, MetricsConfig};
-pub(crate) use metrics_server::MetricsServer;
+pub use metrics_server::MetricsServer;
+pub(crate) use render::source;
 pub(crate) use sample::{CycleSample, MetricsSample, ObjectValues, SlaveSample, TimeHistogram};

@@ -1,16 +1,48 @@
 //! Prometheus' text form of a sample.
 
+use std::sync::Arc;
+
+use ecan_host::Ecrt;
 use ecan_protocol::image::ChannelStatus;
 use prometheus::TextEncoder;
 use prometheus::proto::{Bucket, Counter, Gauge, Histogram, LabelPair, MetricFamily, MetricType};
 
 use super::declared::{Metric, MetricKind, Source, metrics};
+use super::device_objects::DeviceObjects;
 use super::sample::{CycleSample, MetricsSample, SlaveSample, TimeHistogram};
+use crate::server::bus_calls::BusCalls;
+use crate::server::config::{MetricsConfig, ServiceError};
+use crate::server::shared::Shared;
 
 const NS_PER_S: f64 = 1e9;
 
+/// Starts what the metrics of a service need; the function returns their text.
+pub(crate) fn source(
+    config: &MetricsConfig,
+    shared: &Arc<Shared>,
+    ecrt: &Ecrt,
+    master_index: u32,
+) -> Result<impl Fn() -> Result<String, String> + Send + 'static, ServiceError> {
+    let objects = config.object_interval.map(|interval| {
+        let objects = metrics().filter_map(|metric| match metric.source {
+            Source::Object { index, subindex, .. } => Some((index, subindex)),
+            _ => None,
+        });
+        DeviceObjects::start(interval, objects.collect(), shared, ecrt)
+    });
+    let objects = objects.transpose().map_err(ServiceError::Thread)?;
+    let (shared, bus) = (shared.clone(), BusCalls::new(ecrt.clone(), master_index));
+    Ok(move || {
+        let sample = shared.metrics_sample();
+        let mut sample = sample.ok_or("the service did not answer in time\n")?;
+        sample.objects = objects.as_ref().map(DeviceObjects::values).unwrap_or_default();
+        sample.bus = bus.bus_state().ok();
+        text(&sample).map_err(|error| format!("{error}\n"))
+    })
+}
+
 /// Returns the text of all metrics that have a value.
-pub(crate) fn text(sample: &MetricsSample) -> prometheus::Result<String> {
+fn text(sample: &MetricsSample) -> prometheus::Result<String> {
     let families = metrics().filter_map(|metric| {
         let mut values = Values { labels: metric.labels(), found: Vec::new() };
         values.add(metric, sample);
