@@ -13,7 +13,7 @@ use std::time::Duration;
 use clap::Parser;
 use ecan_canopen::{BootPhase, BootState};
 use ecan_cia402::Cia402;
-use ecan_example_support::backend::MasterArguments;
+use ecan_example_support::MasterArguments;
 use ecan_example_support::{EXIT_STATUS, Interrupt, report_exit, wait_ready};
 use ecan_mcan_port::Port;
 use ecan_tool_support::command_line::screen::parse_arguments;

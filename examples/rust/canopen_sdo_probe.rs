@@ -11,7 +11,7 @@ use std::time::Duration;
 
 use clap::Parser;
 use ecan_canopen::{Network, NetworkConfig, NodeAddress, NodeConfig, NodeId};
-use ecan_example_support::backend::MasterArguments;
+use ecan_example_support::MasterArguments;
 use ecan_example_support::object_value::ValueType;
 use ecan_example_support::{EXIT_STATUS, report_exit};
 use ecan_mcan_port::{ChannelConfig, GatewayConfig, Port, PortConfig};

@@ -10,7 +10,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::{Parser, ValueEnum};
-use ecan_example_support::backend::MasterArguments;
+use ecan_example_support::MasterArguments;
 use ecan_example_support::clock_plot::ClockPlot;
 use ecan_example_support::sync0::{print_sync0, sync0};
 use ecan_example_support::{

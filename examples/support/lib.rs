@@ -2,14 +2,12 @@
 #![deny(missing_docs, clippy::print_stdout, clippy::print_stderr)]
 
 mod bus_periods;
-mod echo_check;
 mod motion_record;
 mod phase_table;
 mod probe_report;
 mod program;
 pub mod summary;
 
-pub mod backend;
 pub mod clock_plot;
 pub mod frame_source;
 pub mod loop_record;
@@ -26,5 +24,5 @@ pub use ecan_tool_support::command_line::interrupt::Interrupt;
 pub use ecan_tool_support::command_line::options::RealTimeArguments;
 pub use ecan_tool_support::command_line::run_info::RunInfo;
 pub use ecan_tool_support::command_line::{interrupt, log_file, options as real_time};
-pub use program::{EXIT_STATUS, report_exit, run_options, wait_ready};
+pub use program::{EXIT_STATUS, MasterArguments, report_exit, run_options, wait_ready};
 pub use sync0::print_plan;

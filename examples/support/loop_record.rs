@@ -1,5 +1,6 @@
 //! Observations of a loop: returned frames, bus loads, sessions, log file and progress.
 
+use std::collections::VecDeque;
 use std::error::Error;
 use std::path::Path;
 use std::sync::Arc;
@@ -12,7 +13,6 @@ use ecan_tool_support::command_line::screen::{Stream, print};
 use ecan_tool_support::{print_error_line, print_line};
 use indicatif::ProgressBar;
 
-use crate::echo_check::EchoCheck;
 use crate::frame_source::Source;
 use crate::program::{IDLE_TIMEOUT_NS, STALL_TIMEOUT_NS, SessionWatch};
 use crate::summary::BusLoad;
@@ -163,4 +163,52 @@ impl LoopRecord {
 fn has_pending_frames(port: &Port) -> bool {
     port.gateways()
         .any(|at| port.statistics(at).channels.iter().any(|channel| channel.frames_pending > 0))
+}
+
+/// Expects every frame back on its channel, unchanged and in order. Channels are numbered over all
+/// gateways.
+#[derive(Debug, Default)]
+struct EchoCheck {
+    pending: Vec<VecDeque<CanFrame>>,
+    sent: u64,
+    returned: u64,
+    first_difference: Option<String>,
+}
+
+impl EchoCheck {
+    fn new(channels: usize) -> Self {
+        Self { pending: vec![VecDeque::new(); channels], ..Self::default() }
+    }
+
+    fn sent(&mut self, channel: usize, frame: CanFrame) {
+        self.sent += 1;
+        if let Some(queue) = self.pending.get_mut(channel) {
+            queue.push_back(frame);
+        }
+    }
+
+    /// Compares a returned frame with the oldest pending one of its channel.
+    fn received(&mut self, channel: usize, frame: &CanFrame) {
+        self.returned += 1;
+        let expected = self.pending.get_mut(channel).and_then(VecDeque::pop_front);
+        if expected.as_ref() != Some(frame) && self.first_difference.is_none() {
+            let expected = expected.map_or_else(|| "none".into(), |f| format!("{f:?}"));
+            self.first_difference = Some(format!(
+                "frame {} on can{channel}: received {frame:?}, expected {expected}",
+                self.returned
+            ));
+        }
+    }
+
+    fn pending(&self) -> usize {
+        self.pending.iter().map(VecDeque::len).sum()
+    }
+
+    fn counts(&self) -> (u64, u64) {
+        (self.sent, self.returned)
+    }
+
+    fn first_difference(&self) -> Option<&str> {
+        self.first_difference.as_deref()
+    }
 }

@@ -12,9 +12,9 @@ use ecan_protocol::text::Printable;
 use ecan_tool_support::command_line::options::parse_bit_rate;
 use ecan_tool_support::{print_error_line, print_line};
 
-use crate::backend::MasterArguments;
 use crate::frame_source::{Channels, RecordedFrame, Source, Target};
 use crate::log_file;
+use crate::program::MasterArguments;
 
 /// Gaps of a recording that are reported, ns.
 const LONG_GAP_NS: u64 = 60_000_000_000;

@@ -15,8 +15,8 @@ use ecan_tool_support::command_line::screen::{Stream, print};
 use ecan_tool_support::plot::Heading;
 use ecan_tool_support::print_line;
 
-use crate::backend::MasterArguments;
 use crate::motion_record::MotionRecord;
+use crate::program::MasterArguments;
 use crate::real_time::RealTimeArguments;
 use crate::sync0::{print_sync0, sync0};
 use crate::{Interrupt, RunInfo, print_plan, run_options, wait_ready};
