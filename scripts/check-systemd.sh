@@ -1,10 +1,10 @@
 #!/usr/bin/env bash
-# Checks the systemd units of tools/ecan/systemd, without the program that they start.
+# Checks the systemd units, without the program that they start.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 directory=$(mktemp -d)
 trap 'rm -r "$directory"' EXIT
-for unit in tools/ecan/systemd/*.service tools/ecan/systemd/*.socket; do
+for unit in {tools/ecan/systemd,examples/zenoh}/*.service tools/ecan/systemd/*.socket; do
     sed 's#/usr/local/bin/ecan#/bin/true#' "$unit" >"$directory/$(basename "$unit")"
 done
 mkdir "$directory/ecan-serve@.service.d"

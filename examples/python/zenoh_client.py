@@ -2,7 +2,9 @@
 """Client of a service that ecan zenoh publishes (docs/SERVICE.md, "Other hosts"). Needs eclipse-zenoh.
 
 zenoh_client.py CONFIG PREFIX                        prints CAN frames; at Ctrl-C what arrived and what was lost
-zenoh_client.py CONFIG PREFIX send G C ID#DATA       sends a frame on channel C of gateway G, prints its result
+zenoh_client.py CONFIG PREFIX send G C ID#DATA [KIND...]
+                                                     sends a frame on channel C of gateway G, prints its result;
+                                                     KIND: extended, remote, fd, brs, esi (brs and esi imply fd)
 zenoh_client.py CONFIG PREFIX METHOD [PARAMETERS]    for example state, sdo.upload '{"slave":0,"index":4096,...}'
 
 ECAN_CLIENT is the name of the client; clients of one name share their turn. Exit status: 0 success, 1 no answer or
@@ -14,6 +16,8 @@ KINDS = ["received", "transmitted", "failed", "lost", "published", "rejected", "
 REASONS = ["", "read-only", "no such channel", "CAN FD on a classic channel", "the channel only receives",
            "window full", "transmit queue full", "gateway not ready", "bus or service ended", "late"]
 RECORD = struct.Struct("<QIBBHBBHI")  # time, CAN ID, length, flags, gateway, channel, kind, code, tag
+CAN_EFF_FLAG, CAN_RTR_FLAG = 1 << 31, 1 << 30
+CANFD_BRS, CANFD_ESI, CANFD_FDF = 1, 2, 4
 LIFETIME_S = 1.0  # the publisher rejects what it could not begin in this time
 REPLY_S = 10.0  # time for a reply after that
 client = os.environ.get("ECAN_CLIENT") or f"python-{os.getpid()}"
@@ -30,7 +34,7 @@ def fail(text, status=1):
 def records(batch):
     while batch:
         fields = RECORD.unpack_from(batch)
-        size = 0 if fields[1] & 1 << 30 else fields[2]  # a remote frame has no data
+        size = 0 if fields[1] & CAN_RTR_FLAG else fields[2]  # a remote frame has no data
         yield fields, batch[24 : 24 + size]
         batch = batch[24 + size + -size % 8 :]
 
@@ -38,11 +42,15 @@ def records(batch):
 def print_frames(batch):
     """Prints the frames; returns their number and what was not sent."""
     count, failures = 0, []
-    for (time_ns, can_id, length, _, gateway, channel, kind, code, _), data in records(batch):
-        print(f"{time_ns / 1e9:.6f} {gateway}.{channel} {KINDS[kind]} {can_id:03X} [{length}] {data.hex()}")
+    for (time_ns, raw, length, flags, gateway, channel, kind, code, _), data in records(batch):
+        can_id = f"{raw & 0x1FFFFFFF:08X}" if raw & CAN_EFF_FLAG else f"{raw & 0x7FF:03X}"
+        names = [("remote", raw & CAN_RTR_FLAG), ("fd", flags & CANFD_FDF), ("brs", flags & CANFD_BRS),
+                 ("esi", flags & CANFD_ESI)]
+        text = " ".join([data.hex()] + [name for name, is_set in names if is_set])
+        print(f"{time_ns / 1e9:.6f} {gateway}.{channel} {KINDS[kind]} {can_id} [{length}] {text}")
         reason = REASONS[code] if kind == 5 and code < len(REASONS) else f"code {code}"
         if kind not in (1, 4):
-            failures.append(f"frame {can_id:03X} {KINDS[kind]}: {reason}")
+            failures.append(f"frame {can_id} {KINDS[kind]}: {reason}")
         count += 1
     sys.stdout.flush()
     return count, failures
@@ -145,17 +153,26 @@ def observe():
         fail(f"no answer from {prefix} at the end: frames lost after the last ones are not counted")
 
 
-def send(gateway, channel, frame):
+def send(gateway, channel, frame, *kinds):
+    if wrong := set(kinds) - {"extended", "remote", "fd", "brs", "esi"}:
+        raise ValueError(f"frame kind {', '.join(wrong)} is not known; allowed: extended, remote, fd, brs, esi")
     can_id, data = frame.split("#")
     data = bytes.fromhex(data)
-    extended = 1 << 31 if len(can_id) == 8 else 0
-    record = struct.pack("<IBBHB3xI", int(can_id, 16) | extended, len(data), 0, int(gateway), int(channel), 1)
+    raw = int(can_id, 16)
+    if len(can_id) == 8 or raw > 0x7FF or "extended" in kinds:
+        raw |= CAN_EFF_FLAG
+    if "remote" in kinds:
+        raw |= CAN_RTR_FLAG
+    flags = (CANFD_BRS if "brs" in kinds else 0) | (CANFD_ESI if "esi" in kinds else 0)
+    if flags or "fd" in kinds:
+        flags |= CANFD_FDF
+    record = struct.pack("<IBBHB3xI", raw, len(data), flags, int(gateway), int(channel.removeprefix("can")), 1)
     count, failures = print_frames(request("send", record + data + bytes(-len(data) % 8)).to_bytes())
     if failures or count != 1:
         fail("; ".join(failures) or f"{count} results; expected: 1")
 
 
-if len(sys.argv) < 3 or (sys.argv[3:4] == ["send"] and len(sys.argv) != 7):
+if len(sys.argv) < 3 or (sys.argv[3:4] == ["send"] and len(sys.argv) < 7):
     fail(__doc__.strip(), 2)
 config, prefix, *rest = sys.argv[1:]
 try:

@@ -1,5 +1,15 @@
-//! Account of a subscriber.
+//! Account of a subscriber: what arrived, what was lost, and the echoes of own frames.
 
+#[cfg(feature = "engine")]
+use std::collections::{BTreeMap, VecDeque};
+#[cfg(feature = "engine")]
+use std::time::{Duration, Instant};
+
+#[cfg(feature = "engine")]
+use ecan_protocol::can::CanFrame;
+#[cfg(feature = "engine")]
+use ecan_service::client::{FrameEvent, FrameReport, TransmitRecord};
+use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 /// Account of the frames of one key: what arrived and what was lost.
@@ -148,6 +158,126 @@ impl BatchHead {
     }
 }
 
+/// Answer of a publisher to `frames.subscribe` and `frames.renew`: the counters of the subscription.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct SubscriptionInfo {
+    /// Time within which the subscription must be renewed, in milliseconds.
+    pub lease_ms: u64,
+    /// As in [`BatchHead::epoch`].
+    pub epoch: u64,
+    /// As in [`BatchHead::connections`].
+    pub connections: u64,
+    /// As in [`BatchHead::lost`].
+    pub lost: u64,
+    /// Gateway, channel and published frames; none of a channel without frames.
+    pub published: Vec<(u16, u8, u64)>,
+}
+
+#[cfg(feature = "engine")]
+impl SubscriptionInfo {
+    pub(crate) fn new(head: BatchHead, published: Vec<(u16, u8, u64)>, lease: Duration) -> Self {
+        let BatchHead { epoch, connections, lost, .. } = head;
+        Self { lease_ms: lease.as_millis() as u64, epoch, connections, lost, published }
+    }
+
+    /// Counters of a channel with this number of published frames.
+    pub(crate) fn head(&self, frames: u64) -> BatchHead {
+        BatchHead { epoch: self.epoch, connections: self.connections, frames, lost: self.lost }
+    }
+}
+
+/// Accounts of the channels of a subscription.
+#[cfg(feature = "engine")]
+#[derive(Debug, Default)]
+pub(crate) struct Accounts {
+    channels: BTreeMap<(u16, u8), FrameAccount>,
+    /// Answer of the publisher before the last one: all that it had published then has arrived or is lost.
+    before: Option<SubscriptionInfo>,
+    reported: u64,
+}
+
+#[cfg(feature = "engine")]
+impl Accounts {
+    /// Takes a publication of a channel; returns the frames whose loss is new.
+    pub(crate) fn take(&mut self, address: (u16, u8), head: BatchHead, frames: u64) -> u64 {
+        let account = self.channels.entry(address).or_insert_with(|| {
+            // The subscription began without frames.
+            let mut account = FrameAccount::default();
+            account.take(BatchHead { frames: 0, ..head }, 0);
+            account
+        });
+        account.take(head, frames);
+        self.take_lost()
+    }
+
+    /// Takes what the publisher has published; returns the frames whose loss is new.
+    pub(crate) fn take_published(&mut self, info: SubscriptionInfo) -> u64 {
+        let Some(before) = self.before.replace(info) else { return 0 };
+        let lost = before.published.iter().map(|(gateway, channel, frames)| {
+            self.take((*gateway, *channel), before.head(*frames), 0)
+        });
+        lost.sum()
+    }
+
+    fn take_lost(&mut self) -> u64 {
+        let on_network = self.channels.values().map(FrameAccount::lost_on_network).sum::<u64>();
+        // Each channel has the number of all.
+        let in_service = self.channels.values().map(FrameAccount::lost_in_service).max();
+        let lost = on_network + in_service.unwrap_or_default();
+        let new = lost.saturating_sub(self.reported);
+        self.reported += new;
+        new
+    }
+}
+
+/// Time after which an echo is not expected any more.
+#[cfg(feature = "engine")]
+const ECHO: Duration = Duration::from_secs(30);
+/// Echoes that are expected at once.
+#[cfg(feature = "engine")]
+const MAX_ECHOES: usize = 4096;
+
+/// Own frames whose event is expected in a subscription. The client has it as the result of its frame: the
+/// service reports an own frame once.
+#[cfg(feature = "engine")]
+#[derive(Debug, Default)]
+pub(crate) struct OwnFrames {
+    expected: VecDeque<(Instant, u16, u8, CanFrame)>,
+}
+
+#[cfg(feature = "engine")]
+impl OwnFrames {
+    pub(crate) fn expect(&mut self, records: &[TransmitRecord]) {
+        let now = Instant::now();
+        self.expected.retain(|(sent, ..)| now.duration_since(*sent) < ECHO);
+        for TransmitRecord { gateway, channel, frame, .. } in records {
+            self.expected.push_back((now, *gateway, *channel, *frame));
+        }
+        let surplus = self.expected.len().saturating_sub(MAX_ECHOES);
+        self.expected.drain(..surplus);
+    }
+
+    /// Forgets frames that were not sent.
+    pub(crate) fn withdraw<'a>(&mut self, reports: impl Iterator<Item = &'a FrameReport>) {
+        for report in reports {
+            self.take(report);
+        }
+    }
+
+    /// Returns whether a report is the echo of an own frame.
+    pub(crate) fn take_echo(&mut self, report: &FrameReport) -> bool {
+        report.event != FrameEvent::Received && self.take(report)
+    }
+
+    fn take(&mut self, report: &FrameReport) -> bool {
+        let is_same = |(_, gateway, channel, frame): &(Instant, u16, u8, CanFrame)| {
+            (*gateway, *channel, *frame) == (report.gateway, report.channel, report.frame)
+        };
+        let found = self.expected.iter().position(is_same);
+        found.is_some_and(|at| self.expected.remove(at).is_some())
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use proptest::prelude::*;
@@ -230,5 +360,51 @@ mod tests {
         for length in [0, 8, 24, 31, 33, 40] {
             assert_eq!(BatchHead::decode(&vec![0; length]), Err(HeadError(length)));
         }
+    }
+
+    #[cfg(feature = "engine")]
+    #[test]
+    fn each_loss_is_returned_once() {
+        let mut accounts = Accounts::default();
+        assert_eq!(accounts.take((0, 0), head(1, 5, 0), 3), 5, "before the first arrival");
+        assert_eq!(accounts.take((0, 0), head(1, 8, 0), 1), 0);
+        assert_eq!(accounts.take((0, 1), head(1, 0, 0), 2), 0);
+        assert_eq!(accounts.take((0, 0), head(1, 9, 4), 1), 4, "in the service");
+        assert_eq!(accounts.take((0, 1), head(1, 2, 4), 1), 0, "the same ones");
+        assert_eq!(accounts.take((0, 1), head(1, 5, 4), 1), 2);
+    }
+
+    #[cfg(feature = "engine")]
+    #[test]
+    fn loss_at_the_end_is_known_with_the_second_answer() {
+        let info = |published| SubscriptionInfo {
+            lease_ms: 1,
+            epoch: 1,
+            connections: 1,
+            lost: 0,
+            published,
+        };
+        let mut accounts = Accounts::default();
+        accounts.take((0, 0), head(1, 0, 0), 2);
+        assert_eq!(accounts.take_published(info(vec![(0, 0, 7), (0, 3, 1)])), 0, "on their way");
+        assert_eq!(accounts.take((0, 0), head(1, 2, 0), 4), 0);
+        assert_eq!(accounts.take_published(info(vec![(0, 0, 7)])), 2);
+    }
+
+    #[cfg(feature = "engine")]
+    #[test]
+    fn echo_of_an_own_frame_is_taken_once() {
+        let frame =
+            CanFrame::classic(ecan_protocol::can::CanId::standard(1).unwrap(), &[7]).unwrap();
+        let record = |channel| TransmitRecord { gateway: 0, channel, tag: 1, max_age_ms: 0, frame };
+        let report =
+            |channel, event| FrameReport { time_ns: 1, gateway: 0, channel, tag: 0, event, frame };
+        let mut own = OwnFrames::default();
+        own.expect(&[record(0), record(1), record(0)]);
+        assert!(!own.take_echo(&report(0, FrameEvent::Received)));
+        assert!(own.take_echo(&report(0, FrameEvent::Transmitted)));
+        own.withdraw([report(0, FrameEvent::Unknown)].iter());
+        assert!(!own.take_echo(&report(0, FrameEvent::Transmitted)));
+        assert!(own.take_echo(&report(1, FrameEvent::Published)));
     }
 }

@@ -1,5 +1,6 @@
 //! Key expressions.
 
+use std::fmt;
 use std::time::{Duration, Instant};
 
 use ecan_protocol::text::Printable;
@@ -84,6 +85,16 @@ impl Keys {
     /// Frames of a channel.
     pub fn frames(&self, gateway: u16, channel: u8) -> String {
         format!("{}/frames/{gateway}/{channel}", self.prefix)
+    }
+
+    /// Frames of a subscription; `*` for gateway and channel of all.
+    pub fn subscription(
+        &self,
+        name: &str,
+        gateway: impl fmt::Display,
+        channel: impl fmt::Display,
+    ) -> String {
+        format!("{}/subscriptions/{name}/{gateway}/{channel}", self.prefix)
     }
 
     /// Method or notification of the service.

@@ -11,6 +11,7 @@ use serde_json::Value;
 use thiserror::Error;
 use zenoh::{Config, Session, Wait as _};
 
+use crate::client_counts::{ClientCounts, RejectedRequests};
 use crate::frame_batches::FrameBatches;
 use crate::keys::Keys;
 use crate::transmit_limits::TransmitLimits;
@@ -25,17 +26,10 @@ pub struct PublicationConfig {
     pub has_control: bool,
     /// Frames that remote clients with control may send.
     pub limits: TransmitLimits,
-    /// Interval of the states.
+    /// Interval of the states. A change of state is published at once.
     pub interval: Duration,
-}
-
-/// Requests of remote clients that the publisher rejected since its start.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct RejectedRequests {
-    /// Requests and frames that were late.
-    pub late: u64,
-    /// Requests that exceeded a limit of the publisher.
-    pub full: u64,
+    /// Time that the first frame of a publication waits for further ones; 0 publishes each at once.
+    pub gather: Duration,
 }
 
 /// Event of a publication, with its text for users.
@@ -61,6 +55,8 @@ pub enum PublicationEvent {
     ServiceSilent,
     /// The service responds again.
     ServiceResponds,
+    /// A remote client with this name has made its first request.
+    Client(String),
     /// Requests were rejected, at most once per second.
     Rejected(RejectedRequests),
 }
@@ -82,6 +78,7 @@ impl fmt::Display for PublicationEvent {
                 f.write_str("warning: the service does not respond; remote requests are rejected")
             }
             Self::ServiceResponds => f.write_str("service responds again"),
+            Self::Client(name) => write!(f, "zenoh: client {}", Printable(name)),
             Self::Rejected(RejectedRequests { late, full }) => {
                 write!(f, "zenoh: remote requests rejected: {late} late, {full} beyond a limit")
             }
@@ -97,6 +94,7 @@ pub struct Publication {
     /// The counters continue over connections to the service.
     pub(crate) batches: Arc<Mutex<FrameBatches>>,
     pub(crate) rejected: Arc<Mutex<RejectedRequests>>,
+    pub(crate) clients: Arc<Mutex<ClientCounts>>,
     open_control: Option<String>,
 }
 
@@ -110,13 +108,13 @@ impl Publication {
     pub fn open(file: &Path, config: PublicationConfig) -> Result<Self, PublicationError> {
         let (zenoh_config, open_control) = read(file)?;
         let session = zenoh::open(zenoh_config).wait();
-        let session =
-            session.map_err(|error| PublicationError::Open { reason: error.to_string() })?;
+        let session = session.map_err(|error| PublicationError::open(&error))?;
         let epoch = SystemTime::UNIX_EPOCH.elapsed().unwrap_or_default().as_nanos();
         let batches = FrameBatches::new(u64::try_from(epoch).unwrap_or_default());
         let (batches, rejected) = (Arc::new(Mutex::new(batches)), Arc::default());
+        let clients = Arc::default();
         let open_control = open_control.filter(|_| config.has_control);
-        Ok(Self { session, config, batches, rejected, open_control })
+        Ok(Self { session, config, batches, rejected, clients, open_control })
     }
 
     /// Reason for which programs without authentication may have control, by the
@@ -124,6 +122,13 @@ impl Publication {
     /// it.
     pub fn open_control(&self) -> Option<&str> {
         self.open_control.as_deref()
+    }
+
+    /// Counters of the publisher and of its remote clients, in the text form of Prometheus (0.0.4).
+    pub fn metrics(&self) -> String {
+        let rejected = *lock(&self.rejected);
+        let batches = lock(&self.batches);
+        lock(&self.clients).metrics(&batches, rejected)
     }
 
     pub(crate) fn links(&self) -> PublicationEvent {
@@ -184,6 +189,12 @@ pub enum PublicationError {
         /// Text of Zenoh.
         reason: String,
     },
+    /// The name of a remote client is not allowed.
+    #[error("{}", Printable(reason))]
+    ClientName {
+        /// Value and what is allowed.
+        reason: String,
+    },
     /// A call of the session failed.
     #[error("cannot {action} {} in Zenoh: {}", Printable(key), Printable(reason))]
     Session {
@@ -200,12 +211,23 @@ pub enum PublicationError {
 }
 
 impl PublicationError {
+    pub(crate) fn open(error: &zenoh::Error) -> Self {
+        Self::Open { reason: text_of(error) }
+    }
+
     pub(crate) fn session<E: std::fmt::Display>(
         action: &'static str,
         key: &str,
     ) -> impl FnOnce(E) -> Self {
         move |error| Self::Session { action, key: key.to_owned(), reason: error.to_string() }
     }
+}
+
+/// Text of an error of Zenoh without the places in its source.
+fn text_of(error: &zenoh::Error) -> String {
+    let text = error.to_string();
+    let message = text.split(" at /").next().unwrap_or_default();
+    message.trim_end_matches(|end: char| end.is_whitespace() || end == '!').to_owned()
 }
 
 /// Bytes of a received message without a setting. A request that is too long for the service gets an

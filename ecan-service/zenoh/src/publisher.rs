@@ -12,15 +12,17 @@ use zenoh::Wait as _;
 use zenoh::bytes::Encoding;
 use zenoh::qos::CongestionControl;
 
+use crate::client_counts::RejectedRequests;
 use crate::frame_account::BatchHead;
+use crate::frame_batches::Stream;
 use crate::presence::Presence;
-use crate::publication::{Publication, PublicationError, PublicationEvent, RejectedRequests, lock};
+use crate::publication::{Publication, PublicationError, PublicationEvent, lock};
 use crate::query_gate::{QueryGate, QueryQueue};
 use crate::remote_clients::RemoteClients;
-use crate::remote_request::PUBLISHED;
+use crate::remote_request::{CLIENTS, PUBLISHED};
 
-/// Time that the first frame of a batch waits for further ones.
-const GATHER: Duration = Duration::from_millis(5);
+/// Interval of looking for a change of state.
+const CHANGES: Duration = Duration::from_millis(100);
 /// Interval of looking for the end and for connections.
 const POLL: Duration = Duration::from_millis(100);
 /// Least time between two reports of rejected requests.
@@ -57,6 +59,7 @@ impl Publication {
             hello: Mutex::new(self.remote_hello(caller.hello())),
             batches: self.batches.clone(),
             rejected: self.rejected.clone(),
+            clients: self.clients.clone(),
             requests: QueryQueue::new(),
             sends: QueryQueue::new(),
         });
@@ -107,6 +110,9 @@ impl Notices {
                 false => PublicationEvent::ServiceResponds,
             });
         }
+        while let Some(name) = lock(&publication.clients).take_new() {
+            report(PublicationEvent::Client(name));
+        }
         let rejected = *lock(&publication.rejected);
         if rejected != self.rejected && self.rejected_at.is_none_or(|at| at.elapsed() > PAUSE) {
             report(PublicationEvent::Rejected(rejected));
@@ -143,22 +149,39 @@ impl Publisher<'_> {
         })
     }
 
-    /// Publishes the states at each interval until the sender is dropped. A request may wait for
-    /// slow SDO transfers of other clients.
+    /// Publishes the states at each interval, and those that have changed, until the sender is dropped.
+    /// A request may wait for slow SDO transfers of other clients.
     fn publish_states(&self, ended: &Receiver<()>) {
+        let interval = self.publication.config.interval;
+        let mut published: Option<Instant> = None;
+        let mut known = PUBLISHED.map(|_| Value::Null);
         loop {
-            for method in PUBLISHED {
-                let state = self.caller.call(method, Value::Null).map_err(PublicationError::from);
-                // For example without a cycle. The publishing thread reports a lost connection.
-                if let Err(error) = state.and_then(|state| self.put_json(method, &state)) {
-                    tracing::debug!("zenoh: {method} not published: {error}");
+            let is_due = published.is_none_or(|at| at.elapsed() >= interval);
+            for (method, known) in PUBLISHED.iter().zip(&mut known) {
+                // Counters change all the time.
+                if !is_due && [methods::ReadServiceStats::NAME, CLIENTS].contains(method) {
+                    continue;
                 }
+                let state = match *method {
+                    CLIENTS => Ok(self.gate.clients()),
+                    method => self.caller.call(method, Value::Null).map_err(PublicationError::from),
+                };
+                // For example without a cycle. The publishing thread reports a lost connection.
+                let result = state.and_then(|state| {
+                    let before = std::mem::replace(known, without_varying(&state));
+                    let is_changed = before != *known;
+                    if is_due || is_changed { self.put_json(method, &state) } else { Ok(()) }
+                });
+                result.unwrap_or_else(|error| {
+                    tracing::debug!("zenoh: {method} not published: {error}")
+                });
+            }
+            if is_due {
+                published = Some(Instant::now());
             }
             // Notifications, which the observer has as well.
             while let Ok(Some(_)) = self.caller.poll(Duration::ZERO) {}
-            if ended.recv_timeout(self.publication.config.interval)
-                == Err(RecvTimeoutError::Disconnected)
-            {
+            if ended.recv_timeout(CHANGES.min(interval)) == Err(RecvTimeoutError::Disconnected) {
                 break;
             }
         }
@@ -180,7 +203,7 @@ impl Publisher<'_> {
 
     /// Takes further events for a short time.
     fn gather(&self, observer: &Client) -> Result<(), PublicationError> {
-        let end = Instant::now() + GATHER;
+        let end = Instant::now() + self.publication.config.gather;
         loop {
             let left = end.saturating_duration_since(Instant::now());
             match observer.poll(left)? {
@@ -220,8 +243,12 @@ impl Publisher<'_> {
 
     fn put_frames(&self) -> Result<(), PublicationError> {
         let batches = lock(&self.gate.batches).take();
-        for ((gateway, channel), head, records) in batches {
-            let key = self.publication.config.keys.frames(gateway, channel);
+        let keys = &self.publication.config.keys;
+        for (Stream { subscription, gateway, channel }, head, records) in batches {
+            let key = match subscription {
+                Some(name) => keys.subscription(&name, gateway, channel),
+                None => keys.frames(gateway, channel),
+            };
             self.put(&key, records, Some(head))?;
         }
         Ok(())
@@ -254,5 +281,65 @@ impl Publisher<'_> {
             }
         };
         result.map_err(PublicationError::session("publish", key))
+    }
+}
+
+/// Members of states that change without an event: times, counters and positions.
+const VARYING: [&str; 16] = [
+    "app_time_ns",
+    "time_ns",
+    "run_time_ns",
+    "late_ns",
+    "elapsed_ns",
+    "run_time",
+    "late",
+    "overruns",
+    "skipped",
+    "statistics",
+    "actual",
+    "actual_age",
+    "actual_degrees",
+    "target",
+    "following_error",
+    "working_counter",
+];
+
+/// What tells of an event in a state.
+fn without_varying(state: &Value) -> Value {
+    match state {
+        Value::Array(values) => values.iter().map(without_varying).collect(),
+        Value::Object(members) => {
+            let is_varying = |name: &str, value: &Value| {
+                // A number of this name counts cycles, an object describes the cycle.
+                VARYING.contains(&name) || (name == "cycle" && value.is_number())
+            };
+            let kept = members.iter().filter(|(name, value)| !is_varying(name, value));
+            kept.map(|(name, value)| (name.clone(), without_varying(value))).collect()
+        }
+        value => value.clone(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use serde_json::json;
+
+    use super::*;
+
+    #[test]
+    fn state_without_an_event_is_equal() {
+        let state = |cycle: u64, session: &str, sent: u64| {
+            let gateway = json!({ "session": session, "statistics": { "sent": sent } });
+            json!({ "cycle": { "cycle": cycle, "is_closed": false }, "gateways": [gateway] })
+        };
+        let first = without_varying(&state(1, "waiting", 0));
+        assert_eq!(first, without_varying(&state(2, "waiting", 7)));
+        assert_ne!(first, without_varying(&state(1, "ready", 0)));
+        let axes = |actual: i32, phase: &str| {
+            without_varying(
+                &json!({ "cycle": actual, "axes": [{ "actual": actual, "phase": phase }] }),
+            )
+        };
+        assert!(axes(1, "running") == axes(2, "running") && axes(1, "off") != axes(1, "running"));
     }
 }

@@ -12,12 +12,13 @@ use zenoh::bytes::Encoding;
 use zenoh::key_expr::keyexpr;
 use zenoh::query::Query;
 
+use crate::client_counts::{ClientCounts, RejectedRequests};
 use crate::client_turns::{ClientTurns, TurnLimits};
-use crate::frame_batches::FrameBatches;
+use crate::frame_batches::{FrameBatches, Stream};
 use crate::keys::{Keys, MAX_LIFETIME, PublisherInfo, RequestKey, now_ns};
 use crate::presence::Presence;
-use crate::publication::{RejectedRequests, lock};
-use crate::remote_request::{PUBLISHED, SEND, check_client, check_size, is_acting, not_addressed};
+use crate::publication::lock;
+use crate::remote_request::{PUBLISHED, SEND, check_name, check_size, is_acting, not_addressed};
 
 /// Threads for requests: fewer than the service has, so that slow SDO transfers of remote clients do
 /// not block the requests of others.
@@ -35,6 +36,7 @@ pub(crate) struct QueryGate {
     pub(crate) hello: Mutex<Hello>,
     pub(crate) batches: Arc<Mutex<FrameBatches>>,
     pub(crate) rejected: Arc<Mutex<RejectedRequests>>,
+    pub(crate) clients: Arc<Mutex<ClientCounts>>,
     /// Requests that the workers execute.
     pub(crate) requests: QueryQueue,
     /// Requests that send frames.
@@ -62,6 +64,9 @@ impl QueryGate {
         if let Err(error) = checked {
             return reply_error(&query, &error);
         }
+        if let Some(RequestKey { client, publisher: Some(_), .. }) = request {
+            lock(&self.clients).count_request(client);
+        }
         match request {
             Some(RequestKey { client, method: SEND, .. }) => {
                 self.enqueue(&self.sends, client, &query, bytes);
@@ -84,7 +89,7 @@ impl QueryGate {
             return Err(RpcError::new(NOT_AVAILABLE, text));
         }
         match publisher {
-            Some(_) => check_client(client)?,
+            Some(_) => check_name("client", client)?,
             None if is_acting(method) => return Err(not_addressed(method)),
             // Zenoh delivers one of two equal answers: this one would pass for the only one.
             None => self.presence.check_prefix()?,
@@ -98,6 +103,9 @@ impl QueryGate {
     fn enqueue(&self, queue: &QueryQueue, client: &str, query: &Query, bytes: usize) {
         if let Err(error) = queue.push(client, query, bytes) {
             lock(&self.rejected).full += 1;
+            if !client.is_empty() {
+                lock(&self.clients).count_rejected(client);
+            }
             reply_error(query, &error);
         }
     }
@@ -124,7 +132,9 @@ impl QueryGate {
                 let name = self.keys.frames(index, channel.channel);
                 if is_selected(&name) {
                     is_answered = true;
-                    let head = lock(&self.batches).head((index, channel.channel));
+                    let stream =
+                        Stream { subscription: None, gateway: index, channel: channel.channel };
+                    let head = lock(&self.batches).head(&stream);
                     let reply = query.reply(&name, Vec::new()).attachment(head.encode());
                     log_failure(reply.wait());
                 }
@@ -141,6 +151,12 @@ impl QueryGate {
 
     pub(crate) fn hello(&self) -> Result<Value, RpcError> {
         Ok(serde_json::to_value(&*lock(&self.hello)).unwrap_or_default())
+    }
+
+    /// The remote clients, for the operator.
+    pub(crate) fn clients(&self) -> Value {
+        let batches = lock(&self.batches);
+        serde_json::to_value(lock(&self.clients).list(&batches)).unwrap_or_default()
     }
 
     fn info(&self) -> PublisherInfo {

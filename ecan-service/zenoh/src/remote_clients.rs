@@ -4,21 +4,24 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::channel;
 use std::thread;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use ecan_service::client::{
-    Access, Client, ClientError, EXPIRED, Event, FrameEvent, Method as _, NOT_AVAILABLE,
-    NOT_PERMITTED, RejectReason, RpcError, TransmitRecord, methods,
+    Access, Client, ClientError, EXPIRED, Event, FrameEvent, INTERNAL_ERROR, Method as _,
+    NOT_AVAILABLE, NOT_PERMITTED, RejectReason, RpcError, TransmitRecord, methods,
 };
-use serde_json::Value;
+use serde_json::{Value, json};
 use zenoh::Wait as _;
 use zenoh::query::Query;
 
+use crate::frame_account::SubscriptionInfo;
+use crate::frame_batches::LEASE;
 use crate::keys::{check_deadline, now_ns};
-use crate::publication::{Publication, PublicationError};
+use crate::publication::{Publication, PublicationError, lock};
 use crate::query_gate::{QueryGate, WORKERS, is_selected, reply_error, reply_records};
 use crate::remote_request::{
-    PUBLISHED, SEND, check, check_frames_of, frames_to_send, is_acting, parameters,
+    CLIENTS, PUBLISHED, RENEW, SEND, SUBSCRIBE, UNSUBSCRIBE, check, check_frames_of,
+    frames_to_send, is_acting, parameters, subscription_of,
 };
 use crate::transmit_jobs::TransmitJobs;
 
@@ -54,7 +57,7 @@ impl RemoteClients<'_> {
             for _ in 0..WORKERS {
                 scope.spawn(|| {
                     while let Some((client, query)) = self.gate.requests.next() {
-                        self.answer(&query);
+                        self.answer(&client, &query);
                         self.gate.requests.finish(&client);
                     }
                 });
@@ -85,32 +88,41 @@ impl RemoteClients<'_> {
     }
 
     /// Answers a request, or a query with wildcards for what is published.
-    fn answer(&self, query: &Query) {
+    fn answer(&self, client: &str, query: &Query) {
         let keys = &self.publication.config.keys;
         let key = query.key_expr();
         if let Some(request) = keys.request_of(key.as_str()) {
-            let result = self.call(request.method, query);
+            let result = self.call(client, request.method, query);
             return self.gate.reply_json(query, key.as_str(), result);
         }
         for method in PUBLISHED {
             let name = keys.method(method);
             if is_selected(key, &name)
-                && let Ok(value) = self.call(method, query)
+                && let Ok(value) = self.call(client, method, query)
             {
                 self.gate.reply_json(query, &name, Ok(value));
             }
         }
     }
 
-    fn call(&self, method: &str, query: &Query) -> Result<Value, RpcError> {
-        if method == methods::SayHello::NAME {
-            return self.gate.hello();
+    fn call(&self, client: &str, method: &str, query: &Query) -> Result<Value, RpcError> {
+        match method {
+            methods::SayHello::NAME => return self.gate.hello(),
+            CLIENTS => return Ok(self.gate.clients()),
+            _ => {}
         }
         let config = &self.publication.config;
-        check(method, config.has_control)?;
+        let is_subscription = [SUBSCRIBE, UNSUBSCRIBE, RENEW].contains(&method);
+        let is_served = is_subscription && !client.is_empty();
+        if !is_served {
+            check(method, config.has_control)?;
+        }
         let payload = query.payload().map(|payload| payload.to_bytes()).unwrap_or_default();
         let params = parameters(method, &payload)?;
         drop(payload);
+        if is_served {
+            return self.subscribe(client, method, params);
+        }
         let result = if is_acting(method) {
             check_frames_of(method, &params, &config.limits)?;
             let (deadline, now) = self.deadline(method, query)?;
@@ -119,6 +131,24 @@ impl RemoteClients<'_> {
             self.caller.call(method, params)
         };
         result.map_err(|error| self.rpc_error(&error))
+    }
+
+    /// Begins, extends or ends a subscription.
+    fn subscribe(&self, client: &str, method: &str, params: Value) -> Result<Value, RpcError> {
+        let (name, selection) = subscription_of(method, params)?;
+        let (mut batches, now) = (lock(&self.gate.batches), Instant::now());
+        let head = match method {
+            SUBSCRIBE => batches.subscribe((client, &name), selection, now)?,
+            RENEW => batches.renew(&name, now)?,
+            _ => {
+                batches.unsubscribe(&name);
+                return Ok(json!({}));
+            }
+        };
+        let published = batches.published(&name);
+        drop(batches);
+        serde_json::to_value(SubscriptionInfo::new(head, published, LEASE))
+            .map_err(|error| RpcError::new(INTERNAL_ERROR, error.to_string()))
     }
 
     /// Deadline of a request that acts, and the present time. The request may have waited for its
@@ -145,15 +175,18 @@ impl RemoteClients<'_> {
 
     fn send(&self, client: &str, query: Query, jobs: &TransmitJobs) {
         match self.frames(&query) {
-            Ok((records, (deadline, now))) => jobs.add(
-                client,
-                &records,
-                (now, deadline),
-                Box::new(move |result| match result {
-                    Ok(reports) => reply_records(&query, &reports),
-                    Err(error) => reply_error(&query, &error),
-                }),
-            ),
+            Ok((records, (deadline, now))) => {
+                lock(&self.gate.clients).count_frames(client, records.len());
+                jobs.add(
+                    client,
+                    &records,
+                    (now, deadline),
+                    Box::new(move |result| match result {
+                        Ok(reports) => reply_records(&query, &reports),
+                        Err(error) => reply_error(&query, &error),
+                    }),
+                );
+            }
             Err(error) => reply_error(&query, &error),
         }
     }

@@ -2,8 +2,9 @@
 
 use ecan_protocol::can::CanId;
 use ecan_service::client::{
-    Access, BAD_RECORD, INVALID_REQUEST, METHOD_NOT_FOUND, METHODS, Method as _, NOT_PERMITTED,
-    NmtParams, PARSE_ERROR, RpcError, TransmitRecord, TransmitRecords, methods,
+    Access, BAD_RECORD, INVALID_PARAMS, INVALID_REQUEST, METHOD_NOT_FOUND, METHODS, Method as _,
+    NOT_PERMITTED, NmtParams, PARSE_ERROR, RpcError, Subscription, TransmitRecord, TransmitRecords,
+    methods,
 };
 use serde_json::Value;
 
@@ -11,6 +12,12 @@ use crate::transmit_limits::TransmitLimits;
 
 /// Name of the request that sends frames, as a method.
 pub(crate) const SEND: &str = "send";
+/// Methods of the publisher itself, which read: its clients, and the next lease of a subscription.
+pub(crate) const CLIENTS: &str = "clients";
+pub(crate) const RENEW: &str = "frames.renew";
+pub(crate) const SUBSCRIBE: &str = methods::SubscribeFrames::NAME;
+#[cfg(feature = "engine")]
+pub(crate) const UNSUBSCRIBE: &str = methods::UnsubscribeFrames::NAME;
 /// Bytes of a request. The service ends the connection of a client whose request has more than 64 KiB,
 /// of which some are those of JSON-RPC.
 pub(crate) const MAX_REQUEST_BYTES: usize = 63 << 10;
@@ -19,28 +26,30 @@ pub(crate) const MAX_REQUEST_BYTES: usize = 63 << 10;
 const MAX_NESTING: usize = 32;
 /// Bytes of the name of a method, as in the service.
 const MAX_METHOD_BYTES: usize = 128;
-/// Bytes of the name of a remote client.
-const MAX_CLIENT_BYTES: usize = 64;
+/// Bytes of the name of a remote client, or of a subscription.
+const MAX_NAME_BYTES: usize = 64;
 
 /// Methods that are published at each interval.
-pub(crate) const PUBLISHED: [&str; 4] = [
+pub(crate) const PUBLISHED: [&str; 5] = [
     methods::ReadState::NAME,
     methods::ReadAxes::NAME,
     methods::ReadBusState::NAME,
     methods::ReadServiceStats::NAME,
+    CLIENTS,
 ];
 
 /// Returns whether a method may change something: every one that is not a method of version 1 that
 /// reads, because the effect of an extension is not known.
 pub(crate) fn is_acting(method: &str) -> bool {
-    !METHODS.contains(&(method, Access::Read))
+    ![CLIENTS, RENEW].contains(&method) && !METHODS.contains(&(method, Access::Read))
 }
 
 /// Checks that remote clients may call a method.
 pub(crate) fn check(method: &str, has_control: bool) -> Result<(), RpcError> {
     if ["frames.", "images."].iter().any(|family| method.starts_with(family)) {
         let text = format!(
-            "{method} is not available through Zenoh; subscribe to PREFIX/frames/<gateway>/<channel>"
+            "{method} is not available through Zenoh; subscribe to PREFIX/frames/<gateway>/<channel>, \
+             or send {SUBSCRIBE} to PREFIX/publisher/<publisher>/<client>"
         );
         return Err(RpcError::new(METHOD_NOT_FOUND, text));
     }
@@ -69,14 +78,14 @@ pub(crate) fn check_size(bytes: usize) -> Result<(), RpcError> {
     Err(RpcError::new(INVALID_REQUEST, text))
 }
 
-/// Checks the name of a client.
-pub(crate) fn check_client(name: &str) -> Result<(), RpcError> {
+/// Checks a name; `owner` is "client" or "subscription".
+pub(crate) fn check_name(owner: &str, name: &str) -> Result<(), RpcError> {
     let is_allowed = |byte: u8| byte.is_ascii_alphanumeric() || b"-_.@".contains(&byte);
-    if !name.is_empty() && name.len() <= MAX_CLIENT_BYTES && name.bytes().all(is_allowed) {
+    if !name.is_empty() && name.len() <= MAX_NAME_BYTES && name.bytes().all(is_allowed) {
         return Ok(());
     }
     let text = format!(
-        "name of the client has {} bytes; allowed: 1 to {MAX_CLIENT_BYTES} letters, digits and - _ . @",
+        "name of the {owner} has {} bytes; allowed: 1 to {MAX_NAME_BYTES} letters, digits and - _ . @",
         name.len()
     );
     Err(RpcError::new(INVALID_REQUEST, text))
@@ -135,6 +144,20 @@ fn is_nested_within(value: &Value, levels: usize) -> bool {
     }
 }
 
+/// Name and selection in the parameters of a subscription.
+pub(crate) fn subscription_of(
+    method: &str,
+    mut params: Value,
+) -> Result<(String, Subscription), RpcError> {
+    let name = params.as_object_mut().and_then(|members| members.remove("subscription"));
+    let name = name.as_ref().and_then(Value::as_str).unwrap_or_default().to_owned();
+    check_name("subscription", &name)?;
+    let selection = serde_json::from_value(params).map_err(|error| {
+        RpcError::new(INVALID_PARAMS, format!("invalid parameters of {method}: {error}"))
+    })?;
+    Ok((name, selection))
+}
+
 /// Frames to send in a payload. If one of them is not permitted, none is sent.
 pub(crate) fn frames_to_send(
     payload: &[u8],
@@ -154,6 +177,16 @@ pub(crate) fn frames_to_send(
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn subscription_has_a_name_and_the_selection_of_the_service() {
+        let params = serde_json::json!({ "subscription": "s-1", "channels": [2] });
+        let (name, selection) = subscription_of(SUBSCRIBE, params).unwrap();
+        assert_eq!((&name[..], selection.channels), ("s-1", vec![2]));
+        for params in [Value::Null, serde_json::json!({ "subscription": 1 })] {
+            assert_eq!(subscription_of(SUBSCRIBE, params).unwrap_err().code, INVALID_REQUEST);
+        }
+    }
 
     #[test]
     fn remote_clients_read_unless_control_is_permitted() {
@@ -192,12 +225,12 @@ mod tests {
         assert_eq!(error.code, INVALID_REQUEST);
         let long = "x".repeat(MAX_METHOD_BYTES + 1);
         assert_eq!(check(&long, true).unwrap_err().code, METHOD_NOT_FOUND);
-        assert_eq!(check_client("hmi-2_a.b@cell"), Ok(()));
+        assert_eq!(check_name("client", "hmi-2_a.b@cell"), Ok(()));
         assert!(
             not_addressed("nmt").message.ends_with("PREFIX/publisher/<publisher>/<client>/nmt")
         );
         for name in ["", "a b", "\u{1b}[31m", "é", &"x".repeat(65)] {
-            assert_eq!(check_client(name).unwrap_err().code, INVALID_REQUEST);
+            assert_eq!(check_name("client", name).unwrap_err().code, INVALID_REQUEST);
         }
     }
 

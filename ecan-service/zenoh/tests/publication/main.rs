@@ -7,6 +7,7 @@ mod common;
 
 mod python;
 mod remote_requests;
+mod remote_service;
 mod security;
 mod session;
 
@@ -90,7 +91,8 @@ fn states_are_published_and_answer_to_get() {
         .collect();
     names.sort();
     let channels = ["frames/0/0", "frames/0/1"];
-    let expected = [&["axes", "bus.state"][..], &channels, &["hello", "publisher/ID"]].concat();
+    let expected =
+        [&["axes", "bus.state", "clients"][..], &channels, &["hello", "publisher/ID"]].concat();
     let expected = [&expected[..], &["service.stats", "state"]].concat();
     assert_eq!(names, expected);
     published.end().unwrap();

@@ -100,6 +100,11 @@ fn python_client_fails_unless_the_frame_was_sent() {
     let output = peer.run(PREFIX, &["send", "0", "0", "123#1122"]);
     let text = String::from_utf8(output.stdout).unwrap();
     assert!(output.status.success() && text.contains(" 0.0 transmitted 123 [2] 1122"), "{text}");
+    let output = peer.run(PREFIX, &["send", "0", "can1", "123#0102", "extended", "brs"]);
+    let text = String::from_utf8(output.stdout).unwrap();
+    assert!(text.contains(" 0.1 transmitted 00000123 [2] 0102 fd brs"), "{text}");
+    let message = peer.fails(2, PREFIX, &["send", "0", "0", "123#", "fast"]);
+    assert!(message.contains("frame kind fast is not known; allowed: extended"), "{message}");
     let message = peer.fails(1, PREFIX, &["send", "0", "3", "123#1122"]);
     assert!(message.contains("frame 123 rejected: no such channel"), "{message}");
     let message = peer.fails(1, PREFIX, &["no.method", "{}"]);

@@ -6,6 +6,7 @@ use std::iter::repeat_with;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
+use ecan_mcan_port::ChannelConfig;
 use ecan_service::client::{
     FrameEvent, INVALID_REQUEST, NOT_AVAILABLE, NOT_PERMITTED, RejectReason, RpcError,
 };
@@ -14,7 +15,7 @@ use serde_json::json;
 use zenoh::query::Reply;
 use zenoh::{Session, Wait as _};
 
-use crate::common::{Fixture, PATIENCE, frame, wait_for};
+use crate::common::{Fixture, PATIENCE, frame, gateway, wait_for};
 use crate::session::{
     LIFETIME, Link, Published, Remote, config, endpoints, free_address, key, open_remote,
     open_session, payload_of, publish, publish_by, publish_with, publishers, record, sent_frames,
@@ -148,10 +149,11 @@ fn requests_that_arrive_late_are_rejected_and_reported() {
 
 #[test]
 fn frames_that_wait_for_the_bus_expire() {
-    let fixture = Fixture::start(|_| ());
+    // A frame takes 12 ms, so that those of the application fill the queue, also if cycles are late.
+    let bus = gateway().with_channel(0, ChannelConfig::classic(10_000));
+    let fixture = Fixture::with_gateway(bus, |_| ());
     let published = publish(&fixture, true);
     let remote = Remote::of(&published.remote, "test");
-    // The frames of the application precede those of clients.
     fixture.frames_per_cycle.store(200, Ordering::Release);
     wait_for("back pressure", || {
         fixture.execute(|port, _| {

@@ -14,6 +14,8 @@ use ecan_service_zenoh::{
     BatchHead, Keys, Publication, PublicationConfig, PublicationError, PublicationEvent,
     PublisherClock, PublisherInfo, TransmitLimits,
 };
+use nix::sys::socket::setsockopt;
+use nix::sys::socket::sockopt::RcvBuf;
 use serde_json::Value;
 use zenoh::handlers::FifoChannelHandler;
 use zenoh::pubsub::Subscriber;
@@ -45,7 +47,13 @@ pub fn write_config(directory: &Path, text: &str) -> PathBuf {
 
 pub fn config(has_control: bool) -> PublicationConfig {
     let (keys, limits) = (Keys::new(PREFIX).unwrap(), TransmitLimits::default());
-    PublicationConfig { keys, has_control, limits, interval: Duration::from_millis(50) }
+    PublicationConfig {
+        keys,
+        has_control,
+        limits,
+        interval: Duration::from_millis(50),
+        gather: Duration::from_millis(5),
+    }
 }
 
 /// Publishes to a session that connects to the publisher.
@@ -334,10 +342,24 @@ impl Stream for UnixStream {
 impl Link {
     /// A link to a TCP address of Zenoh.
     pub fn to_address(address: &str) -> Self {
+        Self::to_tcp(address, |_| ())
+    }
+
+    /// As [`to_address`](Self::to_address); a held link keeps few bytes.
+    pub fn to_narrow_address(address: &str) -> Self {
+        Self::to_tcp(address, |far| setsockopt(far, RcvBuf, &4096).unwrap())
+    }
+
+    fn to_tcp(address: &str, prepare: impl Fn(&TcpStream) + Send + 'static) -> Self {
         let listener = TcpListener::bind("127.0.0.1:0").unwrap();
         let near = format!("tcp/{}", listener.local_addr().unwrap());
         let far = address.strip_prefix("tcp/").unwrap().to_owned();
-        let accept = move || Some((listener.accept().ok()?.0, TcpStream::connect(&far).ok()?));
+        let accept = move || {
+            let (near, _) = listener.accept().ok()?;
+            let far = TcpStream::connect(&far).ok()?;
+            prepare(&far);
+            Some((near, far))
+        };
         Self::start(near, accept)
     }
 
