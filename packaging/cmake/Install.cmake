@@ -23,7 +23,7 @@ install(DIRECTORY examples/python DESTINATION ${CMAKE_INSTALL_DOCDIR}/examples
     FILES_MATCHING PATTERN "*.py")
 install(FILES examples/grafana/ecan-lite.json DESTINATION ${CMAKE_INSTALL_DOCDIR}/examples/grafana)
 install(DIRECTORY examples/zenoh DESTINATION ${CMAKE_INSTALL_DOCDIR}/examples USE_SOURCE_PERMISSIONS
-    FILES_MATCHING PATTERN "*.json5" PATTERN "*.sh")
+    FILES_MATCHING PATTERN "*.json5" PATTERN "*.sh" PATTERN "*.service")
 install(FILES packaging/wireshark/README.md packaging/wireshark/ecan_pdo.lua
     DESTINATION ${CMAKE_INSTALL_DOCDIR}/packaging/wireshark)
 # Messages name these scripts.

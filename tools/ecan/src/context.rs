@@ -2,11 +2,10 @@
 //! the master.
 
 use std::io::ErrorKind;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::Once;
 
-use ecan_protocol::text::Printable;
-use ecan_service::client::{Client, ClientError};
+use ecan_service::client::ClientError;
 use ecan_sim::{Backend, BackendError, ClockKind, EcrtSetting, SimOptions};
 
 pub use crate::bus::Bus;
@@ -14,7 +13,7 @@ pub use crate::failure::{Failure, Result};
 pub use crate::global::GlobalOptions;
 use crate::global::Via;
 pub use crate::output::{FullScreen, Output, Tone, note};
-use crate::service_access::ServiceConnection;
+use crate::service_access::{ServiceAddress, ServiceConnection};
 
 #[derive(Clone, Copy, Debug)]
 pub struct Context<'a> {
@@ -80,24 +79,30 @@ pub fn connect(global: &GlobalOptions, master: u32) -> Result<Option<ServiceConn
 
 /// As [`connect`], without a report.
 pub fn open(global: &GlobalOptions, master: u32) -> Result<Option<ServiceConnection>> {
-    let connection = match &global.via {
-        Via::Service(_) if global.ecrt.is_some() => {
-            let message = "--ecrt and a service exclude each other; use --via direct";
-            return Err(Failure::Usage(message.to_owned()));
-        }
-        Via::Service(path) => {
-            let client = Client::connect(path, "ecan").map_err(|error| failure(path, &error))?;
-            Some(ServiceConnection::new(client, path))
-        }
-        Via::Auto if global.ecrt.is_none() => find(&default_paths(master)),
+    if global.via.is_service() && global.ecrt.is_some() {
+        let message = "--ecrt and a service exclude each other; use --via direct";
+        return Err(Failure::Usage(message.to_owned()));
+    }
+    let address = match &global.via {
+        Via::Service(path) => Some(ServiceAddress::Socket(path.clone())),
+        #[cfg(feature = "zenoh")]
+        Via::Remote(keys) => Some(crate::service_access::remote_service(keys)?),
         Via::Auto | Via::Direct => None,
+    };
+    let connection = match address {
+        Some(address) => {
+            let client = address.connect("ecan").map_err(|error| failure(&address, &error))?;
+            Some(ServiceConnection::new(client, address))
+        }
+        None if global.via == Via::Auto && global.ecrt.is_none() => find(&default_paths(master)),
+        None => None,
     };
     let Some(connection) = connection else { return Ok(None) };
     let found = connection.hello().master;
     if found != master && (global.master.is_some() || global.via == Via::Auto) {
-        let path = Printable(connection.path().display());
+        let address = connection.address();
         return Err(Failure::Usage(format!(
-            "{path} serves master {found}, not master {master}; set --master or --via"
+            "{address} serves master {found}, not master {master}; set --master or --via"
         )));
     }
     global.given.check_with_service(&connection.program())?;
@@ -116,14 +121,17 @@ pub fn default_paths(master: u32) -> Vec<PathBuf> {
 
 /// The first service that responds. One that exists and cannot be used is reported.
 fn find(paths: &[PathBuf]) -> Option<ServiceConnection> {
-    paths.iter().find_map(|path| match Client::connect(path, "ecan") {
-        Ok(client) => Some(ServiceConnection::new(client, path)),
-        Err(error) => {
-            match kind(&error) {
-                Some(ErrorKind::NotFound | ErrorKind::ConnectionRefused) => {}
-                _ => note(format_args!("service not used: {}", failure(path, &error))),
+    paths.iter().find_map(|path| {
+        let address = ServiceAddress::Socket(path.clone());
+        match address.connect("ecan") {
+            Ok(client) => Some(ServiceConnection::new(client, address)),
+            Err(error) => {
+                match kind(&error) {
+                    Some(ErrorKind::NotFound | ErrorKind::ConnectionRefused) => {}
+                    _ => note(format_args!("service not used: {}", failure(&address, &error))),
+                }
+                None
             }
-            None
         }
     })
 }
@@ -135,8 +143,7 @@ fn kind(error: &ClientError) -> Option<ErrorKind> {
     }
 }
 
-fn failure(path: &Path, error: &ClientError) -> Failure {
-    let path = Printable(path.display());
+fn failure(address: &ServiceAddress, error: &ClientError) -> Failure {
     let action = match kind(error) {
         Some(ErrorKind::NotFound) => "start the service (ecan serve), or use --via direct",
         Some(ErrorKind::ConnectionRefused) => {
@@ -144,7 +151,9 @@ fn failure(path: &Path, error: &ClientError) -> Failure {
         }
         Some(ErrorKind::PermissionDenied) => "add the user to the group of the socket (ls -l)",
         Some(ErrorKind::InvalidInput) => "allowed: at most 107 bytes",
-        _ => return Failure::Master(format!("service at {path}: {error}")),
+        // It names the address.
+        Some(_) => return Failure::master(error),
+        None => return Failure::Master(format!("service at {address}: {error}")),
     };
     Failure::Master(format!("{error}; {action}"))
 }
@@ -160,8 +169,9 @@ mod tests {
         drop(std::os::unix::net::UnixListener::bind(&dead).unwrap());
         assert!(find(&[missing.clone(), dead.clone()]).is_none());
         for (path, words) in [(missing, "start the service"), (dead, "no program listens")] {
-            let error = Client::connect(&path, "test").unwrap_err();
-            let failure = failure(&path, &error);
+            let address = ServiceAddress::Socket(path);
+            let error = address.connect("test").unwrap_err();
+            let failure = failure(&address, &error);
             let text = failure.to_string();
             assert!(text.contains(words) && text.contains("--via direct"), "{text}");
             assert_eq!(failure.status(), 3);

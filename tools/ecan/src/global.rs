@@ -1,11 +1,12 @@
 //! Options of every command, and which of them a service permits.
 
-use std::convert::Infallible;
 use std::path::PathBuf;
 use std::str::FromStr;
 
 use clap::parser::ValueSource;
 use clap::{ArgMatches, Args, Command, ValueEnum};
+#[cfg(feature = "zenoh")]
+use ecan_service_zenoh::Keys;
 use ecan_tool_support::command_line::options::LogArguments;
 
 use crate::failure::{Failure, Result};
@@ -42,7 +43,8 @@ pub struct GlobalOptions {
     /// [default: ECAN_ECRT, or libethercat.so.1]
     #[arg(long, global = true, value_name = "LIBRARY")]
     pub ecrt: Option<String>,
-    /// Way to the bus: auto, direct (library), or the socket of a service (ecan serve)
+    /// Way to the bus: auto, direct (library), the socket of a service (ecan serve), or
+    /// zenoh:PREFIX (ecan zenoh of another host)
     #[arg(long, global = true, value_name = "WAY", default_value = "auto")]
     pub via: Via,
     /// Index of the EtherCAT master [default: from the configuration file, or 0]
@@ -78,11 +80,9 @@ impl GlobalOptions {
 
     /// Rejects a service for a command that does not use it.
     pub fn without_service(&self, reason: &str) -> Result {
-        match self.via {
-            Via::Auto | Via::Direct => Ok(()),
-            Via::Service(_) => {
-                Err(Failure::Usage(format!("this command does not use a service: {reason}")))
-            }
+        match self.via.is_service() {
+            false => Ok(()),
+            true => Err(Failure::Usage(format!("this command does not use a service: {reason}"))),
         }
     }
 
@@ -100,17 +100,35 @@ pub enum Via {
     Auto,
     Direct,
     Service(PathBuf),
+    /// A service of another host, by the prefix of its keys.
+    #[cfg(feature = "zenoh")]
+    Remote(Keys),
+}
+
+impl Via {
+    pub fn is_service(&self) -> bool {
+        !matches!(self, Self::Auto | Self::Direct)
+    }
 }
 
 impl FromStr for Via {
-    type Err = Infallible;
+    type Err = String;
 
-    fn from_str(text: &str) -> Result<Self, Infallible> {
-        Ok(match text {
-            "auto" => Self::Auto,
-            "direct" => Self::Direct,
-            path => Self::Service(path.into()),
-        })
+    fn from_str(text: &str) -> Result<Self, String> {
+        match (text, text.strip_prefix("zenoh:")) {
+            ("auto", _) => Ok(Self::Auto),
+            ("direct", _) => Ok(Self::Direct),
+            #[cfg(feature = "zenoh")]
+            (_, Some(prefix)) => match Keys::new(prefix) {
+                Ok(keys) => Ok(Self::Remote(keys)),
+                Err(error) => Err(error.to_string()),
+            },
+            #[cfg(not(feature = "zenoh"))]
+            (_, Some(_)) => {
+                Err("this program has no Zenoh; build it with --features zenoh".to_owned())
+            }
+            (path, None) => Ok(Self::Service(path.into())),
+        }
     }
 }
 

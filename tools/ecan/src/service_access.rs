@@ -1,9 +1,13 @@
 //! Access to the slaves through the service of a program that holds the master.
 
 use std::fmt;
-use std::path::{Path, PathBuf};
+#[cfg(feature = "zenoh")]
+use std::path::Path;
+use std::path::PathBuf;
 use std::sync::Arc;
 
+#[cfg(feature = "zenoh")]
+use crate::failure::{Failure, Result};
 use ecan_host::{
     AssignedPdo, Clock, Errno, Error, LinkState, MasterInfo, MasterState, MonotonicClock, PdoEntry,
     PortInfo, PortKind, SdoDirection, SlaveAccess, SlaveInfo,
@@ -15,17 +19,90 @@ use ecan_service::protocol::{
     Access, BusError, DownloadParams, Hello, NOT_PERMITTED, PortKind as KindOfPort,
     SdoDirection as DirectionOfSdo, Slave, SlavePort, UploadParams,
 };
+#[cfg(feature = "zenoh")]
+use ecan_service_zenoh::{Keys, PublicationError, RemoteService};
+
+/// Where a service is.
+#[derive(Clone, Debug)]
+pub enum ServiceAddress {
+    Socket(PathBuf),
+    /// On another host, with the prefix of its keys.
+    #[cfg(feature = "zenoh")]
+    Remote(Arc<RemoteService>, String),
+}
+
+impl ServiceAddress {
+    pub fn connect(&self, name: &str) -> Result<Client, ClientError> {
+        match self {
+            Self::Socket(path) => Client::connect(path, name),
+            #[cfg(feature = "zenoh")]
+            Self::Remote(service, _) => service.connect(name),
+        }
+    }
+}
+
+impl fmt::Display for ServiceAddress {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Socket(path) => Printable(path.display()).fmt(f),
+            #[cfg(feature = "zenoh")]
+            Self::Remote(_, prefix) => write!(f, "zenoh:{prefix}"),
+        }
+    }
+}
+
+/// Variable with the configuration of Zenoh for `--via zenoh:PREFIX`, as of other programs with Zenoh.
+#[cfg(feature = "zenoh")]
+const CONFIG_VARIABLE: &str = "ZENOH_CONFIG";
+/// Variable with the name by which publishers know this program.
+#[cfg(feature = "zenoh")]
+const CLIENT_VARIABLE: &str = "ECAN_CLIENT";
+
+/// A published service of another host.
+#[cfg(feature = "zenoh")]
+pub fn remote_service(keys: &Keys) -> Result<ServiceAddress> {
+    let file = std::env::var_os(CONFIG_VARIABLE).filter(|file| !file.is_empty());
+    let client = match std::env::var(CLIENT_VARIABLE) {
+        Ok(name) => name,
+        Err(_) => client_of(host_name().trim()),
+    };
+    let opened = RemoteService::open(file.as_ref().map(Path::new), keys.clone(), &client);
+    let service = opened.map_err(|error| match error {
+        PublicationError::ClientName { .. } => {
+            Failure::Usage(format!("{CLIENT_VARIABLE}=\"{}\": {error}", Printable(&client)))
+        }
+        PublicationError::Open { .. } if file.is_none() => Failure::Publication(format!(
+            "{error}; {CONFIG_VARIABLE} names no configuration, so that the router of this host is used"
+        )),
+        error => Failure::Publication(error.to_string()),
+    })?;
+    Ok(ServiceAddress::Remote(Arc::new(service), keys.prefix().to_owned()))
+}
+
+/// Name of this program for a publisher: programs of one host share their turn.
+#[cfg(feature = "zenoh")]
+fn client_of(host: &str) -> String {
+    let is_allowed =
+        |character: &char| character.is_ascii_alphanumeric() || "-_.@".contains(*character);
+    format!("ecan@{}", host.chars().filter(is_allowed).take(50).collect::<String>())
+}
+
+/// Name of this host; empty if it is not available.
+#[cfg(feature = "zenoh")]
+pub fn host_name() -> String {
+    std::fs::read_to_string("/proc/sys/kernel/hostname").unwrap_or_default()
+}
 
 /// A service that responds. Clones use the same connection.
 #[derive(Clone, Debug)]
 pub struct ServiceConnection {
     client: Arc<Client>,
-    path: PathBuf,
+    address: ServiceAddress,
 }
 
 impl ServiceConnection {
-    pub fn new(client: Client, path: &Path) -> Self {
-        Self { client: Arc::new(client), path: path.to_owned() }
+    pub fn new(client: Client, address: ServiceAddress) -> Self {
+        Self { client: Arc::new(client), address }
     }
 
     pub fn hello(&self) -> &Hello {
@@ -36,8 +113,8 @@ impl ServiceConnection {
         &self.client
     }
 
-    pub fn path(&self) -> &Path {
-        &self.path
+    pub fn address(&self) -> &ServiceAddress {
+        &self.address
     }
 
     /// Name, version and process.
@@ -57,7 +134,7 @@ impl ServiceConnection {
 
     pub fn error(&self, call: &'static str, error: &ClientError) -> Error {
         let Some(rpc) = error.rpc() else {
-            let reason = format!("{}: {error}", Printable(self.path.display()));
+            let reason = format!("{}: {error}", self.address);
             return Error::Disconnected { reason };
         };
         let index = |slave| usize::try_from(slave).unwrap_or(usize::MAX);
@@ -113,8 +190,8 @@ impl fmt::Display for ServiceConnection {
             Access::Read => "read-only",
             Access::Control => "control",
         };
-        let (path, program) = (Printable(self.path.display()), self.program());
-        write!(f, "via {path}: {program}, master {master}, {access}")
+        let (address, program) = (&self.address, self.program());
+        write!(f, "via {address}: {program}, master {master}, {access}")
     }
 }
 

@@ -2,11 +2,13 @@
 
 use std::cell::Cell;
 use std::path::PathBuf;
+use std::sync::Arc;
 use std::thread::sleep;
 use std::time::Duration;
 
 use clap::Args;
 use ecan_service::client::Access;
+use ecan_service::server::{MetricsAddress, MetricsConfig, MetricsServer, ServiceError};
 use ecan_service_zenoh::{
     Keys, Publication, PublicationConfig, PublicationError, TransmitLimits, TransmitRule,
 };
@@ -14,9 +16,11 @@ use ecan_tool_support::command_line::interrupt::Interrupt;
 
 use crate::context;
 use crate::context::{Context, Failure, Result, note};
+use crate::service_access::{ServiceAddress, host_name};
 
 pub const EXAMPLES: &str = "\
 Examples:
+  ecan --via zenoh:ecan/cell7/master0 dump     the frames of another host; ZENOH_CONFIG names a configuration
   ecan zenoh zenoh.json5                       other hosts read the service of master 0
   ecan zenoh zenoh.json5 --control             they also send frames and write objects
   ecan zenoh zenoh.json5 --control --transmit 0.1:100-1FF
@@ -49,6 +53,36 @@ pub struct ZenohArguments {
     #[arg(long, value_name = "MS", default_value_t = 1000,
           value_parser = clap::value_parser!(u32).range(10..=60_000))]
     interval: u32,
+    /// Time that a frame waits for further ones, 0 to 1000; 0 has the shortest round trip
+    #[arg(long, value_name = "MS", default_value_t = 5,
+          value_parser = clap::value_parser!(u32).range(0..=1000))]
+    gather: u32,
+    /// Serve metrics for Prometheus at this address: 127.0.0.1:PORT or unix:PATH
+    #[arg(long, value_name = "ADDRESS")]
+    metrics: Option<MetricsAddress>,
+    /// Permit an address of --metrics that other hosts reach
+    #[arg(long, requires = "metrics")]
+    metrics_remote: bool,
+}
+
+impl ZenohArguments {
+    fn serve_metrics(
+        &self,
+        address: &MetricsAddress,
+        publication: &Arc<Publication>,
+    ) -> Result<MetricsServer> {
+        let allows_remote = self.metrics_remote;
+        let config = MetricsConfig { allows_remote, ..MetricsConfig::new(address.clone()) };
+        let publication = publication.clone();
+        let server =
+            MetricsServer::start(&config, (0o660, None), move || Ok(publication.metrics()));
+        let server = server.map_err(|error| match error {
+            ServiceError::RemoteMetrics(_) => Failure::Usage(error.to_string()),
+            error => Failure::Host(error.to_string()),
+        })?;
+        note(format_args!("metrics at {}", server.address()));
+        Ok(server)
+    }
 }
 
 pub fn run(arguments: &ZenohArguments, context: &Context) -> Result {
@@ -58,7 +92,12 @@ pub fn run(arguments: &ZenohArguments, context: &Context) -> Result {
         context::connect(context.global, context.global.master())?.ok_or_else(|| {
             Failure::Master("no service to publish; start ecan serve, or set --via".to_owned())
         })?;
-    let (path, hello) = (connection.path().to_owned(), connection.hello().clone());
+    let ServiceAddress::Socket(path) = connection.address().clone() else {
+        let message =
+            "a service of another host is published there; set --via to a socket".to_owned();
+        return Err(Failure::Usage(message));
+    };
+    let hello = connection.hello().clone();
     drop(connection);
     if arguments.control && hello.access != Access::Control {
         let reason = hello.access_reason.unwrap_or_default();
@@ -72,8 +111,12 @@ pub fn run(arguments: &ZenohArguments, context: &Context) -> Result {
         has_control: arguments.control,
         limits: TransmitLimits { rules: arguments.transmit.clone() },
         interval: Duration::from_millis(arguments.interval.into()),
+        gather: Duration::from_millis(arguments.gather.into()),
     };
-    let publication = Publication::open(&arguments.file, config).map_err(failure)?;
+    let publication = Arc::new(Publication::open(&arguments.file, config).map_err(failure)?);
+    let _metrics =
+        arguments.metrics.as_ref().map(|address| arguments.serve_metrics(address, &publication));
+    let _metrics = _metrics.transpose()?;
     let access = if arguments.control { "control" } else { "read-only" };
     note(format_args!("publishing {prefix}/** through Zenoh, remote clients: {access}"));
     if let Some(reason) = publication.open_control() {
@@ -110,11 +153,6 @@ fn failure(error: PublicationError) -> Failure {
         PublicationError::Service(error) => Failure::master(error),
         error => Failure::Publication(error.to_string()),
     }
-}
-
-/// Name of this host; empty if it is not available.
-fn host_name() -> String {
-    std::fs::read_to_string("/proc/sys/kernel/hostname").unwrap_or_default()
 }
 
 fn pause(interrupt: &Interrupt) {

@@ -7,7 +7,7 @@ use ecan_mcan_port::{PortConfig, SlaveStatistics};
 use ecan_protocol::can::CanFrame;
 use ecan_protocol::image::{ChannelState, ChannelStatus, Timestamp};
 use ecan_protocol::mapping::{CHANNELS, Direction};
-use ecan_service::client::{Client, ClientError, Event as ServiceEvent, ReceivedImage, SendError};
+use ecan_service::client::{ClientError, Event as ServiceEvent, ReceivedImage, SendError};
 use ecan_service::protocol::{
     EventKind, FrameEvent, FrameReport, Gateway, GatewayState, ImageSubscription, NOT_AVAILABLE,
     Subscription,
@@ -223,13 +223,14 @@ impl ServiceLink {
             return;
         }
         self.next_attempt_ns = now_ns + RECONNECT_NS;
-        let path = self.connection.path().to_owned();
-        let Ok(client) = Client::connect(&path, "ecan") else { return };
+        let address = self.connection.address().clone();
+        let Ok(client) = address.connect("ecan") else { return };
         if client.hello().gateways.is_empty() {
             // The service has no cycle yet.
             return;
         }
-        let before = std::mem::replace(&mut self.connection, ServiceConnection::new(client, &path));
+        let connection = ServiceConnection::new(client, address);
+        let before = std::mem::replace(&mut self.connection, connection);
         let known = &before.hello().gateways;
         if self.has_channels_of(known, &self.connection.hello().gateways) {
             note(format_args!("# {} is there again", self.connection.program()));

@@ -99,6 +99,100 @@ fn publication_outlives_its_service() {
     publication.end();
 }
 
+/// A program that uses a published service.
+fn remote(peer: &str, arguments: &[&str]) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_ecan"));
+    let via = format!("zenoh:{PREFIX}");
+    command.env("ZENOH_CONFIG", peer).args(["--via", &via]).args(arguments);
+    command
+}
+
+#[test]
+fn commands_reach_a_service_of_another_host() {
+    let directory = tempfile::tempdir().unwrap();
+    let socket = directory.path().join("bus.sock").display().to_string();
+    let mut program = Running::start(&["--ecrt", "sim:drives", "serve", "--socket", &socket]);
+    program.wait_for_error("slave 0: ready");
+    let served = Served { directory, socket, program };
+    let address = free_address();
+    let endpoints = format!("{{ endpoints: ['tcp/{address}'] }}");
+    let file = served.config("zenoh.json5", &format!("{{ listen: {endpoints} }}"));
+    let peer = served.config("peer.json5", &format!("{{ mode: 'client', connect: {endpoints} }}"));
+    let options = ["zenoh", &file, "--prefix", PREFIX, "--control", "--gather", "0"];
+    let publish = || {
+        let mut publication = Running::start(&[&["--via", &served.socket][..], &options].concat());
+        publication.wait_for_error("zenoh: connected to 0 routers");
+        publication
+    };
+    let mut publication = publish();
+    let of_remote = |arguments: &[&str]| {
+        let output = remote(&peer, arguments).output().unwrap();
+        let errors = String::from_utf8(output.stderr).unwrap();
+        assert!(errors.starts_with(&format!("via zenoh:{PREFIX}: ecan serve")), "{errors}");
+        (output.status.code(), String::from_utf8(output.stdout).unwrap())
+    };
+    let local = |arguments: &[&str]| good(&[&["--via", &served.socket][..], arguments].concat());
+    for arguments in [
+        &["scan"][..],
+        &["--json", "info"],
+        &["send", "--channel", "0", "123#11", "18ff0001##1aabb", "124#R"],
+        &["node", "scan", "--channel", "1"],
+        &["node", "sdo", "read", "--node", "2", "0x1018:4"],
+        &["sdo", "read", "0x1008"],
+        &["axis", "status", "--node", "1"],
+    ] {
+        assert_eq!(of_remote(arguments), (Some(0), local(arguments)), "{arguments:?}");
+    }
+    // Only the owner of the master moves an axis.
+    assert_eq!(of_remote(&["axis", "stop", "--node", "1"]).0, Some(3));
+    let monitor = of_remote(&["monitor", "--once"]).1;
+    assert!(
+        monitor.contains("can0     run ") && monitor.contains("ecan zenoh: frames"),
+        "{monitor}"
+    );
+
+    // A command without an end outlives the publisher.
+    let mut dump = Running::spawn(&mut remote(&peer, &["dump", "--channel", "0"]));
+    let wait_for_frame = |dump: &mut Running, frame: &str, shown: &str| {
+        let stop = AtomicBool::new(false);
+        std::thread::scope(|scope| {
+            let _stop = OnDrop(|| stop.store(true, Ordering::Release));
+            // Until the subscription has arrived.
+            scope.spawn(|| {
+                while !stop.load(Ordering::Acquire) {
+                    local(&["send", "--channel", "0", frame]);
+                }
+            });
+            while !dump.line().contains(shown) {}
+        });
+    };
+    wait_for_frame(&mut dump, "125#11", "125   [1]  11");
+    publication.end();
+    dump.wait_for_error("the service closed the connection; waiting for it");
+    let mut publication = publish();
+    dump.wait_for_error("is there again");
+    dump.wait_for_error("gateway: ready");
+    wait_for_frame(&mut dump, "125#22", "125   [1]  22");
+    dump.end();
+    publication.end();
+    let output = remote(&peer, &["scan"]).output().unwrap();
+    let errors = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(6), "{errors}");
+    assert_has(&errors, "cannot open the Zenoh session: Unable to connect");
+    let wrong = fails(2, &["--via", "zenoh:a/*", "scan"]);
+    assert_has(&wrong, "prefix \"a/*\" is invalid; allowed");
+}
+
+#[test]
+fn unit_publishes_with_valid_options() {
+    let unit = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples/zenoh");
+    let unit = std::fs::read_to_string(unit.join("ecan-zenoh@.service")).unwrap();
+    let start = unit.lines().find_map(|line| line.strip_prefix("ExecStart=/usr/local/bin/ecan "));
+    let start = start.unwrap().replace("%i", "0");
+    let arguments: Vec<_> = start.split(' ').chain(["--help"]).collect();
+    assert_has(&good(&arguments), "Publish a service to other hosts");
+}
+
 /// Two network namespaces, joined by a cable.
 struct Hosts {
     names: [String; 2],

@@ -96,7 +96,7 @@ impl ServiceSource {
         requirements: GatewayRequirements,
         setup: &SetupOptions,
     ) -> Result<Self> {
-        let client = Client::connect(connection.path(), "ecan monitor");
+        let client = connection.address().connect("ecan monitor");
         let client = client.map_err(|error| failure(&connection, &error))?;
         let is_free_running = connection.hello().is_free_running;
         let mut source = Self {
