@@ -465,3 +465,19 @@ impl fmt::Display for CycleStatistics {
         write!(f, "cycles {cycles}, overruns {overruns}, skipped {skipped}")
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn next_deadline_is_a_cycle_after_the_last_one() {
+        let mut timer = CycleTimer::new(1_000, CycleTiming::default());
+        assert_eq!(timer.next_deadline_ns(), None);
+        let (deadline_ns, late_ns, skipped, has_overrun) = (50_000, 0, 0, false);
+        timer.end_wait(&CycleStart { deadline_ns, late_ns, skipped, has_overrun });
+        assert_eq!(timer.next_deadline_ns(), Some(51_000));
+        timer.shift(-20);
+        assert_eq!(timer.next_deadline_ns(), Some(50_980));
+    }
+}

@@ -5,6 +5,7 @@ mod common;
 #[path = "../../ecrt-sys/tests/fake/mod.rs"]
 mod fake;
 
+mod bring_up;
 mod cycle_allocation;
 mod cycle_statistics;
 mod cycle_timer;
