@@ -75,7 +75,7 @@ use std::io::Write;
 use ecan_protocol::can::{CanFrame, FrameKind};
 use ecan_protocol::image::{ChannelStatus, PdoProfile};
 use ecan_protocol::mapping::Direction;
-pub use recorder::{Recorder, Recording};
+pub use recorder::{Recorder, Recording, lost_images};
 
 mod recorder;
 
@@ -134,6 +134,11 @@ impl<W: Write> Capture<W> {
         let interface = self.interface(Interface::Can(port))?;
         let header = frame_header(frame);
         self.blocks.packet(interface, time_ns, traffic.flags(), &header, frame.data())
+    }
+
+    /// Marks a gap before the next packet by a comment, which Wireshark shows and finds: `what` is missing.
+    pub fn gap(&mut self, what: &str) {
+        self.blocks.comment(&format!("gap: {what}"));
     }
 
     /// Writes an error frame of a channel.
@@ -282,6 +287,7 @@ pub(crate) const INTERFACE_DESCRIPTION: u32 = 1;
 pub(crate) const ENHANCED_PACKET: u32 = 6;
 
 const OPTION_END: u16 = 0;
+const COMMENT: u16 = 1;
 const SECTION_APPLICATION: u16 = 4;
 pub(crate) const INTERFACE_NAME: u16 = 2;
 pub(crate) const INTERFACE_TIME_RESOLUTION: u16 = 9;
@@ -297,12 +303,15 @@ struct Blocks<W> {
     writer: W,
     block: Vec<u8>,
     interfaces: u32,
+    /// Comment of the next packet.
+    comment: String,
 }
 
 impl<W: Write> Blocks<W> {
     /// Starts a section with the name of the application.
     pub fn begin(writer: W, application: &str) -> io::Result<Self> {
-        let mut blocks = Self { writer, block: Vec::with_capacity(4096), interfaces: 0 };
+        let (block, comment) = (Vec::with_capacity(4096), String::new());
+        let mut blocks = Self { writer, block, interfaces: 0, comment };
         blocks.u32(BYTE_ORDER_MAGIC);
         blocks.u16(1);
         blocks.u16(0);
@@ -329,6 +338,14 @@ impl<W: Write> Blocks<W> {
         Ok(number)
     }
 
+    /// The next packet has a comment.
+    pub fn comment(&mut self, text: &str) {
+        if !self.comment.is_empty() {
+            self.comment.push_str("; ");
+        }
+        self.comment.push_str(text);
+    }
+
     pub fn packet(
         &mut self,
         interface: u32,
@@ -346,6 +363,10 @@ impl<W: Write> Blocks<W> {
         self.bytes(header);
         self.bytes(content);
         self.pad();
+        let comment = std::mem::take(&mut self.comment);
+        if !comment.is_empty() {
+            self.option(COMMENT, comment.as_bytes());
+        }
         self.option(PACKET_FLAGS, &flags.to_le_bytes());
         self.option(OPTION_END, &[]);
         self.put(ENHANCED_PACKET)

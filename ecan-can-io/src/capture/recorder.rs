@@ -22,9 +22,21 @@ const POLL_INTERVAL: Duration = Duration::from_millis(1);
 
 #[derive(Debug)]
 enum Packet {
-    Frame { port: usize, traffic: Traffic, frame: CanFrame },
-    Error { port: usize, error: ErrorFrame },
-    Image { origin: ImageOrigin, image: Vec<u8> },
+    Frame {
+        port: usize,
+        traffic: Traffic,
+        frame: CanFrame,
+    },
+    Error {
+        port: usize,
+        error: ErrorFrame,
+    },
+    Image {
+        origin: ImageOrigin,
+        image: Vec<u8>,
+    },
+    /// Images before the next packet, in which frames may have been.
+    LostImages(u64),
 }
 
 /// Result of a recording.
@@ -97,6 +109,12 @@ impl Recorder {
     /// Records a CAN frame, see [`Capture::frame`]. Real-time safe unless patient.
     pub fn frame(&mut self, time_ns: u64, port: usize, traffic: Traffic, frame: &CanFrame) {
         self.put(time_ns, Packet::Frame { port, traffic, frame: *frame });
+    }
+
+    /// Records a gap before the next packet: images of a gateway that were lost or incomplete. Real-time safe unless
+    /// patient.
+    pub fn lost_images(&mut self, images: u64) {
+        self.put(0, Packet::LostImages(images));
     }
 
     /// Records an error frame, see [`Capture::error`]. Real-time safe unless patient.
@@ -228,6 +246,10 @@ fn write_all<W: Write>(
     while let Ok(first) = packets.recv() {
         for (time_ns, packet) in std::iter::once(first).chain(packets.try_iter()) {
             match packet {
+                Packet::LostImages(images) => {
+                    capture.gap(&lost_images(images));
+                    continue;
+                }
                 Packet::Frame { port, traffic, frame } => {
                     capture.frame(time_ns, port, traffic, &frame)?;
                 }
@@ -243,4 +265,10 @@ fn write_all<W: Write>(
     }
     capture.finish()?;
     Ok(written)
+}
+
+/// Text of a gap in captures, logs and on screens.
+pub fn lost_images(images: u64) -> String {
+    let plural = if images == 1 { "" } else { "s" };
+    format!("{images} image{plural} of the gateway lost or incomplete, frames may be missing")
 }

@@ -39,6 +39,7 @@ const CAN_MESSAGE_2: u32 = 86;
 const CAN_FD_MESSAGE: u32 = 100;
 const CAN_FD_MESSAGE_64: u32 = 101;
 const CAN_FD_ERROR_64: u32 = 104;
+const EVENT_COMMENT: u32 = 92;
 
 const TIME_IN_NANOSECONDS: u32 = 2;
 const UNCOMPRESSED: u16 = 0;
@@ -319,6 +320,17 @@ impl<W: Write + Seek> BlfWriter<W> {
         body.extend(data);
         body.resize(end, 0);
         self.object(kind, time_ns.saturating_sub(start_ns), &body)
+    }
+
+    /// Appends a comment, for example on a gap.
+    pub fn comment(&mut self, time_ns: u64, text: &str) -> io::Result<()> {
+        let (start_ns, _) = *self.span_ns.get_or_insert((time_ns, time_ns));
+        // Commented event, length, reserved.
+        let mut body = vec![0; 4];
+        body.extend((text.len() as u32).to_le_bytes());
+        body.extend([0; 8]);
+        body.extend(text.as_bytes());
+        self.object(EVENT_COMMENT, time_ns.saturating_sub(start_ns), &body)
     }
 
     fn object(&mut self, kind: u32, time_ns: u64, body: &[u8]) -> io::Result<()> {

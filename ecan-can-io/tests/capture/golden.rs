@@ -135,3 +135,24 @@ fn interfaces_are_described_before_packets() {
     ];
     assert_eq!(bytes, expected.concat());
 }
+
+#[test]
+fn gaps_are_the_comment_of_the_next_packet() {
+    let frame = CanFrame::classic(standard(5), &[]).unwrap();
+    let bytes = written(|capture| {
+        capture.gap("1 image");
+        capture.gap("of two");
+        for _ in 0..2 {
+            capture.frame(TIME_NS, 0, Traffic::Received, &frame).unwrap();
+        }
+    });
+    // opt_comment: code 1, length, text, padded to four bytes.
+    let comment = b"\x01\0\x19\0gap: 1 image; gap: of two\0\0\0";
+    let bare = packet(0, 1, &[0, 0, 0, 5, 0, 0, 0, 0]);
+    let total = (bare.len() + comment.len()) as u32;
+    let mut commented = [&bare[..36], comment, &bare[36..]].concat();
+    commented[4..8].copy_from_slice(&total.to_le_bytes());
+    let end = commented.len() - 4;
+    commented[end..].copy_from_slice(&total.to_le_bytes());
+    assert_eq!(bytes, [interface(227, "can0"), commented, bare].concat());
+}

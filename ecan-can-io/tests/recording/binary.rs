@@ -63,6 +63,17 @@ fn blf_file_is_read_as_written() {
     assert_eq!(start, [2023, 11, 2, 14, 22, 13, 20, 123]);
 }
 
+#[test]
+fn comments_of_a_blf_file_are_no_frames() {
+    let mut writer = BlfWriter::new(Cursor::new(Vec::new())).unwrap();
+    for (nth, (time_ns, port, frame)) in frames().enumerate() {
+        writer.comment(time_ns, &"gap"[..nth % 4]).unwrap();
+        writer.write(time_ns, port as u16, &frame, false).unwrap();
+    }
+    let recording = read(&writer.finish().unwrap().into_inner());
+    assert_eq!((recording.frames.len(), recording.skipped.len()), (FRAMES.len(), 0));
+}
+
 /// Several containers, whose borders are inside objects.
 #[test]
 fn long_blf_file_is_whole() {

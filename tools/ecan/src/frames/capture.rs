@@ -168,6 +168,11 @@ impl FrameCapture {
         }
     }
 
+    /// Marks a gap before what is recorded next.
+    pub fn lost_images(&mut self, images: u64) {
+        self.recorder.lost_images(images);
+    }
+
     fn frame(&mut self, time_ns: u64, traffic: Traffic, frame: &BusFrame) {
         let port_number = port_number(frame.gateway, frame.channel);
         self.recorder.frame(self.absolute_ns(time_ns), port_number, traffic, &frame.frame);

@@ -10,6 +10,7 @@ use std::time::Duration;
 
 use clap::ValueEnum;
 use ecan_can_io::candump::{FrameText, ScreenFrame};
+use ecan_can_io::capture::lost_images;
 use ecan_protocol::can::{CanFrame, FrameKind};
 use ecan_protocol::image::Timestamp;
 use ecan_tool_support::command_line::interrupt::Interrupt;
@@ -152,6 +153,9 @@ fn print_all(
             if let Some((log, lines)) = &mut log {
                 let BusFrame { frame, channel, is_sent, .. } = &timed.frame;
                 let place = (timed.time_ns, usize::from(*channel));
+                if let Some(images) = timed.gap {
+                    log.comment(timed.time_ns, &gap_text(images)).map_err(of_log)?;
+                }
                 log.write_frame(place, frame, *is_sent, lines.line(&timed)).map_err(of_log)?;
             }
         }
@@ -180,12 +184,9 @@ pub struct TimedFrame {
     pub gap: Option<u64>,
 }
 
-/// Mark of a gap: a comment in a candump log.
-fn gap_line(images: u64) -> String {
-    let plural = if images == 1 { "" } else { "s" };
-    format!(
-        "# gap: {images} image{plural} of the gateway lost or incomplete, frames may be missing"
-    )
+/// Mark of a gap, as a comment of a recording and on the screen.
+fn gap_text(images: u64) -> String {
+    format!("gap: {}", lost_images(images))
 }
 
 #[derive(Clone, Debug, Default)]
@@ -246,8 +247,7 @@ impl ScreenLines {
             return json(timed, decoded.map(DecodedMessage::from));
         }
         let below = decoded.iter().flat_map(signals::lines).collect::<Vec<_>>();
-        // A line of the log has the mark itself.
-        let above = timed.gap.filter(|_| !self.screen.is_log).map(gap_line);
+        let above = timed.gap.map(|images| format!("# {}", gap_text(images)));
         let line = self.line(timed);
         above.into_iter().chain([line]).chain(below).collect::<Vec<_>>().join("\n")
     }
@@ -299,8 +299,7 @@ impl LogLines {
             (true, false) => " R",
             (true, true) => " T",
         };
-        let gap = timed.gap.map(|images| gap_line(images) + "\n").unwrap_or_default();
-        format!("{gap}{time} can{channel} {}{mark}", FrameText(frame))
+        format!("{time} can{channel} {}{mark}", FrameText(frame))
     }
 }
 

@@ -132,7 +132,10 @@ impl Service {
             status.advance(self.link.statistics(gateway).txpdo_received, period_ns);
         }
         for (gateway, gap) in self.gaps.iter_mut().enumerate() {
-            gap.advance(self.link.statistics(gateway));
+            let lost = gap.advance(self.link.statistics(gateway));
+            if let Some(capture) = self.capture.as_mut().filter(|_| lost > 0) {
+                capture.lost_images(lost);
+            }
         }
         arrivals.retain(|arrival| match &arrival.event {
             Event::Frame(received) => {
@@ -450,11 +453,14 @@ impl Gap {
         statistics.txpdo_lost + statistics.txpdo_unknown + statistics.txpdo_incomplete
     }
 
-    fn advance(&mut self, statistics: SlaveStatistics) {
+    /// Returns the images that were lost since the last call.
+    fn advance(&mut self, statistics: SlaveStatistics) -> u64 {
         let lost = Self::lost(statistics);
         // A service that restarts counts from 0.
-        self.images += lost.saturating_sub(self.seen);
+        let new = lost.saturating_sub(self.seen);
+        self.images += new;
         self.seen = lost;
+        new
     }
 }
 

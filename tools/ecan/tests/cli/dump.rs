@@ -196,6 +196,16 @@ fn lost_images_are_reported_on_stderr() {
         )
     });
     assert_eq!(gaps, expected);
+    let options = ["dump", "-T", "9000", "--record", &bus.path("gaps.blf")];
+    bus.good(&[&options[..], &["--capture", &bus.path("gaps.pcapng")]].concat());
+    let marks = |bytes: &[u8]| bytes.windows(5).filter(|bytes| *bytes == b"gap: ").count();
+    assert_eq!(marks(&std::fs::read(bus.path("gaps.pcapng")).unwrap()), 3);
+    let blf = std::fs::read(bus.path("gaps.blf")).unwrap();
+    let blf = ecan_can_io::recording::Recording::read(&blf, &Default::default()).unwrap();
+    assert_eq!((blf.frames.len(), blf.skipped.len()), (4000 - 6, 0));
+    let message = bus.fails(6, &["dump", "--record", &bus.path("frames.asc")]);
+    assert!(message.contains("frames.asc is not written: this program writes BLF"), "{message}");
+    assert!(!std::path::Path::new(&bus.path("frames.asc")).exists());
 
     // A pending report at the end, and damaged images, which count once.
     let damaged = |kind: &str, at_ms| {

@@ -57,6 +57,7 @@ fn python_can_reads_blf_files() {
     for (nth, (text, fields)) in (0..).zip(frames) {
         let frame = parse_frame(text).unwrap();
         let time_ns = 1_700_000_000_123_456_000 + nth * 1_500_000;
+        writer.comment(time_ns, "gap: a comment").unwrap();
         writer.write(time_ns, nth as u16 % 4, &frame, nth % 2 == 1).unwrap();
         let length = if frame.is_remote() { 4 } else { frame.data().len() };
         let data: String = frame.data().iter().map(|byte| format!("{byte:02x}")).collect();

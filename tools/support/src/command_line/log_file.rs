@@ -24,6 +24,13 @@ pub enum LogFileError {
     /// Invalid line.
     #[error("{}, {}", Printable(.0.display()), .1)]
     Line(PathBuf, RecordingError),
+    /// The name is that of a format that is only read.
+    #[error(
+        "{} is not written: this program writes BLF (*.blf) and candump logs (other names, for example *.log), \
+         and pcapng with --capture",
+        Printable(.0.display())
+    )]
+    ReadOnlyFormat(PathBuf),
     /// The file contains no frame.
     #[error("{} holds no frame", Printable(.0.display()))]
     Empty(PathBuf),
@@ -89,6 +96,8 @@ enum Log {
     Blf { writer: BlfWriter<File>, flushed: Instant },
 }
 
+/// Extensions of formats that a candump log would pass for.
+const READ_ONLY: [&str; 6] = ["asc", "trc", "pcap", "pcapng", "mf4", "mdf"];
 /// Longest time that frames of a BLF file wait for others to be compressed with.
 const BLF_FLUSH: Duration = Duration::from_secs(1);
 
@@ -100,9 +109,13 @@ impl Writer {
 
     /// As [`create`](Self::create), with a policy for an existing file.
     pub fn create_with(path: &Path, existing: Existing) -> Result<Self, LogFileError> {
-        let is_blf =
-            path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("blf"));
-        if !is_blf {
+        let has_extension = |known: &str| {
+            path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case(known))
+        };
+        if READ_ONLY.iter().any(|known| has_extension(known)) {
+            return Err(LogFileError::ReadOnlyFormat(path.to_owned()));
+        }
+        if !has_extension("blf") {
             return Self::candump(path, existing);
         }
         let path = path.to_owned();
@@ -147,6 +160,15 @@ impl Writer {
                 let port = u16::try_from(port).unwrap_or(u16::MAX);
                 writer.write(time_ns, port, frame, is_sent)
             }
+        };
+        written.map_err(|error| self.fault(error))
+    }
+
+    /// Appends a comment on the place before the next frame.
+    pub fn comment(&mut self, time_ns: u64, text: &str) -> Result<(), LogFileError> {
+        let written = match &mut self.log {
+            Log::Candump(file) => writeln!(file, "# {text}"),
+            Log::Blf { writer, .. } => writer.comment(time_ns, text),
         };
         written.map_err(|error| self.fault(error))
     }
