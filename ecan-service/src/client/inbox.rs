@@ -285,6 +285,11 @@ impl ClientError {
             _ => None,
         }
     }
+
+    /// Returns whether there is no connection, or it has ended: another one may follow.
+    pub fn is_disconnection(&self) -> bool {
+        matches!(self, Self::Closed | Self::Io(_) | Self::Connect { .. })
+    }
 }
 
 impl From<io::Error> for ClientError {

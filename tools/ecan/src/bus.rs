@@ -81,6 +81,11 @@ impl Bus {
         Self::on(&self.path, self.master, self.choice)
     }
 
+    /// The same, through another connection to the service.
+    pub fn through(&self, connection: ServiceConnection) -> Result<Self> {
+        Self::on(&Path::Service(connection), self.master, self.choice)
+    }
+
     /// Returns whether the master is still scanning the bus.
     fn is_scanning(&self) -> bool {
         let first = self.diagnostics.slave_info(0);

@@ -194,9 +194,7 @@ impl ServiceLink {
 
     /// Takes note of an error of the connection. The gateways are not ready until there is another one.
     fn take_error(&mut self, error: &ClientError) {
-        let is_lost =
-            matches!(error, ClientError::Closed | ClientError::Io(_) | ClientError::Connect { .. });
-        if !is_lost || !self.reconnects {
+        if !error.is_disconnection() || !self.reconnects {
             self.failure = Some(self.error(error));
             return;
         }

@@ -15,7 +15,7 @@ use serde_json::{Value, json};
 use crate::serve::{Served, serve_ready};
 use crate::support::application::Application;
 use crate::support::on_screen::OnScreen;
-use crate::support::{assert_has, ecan, ends, fails, good, json_of, wait_for};
+use crate::support::{Running, assert_has, ecan, ends, fails, good, json_of, wait_for};
 
 /// Sends a frame every 5 cycles, whose second byte counts.
 fn count() -> impl FnMut(&mut Cycle<'_>) + Send {
@@ -150,14 +150,20 @@ fn monitor(daemon: &Served) -> OnScreen {
 }
 
 #[test]
-fn ended_service_restores_terminal_and_is_reported() {
+fn ended_service_is_waited_for() {
     let mut daemon = serve_ready();
     let mut monitor = monitor(&daemon);
     assert!(monitor.is_raw() && monitor.screen().contains("via ecan serve"));
-    daemon.program.terminate();
-    monitor.wait_until("shell", |terminal| !terminal.has_own_screen());
-    assert_has(&monitor.ends(3), "bus.sock: the service closed the connection");
-    assert!(!monitor.is_raw());
+    daemon.program.end();
+    monitor.wait_for("NO SERVICE");
+    let mut next = Running::start(&["--ecrt", "sim", "serve", "--socket", &daemon.path]);
+    next.wait_for_error("slave 0: ready");
+    monitor.wait_until("service", |terminal| !terminal.screen().contains("NO SERVICE"));
+    monitor.wait_for("the service is there again");
+    monitor.wait_for("ready      2/2");
+    next.end();
+    monitor.wait_for("NO SERVICE");
+    monitor.quit();
 }
 
 #[test]

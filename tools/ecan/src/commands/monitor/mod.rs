@@ -113,7 +113,7 @@ pub fn run(arguments: &MonitorArguments, context: &Context) -> Result {
     let mut source: Box<dyn Source + '_> = match bus.service().cloned() {
         Some(connection) => {
             let setup = &arguments.options.setup;
-            Box::new(ServiceSource::open(bus, connection, requirements, setup)?)
+            Box::new(ServiceSource::open(bus, connection, (requirements, setup), !is_once)?)
         }
         None => {
             let global = context.global;

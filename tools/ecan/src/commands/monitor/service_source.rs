@@ -32,11 +32,11 @@ const STALLED_NS: u64 = 2_000_000_000;
 
 const NO_CYCLE: &str = "NO CYCLE";
 const NO_RESPONSE: &str = "NO RESPONSE";
+const NO_SERVICE: &str = "NO SERVICE";
 
 pub struct ServiceSource {
     bus: Bus,
     connection: ServiceConnection,
-    /// Own connection: the SDO transfers of the other one may take long.
     client: Client,
     requirements: GatewayRequirements,
     setup: SetupOptions,
@@ -46,6 +46,9 @@ pub struct ServiceSource {
     layout: Option<Layout>,
     /// Time of the next attempt to read the gateways, after a change.
     read_at_ns: Option<u64>,
+    /// A service that ends is waited for.
+    reconnects: bool,
+    is_disconnected: bool,
     time: FrameTime,
 }
 
@@ -89,15 +92,14 @@ impl FrameTime {
 }
 
 impl ServiceSource {
-    /// Selects the selected gateway of a service, or all.
+    /// Selects the selected gateway of a service, or all. `reconnects`: a service that ends is waited for.
     pub fn open(
         bus: Bus,
         connection: ServiceConnection,
-        requirements: GatewayRequirements,
-        setup: &SetupOptions,
+        (requirements, setup): (GatewayRequirements, &SetupOptions),
+        reconnects: bool,
     ) -> Result<Self> {
-        let client = connection.address().connect("ecan monitor");
-        let client = client.map_err(|error| failure(&connection, &error))?;
+        let client = connect(&connection)?;
         let is_free_running = connection.hello().is_free_running;
         let mut source = Self {
             bus,
@@ -108,10 +110,11 @@ impl ServiceSource {
             gateways: Vec::new(),
             layout: None,
             read_at_ns: None,
+            reconnects,
+            is_disconnected: false,
             time: FrameTime { is_free_running, ..FrameTime::default() },
         };
         source.read_layout(None)?;
-        source.client.set_request_timeout(RESPONSE);
         Ok(source)
     }
 
@@ -155,6 +158,26 @@ impl ServiceSource {
         while self.client.poll(Duration::ZERO).is_ok_and(|event| event.is_some()) {}
         self.bus = self.bus.again()?;
         self.read_layout(Some("the service has configured the bus again".to_owned()))
+    }
+
+    /// Connects to the service that is there now, and reads its gateways.
+    fn reconnect(&mut self) -> Result {
+        let address = self.connection.address().clone();
+        let client = address.connect("ecan").map_err(|error| failure(&self.connection, &error))?;
+        let connection = ServiceConnection::new(client, address);
+        self.bus = self.bus.through(connection.clone())?;
+        self.client = connect(&connection)?;
+        self.connection = connection;
+        self.read_layout(Some("the service is there again".to_owned()))
+    }
+
+    /// Takes note of a connection that has ended; returns whether to go on.
+    fn waits_after(&mut self, error: &ClientError) -> bool {
+        let waits = self.reconnects && error.is_disconnection();
+        if waits {
+            (self.is_disconnected, self.read_at_ns) = (true, Some(0));
+        }
+        waits
     }
 
     fn take_frame(&self, report: &FrameReport, observation: &mut Observation) {
@@ -245,8 +268,10 @@ impl Source for ServiceSource {
         }
         let mut timeout = POLL;
         for _ in 0..MAX_EVENTS {
-            let event = self.client.poll(timeout);
-            let event = event.map_err(|error| failure(&self.connection, &error))?;
+            let event = match self.client.poll(timeout) {
+                Err(error) if self.waits_after(&error) => break,
+                event => event.map_err(|error| failure(&self.connection, &error))?,
+            };
             timeout = Duration::ZERO;
             match event {
                 None => break,
@@ -267,10 +292,14 @@ impl Source for ServiceSource {
     fn look(&mut self, observation: &mut Observation) -> Result {
         let now_ns = self.now_ns();
         if self.read_at_ns.is_some_and(|at| now_ns >= at) {
-            let is_read = self.read_layout_again().is_ok();
+            let read =
+                if self.is_disconnected { self.reconnect() } else { self.read_layout_again() };
+            let is_read = read.is_ok();
+            self.is_disconnected &= !is_read;
             self.read_at_ns = (!is_read).then(|| now_ns.saturating_add(RETRY_NS));
         }
         let read = match self.read_at_ns {
+            Some(_) if self.is_disconnected => Ok(Some(NO_SERVICE)),
             // Shows an ended service.
             Some(_) => self.client.service_stats().map(|_| Some(NO_CYCLE)),
             None => {
@@ -284,6 +313,7 @@ impl Source for ServiceSource {
             Err(error) if error.rpc().is_some_and(|error| error.code == NOT_AVAILABLE) => {
                 Some(NO_CYCLE)
             }
+            Err(error) if self.waits_after(&error) => Some(NO_SERVICE),
             Err(error) => return Err(failure(&self.connection, &error)),
         };
         observation.now_ns = self.time.now_ns();
@@ -297,6 +327,14 @@ impl Source for ServiceSource {
     fn read_errors(&mut self) -> Result<Vec<(usize, GatewayErrors)>> {
         Ok(self.error_reader()?.read().collect())
     }
+}
+
+/// A connection for the states and frames: the SDO transfers of the other one may take long.
+fn connect(connection: &ServiceConnection) -> Result<Client> {
+    let client = connection.address().connect("ecan monitor");
+    let mut client = client.map_err(|error| failure(connection, &error))?;
+    client.set_request_timeout(RESPONSE);
+    Ok(client)
 }
 
 fn failure(connection: &ServiceConnection, error: &ClientError) -> Failure {
