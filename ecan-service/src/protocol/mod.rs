@@ -37,7 +37,7 @@ pub use rpc::{
 };
 pub use state::{
     Access, ActiveConfig, AssignedParams, AssignedPdo, Axes, AxisState, BusState, Channel,
-    ClientStats, Counters, CycleState, Gateway, GatewayState, GatewaysChanged, Hello, HelloParams,
-    Link, LinkParams, MAX_NAME_BYTES, PROTOCOL_VERSION, PdoEntry, PortKind, SampledTimes,
-    ServiceStats, SessionState, Slave, SlaveParams, SlavePort, State, clean_name,
+    ChannelChanged, ClientStats, Counters, CycleState, Gateway, GatewayState, GatewaysChanged,
+    Hello, HelloParams, Link, LinkParams, MAX_NAME_BYTES, PROTOCOL_VERSION, PdoEntry, PortKind,
+    SampledTimes, ServiceStats, SessionState, Slave, SlaveParams, SlavePort, State, clean_name,
 };

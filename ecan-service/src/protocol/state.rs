@@ -437,6 +437,21 @@ pub struct GatewaysChanged {
     pub gateways: Vec<Gateway>,
 }
 
+/// Parameters of the notification `channel`: bus-off or the error warning of a CAN channel began or ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct ChannelChanged {
+    /// Time of the cycle, as in a frame record.
+    pub time_ns: u64,
+    /// Index of the gateway.
+    pub gateway: u16,
+    /// Channel, 0 to 3.
+    pub channel: u8,
+    /// The controller is off the bus.
+    pub is_bus_off: bool,
+    /// The controller is error warning or error passive.
+    pub has_warning: bool,
+}
+
 /// Declares each field once: with its type and its value in the status of an axis.
 macro_rules! axis_state {
     ($status:ident; $($(#[$meta:meta])* $field:ident: $type:ty = $value:expr;)*) => {

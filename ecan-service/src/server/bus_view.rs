@@ -1,5 +1,6 @@
 //! State of the cycle, from its snapshot.
 
+use std::collections::BTreeMap;
 use std::time::Duration;
 
 use ecan_cia402::AxesSnapshot;
@@ -9,8 +10,8 @@ use hdrhistogram::Histogram;
 use serde_json::Value;
 
 use crate::protocol::{
-    Axes, AxisState, CycleState, GatewayState, NOT_AVAILABLE, RpcError, SampledTimes, SessionState,
-    State,
+    Axes, AxisState, ChannelChanged, CycleState, GatewayState, NOT_AVAILABLE, RpcError,
+    SampledTimes, SessionState, State,
 };
 use crate::server::metrics::{CycleSample, SlaveSample, TimeHistogram};
 
@@ -27,6 +28,17 @@ pub(crate) struct BusView {
     late: Histogram<u64>,
     /// The same samples for metrics.
     buckets: Buckets,
+    /// What was last notified of the channels, by gateway and channel.
+    channels: BTreeMap<(u16, u8), ChannelState>,
+}
+
+/// State of a channel for notifications.
+#[derive(Debug, Clone, Copy, Default)]
+struct ChannelState {
+    is_bus_off: bool,
+    has_warning: bool,
+    /// Images with bus-off so far.
+    bus_off_images: u64,
 }
 
 #[derive(Debug, Clone, Copy, Default)]
@@ -64,7 +76,50 @@ impl BusView {
             run_time: histogram(),
             late: histogram(),
             buckets: Buckets::default(),
+            channels: BTreeMap::new(),
         }
+    }
+
+    /// Changes of the channels since the last call. Bus-off between two calls is reported, too.
+    pub(crate) fn channel_changes(&mut self) -> Vec<ChannelChanged> {
+        let mut changes = Vec::new();
+        if self.update().is_err() {
+            return changes;
+        }
+        let time_ns = self.time_ns();
+        let Some(port) = PortSnapshot::of(&self.snapshot) else { return changes };
+        for (slave, gateway) in (0..port.slave_count()).zip(0_u16..) {
+            let Some(statistics) = port.statistics(slave) else { continue };
+            for (channel, counts) in (0_u8..).zip(&statistics.channels) {
+                let Some(status) = port.channel_status(slave, channel) else { continue };
+                let now = ChannelState {
+                    is_bus_off: status.bus_off(),
+                    has_warning: status.warn(),
+                    bus_off_images: counts.bus_off_images,
+                };
+                let known = self.channels.insert((gateway, channel), now);
+                let (mut is_bus_off, mut has_warning) =
+                    known.map_or((false, false), |before| (before.is_bus_off, before.has_warning));
+                let was_bus_off =
+                    known.is_some_and(|before| now.bus_off_images > before.bus_off_images);
+                for (bus_off, warning) in [
+                    (is_bus_off || was_bus_off, now.has_warning),
+                    (now.is_bus_off, now.has_warning),
+                ] {
+                    if (bus_off, warning) != (is_bus_off, has_warning) {
+                        (is_bus_off, has_warning) = (bus_off, warning);
+                        changes.push(ChannelChanged {
+                            time_ns,
+                            gateway,
+                            channel,
+                            is_bus_off,
+                            has_warning,
+                        });
+                    }
+                }
+            }
+        }
+        changes
     }
 
     /// Adds the last cycle to the distributions.

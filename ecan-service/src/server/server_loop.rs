@@ -110,6 +110,11 @@ impl ServerLoop {
                 let clients = self.clients.all.values_mut();
                 self.clients.stats.clients_silent += self.admission.end_silent(clients);
                 self.bus.cycle.iter_mut().for_each(|cycle| cycle.view.sample());
+                let cycle = self.bus.cycle.as_mut();
+                let changes = cycle.map(|cycle| cycle.view.channel_changes()).unwrap_or_default();
+                for change in changes {
+                    self.clients.notify(&notification("channel", &change));
+                }
             }
             if now >= next_check {
                 next_check = now + CHECK_INTERVAL;

@@ -10,7 +10,7 @@ use ecan_host::AdapterConfig;
 use ecan_mcan_port::PortConfig;
 use ecan_service::client::*;
 use ecan_service::server::{Control, Extension, Permission, Service, ServiceConfig, ServiceError};
-use ecan_sim::{ClockKind, SimOptions};
+use ecan_sim::{ClockKind, Fault, SimOptions};
 use serde_json::{Value, json};
 
 fn upload(slave: u16, index: u16, subindex: u8) -> UploadParams {
@@ -51,6 +51,23 @@ fn state_has_cycle_times_and_statistics() {
     let statistics: ecan_mcan_port::SlaveStatistics = serde_json::from_value(value).unwrap();
     assert!(statistics.cycles > 0 && statistics.sessions == 1);
     assert_eq!(client.axes().unwrap().axes, []);
+}
+
+#[test]
+fn changes_of_a_channel_are_notified() {
+    let fixture = Fixture::start(|_| ());
+    let client = fixture.client();
+    fixture.simulation.inject(Fault::BusOff { gateway: 0, channel: 1 });
+    let change = loop {
+        match client.poll(PATIENCE).unwrap() {
+            Some(Event::Notification { method, params }) if method == "channel" => break params,
+            Some(_) => {}
+            None => panic!("no notification"),
+        }
+    };
+    let change: ChannelChanged = serde_json::from_value(change).unwrap();
+    assert_eq!((change.gateway, change.channel, change.is_bus_off), (0, 1, true));
+    assert!(change.time_ns > 0);
 }
 
 #[test]
