@@ -190,7 +190,10 @@ impl RemoteConnection {
                 if params.is_null() {
                     params = json!({});
                 }
-                params["subscription"] = subscribed.name.clone().into();
+                // The publisher rejects what is no object.
+                if let Some(members) = params.as_object_mut() {
+                    members.insert("subscription".into(), subscribed.name.clone().into());
+                }
                 if let Some(former) = self.subscription.replace(subscribed) {
                     self.end(former);
                 }
