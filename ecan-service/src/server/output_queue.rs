@@ -203,6 +203,23 @@ mod tests {
         Write(usize),
     }
 
+    #[test]
+    fn room_is_that_of_the_longest_record_and_half_of_it_after_a_loss() {
+        let longest = HEADER_BYTES + FRAME_RECORD_BYTES + MAX_FRAME_RECORD_BYTES;
+        let lost = |max_bytes| {
+            let mut queue = OutputQueue::new(max_bytes);
+            queue.push_frame(&report(1));
+            queue.counters.frames_lost
+        };
+        assert_eq!([longest - 1, longest].map(lost), [1, 0]);
+        let mut queue = OutputQueue::new(2 * longest);
+        queue.push_frame(&report(1));
+        let waiting = queue.len();
+        assert!(queue.has_room(2 * longest - waiting));
+        queue.lose_images(1);
+        assert!(!queue.has_room(longest - waiting + 1) && queue.has_room(longest - waiting));
+    }
+
     fn any_step() -> impl Strategy<Value = Step> {
         prop_oneof![
             30 => Just(Step::Frame),
