@@ -91,7 +91,7 @@ fn failed_wait_reports_its_time_and_the_held_slave() {
     let Error::NotOperational(report) = &error else { panic!("{error}") };
     assert!((2_500..2_600).contains(&report.waited_ms), "{}", report.waited_ms);
 
-    // Nothing applies a profile for N = 3: the master keeps the slave in PREOP.
+    // Without a startup that applies a profile for N = 3 the master keeps the slave in PREOP.
     let (ecrt, _simulation) = simulated(ecan_sim::echo(1));
     let config = ecan_host::AdapterConfig::new(1);
     let mut adapter = Adapter::open(&ecrt, config, StartupPlan::default()).unwrap();

@@ -151,7 +151,7 @@ fn failure(address: &ServiceAddress, error: &ClientError) -> Failure {
         }
         Some(ErrorKind::PermissionDenied) => "add the user to the group of the socket (ls -l)",
         Some(ErrorKind::InvalidInput) => "allowed: at most 107 bytes",
-        // It names the address.
+        // The error names the address.
         Some(_) => return Failure::master(error),
         None => return Failure::Master(format!("service at {address}: {error}")),
     };
