@@ -242,8 +242,8 @@ pub(crate) enum SlcanCommand {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct UnknownCommand;
 
-/// The longest command: an extended CAN FD frame of 64 bytes.
-const MAX_LINE: usize = 1 + 8 + 1 + 2 * 64;
+/// The longest command: an extended CAN FD frame of 64 bytes, its length code in decimal digits.
+const MAX_LINE: usize = 1 + 8 + 2 + 2 * 64;
 
 const EXTENDED_FLAG: u32 = 1 << 31;
 
@@ -300,8 +300,7 @@ fn transmit(arguments: &[u8], extended: bool, format: Format) -> Option<SlcanCom
     // Some clients leave SocketCAN's flag of the format in extended identifiers.
     let id = if extended { id & !EXTENDED_FLAG } else { id };
     let id = CanId::new(id, extended).ok()?;
-    let (&code, hex) = rest.split_first()?;
-    let dlc = Dlc::new(hex_digit(code)?)?;
+    let (dlc, hex) = length_code(rest)?;
     if !matches!(format, Format::Fd { .. }) && dlc.value() > 8 {
         return None;
     }
@@ -314,6 +313,18 @@ fn transmit(arguments: &[u8], extended: bool, format: Format) -> Option<SlcanCom
         _ => return None,
     };
     frame.ok().map(SlcanCommand::Transmit)
+}
+
+/// The length code, one digit, and the data. SavvyCAN writes the codes from 10 on in decimal digits.
+fn length_code(text: &[u8]) -> Option<(Dlc, &[u8])> {
+    let (code, hex) = match text {
+        [b'1', units @ b'0'..=b'5', hex @ ..] if hex.len().is_multiple_of(2) => {
+            (10 + units - b'0', hex)
+        }
+        [code, hex @ ..] => (hex_digit(*code)?, hex),
+        [] => return None,
+    };
+    Some((Dlc::new(code)?, hex))
 }
 
 fn digit(text: &[u8]) -> Option<u8> {

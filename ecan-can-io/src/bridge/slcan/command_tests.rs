@@ -72,10 +72,27 @@ fn flag_in_extended_identifier_is_ignored() {
     }
 }
 
+/// SavvyCAN writes length codes in decimal digits.
+#[test]
+fn length_code_may_have_two_decimal_digits() {
+    for (code, length) in [(10, 16), (13, 32), (15, 64)] {
+        let line = format!("b123{code}{}", "5A".repeat(length));
+        let frame = CanFrame::fd(standard(0x123), &[0x5A; 64][..length], true, false).unwrap();
+        assert_eq!(parse(line.as_bytes()), Ok(SlcanCommand::Transmit(frame)), "{line}");
+    }
+    // One byte that begins with 0, no length code of 10.
+    let one = CanFrame::classic(standard(0x123), &[0x05]).unwrap();
+    assert_eq!(parse(b"t123105"), Ok(SlcanCommand::Transmit(one)));
+    for line in ["t12310", "b1231005", "b123155A", "b12316"] {
+        assert_eq!(parse(line.as_bytes()), Err(UnknownCommand), "{line}");
+    }
+}
+
 #[test]
 fn longest_frame_is_longest_line() {
     let frame = CanFrame::fd(extended(1), &[0xA5; 64], true, false).unwrap();
-    assert_eq!(text(&frame, None).len(), MAX_LINE + 1);
+    // Its length code has one digit here, and there is a carriage return.
+    assert_eq!(text(&frame, None).len(), MAX_LINE);
     assert!(text(&frame, None).starts_with("B00000001FA5"));
 }
 
