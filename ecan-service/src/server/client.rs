@@ -278,7 +278,32 @@ impl IncidentLog {
 
 #[cfg(test)]
 mod tests {
+    use ecan_protocol::can::{CanFrame, CanId};
+
     use super::*;
+    use crate::protocol::{Access, FrameEvent, FrameReport};
+    use crate::server::config::Permission;
+    use crate::server::job_queue::Requester;
+
+    /// The service waits until the client reads, and does not block meanwhile.
+    #[test]
+    fn client_that_does_not_read_is_polled_for_output() {
+        let (service, client) = std::os::unix::net::UnixStream::pair().unwrap();
+        let permission = Permission { access: Access::Read, reason: None };
+        let session = Session::new(Requester { client: 1, user: 0 }, permission, 4 << 20, 1);
+        let mut client_of_service = Client::new(service.into(), session, None);
+        assert_eq!(client_of_service.poll_flags(), PollFlags::IN);
+        let frame = CanFrame::classic(CanId::standard(1).unwrap(), &[0; 8]).unwrap();
+        let event = FrameEvent::Received;
+        let report = FrameReport { time_ns: 0, gateway: 0, channel: 0, tag: 0, event, frame };
+        (0..50_000).for_each(|_| client_of_service.session.output.push_frame(&report));
+        client_of_service.write();
+        assert!(!client_of_service.session.output.pending().is_empty(), "the socket is full");
+        assert_eq!(client_of_service.poll_flags(), PollFlags::IN | PollFlags::OUT);
+        drop(client);
+        client_of_service.write();
+        assert!(client_of_service.is_over());
+    }
 
     fn check(admission: &Admission, user: u32, users: &[(u32, usize)]) -> Result<(), String> {
         let users = users.iter().flat_map(|(user, count)| std::iter::repeat_n(*user, *count));
