@@ -47,7 +47,7 @@ fn run(arguments: &Arguments) -> Result<bool, Box<dyn Error>> {
     let nodes = ecan_lite::config::load_nodes(path)?;
     let settings = ecan_lite::config::load_network_settings(path)?;
     let interrupt = Interrupt::install()?;
-    let backend = arguments.master.open("drives", &config.adapter)?;
+    let backend = arguments.master.open("drives", ecan_lite::config::load_ecrt_options(path)?)?;
     let mut port = Port::open(&backend.ecrt, (config.adapter, config.port))?;
     if !wait_ready(&mut port, &interrupt)? {
         return Ok(true);
@@ -112,18 +112,7 @@ fn move_axes(
     cycles: u64,
     interrupt: &Interrupt,
 ) -> Result<(), Box<dyn Error>> {
-    let mut shown: Vec<String> = Vec::new();
-    cia402
-        .blocking(port, STARTUP)
-        .on_progress(|axis| {
-            shown.resize(shown.len().max(axis.axis + 1), String::new());
-            let text = axis.phase.to_string();
-            if shown[axis.axis] != text {
-                print_line!("{axis}");
-                shown[axis.axis] = text;
-            }
-        })
-        .start_up()?;
+    cia402.blocking(port, STARTUP).on_progress(|axis| print_line!("{axis}")).start_up()?;
     for _ in 0..cycles {
         let mut cycle = port.next_cycle();
         cia402.process_rx(&mut cycle);

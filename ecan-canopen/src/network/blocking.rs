@@ -113,7 +113,7 @@ impl Blocking<'_> {
         })
     }
 
-    /// Executes a configuration to its end. `progress` is called in every cycle for every node.
+    /// Executes a configuration to its end. `progress` is called for each step of a node, at its begin.
     ///
     /// # Errors
     /// [`WaitError::Step`] with the first node that failed, after all others have ended.
@@ -122,9 +122,14 @@ impl Blocking<'_> {
         configurator: &mut Configurator,
         mut progress: impl FnMut(&Progress),
     ) -> Result<(), WaitError> {
+        let mut changes = Changes::default();
         self.run(|network, now_ns| {
             let state = configurator.step(network, now_ns);
-            configurator.progress(now_ns).for_each(|node| progress(&node));
+            for (nth, node) in configurator.progress(now_ns).enumerate() {
+                if changes.is_new(nth, (node.done, node.failure.is_some())) {
+                    progress(&node);
+                }
+            }
             match state {
                 Configuring::Running => None,
                 Configuring::Done => Some(Ok(())),
@@ -133,8 +138,8 @@ impl Blocking<'_> {
         })?
     }
 
-    /// Waits until all mandatory nodes are booted, or one has failed. `progress` is called in every cycle for every
-    /// node.
+    /// Waits until all mandatory nodes are booted, or one has failed. `progress` is called for each phase of a
+    /// node, at its begin.
     ///
     /// # Errors
     /// As each call.
@@ -142,8 +147,13 @@ impl Blocking<'_> {
         &mut self,
         mut progress: impl FnMut(&BootProgress),
     ) -> Result<BootState, WaitError> {
+        let mut changes = Changes::default();
         self.run(|network, now_ns| {
-            network.boot_progress(now_ns).for_each(|node| progress(&node));
+            for (nth, node) in network.boot_progress(now_ns).enumerate() {
+                if changes.is_new(nth, node.phase) {
+                    progress(&node);
+                }
+            }
             Some(network.boot_state()).filter(|state| *state != BootState::Running)
         })
     }
@@ -271,5 +281,26 @@ fn run<T>(
         if waited > timeout {
             return Err(error.map_or(WaitError::TimedOut { waited }, WaitError::from));
         }
+    }
+}
+
+/// States of items that were reported last, so that only changes are reported.
+#[derive(Debug)]
+pub struct Changes<S>(Vec<Option<S>>);
+
+impl<S> Default for Changes<S> {
+    fn default() -> Self {
+        Self(Vec::new())
+    }
+}
+
+impl<S: PartialEq + Copy> Changes<S> {
+    /// Returns whether the state of an item, by its index, is another one than in the last call, and the
+    /// first time.
+    pub fn is_new(&mut self, item: usize, state: S) -> bool {
+        if self.0.len() <= item {
+            self.0.resize(item + 1, None);
+        }
+        self.0.get_mut(item).and_then(|last| last.replace(state)) != Some(state)
     }
 }

@@ -23,7 +23,7 @@ mod sdo;
 mod service_sender;
 mod storage;
 
-pub use blocking::{Blocking, run_cycle_uninterrupted, run_cycle_until};
+pub use blocking::{Blocking, Changes, run_cycle_uninterrupted, run_cycle_until};
 pub use boot::{
     BootConfig, BootError, BootPhase, BootProgress, BootReset, BootState, ConfigurationDate,
     IdentityCheck, Parameter, ParameterError, ParameterSet, RevisionCheck, Subject,

@@ -5,9 +5,9 @@ use std::io::Write;
 use std::time::Duration;
 
 use ecan_canopen::{
-    BootPhase, BootProgress, BootState, Configurator, Configuring, Lss, LssCommand, LssFailure,
-    LssResult, Network, NodeHandle, Sdo, SdoStartError, Step, WaitError, run_cycle_uninterrupted,
-    run_cycle_until,
+    BootPhase, BootProgress, BootState, Changes, Configurator, Configuring, Lss, LssCommand,
+    LssFailure, LssResult, Network, NodeHandle, Sdo, SdoStartError, Step, WaitError,
+    run_cycle_uninterrupted, run_cycle_until,
 };
 use ecan_mcan_port::Port;
 
@@ -16,7 +16,7 @@ use super::shutdown::Shutdown;
 use super::table_config::{AxisTimeout, BootTimeout, Cia402Error};
 use crate::axis::axis::{Axis, AxisCommand, StopKind};
 use crate::axis::setup::SetupState;
-use crate::axis::status::AxisProgress;
+use crate::axis::status::{AxisError, AxisPhase, AxisProgress};
 use crate::axis::task::AxisState;
 use crate::guard::terms::GuardState;
 
@@ -43,6 +43,7 @@ pub struct Blocking<'a> {
     port: &'a mut Port,
     timeout: Duration,
     progress: Box<dyn FnMut(&AxisProgress) + 'a>,
+    reported: Changes<(AxisPhase, Option<AxisError>)>,
 }
 
 impl fmt::Debug for Blocking<'_> {
@@ -51,12 +52,26 @@ impl fmt::Debug for Blocking<'_> {
     }
 }
 
+/// Reports the axes whose phase or error is new.
+fn report(
+    table: &Cia402,
+    reported: &mut Changes<(AxisPhase, Option<AxisError>)>,
+    progress: &mut dyn FnMut(&AxisProgress),
+) {
+    for axis in table.axes() {
+        let axis = axis.progress();
+        if reported.is_new(axis.axis, (axis.phase, axis.error)) {
+            progress(&axis);
+        }
+    }
+}
+
 impl<'a> Blocking<'a> {
     pub(super) fn new(table: &'a mut Cia402, port: &'a mut Port, timeout: Duration) -> Self {
-        Self { table, port, timeout, progress: Box::new(|_| {}) }
+        Self { table, port, timeout, progress: Box::new(|_| {}), reported: Changes::default() }
     }
 
-    /// Calls `progress` for every axis in every cycle.
+    /// Calls `progress` for each axis at the start, and when its phase or its error changes.
     #[must_use]
     pub fn on_progress(self, progress: impl FnMut(&AxisProgress) + 'a) -> Self {
         Self { progress: Box::new(progress), ..self }
@@ -188,10 +203,10 @@ impl<'a> Blocking<'a> {
         what: &'static str,
         is_complete: impl Fn(&Cia402) -> bool,
     ) -> Result<(), Cia402Error> {
-        let Self { table, port, timeout, progress } = self;
+        let Self { table, port, timeout, progress, reported } = self;
         let ended = run_cycle_uninterrupted(port, *timeout, |cycle, _| {
             table.serve(cycle);
-            table.axes().for_each(|axis| progress(&axis.progress()));
+            report(table, reported, progress);
             (table.all_stopped() && is_complete(table)).then_some(())
         });
         let Err(error) = ended else { return Ok(()) };
@@ -210,11 +225,11 @@ impl<'a> Blocking<'a> {
         what: &'static str,
         status: impl Fn(&Axis) -> WaitStatus,
     ) -> Result<(), Cia402Error> {
-        let Self { table, port, timeout, progress } = self;
+        let Self { table, port, timeout, progress, reported } = self;
         let start_ns = table.now_ns;
         let ended = run_cycle_until(port, *timeout, |cycle, _| {
             table.serve(cycle);
-            table.axes().for_each(|axis| progress(&axis.progress()));
+            report(table, reported, progress);
             let is_waiting = |axis: &Axis| status(axis) == WaitStatus::Waiting;
             (!table.axes.iter().any(is_waiting)).then_some(())
         });
@@ -231,8 +246,8 @@ impl<'a> Blocking<'a> {
     }
 
     /// Waits until all mandatory nodes are booted ([`Network::boot`]). If one
-    /// fails, it waits for the end of the other boot-ups of mandatory nodes. `progress` is called for every
-    /// node in every cycle.
+    /// fails, it waits for the end of the other boot-ups of mandatory nodes. `progress` is called for each
+    /// phase of a node, at its begin.
     ///
     /// # Errors
     /// [`Cia402Error::BootTimeout`] names the mandatory nodes that are not booted, with the cause of each;
@@ -243,14 +258,17 @@ impl<'a> Blocking<'a> {
     ) -> Result<(), Cia402Error> {
         let table = &mut *self.table;
         let start_ns = table.now_ns;
+        let mut changes = Changes::default();
         let ended = run_cycle_until(self.port, self.timeout, |cycle, now_ns| {
             table.serve(cycle);
             let mut is_booting = false;
-            for node in table.network.boot_progress(now_ns) {
+            for (nth, node) in table.network.boot_progress(now_ns).enumerate() {
                 let has_begun = node.phase != BootPhase::Waiting;
                 let has_ended = matches!(node.phase, BootPhase::Booted | BootPhase::Failed);
                 is_booting |= node.is_mandatory && has_begun && !has_ended;
-                progress(&node);
+                if changes.is_new(nth, node.phase) {
+                    progress(&node);
+                }
             }
             match table.network.boot_state() {
                 BootState::Booted => Some(()),

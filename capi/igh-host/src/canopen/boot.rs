@@ -108,31 +108,6 @@ impl igh_canopen_boot_progress_t {
     }
 }
 
-/// Calls the application when the phase of a node changes.
-pub(super) struct BootReporter {
-    callback: Option<ProgressCallback>,
-    /// By node.
-    nodes: Vec<(NodeAddress, Option<BootPhase>)>,
-}
-
-impl BootReporter {
-    pub(super) fn new(callback: Option<ProgressCallback>, network: &Network) -> Self {
-        let addresses = network.handles().filter_map(|handle| network.address(handle));
-        Self { callback, nodes: addresses.map(|address| (address, None)).collect() }
-    }
-
-    pub(super) fn see(&mut self, progress: &BootProgress) {
-        let Some(callback) = self.callback else { return };
-        let found = self.nodes.iter_mut().enumerate();
-        let mut found = found.filter(|(_, (address, _))| *address == progress.address);
-        let Some((node, (_, reported))) = found.next() else { return };
-        if reported.replace(progress.phase) != Some(progress.phase) {
-            let text = CString::new(progress.to_string()).unwrap_or_default();
-            callback.report(node, &text);
-        }
-    }
-}
-
 /// In place of a node in igh_canopen_boot_again(): all nodes that boot.
 pub const IGH_CANOPEN_ALL_NODES: usize = 0xFFFF_FFFF;
 
@@ -229,9 +204,17 @@ pub fn igh_canopen_wait_booted_timeout(context: *mut igh_cia402_context_t, timeo
     bus.run_to_end(call)?;
     let callback = bus.axes_mut().and_then(|axes| axes.boot_progress);
     let (cia402, port) = bus.need_axes(call)?;
-    let mut reporter = BootReporter::new(callback, cia402.network());
+    let network = cia402.network();
+    let nodes: Vec<_> = network.handles().map(|handle| network.address(handle)).collect();
     let mut waiting = cia402.blocking(port, duration(timeout_ms));
-    waiting.wait_booted(|node| reporter.see(node)).or_code(call)
+    let booted = waiting.wait_booted(|progress| {
+        let node = nodes.iter().position(|address| *address == Some(progress.address));
+        if let (Some(callback), Some(node)) = (callback, node) {
+            let text = CString::new(progress.to_string()).unwrap_or_default();
+            callback.report(node, &text);
+        }
+    });
+    booted.or_code(call)
 }
 
 /// Boots a node again, with its configured reset: after a change of its parameters by hand, for

@@ -299,10 +299,16 @@ fn wait(
     work: impl FnOnce(&mut Blocking<'_>) -> Result<(), Cia402Error>,
 ) -> Result<(), ecan_result_t> {
     bus.run_to_end(call)?;
-    let mut reporter = Reporter::new(bus.axes_mut().and_then(|axes| axes.progress));
+    let callback = bus.axes_mut().and_then(|axes| axes.progress);
     let (cia402, port) = bus.need_axes(call)?;
     let waiting = cia402.blocking(port, duration(timeout_ms));
-    work(&mut waiting.on_progress(|progress| reporter.see(progress))).or_code(call)
+    let mut waiting = waiting.on_progress(|progress| {
+        if let Some(callback) = callback {
+            let text = CString::new(progress.to_string()).unwrap_or_default();
+            callback.report(progress.axis, &text);
+        }
+    });
+    work(&mut waiting).or_code(call)
 }
 
 /// Configures every drive in the mode of its axis, CSP by default, and waits: NMT, identity,
@@ -418,40 +424,6 @@ pub fn igh_cia402_shutdown_timeout(context: *mut igh_cia402_context_t, timeout_m
 }
 
 // Section: Progress of the calls that wait
-
-/// Calls the application when the progress of an axis changes.
-pub(crate) struct Reporter {
-    callback: Option<ProgressCallback>,
-    /// By axis.
-    reported: Vec<Option<ReportedProgress>>,
-}
-
-/// Part of an axis' progress whose change is reported; not the time, and not the single steps of
-/// its configuration.
-#[derive(Clone, Copy, PartialEq)]
-struct ReportedProgress {
-    phase: AxisPhase,
-    error: Option<AxisError>,
-}
-
-impl Reporter {
-    pub(crate) fn new(callback: Option<ProgressCallback>) -> Self {
-        Self { callback, reported: Vec::new() }
-    }
-
-    pub(crate) fn see(&mut self, progress: &AxisProgress) {
-        let Some(callback) = self.callback else { return };
-        let now = ReportedProgress { phase: progress.phase, error: progress.error };
-        if self.reported.len() <= progress.axis {
-            self.reported.resize(progress.axis + 1, None);
-        }
-        if self.reported[progress.axis].replace(now) == Some(now) {
-            return;
-        }
-        let text = CString::new(progress.to_string()).unwrap_or_default();
-        callback.report(progress.axis, &text);
-    }
-}
 
 /// Sets a function to which the waiting calls report the progress of the axes: at their start, and
 /// on every change. It runs inside these calls, between two cycles, so it should be quick; a call
