@@ -5,7 +5,7 @@ use std::error::Error;
 use std::io;
 use std::io::{BufRead, IsTerminal, Write};
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Mutex, OnceLock, PoisonError};
 use std::time::{Duration, Instant};
 
 use ecan_tool_support::command_line::screen;
@@ -24,6 +24,36 @@ pub struct Output {
 
 /// True after standard output has a JSON document or other data, to which none may be added.
 static IS_STDOUT_USED: AtomicBool = AtomicBool::new(false);
+
+/// Returns whether the bus of this run is simulated, once it is open.
+static IS_SIMULATED: OnceLock<bool> = OnceLock::new();
+
+/// States whether the bus of this run is simulated: each JSON document has it from now on.
+pub fn set_simulated(is_simulated: bool) {
+    // Of several buses, for example after a reconnection, the first one counts.
+    let _ = IS_SIMULATED.set(is_simulated);
+}
+
+/// JSON of an object, or of each object of a list, pretty or in one line, with `is_simulated` as its first
+/// field, unless it has this field or there is no bus.
+pub fn with_simulated(json: String) -> String {
+    let Some(is_simulated) = IS_SIMULATED.get() else { return json };
+    mark(json, *is_simulated)
+}
+
+fn mark(json: String, is_simulated: bool) -> String {
+    // Quotation marks in texts are escaped, and texts have no line breaks: the patterns match structure only.
+    let field = |gap: &str| format!("\"is_simulated\":{gap}{is_simulated},");
+    if json.contains("\"is_simulated\":") {
+        json
+    } else if json.starts_with("{\n") {
+        json.replacen("{\n", &format!("{{\n  {}\n", field(" ")), 1)
+    } else if json.starts_with("[\n") {
+        json.replace("\n  {\n", &format!("\n  {{\n    {}\n", field(" ")))
+    } else {
+        json.replacen("{\"", &format!("{{{}\"", field("")), 1)
+    }
+}
 
 /// A failure as JSON.
 #[derive(Debug, Serialize)]
@@ -90,8 +120,8 @@ impl Output {
         let mut stream = self.stream();
         IS_STDOUT_USED.store(true, Ordering::Relaxed);
         let printed = if self.json {
-            let printed = serde_json::to_writer_pretty(&mut stream, data);
-            printed.map_err(io::Error::from).and_then(|()| writeln!(stream))
+            let json = serde_json::to_string_pretty(data).map_err(io::Error::from);
+            json.and_then(|json| writeln!(stream, "{}", with_simulated(json)))
         } else {
             text(&mut stream)
         };
@@ -134,7 +164,7 @@ impl Output {
         causes.retain(|cause| !text.contains(cause));
         if let Ok(line) = serde_json::to_string(&FailureReport { error: text, status, causes }) {
             let mut stream = self.stream();
-            let _ = writeln!(stream, "{line}").and_then(|()| stream.flush());
+            let _ = writeln!(stream, "{}", with_simulated(line)).and_then(|()| stream.flush());
         }
     }
 
@@ -325,6 +355,25 @@ pub fn confirm(
 
 #[cfg(test)]
 mod tests {
+    use serde_json::{Value, json};
+
+    #[test]
+    fn each_object_of_a_document_states_the_simulation() {
+        let item = json!({ "name": "a \n{\"is\": 1}", "inner": [{ "n": 1 }] });
+        let marked =
+            |text: String| -> Value { serde_json::from_str(&super::mark(text, true)).unwrap() };
+        let mut expected = item.clone();
+        expected["is_simulated"] = true.into();
+        let pretty = serde_json::to_string_pretty(&item).unwrap();
+        assert_eq!(marked(pretty.clone()), expected);
+        assert_eq!(marked(item.to_string()), expected);
+        assert_eq!(super::mark(super::mark(pretty.clone(), true), true), super::mark(pretty, true));
+        let list = serde_json::to_string_pretty(&[&item, &item]).unwrap();
+        assert_eq!(marked(list), json!([expected, expected]));
+        for text in ["[]", "{}", "[\n  1\n]"] {
+            assert_eq!(super::mark(text.to_owned(), true), text);
+        }
+    }
 
     #[test]
     fn columns_are_aligned() {

@@ -185,13 +185,14 @@ impl ServiceConnection {
 
 impl fmt::Display for ServiceConnection {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Hello { master, access, .. } = self.hello();
+        let Hello { master, access, is_simulated, .. } = self.hello();
         let access = match access {
             Access::Read => "read-only",
             Access::Control => "control",
         };
         let (address, program) = (&self.address, self.program());
-        write!(f, "via {address}: {program}, master {master}, {access}")
+        let simulated = if *is_simulated { ", SIMULATED" } else { "" };
+        write!(f, "via {address}: {program}, master {master}, {access}{simulated}")
     }
 }
 

@@ -23,6 +23,7 @@ use super::link::BusFrame;
 use super::signals;
 use super::signals::{DecodedMessage, Signals};
 use crate::context::{Failure, Result, note};
+use crate::output::with_simulated;
 
 /// Maximum number of queued frames: some seconds of four full channels.
 const QUEUE: usize = 1 << 17;
@@ -346,7 +347,7 @@ fn json(timed: &TimedFrame, decoded: Option<DecodedMessage>) -> String {
         gap_images: timed.gap,
         decoded,
     };
-    serde_json::to_string(&line).unwrap_or_default()
+    with_simulated(serde_json::to_string(&line).unwrap_or_default())
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]

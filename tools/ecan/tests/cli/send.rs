@@ -12,7 +12,9 @@ fn frames_are_sent_and_confirmed() {
     assert_eq!(simulated(&several), expected);
     let fd = ["send", "--data-bitrate", "2000000", "123##1AABB", "--json"];
     let sent = json_of(&simulated(&fd));
-    assert_eq!(sent, serde_json::json!({ "channel": 0, "frames": ["123##1AABB"] }));
+    let expected =
+        serde_json::json!({ "is_simulated": true, "channel": 0, "frames": ["123##1AABB"] });
+    assert_eq!(sent, expected);
     // More than an image holds.
     let many: Vec<String> = (0..200).map(|id| format!("{id:03X}#1122334455667788")).collect();
     let arguments: Vec<&str> =

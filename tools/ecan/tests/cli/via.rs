@@ -188,8 +188,11 @@ fn commands_work_in_parallel_through_one_service() {
 fn every_command_finds_and_reports_the_service() {
     let application = Application::start(Control::Owner);
     let path = application.directory.path().join(SOCKET);
-    let note =
-        format!("via {}: cell 1.0 (pid {}), master 0, control", path.display(), std::process::id());
+    let note = format!(
+        "via {}: cell 1.0 (pid {}), master 0, control, SIMULATED",
+        path.display(),
+        std::process::id()
+    );
     let files = Scenario::new("");
     let log = files.write("a.log", "(0.000000) can0 123#00\n");
     let file = files.write("cell.toml", &good(&["config", "example"]));

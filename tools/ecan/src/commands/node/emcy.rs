@@ -12,6 +12,7 @@ use super::node_target::{JsonTarget, LiveViewArguments, PositionalTarget};
 use super::object_value::error_text;
 use crate::context::{Context, Failure, Output, Result, Tone};
 use crate::frames::FrameOptions;
+use crate::output::with_simulated;
 
 #[derive(Debug, Args)]
 pub struct EmcyArguments {
@@ -169,7 +170,7 @@ fn print_message(message: &Message, context: &Context) -> Result {
     let mut stream = context.output.stream();
     if context.global.json {
         let json = serde_json::to_string(message).map_err(std::io::Error::from)?;
-        writeln!(stream, "{json}")?;
+        writeln!(stream, "{}", with_simulated(json))?;
     } else {
         let Message { seconds, code, text, error_register, manufacturer } = message;
         let tone = if *code == 0 { Tone::Good } else { Tone::Bad };

@@ -133,7 +133,7 @@ fn print_live(
     let mut stream = context.output.stream();
     if context.global.json {
         let json = serde_json::to_string(&live).map_err(std::io::Error::from)?;
-        writeln!(stream, "{json}")?;
+        writeln!(stream, "{}", output::with_simulated(json))?;
     } else {
         let value = |value: &LiveValue| {
             let name = match value.name.is_empty() {

@@ -9,6 +9,7 @@ use serde::Serialize;
 use super::exchange::{ChannelCounters, ChannelState, Counts};
 use super::plan::{Route, TestStep};
 use crate::context::{Failure, Output, Result, Tone};
+use crate::output::with_simulated;
 
 #[derive(Debug, Serialize)]
 pub(super) struct Check {
@@ -156,7 +157,7 @@ impl GatewayReport {
             None => format!("position-{position}"),
         };
         let text = serde_json::to_string_pretty(self).map_err(std::io::Error::from)?;
-        let path = write_new(directory, &name, &(text + "\n"))?;
+        let path = write_new(directory, &name, &(with_simulated(text) + "\n"))?;
         self.file = Some(path.display().to_string());
         Ok(())
     }
