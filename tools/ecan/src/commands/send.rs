@@ -4,6 +4,7 @@ use clap::Args;
 use ecan_can_io::candump::{FrameText, parse_frame};
 use ecan_protocol::can::CanFrame;
 use ecan_protocol::mapping::Direction;
+use ecan_protocol::text::Printable;
 use serde::Serialize;
 
 use crate::context::{Context, Failure, Result};
@@ -70,7 +71,12 @@ fn parse(text: &str) -> Result<Word, String> {
         None if is_name(text) && !text.is_empty() => Ok(Word::Message(text.to_owned())),
         _ => {
             let frame = parse_frame(&text.replace('.', ""));
-            frame.map(Word::Frame).map_err(|error| error.to_string())
+            frame.map(Word::Frame).map_err(|error| match text.strip_prefix("0x") {
+                Some(rest) if parse_frame(rest).is_ok() => {
+                    format!("an ID has no prefix: {}", Printable(rest))
+                }
+                _ => error.to_string(),
+            })
         }
     }
 }

@@ -114,7 +114,7 @@ pub fn can_config(config: &PortConfig, gateway: usize, channel: u8) -> Option<&M
 
 /// Returns whether an argument is a channel name, which can-utils accept as an interface.
 pub fn names_channel(text: &str) -> bool {
-    text.starts_with("can") && parse_channel(text).is_ok()
+    parse_channel(text).is_ok()
 }
 
 /// Entries of 0x8001..0x8004 for the bit timing besides the bit rates: timing mode, non-ISO CAN FD,
