@@ -5,15 +5,11 @@ use ecan_lite::prelude::*;
 fn main() -> Result<()> {
     let gateway = GatewayConfig::on_channel(0, ChannelConfig::classic(1_000_000));
     let config = Config::new(Duration::from_millis(2)).with_gateway(gateway);
-    let mut port = Port::open(&Ecrt::open()?, config)?;
-    port.wait_ready()?;
-
     let node = NodeId::new(1).ok_or("invalid node-ID")?;
     let shoulder = NodeAddress { slave: 0, channel: 0, node };
     let table = vec![AxisConfig::new(shoulder).with_target_step(20)];
-    let axes = Cia402::new(&port, table, Cia402Config::default())?;
     // Stops the axes when it is dropped, also after an error.
-    let mut owner = AxisOwner::new(port, axes);
+    let mut owner = ecan_lite::open_axes(config, table, Cia402Config::default())?;
     let (port, axes) = owner.parts();
     let timeout = Duration::from_secs(10);
     axes.blocking(port, timeout).on_progress(|axis| println!("{axis}")).start_up()?;

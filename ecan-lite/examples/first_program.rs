@@ -5,7 +5,7 @@ use ecan_lite::prelude::*;
 fn main() -> Result<()> {
     let gateway = GatewayConfig::on_channel(0, ChannelConfig::classic(1_000_000));
     let config = Config::new(Duration::from_millis(10)).with_gateway(gateway);
-    let mut port = Port::open(&Ecrt::open()?, config)?;
+    let mut port = ecan_lite::open(config)?;
     port.wait_ready()?;
     let can0 = port.channel(0, 0)?;
     let id = CanId::standard(0x123)?;

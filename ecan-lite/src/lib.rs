@@ -32,7 +32,9 @@ mod open;
 mod plan_table;
 
 pub use error::{Error, Result};
-pub use open::{EcrtOptions, OpenEcrt, OpenedEcrt};
+#[cfg(feature = "cia402")]
+pub use open::open_axes;
+pub use open::{EcrtOptions, OpenEcrt, OpenedEcrt, open};
 pub use plan_table::plan_table;
 
 /// EtherCAT master, domains, startup SDOs, distributed clocks and real-time cycle (manual 15.5.2).

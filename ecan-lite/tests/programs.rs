@@ -85,6 +85,14 @@ fn first_axis_moves_and_stops() {
 }
 
 #[test]
+fn plain_simulator_has_the_axis_of_the_program() {
+    let output = run("first_axis", "sim");
+    let errors = text(&output.stderr);
+    assert!(output.status.success(), "{}\n{errors}", text(&output.stdout));
+    assert!(errors.starts_with("SIMULATED") && errors.contains("Scenario drives"), "{errors}");
+}
+
+#[test]
 fn missing_library_is_one_readable_line() {
     for program in ["first_program", "first_axis"] {
         let output = run(program, "/no/such/libethercat.so");

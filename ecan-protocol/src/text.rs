@@ -86,6 +86,44 @@ impl Write for Escaping<'_, '_> {
     }
 }
 
+/// The known word that a misspelled one may mean: at most two letters have to be added, removed or
+/// changed.
+///
+/// ```
+/// use ecan_protocol::text::closest;
+///
+/// assert_eq!(closest("drive", &["echo", "drives"]), Some("drives"));
+/// assert_eq!(closest("motor", &["echo", "drives"]), None);
+/// ```
+pub fn closest<'k>(word: &str, known: &[&'k str]) -> Option<&'k str> {
+    let distances = known.iter().map(|known| (distance(word, known), *known));
+    distances.min().filter(|(distance, _)| *distance <= 2).map(|(_, known)| known)
+}
+
+/// Longest word that is compared, in letters.
+const MAX_WORD: usize = 47;
+
+/// Number of letters to add, remove or change; `usize::MAX` of a longer word.
+fn distance(from: &str, to: &str) -> usize {
+    let length = to.chars().count();
+    let mut row: [usize; MAX_WORD + 1] = core::array::from_fn(|letters| letters);
+    if length > MAX_WORD {
+        return usize::MAX;
+    }
+    for (nth, letter) in from.chars().enumerate() {
+        let mut diagonal = nth;
+        let mut left = nth + 1;
+        row[0] = left;
+        for (cell, other) in row.iter_mut().skip(1).zip(to.chars()) {
+            let changed = diagonal + usize::from(letter != other);
+            diagonal = *cell;
+            left = changed.min(left + 1).min(*cell + 1);
+            *cell = left;
+        }
+    }
+    row.get(length).copied().unwrap_or(usize::MAX)
+}
+
 #[cfg(test)]
 mod tests {
     extern crate std;

@@ -11,7 +11,7 @@ use crate::backend_error::BackendError;
 use crate::ecrt::simulated_library;
 use crate::node::BridgeFactory;
 use crate::scenario;
-use crate::scenario::{BUILTIN_SCENARIOS, ClockKind, Scenario};
+use crate::scenario::{ClockKind, ConfiguredDrive, Scenario};
 use crate::simulation::Simulation;
 
 /// File name of standard input.
@@ -22,15 +22,15 @@ const STANDARD_INPUT: &str = "-";
 pub enum ScenarioChoice {
     /// The scenario that the program suggests, see [`SimOptions::suggested`].
     Suggested,
-    /// A built-in scenario.
+    /// A built-in scenario, or the number of gateways with echo nodes.
     Named(String),
     /// A scenario file.
     File(PathBuf),
 }
 
 impl ScenarioChoice {
-    /// Parses the name of a built-in scenario, or of a file that ends in `.toml`; `-` is a file on
-    /// standard input.
+    /// Parses the name of a built-in scenario, a number of gateways with echo nodes, or the name of a
+    /// file that ends in `.toml`; `-` is a file on standard input.
     ///
     /// # Errors
     /// [`BackendError::UnknownScenario`].
@@ -39,10 +39,10 @@ impl ScenarioChoice {
         if is_file || name == STANDARD_INPUT {
             return Ok(Self::File(PathBuf::from(name)));
         }
-        if BUILTIN_SCENARIOS.contains(&name) {
-            return Ok(Self::Named(name.to_owned()));
+        match scenario::by_name(name, 1) {
+            Some(_) => Ok(Self::Named(name.to_owned())),
+            None => Err(BackendError::UnknownScenario(name.to_owned())),
         }
-        Err(BackendError::UnknownScenario(name.to_owned()))
     }
 
     /// Choice of a simulated [`EcrtSetting`].
@@ -63,8 +63,11 @@ pub struct SimOptions {
     pub clock: Option<ClockKind>,
     /// Replaces the scenario's seed.
     pub seed: Option<u64>,
-    /// Number of gateways of a built-in scenario; `None` is 1.
-    pub slaves: Option<usize>,
+    /// Station aliases of the gateways of a built-in scenario, in the order of the bus; 0 is none.
+    /// Empty is one gateway without alias.
+    pub gateways: Vec<u16>,
+    /// Drives that the program configures: a plain `sim` has them in place of the suggested scenario.
+    pub drives: Vec<ConfiguredDrive>,
     /// Replaces the scenario's `carries_large_pdos`.
     pub carries_large_pdos: Option<bool>,
     /// Makes the bridges of a scenario file; without it a scenario with a bridge is an error.
@@ -149,11 +152,22 @@ pub fn open_scenario(scenario: Scenario, options: &SimOptions) -> Result<Backend
 }
 
 fn choose(choice: &ScenarioChoice, options: &SimOptions) -> Result<Scenario, BackendError> {
+    let gateways = options.gateways.len().max(1);
+    let with_aliases = |mut scenario: Scenario| {
+        for (gateway, alias) in scenario.gateways.iter_mut().zip(&options.gateways) {
+            gateway.alias = *alias;
+        }
+        scenario
+    };
     let named = |name: &str| {
-        scenario::by_name(name, options.slaves.unwrap_or(1))
+        scenario::by_name(name, gateways)
+            .map(with_aliases)
             .ok_or_else(|| BackendError::UnknownScenario(name.to_owned()))
     };
     match choice {
+        ScenarioChoice::Suggested if !options.drives.is_empty() => {
+            Ok(with_aliases(scenario::configured(gateways, &options.drives)))
+        }
         ScenarioChoice::Suggested => named(options.suggested.as_deref().unwrap_or("echo")),
         ScenarioChoice::Named(name) => named(name),
         ScenarioChoice::File(path) => {
@@ -190,8 +204,37 @@ mod tests {
         let error = open(&EcrtSetting::parse("sim:ecco"), &SimOptions::default()).unwrap_err();
         assert_eq!(
             error.to_string(),
-            "unknown scenario \"ecco\"; allowed: echo, drives, jitter, or a file name that ends in .toml"
+            "unknown scenario \"ecco\" (did you mean echo?); allowed: echo, drives, jitter, a number of \
+             gateways from 1 to 100, or a file name that ends in .toml"
         );
+    }
+
+    #[test]
+    fn number_is_that_of_the_gateways() {
+        let gateways = |name| {
+            let choice = ScenarioChoice::parse(name)?;
+            load_scenario(&choice, &SimOptions::default()).map(|scenario| scenario.gateways.len())
+        };
+        assert_eq!(gateways("3").unwrap(), 3);
+        for wrong in ["0", "101", "-1"] {
+            assert!(matches!(gateways(wrong), Err(BackendError::UnknownScenario(_))), "{wrong}");
+        }
+    }
+
+    #[test]
+    fn plain_sim_has_the_gateways_and_drives_of_the_program() {
+        let node = ecan_canopen::NodeId::new(9).unwrap();
+        let drive = ConfiguredDrive { gateway: 2, channel: 1, node, axes: 2, eds: None };
+        let options =
+            SimOptions { gateways: vec![0, 7], drives: vec![drive], ..SimOptions::default() };
+        let scenario = load_scenario(&ScenarioChoice::Suggested, &options).unwrap();
+        let aliases: Vec<u16> = scenario.gateways.iter().map(|gateway| gateway.alias).collect();
+        assert_eq!(aliases, [0, 7, 0]);
+        let of_channel: Vec<_> = scenario.nodes.iter().filter(|node| node.bus == "2.1").collect();
+        let [only] = of_channel[..] else { panic!("{of_channel:?}") };
+        let crate::scenario::NodeKind::Drive(spec) = &only.kind else { panic!("{only:?}") };
+        assert_eq!((spec.config.node, spec.config.axes), (node, 2));
+        assert_eq!(scenario.nodes.len(), 12, "echo nodes on the other channels");
     }
 
     #[test]

@@ -5,10 +5,10 @@ use std::path::PathBuf;
 
 use ecan_can_io::recording::RecordingError;
 use ecan_canopen::DeviceFileFaults;
-use ecan_protocol::text::Printable;
+use ecan_protocol::text::{Printable, closest};
 use ecrt_sys::{EnvironmentError, LoadError};
 
-use crate::scenario::{BUILTIN_SCENARIOS, ScenarioError};
+use crate::scenario::{BUILTIN_SCENARIOS, MAX_GATEWAYS, ScenarioError};
 
 /// Reason why a library or a simulation cannot be opened.
 #[derive(Debug, thiserror::Error)]
@@ -21,8 +21,11 @@ pub enum BackendError {
     Load(#[from] LoadError),
     /// No built-in scenario has this name.
     #[error(
-        "unknown scenario \"{}\"; allowed: {known}, or a file name that ends in .toml",
+        "unknown scenario \"{}\"{}; allowed: {known}, a number of gateways from 1 to {MAX_GATEWAYS}, or a \
+         file name that ends in .toml",
         Printable(.0),
+        closest(.0, BUILTIN_SCENARIOS)
+            .map_or(String::new(), |near| format!(" (did you mean {near}?)")),
         known = BUILTIN_SCENARIOS.join(", ")
     )]
     UnknownScenario(String),

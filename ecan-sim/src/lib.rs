@@ -85,8 +85,9 @@ pub use fault::{
 };
 pub use random::WakeUpDelay;
 pub use scenario::{
-    BUILTIN_SCENARIOS, ClockKind, DriveSpec, EcrtVersion, GatewaySpec, IoBehaviour, IoSpec,
-    MasterBehaviour, NodeKind, NodeSpec, Scenario, ScenarioError, Topology, drives, echo, jitter,
+    BUILTIN_SCENARIOS, ClockKind, ConfiguredDrive, DriveSpec, EcrtVersion, GatewaySpec,
+    IoBehaviour, IoSpec, MasterBehaviour, NodeKind, NodeSpec, Scenario, ScenarioError, Topology,
+    drives, echo, jitter,
 };
 pub use simulation::{AttachedNode, RealTimeRunner, RunnerError, SimClock, Simulation, UnknownBus};
 pub use world::{BusFrame, World};

@@ -14,6 +14,7 @@ use ecan_canopen::{Network, NetworkConfig, NodeAddress, NodeConfig, NodeId};
 use ecan_example_support::MasterArguments;
 use ecan_example_support::object_value::ValueType;
 use ecan_example_support::{EXIT_STATUS, report_exit};
+use ecan_lite::EcrtOptions;
 use ecan_mcan_port::{ChannelConfig, GatewayConfig, Port, PortConfig};
 use ecan_tool_support::command_line::options::parse_bit_rate;
 use ecan_tool_support::command_line::screen::parse_arguments;
@@ -101,7 +102,7 @@ fn run(arguments: &Arguments) -> Result<bool, Box<dyn Error>> {
     };
     let mut adapter = arguments.master.adapter(1, PDO_N, arguments.cycle_us);
     adapter.slaves[0].position = arguments.slave;
-    let backend = arguments.master.open("drives", &adapter)?;
+    let backend = arguments.master.open("drives", EcrtOptions::for_gateways(&adapter))?;
     let channel = ChannelConfig::classic(arguments.bitrate);
     let config = PortConfig::uniform(1, GatewayConfig::on_channel(arguments.channel, channel));
     let mut port = Port::open(&backend.ecrt, (adapter, config))?;

@@ -17,6 +17,7 @@ use ecan_example_support::{
     EXIT_STATUS, Interrupt, RealTimeArguments, RunInfo, real_time, report_exit, wait_ready,
 };
 use ecan_host::{ClockSource, ClockStatus, DcSync};
+use ecan_lite::EcrtOptions;
 use ecan_mcan_port::{ChannelConfig, GatewayConfig, Port, PortConfig};
 use ecan_tool_support::command_line::screen::{Stream, parse_arguments, print};
 use ecan_tool_support::plot::Heading;
@@ -93,7 +94,7 @@ fn open_port(arguments: &Arguments) -> Result<(Port, bool), Box<dyn Error>> {
     let gateway = GatewayConfig::on_channel(0, ChannelConfig::classic(1_000_000));
     let config = PortConfig::uniform(slaves.into(), gateway);
     print_sync0(&adapter, &config);
-    let backend = arguments.master.open("echo", &adapter)?;
+    let backend = arguments.master.open("echo", EcrtOptions::for_gateways(&adapter))?;
     arguments.thread.apply(|line| print_line!("{line}"))?;
     Ok((Port::open(&backend.ecrt, (adapter, config))?, backend.simulation.is_some()))
 }

@@ -20,6 +20,7 @@ use ecan_example_support::{
     EXIT_STATUS, Interrupt, RealTimeArguments, RunInfo, print_plan, report_exit, wait_ready,
 };
 use ecan_host::AdapterConfig;
+use ecan_lite::EcrtOptions;
 use ecan_mcan_port::{FrameStream, GatewayConfig, Port, PortConfig, RECOMMENDED_OFFSET_NS};
 use ecan_protocol::can::FrameError;
 use ecan_protocol::image::OptionFlags;
@@ -150,7 +151,7 @@ fn run(arguments: &Arguments) -> Result<bool, Box<dyn Error>> {
         return Ok(true);
     }
     let interrupt = Interrupt::install()?;
-    let backend = arguments.gateways.master.open("jitter", &adapter)?;
+    let backend = arguments.gateways.master.open("jitter", EcrtOptions::for_gateways(&adapter))?;
     let files = arguments.files();
     files.check(backend.simulation.is_some())?;
     arguments.thread.apply(|line| print_line!("{line}"))?;

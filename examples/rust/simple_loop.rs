@@ -20,6 +20,7 @@ use ecan_example_support::sync0::print_sync0;
 use ecan_example_support::{
     EXIT_STATUS, Interrupt, RealTimeArguments, print_plan, report_exit, run_options, wait_ready,
 };
+use ecan_lite::EcrtOptions;
 use ecan_mcan_port::Port;
 use ecan_protocol::can::CanId;
 use ecan_protocol::mapping::CHANNELS;
@@ -89,7 +90,8 @@ fn run(arguments: &Arguments) -> Result<bool, Box<dyn Error>> {
 
     // The EtherCAT master library, or the simulated one; then the real-time thread.
     let interrupt = Interrupt::install()?;
-    let backend = arguments.gateways.master.open("echo", &setup.adapter)?;
+    let backend =
+        arguments.gateways.master.open("echo", EcrtOptions::for_gateways(&setup.adapter))?;
     arguments.thread.apply(|line| print_line!("{line}"))?;
 
     print_sync0(&setup.adapter, &setup.port);

@@ -7,6 +7,7 @@ use std::time::Duration;
 use clap::Args;
 use ecan_cia402::{AxisConfig, Cia402, Cia402Config, axis_traffic};
 use ecan_host::{Adapter, AdapterConfig, ClockSource, DcSync, Ecrt, Faults, StartupPlan};
+use ecan_lite::EcrtOptions;
 use ecan_mcan_port::{ChannelConfig, GatewayConfig, Port, PortConfig, PortPlan, Traffic};
 use ecan_protocol::image::{EncapsulationProfile, OptionFlags};
 use ecan_protocol::mapping::CHANNELS;
@@ -48,7 +49,7 @@ pub fn run_motion(
     Faults::check(PortPlan::of(&adapter, &gateways, &traffic).faults(&adapter, &gateways))?;
     motion.check_sync0(&adapter, &gateways)?;
     let interrupt = Interrupt::install()?;
-    let backend = motion.master.open("drives", &adapter)?;
+    let backend = motion.master.open("drives", EcrtOptions::for_axes(&adapter, &axes))?;
     motion.thread.apply(|line| print_line!("{line}"))?;
     let mut port = motion.open_port(&backend.ecrt, adapter, gateways)?;
     if !wait_ready(&mut port, &interrupt)? {

@@ -7,6 +7,7 @@ use std::time::Duration;
 
 use clap::Args;
 use ecan_host::AdapterConfig;
+use ecan_lite::EcrtOptions;
 use ecan_lite::config::ConfigFileError;
 use ecan_mcan_port::{Port, PortError, Session};
 use ecan_sim::{Backend, BackendError, ClockKind, EcrtSetting, SimOptions};
@@ -83,23 +84,21 @@ impl MasterArguments {
     }
 
     /// Starts the log, opens the library that `--ecrt`, the environment or the default selects, and
-    /// prints the banner of a simulated run. A plain `sim` selects this built-in scenario, with the
-    /// gateways of the Adapter.
+    /// prints the banner of a simulated run. A plain `sim` has what the program configures, with this
+    /// built-in scenario if that are gateways only.
     ///
     /// # Errors
     /// The library or the scenario cannot be opened.
-    pub fn open(&self, scenario: &str, adapter: &AdapterConfig) -> Result<Backend, BackendError> {
+    pub fn open(&self, scenario: &str, fitting: EcrtOptions) -> Result<Backend, BackendError> {
         self.log.start();
         let setting = EcrtSetting::resolve(self.ecrt.as_deref())?;
         let clock = if self.real_time { ClockKind::Real } else { ClockKind::Stepped };
-        let last_position = adapter.slaves.iter().map(|slave| slave.position).max();
         let options = SimOptions {
             suggested: Some(scenario.into()),
             clock: Some(clock),
             seed: self.seed,
-            slaves: last_position.map(|position| usize::from(position) + 1),
-            carries_large_pdos: adapter.allow_large_pdos.then_some(true),
             bridges: Some(ecan_sim::bridge::make),
+            ..fitting.simulation
         };
         let backend = ecan_sim::open(&setting, &options)?;
         if let Some(simulation) = &backend.simulation {

@@ -24,6 +24,7 @@ use super::gateway::{CHANNEL_TABLES, EXTENDED_TABLE, STANDARD_TABLE};
 use super::network::NetworkSettings;
 use super::node::FileNode;
 use super::{axis, bus, node};
+use crate::EcrtOptions;
 
 /// Returns the complete startup sequence of a gateway (manual 5.4.3, phases A to E, and 13.2.2):
 /// checks of its capabilities, PDO assignment, profiles, channels with their filters and data paths,
@@ -173,6 +174,24 @@ pub fn load_network_settings(path: impl AsRef<Path>) -> Result<NetworkSettings, 
 /// [`ConfigFileError`]: the file cannot be read, or every fault of it, with line and column.
 pub fn load_profiles(path: impl AsRef<Path>) -> Result<Vec<IncludedProfile>, ConfigFileError> {
     Ok(load_bus(path.as_ref())?.profiles)
+}
+
+/// Reads with which options a plain `sim` has the gateways of a configuration, and its nodes and axes with
+/// their device files.
+///
+/// # Errors
+/// [`ConfigFileError`]: the file cannot be read, or every fault of it, with line and column.
+pub fn load_ecrt_options(path: impl AsRef<Path>) -> Result<EcrtOptions, ConfigFileError> {
+    let path = path.as_ref();
+    let Bus { config, nodes, axes, .. } = load_bus(path)?;
+    let axes: Vec<AxisConfig> = axes.into_iter().flatten().map(|axis| axis.config).collect();
+    let mut options = EcrtOptions::for_axes(&config.adapter, &axes);
+    let directory = path.parent().unwrap_or(Path::new(""));
+    for FileNode { node, .. } in &nodes {
+        let file = node.device_file.as_ref().map(|file| directory.join(file));
+        options.add_node(&config.adapter, node.description.address, 1, file);
+    }
+    Ok(options)
 }
 
 /// Reads the settings of the service of `ecan serve`.

@@ -48,8 +48,8 @@ pub use device_profile::{DeviceProfile, IncludedProfile, ProfileEffect};
 pub use document::read_bytes;
 pub use fault::{ConfigFileError, FileFault, FileFaults};
 pub use load::{
-    load, load_axes, load_axis_names, load_network, load_network_settings, load_nodes, load_notes,
-    load_profiles, load_service, parse, parse_axes, parse_with, startup,
+    load, load_axes, load_axis_names, load_ecrt_options, load_network, load_network_settings,
+    load_nodes, load_notes, load_profiles, load_service, parse, parse_axes, parse_with, startup,
 };
 pub use network::NetworkSettings;
 pub use node::parse_bus_yml;

@@ -478,12 +478,52 @@ fn built_in_drive(gateway: usize, channel: usize, bus: &str, node: NodeId) -> No
     }
 }
 
-/// A built-in scenario by its name.
+/// Most gateways of `sim:COUNT`.
+pub(crate) const MAX_GATEWAYS: usize = 100;
+
+/// A built-in scenario by its name, or the number of its gateways, which have echo nodes then.
 pub(crate) fn by_name(name: &str, gateways: usize) -> Option<Scenario> {
     match name {
         "echo" => Some(echo(gateways)),
         "jitter" => Some(jitter(gateways)),
         "drives" => Some(drives(gateways, DRIVES_PER_CHANNEL)),
-        _ => None,
+        count => {
+            let count = count.parse().ok().filter(|count| (1..=MAX_GATEWAYS).contains(count));
+            count.map(echo)
+        }
     }
+}
+
+/// A drive that a program configures.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ConfiguredDrive {
+    /// Its gateway, counted from 0.
+    pub gateway: usize,
+    /// Its channel, 0 to 3.
+    pub channel: u8,
+    /// Its node-ID.
+    pub node: NodeId,
+    /// Number of its axes, 1 to 8.
+    pub axes: u8,
+    /// Its device file; `None` is the built-in object dictionary.
+    pub eds: Option<PathBuf>,
+}
+
+/// Gateways with the drives that a program configures. A channel without any has an echo node.
+pub(crate) fn configured(gateways: usize, configured: &[ConfiguredDrive]) -> Scenario {
+    let last = configured.iter().map(|drive| drive.gateway + 1).max();
+    let mut scenario = echo(gateways.max(last.unwrap_or(0)));
+    "drives".clone_into(&mut scenario.name);
+    let bus = |drive: &ConfiguredDrive| format!("{}.{}", drive.gateway, drive.channel);
+    scenario.nodes.retain(|echo| !configured.iter().any(|drive| bus(drive) == echo.bus));
+    scenario.nodes.extend(configured.iter().map(|drive| {
+        let ConfiguredDrive { gateway, channel, node, axes, ref eds } = *drive;
+        let mut node = built_in_drive(gateway, channel.into(), &bus(drive), node);
+        if let NodeKind::Drive(spec) = &mut node.kind {
+            spec.config.axes = axes;
+            spec.eds.clone_from(eds);
+        }
+        node
+    }));
+    scenario
 }

@@ -38,8 +38,11 @@ fn exchange(program: &mut Program, frames: &[CanFrame]) -> Vec<(u32, Vec<u8>)> {
 
 #[test]
 fn built_in_scenario_has_four_drives_per_channel() {
-    let options =
-        SimOptions { clock: Some(ClockKind::Stepped), slaves: Some(3), ..SimOptions::default() };
+    let options = SimOptions {
+        clock: Some(ClockKind::Stepped),
+        gateways: vec![0; 3],
+        ..SimOptions::default()
+    };
     let setting = EcrtSetting::parse("sim:drives");
     let simulation = open(&setting, &options).unwrap().simulation.unwrap();
     assert!(simulation.banner().contains("Scenario drives: 3 gateways, 48 nodes"));

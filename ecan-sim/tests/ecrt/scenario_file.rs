@@ -303,8 +303,11 @@ fn missing_files_and_bad_logs_are_reported() {
 
 #[test]
 fn simulated_run_reports_itself() {
-    let options =
-        SimOptions { clock: Some(ClockKind::Stepped), slaves: Some(2), ..SimOptions::default() };
+    let options = SimOptions {
+        clock: Some(ClockKind::Stepped),
+        gateways: vec![0; 2],
+        ..SimOptions::default()
+    };
     let setting = EcrtSetting::parse("sim");
     let backend = open(&setting, &SimOptions { seed: Some(5), ..options }).unwrap();
     assert!(backend.ecrt.is_simulated());

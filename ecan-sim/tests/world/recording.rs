@@ -38,7 +38,7 @@ fn scenario() -> Scenario {
     let path = directory.join("recording.toml");
     std::fs::write(&path, TOML).unwrap();
     let choice = ScenarioChoice::parse(path.to_str().unwrap()).unwrap();
-    let options = SimOptions { seed: Some(77), slaves: Some(5), ..SimOptions::default() };
+    let options = SimOptions { seed: Some(77), gateways: vec![0; 5], ..SimOptions::default() };
     load_scenario(&choice, &options).unwrap()
 }
 

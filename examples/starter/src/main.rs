@@ -16,9 +16,7 @@ fn main() -> Result<()> {
     let channel = ChannelConfig::classic(1_000_000);
     let config = Config::new(CYCLE).with_gateway(GatewayConfig::on_channel(0, channel));
 
-    let ecrt = Ecrt::open()?;
-    println!("{}", ecrt.origin());
-    let mut port = Port::open(&ecrt, config)?;
+    let mut port = ecan_lite::open(config)?;
     port.wait_ready()?;
 
     let gateway = port.gateway(0)?;

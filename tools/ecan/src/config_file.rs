@@ -2,8 +2,10 @@
 
 use std::path::Path;
 
+use ecan_lite::EcrtOptions;
 use ecan_lite::config::{
-    ConfigFileError, ResolveError, ResolvedGateway, ServiceSettings, find, load, load_service,
+    ConfigFileError, ResolveError, ResolvedGateway, ServiceSettings, find, load, load_ecrt_options,
+    load_service,
 };
 use ecan_mcan_port::Config;
 use ecan_sim::ClockKind;
@@ -19,6 +21,11 @@ pub fn service(path: &Path) -> Result<ServiceSettings> {
     load_service(path).map_err(failure)
 }
 
+/// What a plain `sim` has for a file, or without one.
+pub fn ecrt_options(path: Option<&Path>) -> Result<EcrtOptions> {
+    path.map_or_else(|| Ok(EcrtOptions::default()), |path| load_ecrt_options(path).map_err(failure))
+}
+
 pub fn failure(error: ConfigFileError) -> Failure {
     match error {
         ConfigFileError::Read { path, reason } => Failure::file("read", &path, reason),
@@ -32,7 +39,8 @@ pub fn master(file: &Config, global: &GlobalOptions) -> u32 {
 }
 
 pub fn open_bus(file: &Config, context: &Context, clock: ClockKind) -> Result<Bus> {
-    context.bus_of_master(master(file, context.global), clock)
+    let options = EcrtOptions::for_gateways(&file.adapter);
+    context.bus_of_master(master(file, context.global), clock, options)
 }
 
 /// Gateways of a file on its bus: all, or the selected one.

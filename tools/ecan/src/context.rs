@@ -5,6 +5,7 @@ use std::io::ErrorKind;
 use std::path::PathBuf;
 use std::sync::Once;
 
+use ecan_lite::EcrtOptions;
 use ecan_service::client::ClientError;
 use ecan_sim::{Backend, BackendError, ClockKind, EcrtSetting, SimOptions};
 
@@ -12,6 +13,7 @@ pub use crate::bus::Bus;
 pub use crate::failure::{Failure, Result};
 pub use crate::global::GlobalOptions;
 use crate::global::Via;
+use crate::output::set_simulated;
 pub use crate::output::{FullScreen, Output, Tone, note};
 use crate::service_access::{ServiceAddress, ServiceConnection};
 
@@ -25,15 +27,21 @@ impl Context<'_> {
     /// Opens the bus through a service, or the library and the master; reports a service or a
     /// simulation on standard error.
     pub fn bus(&self) -> Result<Bus> {
-        self.bus_of_master(self.global.master(), ClockKind::Stepped)
+        self.bus_of_master(self.global.master(), ClockKind::Stepped, EcrtOptions::default())
     }
 
-    /// As [`bus`](Self::bus), with the default clock of a simulation.
-    pub fn bus_of_master(&self, master: u32, clock: ClockKind) -> Result<Bus> {
+    /// As [`bus`](Self::bus), with the default clock of a simulation, and what a plain `sim` has.
+    pub fn bus_of_master(
+        &self,
+        master: u32,
+        clock: ClockKind,
+        options: EcrtOptions,
+    ) -> Result<Bus> {
         if let Some(connection) = connect(self.global, master)? {
             return Bus::of_service(connection, self.global.slave);
         }
-        Bus::of(&self.backend(&self.setting()?, clock)?, master, self.global.slave)
+        let backend = self.backend_with(&self.setting()?, clock, options)?;
+        Bus::of(&backend, master, self.global.slave)
     }
 
     /// Redirects the output to standard error if standard output is in use.
@@ -52,9 +60,20 @@ impl Context<'_> {
         setting: &EcrtSetting,
         clock: ClockKind,
     ) -> Result<Backend, BackendError> {
-        let mut options = SimOptions { clock: Some(clock), ..SimOptions::default() };
-        options.bridges = Some(ecan_sim::bridge::make);
+        self.backend_with(setting, clock, EcrtOptions::default())
+    }
+
+    /// As [`backend`](Self::backend), with what a plain `sim` has.
+    pub fn backend_with(
+        &self,
+        setting: &EcrtSetting,
+        clock: ClockKind,
+        EcrtOptions { simulation, .. }: EcrtOptions,
+    ) -> Result<Backend, BackendError> {
+        let bridges = Some(ecan_sim::bridge::make as ecan_sim::BridgeFactory);
+        let options = SimOptions { clock: Some(clock), bridges, ..simulation };
         let backend = ecan_sim::open(setting, &options)?;
+        set_simulated(backend.ecrt.is_simulated());
         if let Some(simulation) = &backend.simulation {
             // A search for bit rates opens a simulation for each of them.
             static BANNER: Once = Once::new();
@@ -98,6 +117,7 @@ pub fn open(global: &GlobalOptions, master: u32) -> Result<Option<ServiceConnect
         None => None,
     };
     let Some(connection) = connection else { return Ok(None) };
+    set_simulated(connection.hello().is_simulated);
     let found = connection.hello().master;
     if found != master && (global.master.is_some() || global.via == Via::Auto) {
         let address = connection.address();

@@ -396,24 +396,20 @@ fn ecrt_options(config: &IghConfig) -> EcrtOptions {
     let options = EcrtOptions {
         setting: config.ecrt.as_ref().map(|text| text.get().unwrap_or_default().to_owned()),
         default_library: default_library.map(Into::into),
-        ..EcrtOptions::default()
+        ..EcrtOptions::for_gateways(&config.adapter_config())
     };
     #[cfg(feature = "sim")]
-    let options = EcrtOptions { simulation: simulation_options(config), ..options };
+    let options = with_simulation(options, config);
     options
 }
 
 #[cfg(feature = "sim")]
-fn simulation_options(config: &IghConfig) -> ecan_lite::sim::SimOptions {
-    use ecan_lite::sim::{ClockKind, SimOptions};
+fn with_simulation(mut options: EcrtOptions, config: &IghConfig) -> EcrtOptions {
+    use ecan_lite::sim::ClockKind;
 
-    let last_position = config.adapter_config().slaves.iter().map(|slave| slave.position).max();
-    SimOptions {
-        suggested: config.scenario.get().map(str::to_owned),
-        clock: Some(if config.is_stepped { ClockKind::Stepped } else { ClockKind::Real }),
-        seed: config.seed,
-        slaves: last_position.map(|position| usize::from(position) + 1),
-        carries_large_pdos: config.adapter.allow_large_pdos.then_some(true),
-        ..SimOptions::default()
-    }
+    let simulation = &mut options.simulation;
+    simulation.suggested = config.scenario.get().map(str::to_owned);
+    simulation.clock = Some(if config.is_stepped { ClockKind::Stepped } else { ClockKind::Real });
+    simulation.seed = config.seed;
+    options
 }

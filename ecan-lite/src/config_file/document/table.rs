@@ -3,7 +3,7 @@
 use std::cell::RefCell;
 use std::collections::{BTreeMap, BTreeSet};
 
-use ecan_protocol::text::Printable;
+use ecan_protocol::text::{Printable, closest};
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
@@ -201,32 +201,6 @@ pub(super) fn kind(value: &DeValue<'_>) -> &'static str {
         DeValue::Array(_) => "an array",
         DeValue::Table(_) => "a table",
     }
-}
-
-/// The known key that a misspelled one may mean.
-fn closest(name: &str, known: &[&'static str]) -> Option<&'static str> {
-    let distances = known.iter().map(|key| (distance(name, key), *key));
-    distances.min().filter(|(distance, _)| *distance <= 2).map(|(_, key)| key)
-}
-
-/// Number of letters to add, remove or change.
-fn distance(from: &str, to: &str) -> usize {
-    let to: Vec<char> = to.chars().collect();
-    let mut row: Vec<usize> = (0..=to.len()).collect();
-    for (nth, letter) in from.chars().enumerate() {
-        let mut diagonal = nth;
-        let mut left = nth + 1;
-        if let Some(first) = row.first_mut() {
-            *first = left;
-        }
-        for (cell, other) in row.iter_mut().skip(1).zip(&to) {
-            let changed = diagonal + usize::from(letter != *other);
-            diagonal = *cell;
-            left = changed.min(left + 1).min(*cell + 1);
-            *cell = left;
-        }
-    }
-    row.last().copied().unwrap_or(0)
 }
 
 /// Form of the value of a key.

@@ -1,5 +1,6 @@
 //! From a node of a file to its description: device file, names, values.
 
+use std::path::PathBuf;
 use std::sync::Arc;
 
 use ecan_canopen::{
@@ -26,6 +27,8 @@ pub(crate) struct ResolvedNode {
     pub(crate) pdos: Vec<usize>,
     /// What its device file makes different from the usual boot-up.
     pub(crate) notes: Vec<String>,
+    /// Path of its device file in the configuration.
+    pub(crate) device_file: Option<PathBuf>,
 }
 
 /// The description of a node; `None` without a node-ID. Faults of names and values are reported.
@@ -72,7 +75,8 @@ pub(crate) fn resolve(
     }
     description.device = device;
     let at = source.node.as_ref().map_or(source.at, |node| node.at);
-    Some(ResolvedNode { description, at, parameters, pdos, notes })
+    let device_file = source.device_file.as_ref().map(|path| path.value.clone());
+    Some(ResolvedNode { description, at, parameters, pdos, notes, device_file })
 }
 
 /// A node whose file has no heartbeat producer that can be set is guarded, or not watched, unless its settings state

@@ -141,10 +141,9 @@ impl<'a> Settings<'a> {
     }
 
     pub fn open_bus(&self, context: &Context, clock: ClockKind) -> Result<Bus> {
-        match &self.file {
-            None => context.bus_of_master(context.global.master(), clock),
-            Some((_, file)) => config_file::open_bus(file, context, clock),
-        }
+        let options =
+            config_file::ecrt_options(self.file.as_ref().map(|(path, _)| path.as_path()))?;
+        context.bus_of_master(self.master(context.global), clock, options)
     }
 
     /// Configuration for the selected or only gateway.

@@ -403,7 +403,7 @@ fn one_of_several_gateways_is_selected() {
     let message = fails(4, &["--ecrt", &setting, "config", "save"]);
     assert!(message.contains("several gateways; select one with --slave"), "{message}");
     good(&["--ecrt", &setting, "--slave", "1", "config", "save"]);
-    let message = fails(4, &["--ecrt", "sim", "config", "apply", text(&path)]);
+    let message = fails(4, &["--ecrt", "sim:1", "config", "apply", text(&path)]);
     assert!(message.contains("gateway 1 of the file: no slave has the alias 7"), "{message}");
     // The slave at position 1 is the one with the alias 7.
     let both = two.replace("n = 3", "n = 3\nposition = 1");

@@ -393,7 +393,10 @@ fn missing_or_wrong_scenario_returns_status_6() {
         ("sim:/no/such.toml".to_owned(), "cannot read /no/such.toml: No such file"),
         (setting(&wrong), "unknown field `seriel`"),
         (no_log.setting(), "none.log: No such file"),
-        ("sim:ecco".to_owned(), "unknown scenario \"ecco\"; allowed: echo, drives, jitter"),
+        (
+            "sim:ecco".to_owned(),
+            "unknown scenario \"ecco\" (did you mean echo?); allowed: echo, drives, jitter",
+        ),
     ];
     let files = Scenario::new("");
     let doctor = [words("doctor")];
@@ -448,4 +451,37 @@ fn missing_or_wrong_configuration_returns_status_6() {
     // For the check of a file its faults are the result.
     fails(6, &["config", "check", "/no/such.toml"]);
     fails(1, &["config", "check", &wrong]);
+}
+
+#[test]
+fn misplaced_argument_is_rejected_with_the_way_to_write_it() {
+    crate::support::all_fail(&[
+        (2, &["--sim", "scan"], "the simulator is '--ecrt sim'"),
+        (2, &["dump", "0"], "use --channel 0"),
+        (2, &["send", "0", "123#11"], "use --channel 0"),
+        (2, &["send", "0x123#11"], "an ID has no prefix: 123#11"),
+        (2, &["--ecrt", "sim", "sdo", "read", "--slave", "0", "0x1018", "1"], "'0x1018:1'"),
+        (2, &["node", "sdo", "read", "--node", "1", "0x1018", "1"], "'0x1018:1'"),
+        (2, &["node", "scan", "2"], "'--channel 2'"),
+        (2, &["axis", "status", "1"], "'--axis 1'"),
+        (2, &["info", "1"], "'--slave 1'"),
+    ]);
+}
+
+#[test]
+fn plain_simulator_has_what_the_file_configures() {
+    let files = Scenario::new("");
+    let gateway = "[[gateway]]\nposition = N\ncan1 = { bitrate = 1000000 }\n";
+    let gateways: String = ["0", "1", "2"].map(|at| gateway.replace('N', at)).concat();
+    let axis = "[[axis]]\ngateway = 2\nchannel = 1\nnode = 9\n";
+    let file = files.write("three.toml", &format!("cycle_us = 2000\n{gateways}{axis}"));
+    let read = ["--ecrt", "sim", "--slave", "2", "node", "info", "--node", "1.9"];
+    let output = crate::support::ecan(&[&read[..], &["--config", &file]].concat());
+    let [printed, errors] =
+        [&output.stdout, &output.stderr].map(|text| String::from_utf8_lossy(text));
+    assert!(output.status.success() && printed.contains("402"), "{printed}{errors}");
+    assert!(errors.contains("Scenario drives: 3 gateways"), "{errors}");
+    let listed = json_of(&crate::support::good(&["--json", "--ecrt", "sim:2", "scan"]));
+    let gateways = listed.as_array().unwrap();
+    assert!(gateways.len() == 2 && gateways.iter().all(|slave| slave["is_simulated"] == true));
 }

@@ -46,7 +46,7 @@ pub fn run(arguments: &WireArguments) -> Result<(), Failure> {
 fn scenario(arguments: &WireArguments, screen: Screen) -> Result<Scenario, Failure> {
     let options = SimOptions {
         seed: arguments.seed,
-        slaves: arguments.gateways.map(usize::from),
+        gateways: vec![0; arguments.gateways.map_or(0, usize::from)],
         ..SimOptions::default()
     };
     // Not parsed by clap: a wrong scenario has the status of a wrong file.

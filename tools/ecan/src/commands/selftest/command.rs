@@ -54,7 +54,8 @@ pub fn run(arguments: &SelftestArguments, context: &Context) -> Result {
     let master = file.as_ref().map_or(global.master(), |file| config_file::master(file, global));
     let plan = TestPlan::new(arguments, &rates, master)?;
     let interrupt = Interrupt::install_with_message("stopping after restoring the configuration")?;
-    let bus = context.bus_of_master(master, ClockKind::Stepped)?;
+    let options = config_file::ecrt_options(arguments.config.as_deref())?;
+    let bus = context.bus_of_master(master, ClockKind::Stepped, options)?;
     let slaves = slaves(&bus, arguments)?;
     if let Some(directory) = &arguments.report {
         super::report::prepare(directory)?;

@@ -50,9 +50,10 @@ pub fn run(arguments: &ServeArguments, context: &Context) -> Result {
     let on_hang_up = notifier.clone();
     let interrupt = Interrupt::install_with_hang_up(move || on_hang_up.send(Event::HangUp))?;
     let master = settings.master(context.global);
-    let backend = context.backend(&context.setting()?, ClockKind::Real)?;
-    let (sender, commands) = channel();
     let path = arguments.options.setup.config.clone();
+    let options = config_file::ecrt_options(path.as_deref())?;
+    let backend = context.backend_with(&context.setting()?, ClockKind::Real, options)?;
+    let (sender, commands) = channel();
     let of_file = path.as_deref().map(config_file::service).transpose()?.unwrap_or_default();
     let mut config = service_config(arguments, &of_file, &backend, master)?;
     if !arguments.idle {
