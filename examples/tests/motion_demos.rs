@@ -159,12 +159,12 @@ fn wrong_use_of_the_demos_returns_a_helpful_message() {
     let cases: &[(&[&str], &str)] = &[
         (&["--profile", "2"], "allowed: 0, 1, 4, 5"),
         (&["--node", "0"], "--node"),
-        (&["--node", "99"], "node 99"),
         (&["--bitrate", "1"], "bit timing"),
         (&["--plot", "/no/such/dir/a.svg"], "cannot write /no/such/dir/a.svg"),
         (&["--skip-sdo-config"], "0x8011:09"),
     ];
     all_fail(SINGLE, &["--ecrt", "sim"], cases);
+    all_fail(SINGLE, &["--ecrt", "sim:drives"], &[(&["--node", "99"], "node 99")]);
     all_fail(TEN, &[], &[(&["--ecrt", "/no/such/libethercat.so"], "was not found")]);
 }
 

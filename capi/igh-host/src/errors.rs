@@ -300,3 +300,51 @@ pub(crate) fn reject_attached(call: Call) -> ecan_result_t {
     );
     call.fail(ECAN_ERR_ATTACHED, text)
 }
+
+#[cfg(test)]
+mod tests {
+    use std::time::Duration;
+
+    use ecan_canopen::LssCommand;
+    use ecan_host::Phase;
+
+    use super::*;
+
+    fn code(error: &dyn Coded) -> ecan_result_t {
+        error.code_of_c().0
+    }
+
+    #[test]
+    fn error_of_a_lower_layer_keeps_its_code() {
+        let not_active = || CycleError::NotActive { is: Phase::Configured };
+        assert_eq!(code(&Error::Cycle(not_active())), ECAN_ERR_ORDER);
+        assert_eq!(code(&PortError::Adapter(Error::NoSlaves)), ECAN_ERR_NOT_FOUND);
+        assert_eq!(code(&PortError::Cycle(not_active())), ECAN_ERR_ORDER);
+        let not_in_preop = Error::NotInPreop {
+            slave: 0,
+            al_state: 1,
+            error_flag: false,
+            timeout: Duration::from_secs(10),
+        };
+        assert_eq!(code(&not_in_preop), ECAN_ERR_NOT_OPERATIONAL);
+        let channel = SendError::NotFd { slave: 0, channel: 1 };
+        let expected = code(&channel);
+        let fault = LssFault::Rejected(channel);
+        let command = LssCommand::SwitchGlobal { configuration: true };
+        let rejected = LssFailure { slave: 0, channel: 1, command, fault };
+        assert!(expected != ECAN_ERR_CANOPEN && code(&rejected) == expected, "{expected:?}");
+    }
+
+    #[test]
+    fn axes_that_did_not_get_there_have_a_code_of_their_own() {
+        let timeout = |cycle_error| AxisTimeout {
+            what: "configured",
+            waited: Duration::ZERO,
+            axes: Vec::new(),
+            cycle_error,
+        };
+        let code_of = |cycle_error| code(&Cia402Error::AxisTimeout(timeout(cycle_error)));
+        assert_eq!(code_of(None), ECAN_ERR_AXES);
+        assert_eq!(code_of(Some(CycleError::NotActive { is: Phase::Configured })), ECAN_ERR_ORDER);
+    }
+}

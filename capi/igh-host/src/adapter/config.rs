@@ -116,7 +116,7 @@ impl Encoded for ecan_igh_config_t {
 }
 
 impl IghConfig {
-    fn new() -> Self {
+    pub(crate) fn new() -> Self {
         Self {
             adapter: AdapterConfig::new(ECAN_IGH_MAX_SLAVES as u16),
             slave_count: 1,

@@ -413,3 +413,27 @@ fn with_simulation(mut options: EcrtOptions, config: &IghConfig) -> EcrtOptions 
     simulation.seed = config.seed;
     options
 }
+
+#[cfg(all(test, feature = "sim"))]
+mod tests {
+    use ecan_lite::sim::ClockKind;
+
+    use super::*;
+
+    #[test]
+    fn simulation_has_the_settings_of_the_configuration() {
+        let mut config = IghConfig::new();
+        let plain = ecrt_options(&config);
+        assert_eq!((plain.setting, plain.simulation.gateways), (None, vec![0]));
+        assert_eq!(plain.simulation.clock, Some(ClockKind::Real));
+        assert_eq!(plain.simulation.carries_large_pdos, None);
+        config.slave_count = 3;
+        config.is_stepped = true;
+        config.seed = Some(7);
+        config.adapter.allow_large_pdos = true;
+        let simulation = ecrt_options(&config).simulation;
+        assert_eq!((simulation.seed, simulation.gateways), (Some(7), vec![0; 3]));
+        assert_eq!(simulation.clock, Some(ClockKind::Stepped));
+        assert_eq!(simulation.carries_large_pdos, Some(true));
+    }
+}

@@ -10,7 +10,7 @@ use std::ffi::{CString, c_char, c_void};
 use ecan_c_boundary::result::ecan_result_t;
 use ecan_c_boundary::{mirror, pointers};
 use ecan_c_export::export;
-use ecan_canopen::{BootPhase, BootProgress, BootState, Network, NodeAddress};
+use ecan_canopen::{BootPhase, BootProgress, BootState};
 
 use crate::callback::{ProgressCallback, duration};
 use crate::cia402::context::{igh_cia402_context_t, need_node};

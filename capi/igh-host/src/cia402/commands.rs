@@ -6,8 +6,7 @@ use ecan_c_boundary::result::ecan_result_t;
 use ecan_c_boundary::{Call, mirror, pointers};
 use ecan_c_export::export;
 use ecan_cia402::{
-    AxisCommand, AxisError, AxisPhase, AxisProgress, Blocking, Cia402, Cia402Error, CommandError,
-    HomingConfig, StopKind,
+    AxisCommand, Blocking, Cia402, Cia402Error, CommandError, HomingConfig, StopKind,
 };
 
 use super::context::{igh_cia402_context_t, need_axis};

@@ -407,3 +407,29 @@ pub fn igh_mcan_port_discard_pending(port: *mut igh_mcan_port_t, slave: usize) -
     let gateway = need_slave(call, port, slave)?;
     Ok(port.discard_pending(gateway) as c_int)
 }
+
+#[cfg(test)]
+mod tests {
+    use ecan_mcan_port::SendTicket;
+    use ecan_protocol::image::ResultCode;
+
+    use super::*;
+
+    #[test]
+    fn result_has_every_field_of_its_report() {
+        let ticket = Some(SendTicket { slave: 2, sequence: 0x1234, index: 7 });
+        let report = TransmitReport {
+            ticket,
+            slave: 2,
+            channel: 3,
+            code: ResultCode::BusOff,
+            schedule_tag: None,
+        };
+        let known = tx_result(&report);
+        let unknown = tx_result(&TransmitReport { ticket: None, ..report });
+        let kind = igh_mcan_rx_kind_t::IGH_MCAN_RX_TX_RESULT as u8;
+        assert_eq!((known.slave, known.channel, known.kind, known.result), (2, 3, kind, 5));
+        assert_eq!((known.sequence, known.frame_index, known.is_known), (0x1234, 7, 1));
+        assert_eq!((unknown.sequence, unknown.frame_index, unknown.is_known), (0, 0, 0));
+    }
+}
