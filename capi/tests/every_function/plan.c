@@ -62,6 +62,7 @@ static void frames(void)
 static void axes(void)
 {
     igh_cia402_axis_t axis[2];
+    static char each_cycle[sizeof(text)];
 
     memset(axis, 0, sizeof(axis));
     GOOD(igh_cia402_axis_init(&axis[0], 0, 0, 1, 0));
@@ -70,7 +71,9 @@ static void axes(void)
     GOOD(igh_cia402_axis_init(&axis[1], 0, 0, 2, 0));
     GOOD(igh_cia402_plan(&igh_config, &config, axis, 2, 0, text, sizeof(text), NULL));
     TEXT_HAS("slave 0 can0", text);
+    memcpy(each_cycle, text, sizeof(text));
     GOOD(igh_cia402_plan(&igh_config, &config, axis, 2, 4, text, sizeof(text), NULL));
+    SAME(1, strcmp(each_cycle, text) != 0);
     GOOD(igh_cia402_axis_init(&axis[1], 0, 1, 2, 0));
     BAD(ECAN_ERR_CONFIG,
         igh_cia402_plan(&igh_config, &config, axis, 2, 1, text, sizeof(text), NULL));

@@ -436,4 +436,19 @@ mod tests {
         assert_eq!(simulation.clock, Some(ClockKind::Stepped));
         assert_eq!(simulation.carries_large_pdos, Some(true));
     }
+
+    #[test]
+    fn configuration_of_a_file_keeps_its_slaves_and_their_sizes() {
+        let adapter = ecan_host::AdapterConfig::new(2).with_multiplier(5);
+        let gateway = ecan_mcan_port::GatewayConfig::on_channel(
+            0,
+            ecan_mcan_port::ChannelConfig::fd(1_000_000, 2_000_000),
+        );
+        let port = ecan_mcan_port::PortConfig::uniform(2, gateway);
+        let mut config = IghConfig::new().with(&adapter, port);
+        config.size_slaves(&port);
+        let slaves = config.adapter_config().slaves;
+        assert!(slaves.iter().eq(adapter.slaves.iter()), "{slaves:?}");
+        assert_eq!(config.applied_port(), Some(port));
+    }
 }

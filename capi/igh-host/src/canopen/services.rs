@@ -331,3 +331,45 @@ pub fn igh_canopen_mpdo_decode(mpdo: *mut igh_canopen_mpdo_t, data: *const u8, l
         .map_err(|error| call.fail(ecan_result_t::ECAN_ERR_FRAME, format_args!("{error}")))?;
     mpdo.set(found.into());
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The result of a conversion, and nothing after an error.
+    fn converted<T>(convert: impl FnOnce(Call) -> Result<T, ecan_result_t>) -> Option<T> {
+        let mut value = None;
+        ecan_c_boundary::call("test", |call| {
+            value = Some(convert(call)?);
+            Ok(())
+        });
+        value
+    }
+
+    #[test]
+    fn groups_from_4_on_are_the_manufacturers() {
+        let of = |number| converted(|call| group(call, number));
+        assert_eq!([1, 3].map(of), [Some(ParameterGroup::All), Some(ParameterGroup::Application)]);
+        let manufacturer = |number| Some(ParameterGroup::Manufacturer(number));
+        assert_eq!([4, 127].map(of), [4, 127].map(manufacturer));
+        assert_eq!([0, 128].map(of), [None, None]);
+    }
+
+    #[test]
+    fn mpdo_without_node_is_for_all_consumers() {
+        let consumers = Mpdo {
+            index: 0x2000,
+            subindex: 1,
+            address: MpdoAddress::Destination(None),
+            data: [1, 2, 3, 4],
+        };
+        let of = |node_id, is_source| {
+            let mpdo = igh_canopen_mpdo_t { node_id, is_source, ..consumers.into() };
+            converted(|call| mpdo.to_rust(call)).map(|mpdo| mpdo.address)
+        };
+        assert_eq!(of(0, 0), Some(MpdoAddress::Destination(None)));
+        assert_eq!(of(5, 0), Some(MpdoAddress::Destination(NodeId::new(5))));
+        assert_eq!(of(5, 1), NodeId::new(5).map(MpdoAddress::Source));
+        assert_eq!([of(0, 1), of(128, 0), of(5, 2)], [None; 3]);
+    }
+}

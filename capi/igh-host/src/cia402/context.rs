@@ -492,6 +492,9 @@ mod tests {
         settings.network.host_heartbeat = None;
         settings.sync.counter_overflow = Some(10);
         settings.sync.every_cycles = 2;
+        settings.node.sdo.timeout = Duration::from_millis(123);
+        settings.node.sdo.retries = 7;
+        settings.node.sdo.buffer_bytes = 321;
         settings.node.sdo.block =
             BlockTransferConfig { download_from: None, upload: true, segments: 9 };
         assert_eq!(to_rust(&settings.clone().into()), Ok(settings));

@@ -460,4 +460,29 @@ mod tests {
         assert!(inputs.iter().map(|(.., object)| *object).eq(InputObject::ALL.iter().copied()));
         assert!(inputs.iter().all(|(mask, _, object)| *mask as u32 == 1 << object.raw()));
     }
+
+    #[test]
+    fn trigger_is_a_sum_with_an_edge() {
+        use igh_cia402_probe_trigger_t::*;
+        let (positive, negative) =
+            (IGH_CIA402_PROBE_POSITIVE as u8, IGH_CIA402_PROBE_NEGATIVE as u8);
+        let continuous = IGH_CIA402_PROBE_CONTINUOUS as u8;
+        let of = |sum| {
+            let mut trigger = None;
+            ecan_c_boundary::call("test", |call| {
+                trigger = Some(parse_trigger(call, sum)?);
+                Ok(())
+            });
+            trigger
+        };
+        let both = of(positive | negative | continuous).unwrap();
+        assert!(both.positive && both.negative && both.is_continuous);
+        assert_eq!(both.source, ProbeSource::Input);
+        let pulse = of(positive | IGH_CIA402_PROBE_INDEX_PULSE as u8).unwrap();
+        assert!(pulse.positive && !pulse.negative && !pulse.is_continuous);
+        assert_eq!(pulse.source, ProbeSource::IndexPulse);
+        for wrong in [0, continuous, 16 | positive, u8::MAX] {
+            assert_eq!(of(wrong), None, "{wrong}");
+        }
+    }
 }

@@ -101,8 +101,9 @@ fn faults_are_listed_with_their_times() {
     let mut faults = served.sim_json(&["faults"]);
     // Stated once for the whole document.
     let is_simulated = faults["is_simulated"].clone();
-    [&mut faults["injected"][0], &mut faults["pending"][0]]
-        .map(|fault| fault["is_simulated"] = is_simulated.clone());
+    for list in ["injected", "pending"] {
+        faults[list][0]["is_simulated"] = is_simulated.clone();
+    }
     assert_eq!(faults["injected"], serde_json::json!([injected]));
     assert_eq!(faults["pending"][0], scheduled);
     assert_eq!(faults["pending"][1]["after_ready_ns"], 3_600_000_000_000_u64);
