@@ -119,6 +119,10 @@ static void numbers(ecan_igh_config_t *config)
     GOOD(ecan_igh_config_get_dc_margin(config, &shift_ns, &margin_ns));
     SAME(60000, shift_ns);
     TRUE(margin_ns < 0);
+    GOOD(ecan_igh_config_set_dc_sync0_planned(config, 1500));
+    BAD(ECAN_ERR_CONFIG, ecan_igh_check_config(config));
+    GOOD(ecan_igh_config_get_dc_margin(config, &shift_ns, &margin_ns));
+    TRUE(shift_ns != 60000);
     BAD(ECAN_ERR_ARGUMENT, ecan_igh_config_set_dc_sync0(config, 4294968, 0));
     BAD(ECAN_ERR_ARGUMENT, ecan_igh_config_set_dc_sync0(config, 1000, 4294968));
     GOOD(ecan_igh_config_set_dc_sync0(config, 1000, 1000));
