@@ -68,7 +68,7 @@ class Bus:
         """From PREOP to OP."""
         for slave in self.slaves:
             gateway.configure(slave, self.options.chunks, self.options.fd)
-            slave.set_watchdog("processdata", WATCHDOG_MS)
+            self.set_watchdog(slave)
         self.master.config_map()
         if self.options.sync0:
             assert self.master.config_dc()
@@ -79,6 +79,14 @@ class Bus:
             assert (len(slave.input), len(slave.output)) == (self.size, self.size)
         self.send(lambda nth: [])
         self.reach(pysoem.OP_STATE)
+
+    def set_watchdog(self, slave):
+        """On a busy machine SOEM loses replies, and repeats no access to registers."""
+        for _ in patiently("the watchdog is set"):
+            try:
+                return slave.set_watchdog("processdata", WATCHDOG_MS)
+            except pysoem.WkcError:
+                pass
 
     def reach(self, state):
         """Requests a state of all gateways and exchanges process data until they are in it."""
