@@ -276,6 +276,7 @@ impl Connection {
                     self.images_lost += lost.images + lost.images_in_client;
                 }
                 Event::Gateways(_) => {}
+                Event::Notification { method, .. } if method == "channel" => {}
                 other => return Err(format!("{}: {other:?}", self.name)),
             }
         }
