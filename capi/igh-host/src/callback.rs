@@ -1,6 +1,7 @@
 //! Functions that an application gives to the waiting calls.
 
-use std::ffi::{CStr, c_char, c_int, c_void};
+use std::ffi::{CString, c_char, c_int, c_void};
+use std::fmt::Display;
 use std::io;
 use std::io::Write as _;
 use std::time::Duration;
@@ -79,7 +80,9 @@ pub(crate) struct ProgressCallback {
 unsafe impl Send for ProgressCallback {}
 
 impl ProgressCallback {
-    pub(crate) fn report(&self, index: usize, text: &CStr) {
+    /// Reports a text about an axis or a node.
+    pub(crate) fn report(&self, index: usize, progress: &dyn Display) {
+        let text = CString::new(progress.to_string()).unwrap_or_default();
         let guard = UnwindGuard { callback: self.setter };
         // SAFETY: the application gave the function for this, with this pointer; the text lives
         // until it returns.

@@ -497,15 +497,15 @@ pub(crate) fn by_name(name: &str, gateways: usize) -> Option<Scenario> {
 /// A drive that a program configures.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ConfiguredDrive {
-    /// Its gateway, counted from 0.
+    /// Gateway of the drive, counted from 0.
     pub gateway: usize,
-    /// Its channel, 0 to 3.
+    /// Channel of the gateway, 0 to 3.
     pub channel: u8,
-    /// Its node-ID.
+    /// Node-ID of the drive.
     pub node: NodeId,
-    /// Number of its axes, 1 to 8.
+    /// Number of axes of the drive, 1 to 8.
     pub axes: u8,
-    /// Its device file; `None` is the built-in object dictionary.
+    /// Device file of the drive; `None` is the built-in object dictionary.
     pub eds: Option<PathBuf>,
 }
 

@@ -5,7 +5,7 @@
 //! from the first cycle on; the cycle executes the boot-ups. A node that fails does not stop the others.
 //! A node that restarts, or is replaced, boots again automatically.
 
-use std::ffi::{CString, c_char, c_void};
+use std::ffi::{c_char, c_void};
 
 use ecan_c_boundary::result::ecan_result_t;
 use ecan_c_boundary::{mirror, pointers};
@@ -210,8 +210,7 @@ pub fn igh_canopen_wait_booted_timeout(context: *mut igh_cia402_context_t, timeo
     let booted = waiting.wait_booted(|progress| {
         let node = nodes.iter().position(|address| *address == Some(progress.address));
         if let (Some(callback), Some(node)) = (callback, node) {
-            let text = CString::new(progress.to_string()).unwrap_or_default();
-            callback.report(node, &text);
+            callback.report(node, progress);
         }
     });
     booted.or_code(call)

@@ -1,6 +1,6 @@
 //! Commands to axes: calls that start an operation, and calls that wait for all axes.
 
-use std::ffi::{CString, c_char, c_int, c_void};
+use std::ffi::{c_char, c_int, c_void};
 
 use ecan_c_boundary::result::ecan_result_t;
 use ecan_c_boundary::{Call, mirror, pointers};
@@ -303,8 +303,7 @@ fn wait(
     let waiting = cia402.blocking(port, duration(timeout_ms));
     let mut waiting = waiting.on_progress(|progress| {
         if let Some(callback) = callback {
-            let text = CString::new(progress.to_string()).unwrap_or_default();
-            callback.report(progress.axis, &text);
+            callback.report(progress.axis, progress);
         }
     });
     work(&mut waiting).or_code(call)

@@ -91,7 +91,7 @@ fn length_code_may_have_two_decimal_digits() {
 #[test]
 fn longest_frame_is_longest_line() {
     let frame = CanFrame::fd(extended(1), &[0xA5; 64], true, false).unwrap();
-    // Its length code has one digit here, and there is a carriage return.
+    // The program writes a length code of one digit, and a carriage return.
     assert_eq!(text(&frame, None).len(), MAX_LINE);
     assert!(text(&frame, None).starts_with("B00000001FA5"));
 }
