@@ -86,12 +86,6 @@ for compiler in "gcc -std=c99 -xc" "g++ -std=c++11 -xc++"; do
     $compiler -Werror -DECAN_MUST_CHECK= -Iinclude -c -o /dev/null - <<<"$ignored"
 done
 
-say "the first program of README.md"
-awk '/^```c$/ { on = 1; next } /^```$/ { on = 0 } on' README.md >"$build/first.c"
-gcc -std=c99 -Wall -Wextra -Wpedantic -Werror -Iinclude "$build/first.c" \
-    "${static[@]}" -o "$build/first"
-ECAN_ECRT=$stepped "$build/first" | tail -1
-
 say "every function is in the test"
 capi/tests/every_function/complete.sh
 
@@ -134,6 +128,14 @@ for library in "$build"/moved/lib*/libecan_*.so "$build"/moved/lib/*/libecan_*.s
     readelf -dW "$library" | grep -q 'FLAGS_1.*NOW'
     readelf -lW "$library" | grep -q GNU_RELRO
 done
+
+say "projects to start from"
+scripts/check-new.sh axes c "$build/moved"
+scripts/check-new.sh frames cpp "$build/moved"
+if [ -z "$built" ]; then
+    scripts/check-new.sh frames c "$build/moved"
+    scripts/check-new.sh axes cpp "$build/moved"
+fi
 
 say "scripts and programs that messages name"
 while read -r command; do

@@ -1,15 +1,12 @@
-//! Program of README.md.
+//! Program of README.md, and of `ecan new --for axes`.
 
+use ecan_lite::config;
 use ecan_lite::prelude::*;
 
 fn main() -> Result<()> {
-    let gateway = GatewayConfig::on_channel(0, ChannelConfig::classic(1_000_000));
-    let config = Config::new(Duration::from_millis(2)).with_gateway(gateway);
-    let node = NodeId::new(1).ok_or("invalid node-ID")?;
-    let shoulder = NodeAddress { slave: 0, channel: 0, node };
-    let table = vec![AxisConfig::new(shoulder).with_target_step(20)];
+    let (bus, axes) = (config::load("machine.toml")?, config::load_axes("machine.toml")?);
     // Stops the axes when it is dropped, also after an error.
-    let mut owner = ecan_lite::open_axes(config, table, Cia402Config::default())?;
+    let mut owner = ecan_lite::open_axes(bus, axes, Cia402Config::default())?;
     let (port, axes) = owner.parts();
     let timeout = Duration::from_secs(10);
     axes.blocking(port, timeout).on_progress(|axis| println!("{axis}")).start_up()?;

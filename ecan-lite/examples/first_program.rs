@@ -1,11 +1,9 @@
-//! Program of README.md.
+//! Program of README.md, and of `ecan new --for frames`.
 
 use ecan_lite::prelude::*;
 
 fn main() -> Result<()> {
-    let gateway = GatewayConfig::on_channel(0, ChannelConfig::classic(1_000_000));
-    let config = Config::new(Duration::from_millis(10)).with_gateway(gateway);
-    let mut port = ecan_lite::open(config)?;
+    let mut port = ecan_lite::open(ecan_lite::config::load("machine.toml")?)?;
     port.wait_ready()?;
     let can0 = port.channel(0, 0)?;
     let id = CanId::standard(0x123)?;

@@ -1,4 +1,4 @@
-//! The programs of README.md and the starter as a user runs them: undisturbed, through outages, and
+//! The programs of README.md, which `ecan new` writes, as a user runs them: undisturbed, through outages, and
 //! without a master.
 
 use std::path::{Path, PathBuf};
@@ -11,7 +11,14 @@ fn example(name: &str) -> PathBuf {
 }
 
 fn run(name: &str, ecrt: &str) -> Output {
-    Command::new(example(name)).env("ECAN_ECRT", ecrt).output().unwrap()
+    let directory = tempfile::tempdir().unwrap();
+    let machine = match name {
+        "first_axis" => include_str!("../../examples/starter/axes/machine.toml"),
+        _ => include_str!("../../examples/starter/frames/machine.toml"),
+    };
+    std::fs::write(directory.path().join("machine.toml"), machine).unwrap();
+    let mut program = Command::new(example(name));
+    program.current_dir(directory.path()).env("ECAN_ECRT", ecrt).output().unwrap()
 }
 
 fn text(bytes: &[u8]) -> String {

@@ -85,6 +85,7 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> u8 {
         Command::Zenoh(arguments) => commands::zenoh::run(arguments, &context),
         Command::Probe(arguments) => commands::probe::run(arguments, &context),
         Command::Selftest(arguments) => commands::selftest::run(arguments, &context),
+        Command::New(arguments) => commands::new::run(arguments, &context),
         Command::Completions { shell } => {
             let mut script = Vec::new();
             clap_complete::generate(*shell, &mut Arguments::command(), "ecan", &mut script);

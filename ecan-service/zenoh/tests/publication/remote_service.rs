@@ -112,7 +112,7 @@ fn frames_that_the_network_loses_are_reported() {
     let remote = hosts.client();
     assert_eq!(remote.hello().access, Access::Read);
     remote.subscribe(&Subscription::default()).unwrap();
-    hosts.fixture.frames_per_cycle.store(8, Ordering::Release);
+    hosts.fixture.frames_per_cycle.store(200, Ordering::Release);
     next_frame(&remote);
     hosts.link.set_held(true);
     let clients = crate::session::json_of(&hosts.published.get("clients", Vec::new()).unwrap());

@@ -9,6 +9,7 @@ pub mod firmware;
 pub mod generate;
 pub mod info;
 pub mod monitor;
+pub mod new;
 pub mod node;
 pub mod pins;
 pub mod plan;
@@ -99,6 +100,9 @@ pub enum Command {
     /// Test gateways in production: identity, channels by loopback and wiring
     #[command(after_help = selftest::EXAMPLES)]
     Selftest(selftest::SelftestArguments),
+    /// Write a project to start from
+    #[command(after_help = new::EXAMPLES)]
+    New(new::NewArguments),
     /// Print a completion script for a shell
     Completions {
         /// Shell

@@ -29,6 +29,7 @@ mod metrics;
 mod monitor;
 mod monitor_service;
 mod monitor_terminal;
+mod new;
 mod node;
 mod node_lss;
 mod node_objects;
