@@ -190,6 +190,14 @@ fn images_have_both_directions() {
         directions.contains(&directions[0])
             && directions.iter().any(|direction| *direction != directions[0])
     });
+
+    client.unsubscribe_images().unwrap();
+    // What arrived before the response.
+    while client.poll(Duration::ZERO).unwrap().is_some() {}
+    client.subscribe(&Subscription::default()).unwrap();
+    for _ in 0..50 {
+        next_frame(&client);
+    }
 }
 
 #[test]

@@ -111,6 +111,7 @@ fn read_only_client_is_rejected_with_the_reason() {
     let fixture = Fixture::start(|config| config.control = Control::Nobody);
     let client = fixture.client();
     assert_eq!(client.hello().access, Access::Read);
+    assert_eq!(client.hello().access_reason.as_deref(), Some("the service is read-only"));
     let error = client.send(0, 0, &frame(1, &[])).unwrap_err();
     assert_eq!(error.to_string(), "cannot send a frame: the service is read-only");
     let params = DownloadParams {
@@ -137,6 +138,36 @@ fn read_only_client_is_rejected_with_the_reason() {
     assert_eq!(kind, MessageKind::Frames);
     let Some(Ok(FrameRecord::Frame(report))) = FrameRecords::new(&payload).next() else { panic!() };
     assert_eq!((report.event, report.tag), (FrameEvent::Rejected(RejectReason::ReadOnly), 3));
+}
+
+/// The Rust client keeps to its window.
+#[test]
+fn frames_beyond_the_window_are_rejected_and_counted() {
+    let fixture = Fixture::start(|config| config.window = 4);
+    let client = fixture.client();
+    let mut stream = fixture.stream();
+    say_hello(&mut stream);
+    let mut payload = Vec::new();
+    for tag in 1..=7 {
+        TransmitRecord { gateway: 0, channel: 0, tag, max_age_ms: 0, frame: frame(1, &[]) }
+            .encode(&mut payload);
+    }
+    write(&mut stream, MessageKind::Transmit, &payload);
+    let mut rejected = Vec::new();
+    while rejected.len() < 3 {
+        let (kind, payload) = read(&mut stream).unwrap();
+        assert_eq!(kind, MessageKind::Frames);
+        for record in FrameRecords::new(&payload) {
+            let Ok(FrameRecord::Frame(report)) = record else { panic!("{record:?}") };
+            if report.event == FrameEvent::Rejected(RejectReason::Window) {
+                rejected.push(report.tag);
+            }
+        }
+    }
+    assert_eq!(rejected, [5, 6, 7]);
+    let clients = client.service_stats().unwrap().clients;
+    let counted = clients.iter().map(|client| (client.frames_accepted, client.frames_rejected));
+    assert_eq!(counted.max(), Some((4, 3)));
 }
 
 #[test]
