@@ -327,6 +327,7 @@ fn after_bus_off_stale_targets_are_waited_out() {
     fixture.until(20, |cia402| !cia402.axis(0).unwrap().is_running());
     for n in 0..4 {
         assert_eq!(held_for(&fixture.cia402, n), Some(HoldReason::BusOff), "axis {n}");
+        assert_eq!(fixture.axis(n).status().hold_reason, Some(HoldReason::BusOff), "axis {n}");
     }
     fixture.steps(500);
     assert!((0..4).all(|n| !fixture.axis(n).is_running()));

@@ -292,11 +292,6 @@ impl Adapter {
         self.master.is_attached()
     }
 
-    /// Returns whether the bus is simulated.
-    pub fn is_simulated(&self) -> bool {
-        self.ecrt.is_simulated()
-    }
-
     /// The loaded library.
     pub fn ecrt(&self) -> &Ecrt {
         &self.ecrt
@@ -680,6 +675,11 @@ impl Adapter {
             Some(found) => found.state(slave, &self.master),
             None => Err(CycleError::of_slave("ecrt_slave_config_state", slave)(Errno::EINVAL)),
         }
+    }
+
+    /// Returns whether a network link of the master is up, as far as the library tells; real-time safe.
+    pub fn has_link(&self) -> bool {
+        self.master.state().map_or(true, |state| state.link_up)
     }
 
     /// Takes a CoE emergency of a slave (8 bytes: error code, error register, data). The master receives it with

@@ -17,7 +17,7 @@ fn identity_is_taken_from_the_bus() {
     let found = adapter.slave(1).unwrap().identity();
     assert_eq!((found.vendor_id, found.product_code), (settings.vendor_id, settings.product_code));
     assert_eq!(adapter.phase(), Phase::Configured);
-    assert!(adapter.is_simulated());
+    assert!(adapter.ecrt().is_simulated());
 }
 
 #[test]

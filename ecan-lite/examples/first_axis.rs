@@ -11,11 +11,13 @@ fn main() -> Result<()> {
     let timeout = Duration::from_secs(10);
     axes.blocking(port, timeout).on_progress(|axis| println!("{axis}")).start_up()?;
 
+    let mut watch = BusWatch::new(port);
     for _ in 0..1000 {
         let mut cycle = port.next_cycle();
         axes.process_rx(&mut cycle);
         axes.send_target_step(&mut cycle);
         cycle.end()?;
+        watch.changes(port).for_each(|change| eprintln!("{change}"));
     }
     axes.blocking(port, timeout).on_progress(|axis| println!("{axis}")).shut_down()?;
     Ok(())

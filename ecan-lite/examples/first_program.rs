@@ -7,15 +7,18 @@ fn main() -> Result<()> {
     port.wait_ready()?;
     let can0 = port.channel(0, 0)?;
     let id = CanId::standard(0x123)?;
+    let mut watch = BusWatch::new(&port);
 
     for count in 0..1000_u64 {
         let mut cycle = port.next_cycle(); // waits for its time, receives, checks the images
         for received in cycle.received() {
             println!("{received}");
         }
-        // A full queue, a lost link or a restarting gateway is temporary: the loop continues.
+        // A full queue or a lost gateway is temporary; the watch tells what was lost, and why.
         cycle.send(can0, &CanFrame::classic(id, &count.to_le_bytes())?).ok_or_temporary()?;
         cycle.end()?;
+        watch.changes(&port).for_each(|change| eprintln!("{change}"));
     }
+    check_delivery(&port)?;
     Ok(())
 }

@@ -41,6 +41,9 @@ pub enum Error {
     /// A frame was rejected.
     #[error(transparent)]
     Send(#[from] ecan_mcan_port::SendError),
+    /// No frame was delivered.
+    #[error(transparent)]
+    Delivery(#[from] ecan_mcan_port::NotDelivered),
     /// A cycle failed.
     #[error(transparent)]
     Cycle(#[from] ecan_host::CycleError),

@@ -94,7 +94,8 @@ pub mod prelude {
     pub use ecan_cia402::{AxisOwner, Cia402};
     pub use ecan_host::Ecrt;
     pub use ecan_mcan_port::{
-        ChannelHandle, Cycle, GatewayHandle, OkOrTemporary, Port, ReceivedView, SendOptions,
+        BusWatch, ChannelHandle, Cycle, GatewayHandle, OkOrTemporary, Port, ReceivedView,
+        SendOptions, check_delivery,
     };
     pub use ecan_protocol::can::{CanFrame, CanId};
 

@@ -26,18 +26,20 @@ fn text(bytes: &[u8]) -> String {
 }
 
 /// A scenario in stepped time with these faults.
-fn scenario(directory: &Path, nodes: &str, faults: &[&str]) -> String {
-    let path = directory.join("scenario.toml");
+fn scenario(directory: &Path, node: &str, faults: &[&str]) -> String {
     let faults: String = faults.iter().map(|fault| format!("[[fault]]\n{fault}\n")).collect();
-    let file =
-        format!("clock = \"stepped\"\n[[gateway]]\n[[node]]\nbus = \"0.0\"\n{nodes}\n{faults}");
-    std::fs::write(&path, file).unwrap();
+    write_scenario(directory, &format!("[[node]]\nbus = \"0.0\"\n{node}\n{faults}"))
+}
+
+fn write_scenario(directory: &Path, content: &str) -> String {
+    let path = directory.join("scenario.toml");
+    std::fs::write(&path, format!("clock = \"stepped\"\n[[gateway]]\n{content}")).unwrap();
     format!("sim:{}", path.display())
 }
 
 const ECHO: &str = "kind = \"echo\"";
-const LINK_LOSS: &str = "at_ms = 9000\nkind = \"link_loss\"\ngateway = 0\nfor_ms = 300";
-const POWER_CYCLE: &str = "at_ms = 9500\nkind = \"power_cycle\"\ngateway = 0\noff_ms = 300";
+const LINK_LOSS: &str = "at_ms = 2000\nkind = \"link_loss\"\ngateway = 0\nfor_ms = 300";
+const POWER_CYCLE: &str = "at_ms = 5000\nkind = \"power_cycle\"\ngateway = 0\noff_ms = 300";
 
 /// Rust programs of README.md.
 fn programs_of_readme() -> Vec<String> {
@@ -78,9 +80,24 @@ fn first_program_survives_link_loss_and_power_cycle() {
     let directory = tempfile::tempdir().unwrap();
     let setting = scenario(directory.path(), ECHO, &[LINK_LOSS, POWER_CYCLE]);
     let output = run("first_program", &setting);
-    assert!(output.status.success(), "{}", text(&output.stderr));
+    let errors = text(&output.stderr);
+    assert!(output.status.success(), "{errors}");
+    let told: Vec<_> = errors.lines().filter(|line| line.contains(" s  slave 0: ")).collect();
+    assert!(told[0].contains("lost, waits for the network link of the master"), "{errors}");
+    assert_eq!(told.iter().filter(|line| line.contains("ready after ")).count(), 2, "{errors}");
     let received = text(&output.stdout).lines().filter(|line| line.contains("123")).count();
     assert!((100..990).contains(&received), "{received}: the outages cost frames, not the program");
+}
+
+#[test]
+fn first_program_without_another_node_fails_with_the_reason() {
+    let directory = tempfile::tempdir().unwrap();
+    let output = run("first_program", &write_scenario(directory.path(), ""));
+    let errors = text(&output.stderr);
+    assert!(!output.status.success(), "{errors}");
+    for part in ["channel 0: run, warning: error passive", "check that another node is on"] {
+        assert!(errors.contains(part), "{part}: {errors}");
+    }
 }
 
 #[test]

@@ -20,6 +20,7 @@
 
 mod address;
 mod al_watch;
+mod bus_watch;
 mod config;
 mod config_check;
 mod cycle;
@@ -41,6 +42,10 @@ mod wait;
 mod word_ring;
 
 pub use address::{AddressError, ChannelHandle, GatewayHandle};
+pub use bus_watch::{
+    BusChange, BusEvent, BusWatch, ChannelChange, ChannelWatch, LASTING_CAUSE, NotDelivered,
+    check_delivery,
+};
 pub use config::{
     AcceptanceFilter, ChannelConfig, ChannelFilter, Config, GatewayConfig, MAX_FILTERS,
     MAX_GATEWAYS, MarginCheck, MeasuredOn, PortConfig, ScheduleConfig, Traffic,

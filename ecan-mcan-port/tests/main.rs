@@ -11,6 +11,7 @@ mod accounts;
 mod allocation;
 mod attached;
 mod both_fronts;
+mod bus_watch;
 mod channel_masks;
 mod exchange;
 mod faults;

@@ -21,7 +21,7 @@ use ecan_example_support::{
     EXIT_STATUS, Interrupt, RealTimeArguments, print_plan, report_exit, run_options, wait_ready,
 };
 use ecan_lite::EcrtOptions;
-use ecan_mcan_port::Port;
+use ecan_mcan_port::{Port, check_delivery};
 use ecan_protocol::can::CanId;
 use ecan_protocol::mapping::CHANNELS;
 use ecan_protocol::text::Printable;
@@ -106,13 +106,18 @@ fn run(arguments: &Arguments) -> Result<bool, Box<dyn Error>> {
 
     let mut record = LoopRecord::new(&port, &source, arguments.dump.as_deref())?;
     let result = exchange_frames(&mut port, &mut source, &mut record, &interrupt);
+    let delivery = check_delivery(&port);
     port.leave_op();
     if interrupt.is_set() {
         print_line!("stopped by the user");
     }
     record.print_summary(&port)?;
     result?;
-    Ok(arguments.replay.is_none() || record.print_replay_result(&port, &source))
+    let is_good = arguments.replay.is_none() || record.print_replay_result(&port, &source);
+    if !interrupt.is_set() {
+        delivery?;
+    }
+    Ok(is_good)
 }
 
 /// The cycle: wait and receive, take the received frames, send, end.

@@ -6,7 +6,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use ecan_host::Clock;
-use ecan_mcan_port::{Port, ReceivedView};
+use ecan_mcan_port::{BusWatch, Port, ReceivedView};
 use ecan_protocol::can::CanFrame;
 use ecan_protocol::mapping::CHANNELS;
 use ecan_tool_support::command_line::screen::{Stream, print};
@@ -14,7 +14,7 @@ use ecan_tool_support::{print_error_line, print_line};
 use indicatif::ProgressBar;
 
 use crate::frame_source::Source;
-use crate::program::{IDLE_TIMEOUT_NS, STALL_TIMEOUT_NS, SessionWatch};
+use crate::program::{IDLE_TIMEOUT_NS, STALL_TIMEOUT_NS};
 use crate::summary::BusLoad;
 use crate::{log_file, program, real_time, summary};
 
@@ -25,7 +25,7 @@ const IDLE_CYCLES: u64 = 20;
 pub struct LoopRecord {
     check: EchoCheck,
     loads: Vec<BusLoad>,
-    sessions: SessionWatch,
+    watch: BusWatch,
     dump: Option<log_file::Writer>,
     progress: ProgressBar,
     clock: Arc<dyn Clock>,
@@ -49,7 +49,7 @@ impl LoopRecord {
         Ok(Self {
             check: EchoCheck::new(channels),
             loads: vec![BusLoad::default(); channels],
-            sessions: SessionWatch::new(port),
+            watch: BusWatch::new(port),
             dump: dump.map(log_file::Writer::create).transpose()?,
             progress: program::bar(source.total()),
             start_ns: clock.now_ns(),
@@ -92,12 +92,12 @@ impl LoopRecord {
         self.last_frame_ns = self.elapsed_ns();
     }
 
-    /// Prints gateways that were lost or became ready in the cycle. Returns whether the loop is over:
+    /// Prints what changed at gateways and channels in the cycle. Returns whether the loop is over:
     /// all frames have returned, none arrives any more, or the gateway accepts none.
     pub fn end_cycle(&mut self, port: &Port, source: &Source, is_sending: bool) -> bool {
         let now_ns = self.elapsed_ns();
-        for line in self.sessions.changes(port) {
-            self.progress.suspend(|| print_line!("{:>9.3} s  {line}", now_ns as f64 / 1e9));
+        for change in self.watch.changes(port) {
+            self.progress.suspend(|| print_line!("{change}"));
         }
         self.progress.set_position(source.done());
         let idle_ns = now_ns - self.last_frame_ns;

@@ -9,7 +9,7 @@ use clap::Args;
 use ecan_host::AdapterConfig;
 use ecan_lite::EcrtOptions;
 use ecan_lite::config::ConfigFileError;
-use ecan_mcan_port::{Port, PortError, Session};
+use ecan_mcan_port::{Port, PortError};
 use ecan_sim::{Backend, BackendError, ClockKind, EcrtSetting, SimOptions};
 use ecan_tool_support::command_line::log_file::LogFileError;
 use ecan_tool_support::command_line::options::LogArguments;
@@ -135,32 +135,6 @@ pub fn wait_ready(port: &mut Port, interrupt: &Interrupt) -> Result<bool, PortEr
         return Ok(false);
     }
     ready.map(|()| true)
-}
-
-/// Last reported session of each gateway.
-#[derive(Debug)]
-pub struct SessionWatch {
-    reported: Vec<Session>,
-}
-
-impl SessionWatch {
-    /// Starts with the present sessions.
-    pub fn new(port: &Port) -> Self {
-        Self { reported: port.gateways().map(|gateway| port.session(gateway)).collect() }
-    }
-
-    /// Returns a line for every gateway whose session changed since the last call.
-    pub fn changes(&mut self, port: &Port) -> Vec<String> {
-        let mut lines = Vec::new();
-        for (gateway, reported) in port.gateways().zip(&mut self.reported) {
-            let session = port.session(gateway);
-            if *reported != session {
-                *reported = session;
-                lines.push(format!("{gateway}: {session}"));
-            }
-        }
-        lines
-    }
 }
 
 /// Time without a frame after which none is pending, ns.

@@ -100,7 +100,7 @@ fn owner_program() {
     let adapter = AdapterConfig::new(1).with_cycle(Duration::from_millis(1));
     let startup = config.startup_plan(&adapter);
     let adapter = Adapter::attach(&ecrt, shared, adapter, startup).expect("a gateway is there");
-    assert!(adapter.is_simulated());
+    assert!(adapter.ecrt().is_simulated());
     let mut port = Port::new(adapter, config).expect("it is not active");
     assert!(matches!(port.adapter_mut().activate(), Err(Error::Attached { .. })));
     owner.call("ecrt_master_activate\0");

@@ -183,6 +183,7 @@ impl SessionMachine {
             Session::Verifying => Some(self.runner.pending_step()),
             Session::Waiting | Session::Failed(_) => Some(match () {
                 () if adapter.phase() != Phase::Active => PendingStep::Operational,
+                () if !adapter.has_link() => PendingStep::Link,
                 () if !self.is_online(adapter) => PendingStep::Answer,
                 () if self.is_restoring(adapter) => PendingStep::Operational,
                 () if self.startup_retry.is_due() || self.startup_retry.requests() > 0 => {

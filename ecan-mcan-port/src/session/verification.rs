@@ -351,6 +351,8 @@ pub(crate) fn profile_readback(profile: &PdoProfile) -> [(u8, u32); 3] {
 pub enum PendingStep {
     /// A configuration of the Port that has the gateway.
     Configuration,
+    /// A network link of the master.
+    Link,
     /// The slave does not answer at its address.
     Answer,
     /// The master does not see the slave in OP.
@@ -376,6 +378,23 @@ pub enum PendingStep {
 }
 
 impl PendingStep {
+    /// Returns whether the step is the cause of an outage, as far as it is known, and no step of the master or of
+    /// the verification that follows every outage.
+    pub fn is_cause(&self) -> bool {
+        match self {
+            Self::Operational
+            | Self::Transfer(_)
+            | Self::EarlierTransfer(_)
+            | Self::NextAttempt => false,
+            Self::Configuration
+            | Self::Link
+            | Self::Answer
+            | Self::StartupRetry
+            | Self::ProcessData
+            | Self::ExclusiveProcessData => true,
+        }
+    }
+
     /// Number of the step and its transfer in 40 bits, 0 for none.
     pub(crate) fn encode(step: Option<Self>) -> u64 {
         let transfer = |code: u64, it: SdoTransfer| {
@@ -393,6 +412,7 @@ impl PendingStep {
             Some(Self::NextAttempt) => 7,
             Some(Self::Transfer(it)) => transfer(8, it),
             Some(Self::EarlierTransfer(it)) => transfer(9, it),
+            Some(Self::Link) => 10,
         }
     }
 
@@ -413,6 +433,7 @@ impl PendingStep {
             7 => Some(Self::NextAttempt),
             8 => Some(Self::Transfer(transfer)),
             9 => Some(Self::EarlierTransfer(transfer)),
+            10 => Some(Self::Link),
             _ => None,
         }
     }
@@ -422,6 +443,9 @@ impl fmt::Display for PendingStep {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Configuration => f.write_str("a reconfiguration of the Port that includes it"),
+            Self::Link => f.write_str(
+                "the network link of the master; check the cable and the power of the first slave",
+            ),
             Self::Answer => {
                 f.write_str("the slave to answer at its address; check its power and the cables")
             }
@@ -453,6 +477,7 @@ mod tests {
         let steps = [
             None,
             Some(PendingStep::Configuration),
+            Some(PendingStep::Link),
             Some(PendingStep::Answer),
             Some(PendingStep::Operational),
             Some(PendingStep::StartupRetry),

@@ -168,6 +168,9 @@ pub trait FrameLink: fmt::Debug {
 
     fn session(&self, gateway: usize) -> SessionState;
 
+    /// What a gateway that was lost waits for, if it is more than the master's next step.
+    fn outage_cause(&self, gateway: usize) -> Option<String>;
+
     /// "Disabled" for a channel that is not enabled.
     fn channel_status(&self, gateway: usize, channel: u8) -> ChannelStatus;
 

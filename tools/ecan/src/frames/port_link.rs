@@ -124,6 +124,11 @@ impl FrameLink for PortLink {
         ended.map_err(Failure::master)
     }
 
+    fn outage_cause(&self, gateway: usize) -> Option<String> {
+        let step = self.port.waiting_for(self.port.gateway(gateway).ok()?)?;
+        step.is_cause().then(|| step.to_string())
+    }
+
     fn session(&self, gateway: usize) -> SessionState {
         let gateway = self.port.gateway(gateway);
         SessionState::Of(gateway.map_or(Session::Waiting, |gateway| self.port.session(gateway)))

@@ -2,11 +2,12 @@
 
 use std::fmt::Display;
 use std::path::Path;
+use std::time::Duration;
 
-use ecan_mcan_port::{PortError, Session, SlaveStatistics};
+use ecan_mcan_port::{ChannelWatch, LASTING_CAUSE, PortError, Session, SlaveStatistics};
 use ecan_protocol::can::CanFrame;
 use ecan_protocol::config::McanChannelConfig;
-use ecan_protocol::image::{ChannelState, ChannelStatus};
+use ecan_protocol::image::ChannelStatus;
 use ecan_protocol::mapping::{CHANNELS, Direction};
 use ecan_protocol::text::Printable;
 use ecan_tool_support::command_line::interrupt::Interrupt;
@@ -367,78 +368,6 @@ pub fn failure(position: usize, error: PortError) -> Failure {
     }
 }
 
-/// Interval of the lines of a channel with frequent changes, in nanoseconds.
-const PAUSE_NS: u64 = 1_000_000_000;
-/// Maximum number of lines in a burst.
-const AT_ONCE: u64 = 3;
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-struct Condition {
-    state: ChannelState,
-    has_warning: bool,
-    is_bus_off: bool,
-}
-
-impl Condition {
-    fn of(status: ChannelStatus) -> Self {
-        let (state, has_warning) = (status.state(), status.warn());
-        Self { state, has_warning, is_bus_off: status.bus_off() }
-    }
-
-    fn is_good(self) -> bool {
-        let takes_part = matches!(self.state, ChannelState::Run | ChannelState::Listen);
-        takes_part && !self.has_warning && !self.is_bus_off
-    }
-
-    fn text(self) -> String {
-        match self {
-            Self { is_bus_off: true, .. } => "bus-off".to_owned(),
-            Self { state, has_warning: true, .. } => {
-                format!("{state}, warning: error passive or many errors")
-            }
-            Self { state, .. } => state.to_string(),
-        }
-    }
-}
-
-#[derive(Clone, Copy, Debug, Default)]
-struct LastReported {
-    seen: Option<Condition>,
-    /// Time until which the line budget is used up.
-    paid_until_ns: u64,
-    changes: u32,
-}
-
-impl LastReported {
-    /// Updates the state; returns a line if one is due.
-    fn next(&mut self, now: Condition, now_ns: u64) -> Option<String> {
-        // There is no status before the first image.
-        let is_unknown = self.seen.is_none() && now.state == ChannelState::Disabled;
-        if is_unknown {
-            return None;
-        }
-        let before = self.seen.replace(now);
-        let is_change = before.map_or(!now.is_good(), |before| before != now);
-        self.changes += u32::from(is_change);
-        let paid_until_ns = self.paid_until_ns.max(now_ns) + PAUSE_NS;
-        if self.changes == 0 || paid_until_ns - now_ns > AT_ONCE * PAUSE_NS {
-            return None;
-        }
-        self.paid_until_ns = paid_until_ns;
-        self.rest()
-    }
-
-    /// Returns a line for unreported changes.
-    fn rest(&mut self) -> Option<String> {
-        let message = self.seen?.text();
-        match std::mem::take(&mut self.changes) {
-            0 => None,
-            1 => Some(message),
-            several => Some(format!("{message} ({several} changes)")),
-        }
-    }
-}
-
 /// Gap in the frames of a gateway.
 #[derive(Debug)]
 struct Gap {
@@ -463,6 +392,9 @@ impl Gap {
         new
     }
 }
+
+/// Interval of the reports of losses, in nanoseconds.
+const PAUSE_NS: u64 = 1_000_000_000;
 
 /// Reported number of losses, for example of lost images.
 #[derive(Debug, Default)]
@@ -490,8 +422,13 @@ struct GatewayWatch {
     /// Names the gateway if there are several.
     prefix: String,
     channels: Channels,
-    reported: [LastReported; CHANNELS],
+    reported: [ChannelWatch; CHANNELS],
     session: SessionState,
+    lost_since_ns: Option<u64>,
+    /// Causes of the present outage that have been reported.
+    causes: Vec<String>,
+    /// The present cause, and since when.
+    cause: (Option<String>, u64),
     losses: Losses,
     /// Images before the gateway started its sequence again.
     unknown: Losses,
@@ -509,6 +446,9 @@ impl GatewayWatch {
             channels,
             reported: Default::default(),
             session: SessionState::Of(Session::Ready),
+            lost_since_ns: None,
+            causes: Vec::new(),
+            cause: (None, 0),
             losses: since(counters.txpdo_lost),
             unknown: since(counters.txpdo_unknown),
             incomplete: since(counters.txpdo_incomplete),
@@ -516,33 +456,65 @@ impl GatewayWatch {
     }
 
     fn look(&mut self, link: &dyn FrameLink, now_ns: u64, report: &mut impl FnMut(String)) {
-        let session = link.session(self.gateway);
-        if session != self.session {
-            self.session = session;
-            report(format!("{}gateway: {session}", self.prefix));
-        }
+        let is_ready = self.look_at_session(link, now_ns, report);
         self.report_losses(link, now_ns, report);
-        if !session.is_ready() {
+        if !is_ready {
             return;
         }
         for channel in self.channels.iter() {
-            let now = Condition::of(link.channel_status(self.gateway, channel));
+            let status = link.channel_status(self.gateway, channel);
             let reported = self.reported.get_mut(usize::from(channel));
-            let Some(message) = reported.and_then(|reported| reported.next(now, now_ns)) else {
+            let Some(change) = reported.and_then(|reported| reported.next(status, now_ns)) else {
                 continue;
             };
             let can = can_config(link.port_config(), self.gateway, channel);
-            let rates = can.filter(|_| now.has_warning || now.is_bus_off);
+            let rates = can.filter(|_| status.warn() || status.bus_off());
             let rates = rates.map_or_else(String::new, |can| format!(", at {}", BitRates::of(can)));
-            report(format!("{}can{channel}: {message}{rates}", self.prefix));
+            report(format!("{}can{channel}: {change}{rates}", self.prefix));
         }
+    }
+
+    /// Reports a change of the session, and each cause of an outage once.
+    fn look_at_session(
+        &mut self,
+        link: &dyn FrameLink,
+        now_ns: u64,
+        report: &mut impl FnMut(String),
+    ) -> bool {
+        let session = link.session(self.gateway);
+        let is_change = std::mem::replace(&mut self.session, session) != session;
+        let prefix = &self.prefix;
+        if session.is_ready() {
+            if let Some(since_ns) = self.lost_since_ns.take() {
+                let seconds = now_ns.saturating_sub(since_ns) as f64 / 1e9;
+                report(format!("{prefix}gateway: ready after {seconds:.3} s"));
+            }
+            self.causes.clear();
+            return true;
+        }
+        self.lost_since_ns.get_or_insert(now_ns);
+        let cause = link.outage_cause(self.gateway);
+        if self.cause.0 != cause {
+            self.cause = (cause.clone(), now_ns);
+        }
+        // The master takes several steps after a loss.
+        let lasts = Duration::from_nanos(now_ns.saturating_sub(self.cause.1)) >= LASTING_CAUSE;
+        let is_told = is_change || lasts;
+        let cause = cause.filter(|cause| is_told && !self.causes.contains(cause));
+        match &cause {
+            Some(cause) => report(format!("{prefix}gateway: {session}; it waits for {cause}")),
+            None if is_change => report(format!("{prefix}gateway: {session}")),
+            None => {}
+        }
+        self.causes.extend(cause);
+        false
     }
 
     fn finish(&mut self, link: &dyn FrameLink, report: &mut impl FnMut(String)) {
         self.report_losses(link, u64::MAX, report);
         for (channel, reported) in self.reported.iter_mut().enumerate() {
-            if let Some(message) = reported.rest() {
-                report(format!("{}can{channel}: {message}", self.prefix));
+            if let Some(change) = reported.rest() {
+                report(format!("{}can{channel}: {change}", self.prefix));
             }
         }
     }
@@ -629,27 +601,5 @@ mod tests {
         // A long period counts in full.
         time.advance(502 * MS, 500 * MS);
         assert_eq!(time.total_ns, 611 * MS);
-    }
-
-    #[test]
-    fn frequent_changes_are_reported_once_a_second() {
-        let condition =
-            |is_bus_off| Condition { state: ChannelState::Run, has_warning: false, is_bus_off };
-        let mut reported = LastReported::default();
-        assert_eq!(reported.next(condition(false), 0), None);
-        let lines: Vec<_> = (1..=3000_u64)
-            .filter_map(|ms| reported.next(condition(ms % 2 == 1), ms * 1_000_000))
-            .collect();
-        let later = ["bus-off (998 changes)", "bus-off (1000 changes)"];
-        assert_eq!(lines, [&["bus-off", "run", "bus-off"][..], &later].concat());
-        // Withheld changes are reported later, even without new changes.
-        let last = reported.next(condition(false), 3_500_000_000);
-        assert_eq!(last.as_deref(), Some("run (999 changes)"));
-        assert_eq!(reported.next(condition(false), 9_000_000_000), None);
-        assert_eq!(reported.rest(), None);
-        let at_once = [true, false, true, false]
-            .map(|is_off| reported.next(condition(is_off), 9_000_000_000));
-        assert_eq!(at_once.iter().flatten().count(), 3);
-        assert_eq!(reported.rest().as_deref(), Some("run"));
     }
 }

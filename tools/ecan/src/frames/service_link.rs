@@ -3,7 +3,7 @@
 use std::time::{Duration, SystemTime};
 
 use ecan_host::{AdapterConfig, Clock as _, Errno, MonotonicClock, SlaveAccess as _};
-use ecan_mcan_port::{PortConfig, SlaveStatistics};
+use ecan_mcan_port::{PendingStep, PortConfig, Session, SlaveStatistics};
 use ecan_protocol::can::CanFrame;
 use ecan_protocol::image::{ChannelState, ChannelStatus, Timestamp};
 use ecan_protocol::mapping::{CHANNELS, Direction};
@@ -35,6 +35,7 @@ struct LinkedGateway {
     index: u16,
     position: u16,
     session: SessionState,
+    waiting_for: Option<String>,
     status: [ChannelStatus; CHANNELS],
     /// Status in the last state; `status` differs for one cycle after a bus-off between two states.
     last_status: [ChannelStatus; CHANNELS],
@@ -209,7 +210,8 @@ impl ServiceLink {
     fn forget_state(&mut self) {
         self.cycles.waiting = 0;
         for gateway in &mut self.gateways {
-            (gateway.session, gateway.start) = (SessionState::default(), Value::Null);
+            gateway.forget_session();
+            gateway.start = Value::Null;
         }
     }
 
@@ -287,9 +289,7 @@ impl ServiceLink {
             Err(error) if error.rpc().is_some_and(|rpc| rpc.code == NOT_AVAILABLE) => {
                 let (before_ns, now_ns) = (self.state_at_ns, MonotonicClock.now_ns());
                 self.state_at_ns = now_ns;
-                self.gateways
-                    .iter_mut()
-                    .for_each(|gateway| gateway.session = SessionState::default());
+                self.gateways.iter_mut().for_each(LinkedGateway::forget_session);
                 self.cycles
                     .pass(now_ns.saturating_sub(before_ns) / u64::from(self.adapter.cycle_ns()));
                 return Ok(());
@@ -377,12 +377,17 @@ impl LinkedGateway {
             index,
             position,
             session: SessionState::default(),
+            waiting_for: None,
             status: [ChannelStatus::default(); CHANNELS],
             last_status: [ChannelStatus::default(); CHANNELS],
             start: Value::Null,
             statistics: SlaveStatistics::default(),
             missed: 0,
         }
+    }
+
+    fn forget_session(&mut self) {
+        (self.session, self.waiting_for) = (SessionState::default(), None);
     }
 
     /// Begins a cycle.
@@ -392,6 +397,7 @@ impl LinkedGateway {
 
     fn update(&mut self, state: &GatewayState) {
         self.session = state.session.into();
+        self.waiting_for.clone_from(&state.waiting_for);
         self.last_status =
             state.channel_status.map(|raw| ChannelStatus::from_raw(raw.unwrap_or_default()));
         let counters = Value::Object(state.statistics.clone());
@@ -493,6 +499,17 @@ impl FrameLink for ServiceLink {
     fn end(&mut self) -> Result {
         self.report_losses();
         self.failure.take().map_or(Ok(()), Err)
+    }
+
+    fn outage_cause(&self, gateway: usize) -> Option<String> {
+        let LinkedGateway { session, waiting_for, .. } = self.gateways.get(gateway)?;
+        let follows_each_outage = |step: &String| {
+            [PendingStep::Operational, PendingStep::NextAttempt]
+                .iter()
+                .any(|other| other.to_string() == *step)
+        };
+        let is_waiting = *session == SessionState::Of(Session::Waiting);
+        waiting_for.clone().filter(|step| is_waiting && !follows_each_outage(step))
     }
 
     fn session(&self, gateway: usize) -> SessionState {

@@ -293,7 +293,7 @@ fn rejects_during(node: &str, fault: impl Fn(u32) -> String, end: &str) -> Vec<u
     let total = errors.lines().rfind(of_bridge).unwrap();
     let total = total.rsplit(": ").nth(1).and_then(|text| text.split(' ').next()).unwrap();
     assert!(total.parse::<usize>().unwrap() >= rejected, "{errors}");
-    let back = errors.lines().rfind(|line| line.ends_with(end)).unwrap();
+    let back = errors.lines().rfind(|line| line.contains(end)).unwrap();
     let back: f64 = back["# (".len()..].split(')').next().unwrap().parse().unwrap();
     assert!(heard.iter().all(|(_, number)| answers[*number]), "a rejected frame was sent");
     // Each accepted frame was sent, or its loss was reported to its client.

@@ -97,7 +97,7 @@ fn quiet_dump_on_standard_output_contains_only_data() {
         "--quiet",
         "--spin",
         "--duration",
-        "0.4",
+        "0.4s",
     ]);
     let printed = super::support::program::text(&output.stdout);
     assert!(printed.starts_with("SIMULATED") && printed.contains("frames: 0"), "{printed}");

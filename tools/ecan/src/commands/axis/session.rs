@@ -180,7 +180,7 @@ impl AxisSession {
     }
 
     pub fn is_simulated(&self) -> bool {
-        self.port.adapter().is_simulated()
+        self.port.adapter().ecrt().is_simulated()
     }
 
     /// Time of the cycle clock.

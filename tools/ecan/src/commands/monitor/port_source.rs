@@ -62,7 +62,7 @@ impl<'a> PortSource<'a> {
 impl Source for PortSource<'_> {
     fn origin(&self) -> Origin {
         Origin {
-            is_simulated: self.port.adapter().is_simulated(),
+            is_simulated: self.port.adapter().ecrt().is_simulated(),
             program: None,
             without_axes: "no axes: this command runs the cycle itself and configures no drives; \
                            use --via with the service of the application that moves the axes"

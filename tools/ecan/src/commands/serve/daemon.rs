@@ -5,7 +5,7 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError};
 use std::time::{Duration, Instant};
 
 use ecan_host::OpWait;
-use ecan_mcan_port::{Config, Port, PortConfig, PortError, Session};
+use ecan_mcan_port::{BusWatch, Config, Port, PortConfig, PortError};
 use ecan_protocol::text::Printable;
 use ecan_service::server::Service;
 use ecan_sim::Backend;
@@ -191,8 +191,7 @@ pub struct GatewayCycle {
     port: Port,
     planned: Planned,
     notifier: Notifier,
-    /// Gateways that were ready in the last cycle.
-    were_ready: Vec<bool>,
+    watch: BusWatch,
     has_been_ready: bool,
 }
 
@@ -221,8 +220,8 @@ impl GatewayCycle {
         let timeout = port.startup_timeout();
         OpWait::begin(port.adapter_mut(), timeout).map_err(Failure::master)?;
         service.attach(&mut port);
-        let (were_ready, notifier) = (Vec::new(), notifier.clone());
-        let mut cycle = Self { port, planned, notifier, were_ready, has_been_ready: false };
+        let (watch, notifier) = (BusWatch::new(&port), notifier.clone());
+        let cycle = Self { port, planned, notifier, watch, has_been_ready: false };
         cycle.report_start();
         Ok(cycle)
     }
@@ -295,6 +294,7 @@ impl GatewayCycle {
         self.report_start();
         self.port.reconfigure((self.planned.adapter, self.planned.config))?;
         service.attach(&mut self.port);
+        self.watch = BusWatch::new(&self.port);
         self.wait_ready()
     }
 
@@ -302,20 +302,15 @@ impl GatewayCycle {
         self.port.wait_ready()
     }
 
-    fn report_start(&mut self) {
+    fn report_start(&self) {
         let positions = self.planned.positions.clone();
-        self.were_ready = vec![false; positions.len()];
         self.notifier.send(Event::Start(positions, self.port.startup_timeout()));
     }
 
     fn report_changes(&mut self) {
         self.has_been_ready |= self.port.is_ready();
-        for (gateway, was_ready) in self.port.gateways().zip(&mut self.were_ready) {
-            let session = self.port.session(gateway);
-            let is_ready = session == Session::Ready;
-            if std::mem::replace(was_ready, is_ready) != is_ready {
-                self.notifier.send(Event::Gateway { index: gateway.slave(), is_ready });
-            }
+        for change in self.watch.changes(&self.port) {
+            self.notifier.send(Event::Change(change));
         }
     }
 }

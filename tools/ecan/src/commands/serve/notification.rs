@@ -10,7 +10,7 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use ecan_lite::config::ServiceSettings;
-use ecan_mcan_port::Config;
+use ecan_mcan_port::{BusChange, BusEvent, Config};
 use ecan_protocol::text::Printable;
 use ecan_service::server::{Control, Service};
 use sd_notify::NotifyState;
@@ -35,11 +35,8 @@ const MAX_INTERVAL: Duration = Duration::from_secs(1);
 pub enum Event {
     /// Gateways at these positions start; the time that this may take.
     Start(Vec<usize>, Duration),
-    /// A gateway became ready or was lost.
-    Gateway {
-        index: usize,
-        is_ready: bool,
-    },
+    /// A change of a gateway or channel.
+    Change(BusChange),
     /// The state without gateways.
     State(String),
     /// The service runs no cycle.
@@ -176,11 +173,12 @@ impl Reporter {
                 self.are_ready = vec![false; positions.len()];
                 self.positions = positions;
             }
-            Event::Gateway { index, is_ready } => {
+            Event::Change(BusChange { gateway, event, .. }) => {
+                let index = gateway.slave();
                 let position = self.positions.get(index).copied().unwrap_or_default();
-                note(format_args!("slave {position}: {}", if is_ready { "ready" } else { "lost" }));
-                if let Some(ready) = self.are_ready.get_mut(index) {
-                    *ready = is_ready;
+                note(format_args!("slave {position}: {event}"));
+                if let Some(is_ready) = self.are_ready.get_mut(index) {
+                    *is_ready = matches!(event, BusEvent::Ready(_) | BusEvent::Channel(..));
                 }
             }
             Event::State(text) => {
