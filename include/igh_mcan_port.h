@@ -23,6 +23,7 @@
  *          A configuration file with too many gateways or filters is ECAN_ERR_CONFIG.
  *          igh_mcan_port_is_ready() returns 0 after an error, no longer its code.
  *          igh_mcan_port_get_session() and igh_mcan_port_get_schedule_fault() return only the value.
+ *          Added: ecan_open(), igh_mcan_port_next_change(), igh_mcan_port_check_delivery().
  *          Added: igh_mcan_port_get_session_text(), igh_mcan_port_get_schedule_fault_text().
  *          Added: igh_mcan_port_set_gateway_object(), igh_mcan_port_get_gateway_object().
  *          Added: igh_mcan_port_serve(), igh_mcan_port_end_service().
@@ -481,6 +482,11 @@ int igh_mcan_port_allow_diagnostic_tests(igh_mcan_port_config_t *config, size_t 
  * channels with bit rates, filters and policies. `ecan config example` prints one with every key;
  * `ecan config` also checks, compares and exports the file that an application loads.
  *
+ * ecan_open(&igh, &mcan, "cell.toml");                  master and gateways, ready for frames
+ * igh_cia402_context_init_file(&axes, &mcan, "cell.toml", NULL);
+ *
+ * The same in steps, for an application that changes what it loads:
+ *
  * ecan_igh_default_config(&igh_config);
  * if (igh_mcan_port_load_config(&igh_config, &mcan_config, "cell.toml", NULL, 0, NULL) != ECAN_OK) {
  *     fprintf(stderr, "%s\n", ecan_last_error());    every fault, with line and column
@@ -564,6 +570,24 @@ typedef struct {
     /** Not for the application. */
     uint64_t opaque[4];
 } igh_mcan_port_t;
+
+/**
+ * Opens what a configuration file describes: loads the library that the environment variable ECAN_ECRT
+ * selects, opens the master and the gateways, and waits until frames can be sent. Blocks for seconds. A plain
+ * "sim" has the gateways, nodes and axes of the file. ecan_igh_deinit() closes everything.
+ *
+ * @param igh   Any content.
+ * @param port  Any content.
+ * @param path  As of igh_mcan_port_load_config().
+ *
+ * @usage   not rt, the cycle's thread, any time
+ * @return  As igh_mcan_port_load_config(), ecan_igh_init(), igh_mcan_port_init() and
+ *          ecan_igh_wait_op_timeout(). After an error there is nothing to deinit.
+ */
+ECAN_MUST_CHECK
+int ecan_open(ecan_igh_context_t *igh,
+              igh_mcan_port_t *port,
+              const char *path);
 
 /**
  * Opens a Port on a master that is not active yet. ecan_igh_wait_op_timeout() then waits until the
@@ -1193,6 +1217,31 @@ int igh_mcan_port_get_session_text(igh_mcan_port_t *port,
                                    char *text,
                                    size_t size,
                                    size_t *needed);
+
+/**
+ * Gets a change of a gateway or channel that was not told yet, as a line: what was lost, why as far as it is
+ * known, what returned and after how long, with the time since ecan_open() or ecan_igh_wait_op_timeout(). Call it
+ * after each cycle until the text is empty.
+ *
+ * @param text  Empty if there is none. See the rules for texts in igh_ecan_common.h.
+ *
+ * @usage   not rt, the cycle's thread, after init
+ * @return  ECAN_OK; ECAN_ERR_BUFFER for a line that is cut.
+ */
+int igh_mcan_port_next_change(igh_mcan_port_t *port,
+                              char *text,
+                              size_t size,
+                              size_t *needed);
+
+/**
+ * Fails at the end of a program that sends if no frame was delivered, or if a channel is bus-off or rejects frames
+ * while its condition is not good.
+ *
+ * @usage   rt, the cycle's thread, after init
+ * @return  ECAN_OK; ECAN_ERR_NOT_READY with the reason, as far as it is known.
+ */
+ECAN_MUST_CHECK
+int igh_mcan_port_check_delivery(igh_mcan_port_t *port);
 
 /**
  * Gets the report of the current cycle with a gateway.

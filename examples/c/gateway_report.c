@@ -5,25 +5,12 @@
 
 #include "report.h"
 
-void session_watch_init(session_watch_t *watch)
+void gateway_report_print_changes(bus_t *bus)
 {
-    for (size_t slave = 0; slave < ECAN_IGH_MAX_SLAVES; slave++) {
-        watch->sessions[slave] = IGH_MCAN_SESSION_READY;
-    }
-}
-
-void session_watch_print(session_watch_t *watch, bus_t *bus, uint64_t elapsed_ns)
-{
-    size_t slaves = ecan_igh_slave_count(&bus->igh);
-    for (size_t slave = 0; slave < slaves; slave++) {
-        char text[256];
-        int session = igh_mcan_port_get_session(&bus->mcan, slave);
-        if (session != watch->sessions[slave]) {
-            watch->sessions[slave] = session;
-            /* A text is valid also if it was cut. */
-            igh_mcan_port_get_session_text(&bus->mcan, slave, text, sizeof(text), NULL);
-            printf("%9.3f s  slave %zu: %s\n", (double)elapsed_ns / 1e9, slave, text);
-        }
+    char text[256];
+    /* A text is valid also if it was cut. */
+    while (igh_mcan_port_next_change(&bus->mcan, text, sizeof(text), NULL), text[0] != '\0') {
+        printf("%s\n", text);
     }
 }
 

@@ -1,4 +1,4 @@
-/* Reports of the gateways: lost and ready sessions, and a table at the end. */
+/* Reports of the gateways: what was lost and returned, and a table at the end. */
 #ifndef GATEWAY_REPORT_H
 #define GATEWAY_REPORT_H
 
@@ -7,16 +7,8 @@
 
 #include "bring_up.h"
 
-/* Last reported sessions. */
-typedef struct {
-    int sessions[ECAN_IGH_MAX_SLAVES];
-} session_watch_t;
-
-/* Starts with ready gateways. */
-void session_watch_init(session_watch_t *watch);
-
-/* Prints a line for every gateway whose session changed since the last call. */
-void session_watch_print(session_watch_t *watch, bus_t *bus, uint64_t elapsed_ns);
+/* Prints what changed at gateways and channels since the last call. */
+void gateway_report_print_changes(bus_t *bus);
 
 /* Returns true while the delivery of a frame is not proven yet. */
 bool gateway_report_has_pending(bus_t *bus, const bus_settings_t *settings);

@@ -180,8 +180,6 @@ static bool run_loop(bus_t *bus, const bus_settings_t *settings, frame_source_t 
         QUIET_CYCLES * cycle_ns > IDLE_TIMEOUT_NS ? QUIET_CYCLES * cycle_ns : IDLE_TIMEOUT_NS;
     uint64_t start = ecan_igh_now_ns(&bus->igh), last_activity = 0;
     cycle_health_t health = {0};
-    session_watch_t watch;
-    session_watch_init(&watch);
     while (!interrupt_is_set()) {
         if (igh_mcan_port_wait_next_cycle(&bus->mcan) != ECAN_OK) {
             report_sdk_error();
@@ -198,7 +196,7 @@ static bool run_loop(bus_t *bus, const bus_settings_t *settings, frame_source_t 
         if (!is_fine || !may_go_on) {
             return false;
         }
-        session_watch_print(&watch, bus, elapsed);
+        gateway_report_print_changes(bus);
 
         if (check->sent + check->returned != frames_before) {
             last_activity = elapsed;
@@ -284,6 +282,10 @@ static bool work(bus_t *bus, const arguments_t *arguments, const candump_log_t *
         real_time_print_statistics(&arguments->thread, bus);
         if (is_good && is_replay) {
             is_good = report_replay(bus, &source, &check);
+        } else if (is_good && !interrupt_is_set() &&
+                   igh_mcan_port_check_delivery(&bus->mcan) != ECAN_OK) {
+            report_sdk_error();
+            is_good = false;
         }
         echo_check_free(&check);
     }

@@ -132,6 +132,19 @@ public:
         return detail::finish_with(code, port(code == ECAN_OK ? on.bus_ : nullptr));
     }
 
+    /**
+     * Opens what a configuration file describes, and waits until frames can be sent.
+     *
+     * @usage not rt, the cycle's thread
+     * @return As ecan_open().
+     */
+    static outcome<port> open_file(const std::string &path)
+    {
+        const detail::bus_ptr bus = std::make_shared<detail::bus>();
+        const int code = ecan_open(&bus->master, &bus->port, path.c_str());
+        return detail::finish_with(code, port(code == ECAN_OK ? bus : nullptr));
+    }
+
     port(port &&other) noexcept = default;
     port &operator=(port &&other) noexcept
     {
@@ -166,6 +179,21 @@ public:
         return detail::text_of([&](char *text, std::size_t size, std::size_t *needed) {
             return igh_mcan_port_get_session_text(raw(), slave, text, size, needed);
         });
+    }
+    /** Passes each change of a gateway or channel that was not told yet, as a line (igh_mcan_port_next_change()). */
+    template <class Function>
+    void for_each_change(Function function)
+    {
+        char text[256];
+        while (igh_mcan_port_next_change(raw(), text, sizeof(text), nullptr) == ECAN_OK &&
+               text[0] != '\0') {
+            function(static_cast<const char *>(text));
+        }
+    }
+    /** As igh_mcan_port_check_delivery(). Real-time safe. */
+    status check_delivery() const noexcept
+    {
+        return status(igh_mcan_port_check_delivery(raw()));
     }
     /** Counters of a gateway. Real-time safe. */
     status get_statistics(std::size_t slave, igh_mcan_statistics_t &statistics) const noexcept

@@ -5,7 +5,7 @@ use ecan_c_boundary::result::ecan_result_t;
 use ecan_canopen::NodeConfig;
 use ecan_cia402::{Cia402, Cia402Error, SendSummary};
 use ecan_host::{Adapter, SdoRequestId};
-use ecan_mcan_port::{Cycle, Port, PortConfig, SendTicket};
+use ecan_mcan_port::{BusWatch, Cycle, Port, PortConfig, SendTicket};
 use ecan_service::server::Service;
 
 use crate::callback::ProgressCallback;
@@ -38,6 +38,8 @@ pub(crate) struct Bus {
     pub(crate) applied: Option<PortConfig>,
     /// Simulated time passes only while the program waits.
     pub(crate) is_stepped: bool,
+    /// Of igh_mcan_port_next_change().
+    pub(crate) watch: Option<BusWatch>,
 }
 
 /// The axes on a Port, with the state of their C context.
@@ -108,6 +110,7 @@ impl Bus {
             last_ticket: None,
             applied,
             is_stepped,
+            watch: None,
         }
     }
 
@@ -118,6 +121,18 @@ impl Bus {
             Layer::Port(port) => Some(port.adapter()),
             Layer::Between => None,
         }
+    }
+
+    /// The Port and its watch.
+    pub(crate) fn watched_port(&mut self) -> Option<(&Port, &mut BusWatch)> {
+        let Layer::Port(port) = &self.layer else { return None };
+        Some((port, self.watch.as_mut()?))
+    }
+
+    /// Changes of the gateways count from now on.
+    pub(crate) fn watch_port(&mut self) {
+        self.watch =
+            if let Layer::Port(port) = &self.layer { Some(BusWatch::new(port)) } else { None };
     }
 
     pub(crate) fn adapter_mut(&mut self) -> Option<&mut Adapter> {
@@ -142,6 +157,7 @@ impl Bus {
         match std::mem::replace(&mut self.layer, Layer::Between) {
             Layer::Adapter(adapter) => match make(*adapter) {
                 Ok(port) => {
+                    self.watch = Some(BusWatch::new(&port));
                     self.layer = Layer::Port(Box::new(port));
                     self.contexts += 1;
                     self.port_serial = self.contexts;
@@ -209,6 +225,7 @@ impl Bus {
         self.service = None;
         self.axes = None;
         self.last_ticket = None;
+        self.watch = None;
         self.port_serial = 0;
         self.layer = match std::mem::replace(&mut self.layer, Layer::Between) {
             Layer::Port(port) => Layer::Adapter(Box::new(port.into_adapter())),

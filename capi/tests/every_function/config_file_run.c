@@ -1,5 +1,8 @@
 /* igh_mcan_port.h: gateways that run with a configuration file. */
+#define _POSIX_C_SOURCE 200809L
 #include "check.h"
+
+#include <stdlib.h>
 
 static const uint8_t DATA[64] = {1, 2, 3, 4, 5, 6, 7, 8};
 
@@ -150,6 +153,63 @@ static void written_configuration(ecan_igh_context_t *igh)
     object_is(igh, 1, 0x8011, 3, 2);
 }
 
+/* A single call, with the library that the environment selects. */
+static void opened_by_one_call(void)
+{
+    static const char SMALL[] = "[[gateway]]\ncan0 = { bitrate = 1_000_000 }\n";
+    static const char TOGETHER[] = "clock = \"stepped\"\n"
+                                   "[[gateway]]\n"
+                                   "[[node]]\n"
+                                   "kind = \"echo\"\n"
+                                   "bus = \"0.0\"\n"
+                                   "[[fault]]\n"
+                                   "at_ms = 20000\n"
+                                   "kind = \"link_loss\"\n"
+                                   "gateway = 0\n"
+                                   "for_ms = 300\n";
+    ecan_igh_context_t igh;
+    igh_mcan_port_t port;
+    char setting[300];
+    char path[300];
+    char text[200];
+    char lines[2][200] = {"", ""};
+    unsigned found = 0;
+    int code;
+    const char *former = getenv("ECAN_ECRT");
+    char *kept = former == NULL ? NULL : strdup(former);
+
+    SAME(0, write_scenario(TOGETHER, setting, sizeof(setting)));
+    SAME(0, write_file(SMALL, path, sizeof(path)));
+    SAME(0, setenv("ECAN_ECRT", setting, 1));
+    BAD(ECAN_ERR_FILE, ecan_open(&igh, &port, "no_such.toml"));
+    GOOD(ecan_open(&igh, &port, path));
+    BAD(ECAN_ERR_ORDER, ecan_open(&igh, &port, path));
+    SAME(1, igh_mcan_port_is_ready(&port));
+    BAD(ECAN_ERR_NOT_READY, igh_mcan_port_check_delivery(&port));
+    ERROR_HAS("no frame was delivered");
+    while (found < 2 && ecan_igh_now_ns(&igh) < 60000000000ull) {
+        GOOD(igh_mcan_port_wait_next_cycle(&port));
+        GOOD(igh_mcan_port_cycle_begin(&port));
+        if (found == 0) {
+            code = igh_mcan_port_send_can(&port, 0, 0, 0x123, 0, DATA, 8);
+            TRUE(code == ECAN_OK || ecan_result_is_temporary(code));
+        }
+        GOOD(igh_mcan_port_cycle_end(&port));
+        GOOD(igh_mcan_port_next_change(&port, text, sizeof(text), NULL));
+        if (text[0] != '\0') {
+            memcpy(lines[found++], text, sizeof(text));
+        }
+    }
+    TEXT_HAS("slave 0: lost, waits for the network link", lines[0]);
+    TEXT_HAS("slave 0: ready after ", lines[1]);
+    GOOD(igh_mcan_port_check_delivery(&port));
+    GOOD(ecan_igh_deinit(&igh));
+    SAME(0, kept == NULL ? unsetenv("ECAN_ECRT") : setenv("ECAN_ECRT", kept, 1));
+    free(kept);
+    remove_file(path);
+    remove_scenario(setting);
+}
+
 void test_config_file_run(void)
 {
     ecan_igh_context_t igh;
@@ -213,4 +273,6 @@ void test_config_file_run(void)
     GOOD(igh_mcan_port_init(&port, &igh, &config));
     GOOD(ecan_igh_deinit(&igh));
     remove_scenario(setting);
+
+    opened_by_one_call();
 }

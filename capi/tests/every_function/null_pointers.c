@@ -210,6 +210,9 @@ static void igh_mcan_port(void)
     BAD(ECAN_ERR_NULL, igh_mcan_port_parse_config(&igh_config, NULL, "x", memory, 8, memory));
     BAD(ECAN_ERR_NULL, igh_mcan_port_parse_config(&igh_config, &config, NULL, memory, 8, memory));
     BAD(ECAN_ERR_NULL, igh_mcan_port_parse_config(&igh_config, &config, "x", NULL, 8, memory));
+    BAD(ECAN_ERR_NULL, ecan_open(NULL, &port, "x"));
+    BAD(ECAN_ERR_NULL, ecan_open(&igh, NULL, "x"));
+    BAD(ECAN_ERR_NULL, ecan_open(&igh, &port, NULL));
     BAD(ECAN_ERR_NULL, igh_mcan_port_init(NULL, &igh, &config));
     BAD(ECAN_ERR_NULL, igh_mcan_port_init(&port, NULL, &config));
     BAD(ECAN_ERR_NULL, igh_mcan_port_init(&port, &igh, NULL));
@@ -262,6 +265,9 @@ static void igh_mcan_port(void)
     BAD(ECAN_ERR_NULL, igh_mcan_port_get_session(NULL, 0));
     BAD(ECAN_ERR_NULL, igh_mcan_port_get_session_text(NULL, 0, memory, 8, memory));
     BAD(ECAN_ERR_NULL, igh_mcan_port_get_session_text(&port, 0, NULL, 8, memory));
+    BAD(ECAN_ERR_NULL, igh_mcan_port_next_change(NULL, memory, 8, memory));
+    BAD(ECAN_ERR_NULL, igh_mcan_port_next_change(&port, NULL, 8, memory));
+    BAD(ECAN_ERR_NULL, igh_mcan_port_check_delivery(NULL));
     BAD(ECAN_ERR_NULL, igh_mcan_port_get_cycle_report(NULL, 0, memory));
     BAD(ECAN_ERR_NULL, igh_mcan_port_get_cycle_report(&port, 0, NULL));
     BAD(ECAN_ERR_NULL, igh_mcan_port_get_parse_diag(NULL, 0, memory));

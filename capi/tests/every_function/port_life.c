@@ -44,6 +44,8 @@ static void no_port(int code, igh_mcan_port_t *port)
     BAD(code, igh_mcan_port_end_service(port));
     BAD(code, igh_mcan_port_get_session(port, 0));
     BAD(code, igh_mcan_port_get_session_text(port, 0, NULL, 0, NULL));
+    BAD(code, igh_mcan_port_next_change(port, NULL, 0, NULL));
+    BAD(code, igh_mcan_port_check_delivery(port));
     BAD(code, igh_mcan_port_get_cycle_report(port, 0, &report));
     BAD(code, igh_mcan_port_get_parse_diag(port, 0, &diag));
     BAD(code, igh_mcan_port_get_channel_status(port, 0, 0, &status));

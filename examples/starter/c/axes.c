@@ -3,11 +3,8 @@
 
 #include <igh_cia402_protocol.h>
 
-enum { CYCLES = 1000, READY_MS = 20000, TIMEOUT_MS = 20000 };
+enum { CYCLES = 1000, TIMEOUT_MS = 20000 };
 
-/* Static: the configurations are too large for the stack of some threads. */
-static ecan_igh_config_t igh_config;
-static igh_mcan_port_config_t mcan_config;
 static ecan_igh_context_t igh;
 static igh_mcan_port_t mcan;
 static igh_cia402_context_t axes;
@@ -19,21 +16,18 @@ static void print_progress(void *user, size_t axis, const char *text)
     printf("%s\n", text);
 }
 
-static int open_machine(void)
+/* Prints what was lost, why, and what returned. */
+static void print_changes(void)
 {
-    int code = ecan_igh_default_config(&igh_config);
-    if (code == ECAN_OK) {
-        code = igh_mcan_port_load_config(&igh_config, &mcan_config, "machine.toml", NULL, 0, NULL);
+    char text[256];
+    while (igh_mcan_port_next_change(&mcan, text, sizeof(text), NULL) == ECAN_OK && text[0]) {
+        fprintf(stderr, "%s\n", text);
     }
-    if (code == ECAN_OK) {
-        code = ecan_igh_init(&igh, &igh_config);
-    }
-    if (code == ECAN_OK) {
-        code = igh_mcan_port_init(&mcan, &igh, &mcan_config);
-    }
-    if (code == ECAN_OK) {
-        code = ecan_igh_wait_op_timeout(&igh, READY_MS);
-    }
+}
+
+static int start(void)
+{
+    int code = ecan_open(&igh, &mcan, "machine.toml");
     if (code == ECAN_OK) {
         code = igh_cia402_context_init_file(&axes, &mcan, "machine.toml", NULL);
     }
@@ -55,12 +49,16 @@ static int run_cycle(void)
     if (code == ECAN_OK) {
         code = igh_cia402_send_target_step(&axes);
     }
-    return code == ECAN_OK ? igh_mcan_port_cycle_end(&mcan) : code;
+    if (code == ECAN_OK) {
+        code = igh_mcan_port_cycle_end(&mcan);
+    }
+    print_changes();
+    return code;
 }
 
 int main(void)
 {
-    int code = open_machine();
+    int code = start();
     for (unsigned count = 0; code == ECAN_OK && count < CYCLES; count++) {
         code = run_cycle();
     }

@@ -3,27 +3,18 @@
 
 #include <igh_mcan_port.h>
 
-enum { SLAVE = 0, CHANNEL = 0, CYCLES = 1000, READY_MS = 20000 };
+enum { SLAVE = 0, CHANNEL = 0, CYCLES = 1000 };
 
-/* Static: the configurations are too large for the stack of some threads. */
-static ecan_igh_config_t igh_config;
-static igh_mcan_port_config_t mcan_config;
 static ecan_igh_context_t igh;
 static igh_mcan_port_t mcan;
 
-static int open_bus(void)
+/* Prints what was lost, why, and what returned. */
+static void print_changes(void)
 {
-    int code = ecan_igh_default_config(&igh_config);
-    if (code == ECAN_OK) {
-        code = igh_mcan_port_load_config(&igh_config, &mcan_config, "machine.toml", NULL, 0, NULL);
+    char text[256];
+    while (igh_mcan_port_next_change(&mcan, text, sizeof(text), NULL) == ECAN_OK && text[0]) {
+        fprintf(stderr, "%s\n", text);
     }
-    if (code == ECAN_OK) {
-        code = ecan_igh_init(&igh, &igh_config);
-    }
-    if (code == ECAN_OK) {
-        code = igh_mcan_port_init(&mcan, &igh, &mcan_config);
-    }
-    return code == ECAN_OK ? ecan_igh_wait_op_timeout(&igh, READY_MS) : code;
 }
 
 static int run_cycle(unsigned count)
@@ -48,14 +39,18 @@ static int run_cycle(unsigned count)
     if (code == ECAN_OK || ecan_result_is_temporary(code)) {
         code = igh_mcan_port_cycle_end(&mcan);
     }
+    print_changes();
     return code;
 }
 
 int main(void)
 {
-    int code = open_bus();
+    int code = ecan_open(&igh, &mcan, "machine.toml");
     for (unsigned count = 0; code == ECAN_OK && count < CYCLES; count++) {
         code = run_cycle(count);
+    }
+    if (code == ECAN_OK) {
+        code = igh_mcan_port_check_delivery(&mcan);
     }
     if (code != ECAN_OK) {
         fprintf(stderr, "starter: %s\n", ecan_last_error());

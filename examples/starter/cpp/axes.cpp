@@ -9,10 +9,7 @@ using namespace std::chrono_literals;
 
 int main()
 try {
-    const ecan::bus_config config = ecan::bus_config::load("machine.toml");
-    ecan::master master = ecan::master::open(config);
-    ecan::port port = ecan::port::open(master, config);
-    master.wait_op(20s);
+    ecan::port port = ecan::port::open_file("machine.toml");
     // Stops the axes when it is destroyed, also after an error.
     ecan::axes axes = ecan::axes::open_file(port, "machine.toml");
     axes.on_progress([](std::size_t, std::string_view text) {
@@ -25,6 +22,7 @@ try {
         ecan::check(axes.process_received());
         ecan::check(axes.send_target_step());
         ecan::check(cycle.end());
+        port.for_each_change([](const char *change) { std::fprintf(stderr, "%s\n", change); });
     }
     axes.shutdown(20s);
     return 0;

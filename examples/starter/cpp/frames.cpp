@@ -1,19 +1,13 @@
 // Sends a frame in every cycle and prints the frames that return. machine.toml describes the gateways.
 #include <array>
-#include <chrono>
 #include <cstdio>
 
 #include <ecan_lite.hpp>
 
-using namespace std::chrono_literals;
-
 int main()
 try {
     const ecan::channel_address can0 = {0, 0};
-    const ecan::bus_config config = ecan::bus_config::load("machine.toml");
-    ecan::master master = ecan::master::open(config);
-    ecan::port port = ecan::port::open(master, config);
-    master.wait_op(20s);
+    ecan::port port = ecan::port::open_file("machine.toml");
 
     for (unsigned count = 0; count < 1000; count++) {
         auto cycle = port.next_cycle();
@@ -28,7 +22,9 @@ try {
             ecan::check(sent);
         }
         ecan::check(cycle.end());
+        port.for_each_change([](const char *change) { std::fprintf(stderr, "%s\n", change); });
     }
+    ecan::check(port.check_delivery());
     return 0;
 } catch (const ecan::error &error) {
     std::fprintf(stderr, "starter: %s\n", error.what());

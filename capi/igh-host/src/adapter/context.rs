@@ -98,7 +98,17 @@ fn open_own(
 #[export(call)]
 pub fn ecan_igh_init(context: *mut ecan_igh_context_t, config: *const ecan_igh_config_t) {
     pointers!(call, out(context), encoded(config));
-    open_own(call, &context, &config, open_library)
+    open_own(call, &context, &config, open_configured_library)
+}
+
+/// As ecan_igh_init(), with these options of a plain "sim".
+pub(crate) fn init_with(
+    call: Call,
+    context: &OutPointer<ecan_igh_context_t>,
+    config: &IghConfig,
+    options: EcrtOptions,
+) -> Result<(), ecan_result_t> {
+    open_own(call, context, config, |call, config| open_library(call, config, options))
 }
 
 /// As [`ecan_igh_init`], on a library that a Rust program has opened, in place of the configured one: contexts that
@@ -190,7 +200,10 @@ pub fn ecan_igh_wait_op_timeout(context: *mut ecan_igh_context_t, timeout_ms: u3
     bus.run_to_end(call)?;
     match bus.port_mut() {
         Some(port) => {
-            port.wait_ready_timeout(Duration::from_millis(timeout_ms.into())).or_code(call)
+            let timeout = Duration::from_millis(timeout_ms.into());
+            port.wait_ready_timeout(timeout).or_code(call)?;
+            bus.watch_port();
+            Ok(())
         }
         None => {
             let waited = bus.need_adapter(call)?.wait_op(Duration::from_millis(timeout_ms.into()));
@@ -338,7 +351,7 @@ pub fn ecan_igh_config_set_seed(config: *mut ecan_igh_config_t, seed: u64) {
 /// @return  1 or 0; 0 after an error, which ecan_last_error_code() gives.
 #[export(_, layer adapter, or 0)]
 pub fn ecan_igh_is_simulated(context: *mut ecan_igh_context_t) -> c_int {
-    Ok(adapter.is_simulated().into())
+    Ok(adapter.ecrt().is_simulated().into())
 }
 
 /// Returns 1 if time passes only while the program waits for the next cycle: in a simulation with a
@@ -364,10 +377,18 @@ impl Library {
     }
 }
 
+fn open_configured_library(call: Call, config: &IghConfig) -> Result<Library, ecan_result_t> {
+    open_library(call, config, EcrtOptions::for_gateways(&config.adapter_config()))
+}
+
 /// Loads the library that the configuration selects. A simulated one identifies itself on standard
 /// error.
-fn open_library(call: Call, config: &IghConfig) -> Result<Library, ecan_result_t> {
-    let opened = ecrt_options(config).open().or_code(call)?;
+fn open_library(
+    call: Call,
+    config: &IghConfig,
+    options: EcrtOptions,
+) -> Result<Library, ecan_result_t> {
+    let opened = with_settings(options, config).open().or_code(call)?;
     #[cfg(feature = "sim")]
     if let Some(simulation) = &opened.simulation {
         crate::callback::write_line(&simulation.banner());
@@ -378,7 +399,7 @@ fn open_library(call: Call, config: &IghConfig) -> Result<Library, ecan_result_t
 
 /// The library that this process has loaded, of which the owner of a master has its handle.
 fn find_loaded(call: Call, config: &IghConfig) -> Result<Library, ecan_result_t> {
-    let ecrt = ecrt_options(config).find_loaded().or_code(call)?;
+    let ecrt = with_settings(EcrtOptions::default(), config).find_loaded().or_code(call)?;
     warn_of_release(&ecrt);
     Ok(Library::of(ecrt))
 }
@@ -390,13 +411,14 @@ fn warn_of_release(ecrt: &Ecrt) {
     }
 }
 
-fn ecrt_options(config: &IghConfig) -> EcrtOptions {
+/// Adds the settings of the configuration.
+fn with_settings(options: EcrtOptions, config: &IghConfig) -> EcrtOptions {
     // CMake's ECRT_LIBRARY.
     let default_library = option_env!("ECAN_DEFAULT_ECRT").filter(|path| !path.is_empty());
     let options = EcrtOptions {
         setting: config.ecrt.as_ref().map(|text| text.get().unwrap_or_default().to_owned()),
         default_library: default_library.map(Into::into),
-        ..EcrtOptions::for_gateways(&config.adapter_config())
+        ..options
     };
     #[cfg(feature = "sim")]
     let options = with_simulation(options, config);
@@ -420,10 +442,14 @@ mod tests {
 
     use super::*;
 
+    fn options(config: &IghConfig) -> EcrtOptions {
+        with_settings(EcrtOptions::for_gateways(&config.adapter_config()), config)
+    }
+
     #[test]
     fn simulation_has_the_settings_of_the_configuration() {
         let mut config = IghConfig::new();
-        let plain = ecrt_options(&config);
+        let plain = options(&config);
         assert_eq!((plain.setting, plain.simulation.gateways), (None, vec![0]));
         assert_eq!(plain.simulation.clock, Some(ClockKind::Real));
         assert_eq!(plain.simulation.carries_large_pdos, None);
@@ -431,7 +457,7 @@ mod tests {
         config.is_stepped = true;
         config.seed = Some(7);
         config.adapter.allow_large_pdos = true;
-        let simulation = ecrt_options(&config).simulation;
+        let simulation = options(&config).simulation;
         assert_eq!((simulation.seed, simulation.gateways), (Some(7), vec![0; 3]));
         assert_eq!(simulation.clock, Some(ClockKind::Stepped));
         assert_eq!(simulation.carries_large_pdos, Some(true));

@@ -5,6 +5,13 @@
 //! `ecan config` also checks, compares and exports the file that an application loads.
 //!
 //! ```c
+//! ecan_open(&igh, &mcan, "cell.toml");                  master and gateways, ready for frames
+//! igh_cia402_context_init_file(&axes, &mcan, "cell.toml", NULL);
+//! ```
+//!
+//! The same in steps, for an application that changes what it loads:
+//!
+//! ```c
 //! ecan_igh_default_config(&igh_config);
 //! if (igh_mcan_port_load_config(&igh_config, &mcan_config, "cell.toml", NULL, 0, NULL) != ECAN_OK) {
 //!     fprintf(stderr, "%s\n", ecan_last_error());    every fault, with line and column
@@ -98,7 +105,7 @@ fn store(
     call.encode(config, &port)
 }
 
-fn load(path: &CStr) -> Result<Config, ConfigFileError> {
+pub(super) fn load(path: &CStr) -> Result<Config, ConfigFileError> {
     ecan_lite::config::load(OsStr::from_bytes(path.to_bytes()))
 }
 

@@ -5,18 +5,20 @@ use std::os::unix::ffi::OsStrExt as _;
 use std::path::PathBuf;
 
 use ecan_c_boundary::result::ecan_result_t;
-use ecan_c_boundary::{Call, pointers};
+use ecan_c_boundary::{Call, OutPointer, pointers};
 use ecan_c_export::export;
 use ecan_host::Phase;
-use ecan_mcan_port::Port;
+use ecan_mcan_port::{Port, PortConfig};
 use ecan_service::server::{Control, ServePort as _, ServiceConfig};
 
 use super::config::igh_mcan_port_config_t;
-use crate::adapter::config::{configured_port, ecan_igh_config_t};
-use crate::adapter::context::ecan_igh_context_t;
+use super::config_file::load;
+use crate::adapter::config::{IghConfig, configured_port, ecan_igh_config_t, extended_port};
+use crate::adapter::context::{ecan_igh_context_t, init_with};
 use crate::bus::Bus;
 use crate::encoded::EncodedCall as _;
 use crate::errors::OrCode as _;
+use crate::guard::Access;
 use crate::handle::{Context, Entered, Kind};
 use crate::{errors, handle};
 
@@ -47,6 +49,37 @@ impl Context for igh_mcan_port_t {
     }
 }
 
+/// Opens what a configuration file describes: loads the library that the environment variable ECAN_ECRT
+/// selects, opens the master and the gateways, and waits until frames can be sent. Blocks for seconds. A plain
+/// "sim" has the gateways, nodes and axes of the file. ecan_igh_deinit() closes everything.
+///
+/// @param igh   Any content.
+/// @param port  Any content.
+/// @param path  As of igh_mcan_port_load_config().
+///
+/// @usage   not rt, the cycle's thread, any time
+/// @return  As igh_mcan_port_load_config(), ecan_igh_init(), igh_mcan_port_init() and
+///          ecan_igh_wait_op_timeout(). After an error there is nothing to deinit.
+#[must_use]
+#[export(call)]
+pub fn ecan_open(igh: *mut ecan_igh_context_t, port: *mut igh_mcan_port_t, path: *const c_char) {
+    pointers!(call, out(igh), out(port), c_str(path));
+    let file = load(path).map_err(|error| errors::note(call, &error))?;
+    let options = ecan_lite::config::load_ecrt_options(OsStr::from_bytes(path.to_bytes()))
+        .map_err(|error| errors::note(call, &error))?;
+    let config = IghConfig::new().with(&file.adapter, extended_port(&file.port));
+    init_with(call, &igh, &config, options)?;
+    // SAFETY: `out` was promised that the pointer is valid.
+    let mut bus = unsafe { handle::enter_context(call, igh.as_ptr(), Access::Long)? };
+    let opened = add(call, &mut bus, &port, &file.port)
+        .and_then(|()| bus.need_port(call)?.wait_ready().or_code(call));
+    match opened {
+        Ok(()) => bus.watch_port(),
+        Err(_) => drop(bus.leave()),
+    }
+    opened
+}
+
 /// Opens a Port on a master that is not active yet. ecan_igh_wait_op_timeout() then waits until the
 /// gateways are ready.
 ///
@@ -65,6 +98,16 @@ pub fn igh_mcan_port_init(
     config: *const igh_mcan_port_config_t,
 ) {
     pointers!(call, out(port), encoded(config));
+    add(call, bus, &port, &config)
+}
+
+/// Opens a Port on the Adapter of a bus.
+pub(super) fn add(
+    call: Call,
+    bus: &mut Entered<Bus>,
+    port: &OutPointer<igh_mcan_port_t>,
+    config: &PortConfig,
+) -> Result<(), ecan_result_t> {
     // The existing Port may be this one; it stays.
     // SAFETY: `out` was promised that the pointer is valid.
     unsafe { bus.need_no_port(call, port.as_ptr().cast())? };
@@ -77,7 +120,7 @@ pub fn igh_mcan_port_init(
     unsafe { handle::clear(port.as_ptr().cast()) };
     let applied = bus.applied;
     let serial = bus.add_port(call, |adapter| {
-        let config = configured_port(&config, adapter.slave_count());
+        let config = configured_port(config, adapter.slave_count());
         if applied.is_some_and(|applied| applied != config) {
             let text = format_args!(
                 "the configuration is not the one that igh_mcan_port_apply_config was given"
@@ -89,6 +132,7 @@ pub fn igh_mcan_port_init(
     })?;
     // SAFETY: as above.
     unsafe { bus.add_port_context(port.as_ptr().cast(), serial) };
+    Ok(())
 }
 
 /// Configures the gateways again, to change N or channels at run time (manual 14.2). Then wait for
@@ -114,6 +158,7 @@ pub fn igh_mcan_port_reconfigure(
     if reconfigured.as_ref().err().is_none_or(errors::port_has_changed) {
         bus.forget_configuration();
     }
+    bus.watch_port();
     reconfigured.or_code(call)
 }
 

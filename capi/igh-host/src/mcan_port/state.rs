@@ -8,7 +8,7 @@ use ecan_c_boundary::{Call, mirror, pointers};
 use ecan_c_export::export;
 use ecan_mcan_port::{
     AddressError, ChannelHandle, ChannelStatistics, GatewayHandle, ImageReport, Port, Session,
-    SlaveStatistics,
+    SlaveStatistics, check_delivery,
 };
 use ecan_protocol::device::Capabilities;
 
@@ -109,6 +109,38 @@ pub fn igh_mcan_port_get_session_text(
         None => session.to_string(),
     };
     text.put(call, &description)
+}
+
+/// Gets a change of a gateway or channel that was not told yet, as a line: what was lost, why as far as it is
+/// known, what returned and after how long, with the time since ecan_open() or ecan_igh_wait_op_timeout(). Call it
+/// after each cycle until the text is empty.
+///
+/// @param text  Empty if there is none. See the rules for texts in igh_ecan_common.h.
+///
+/// @usage   not rt, the cycle's thread, after init
+/// @return  ECAN_OK; ECAN_ERR_BUFFER for a line that is cut.
+#[export(call, bus bus)]
+pub fn igh_mcan_port_next_change(
+    port: *mut igh_mcan_port_t,
+    text: *mut c_char,
+    size: usize,
+    needed: *mut usize,
+) {
+    pointers!(call, out_text(text, size, needed));
+    let change = bus.watched_port().and_then(|(port, watch)| watch.changes(port).next());
+    text.put(call, &change.map_or_else(String::new, |change| change.to_string()))
+}
+
+/// Fails at the end of a program that sends if no frame was delivered, or if a channel is bus-off or rejects frames
+/// while its condition is not good.
+///
+/// @usage   rt, the cycle's thread, after init
+/// @return  ECAN_OK; ECAN_ERR_NOT_READY with the reason, as far as it is known.
+#[must_use]
+#[export(call, layer port)]
+pub fn igh_mcan_port_check_delivery(port: *mut igh_mcan_port_t) {
+    check_delivery(port)
+        .map_err(|error| call.fail(ecan_result_t::ECAN_ERR_NOT_READY, format_args!("{error}")))
 }
 
 /// Gets the report of the current cycle with a gateway.
