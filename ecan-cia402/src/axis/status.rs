@@ -387,6 +387,9 @@ impl fmt::Display for AxisProgress {
         }
         match &self.error {
             Some(AxisError::Held(_)) | None => Ok(()),
+            Some(AxisError::Setup(failure)) if self.phase == AxisPhase::SetupFailed => {
+                write!(f, " ({failure})")
+            }
             Some(error) => write!(f, " ({error})"),
         }
     }
