@@ -84,7 +84,7 @@ inside() {
     chroot "$root" /usr/bin/env "${environment[@]}" "$@"
 }
 inside true || fail "programs for $arch do not run here"
-! inside sh -c 'command -v cargo rustc' || fail "the root contains Rust"
+! inside sh -c 'command -v cargo || command -v rustc' || fail "the root contains Rust"
 
 # Files, and the contents that name users, groups and settings.
 state() {

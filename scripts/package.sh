@@ -83,7 +83,8 @@ if [[ $static ]]; then
     exit
 fi
 
-command -v dh cmake >/dev/null || fail 1 "dh or cmake is missing; install debhelper and cmake"
+command -v dh >/dev/null || fail 1 "dh is missing; install debhelper"
+command -v cmake >/dev/null || fail 1 "cmake is missing; install cmake"
 triplet=$machine-linux-gnu
 cross=()
 if [[ $arch != "$(dpkg --print-architecture)" ]]; then
