@@ -7,12 +7,17 @@ use libfuzzer_sys::fuzz_target;
 /// A bundle as the program `ecan` writes it, of which the findings are made of one part.
 #[derive(serde::Deserialize)]
 struct Bundle {
+    gateways: Vec<Gateway>,
+}
+
+#[derive(serde::Deserialize)]
+struct Gateway {
     snapshot: Snapshot,
 }
 
 fn read(data: &[u8]) -> Snapshot {
-    if let Ok(bundle) = serde_json::from_slice::<Bundle>(data) {
-        return bundle.snapshot;
+    if let Ok(Bundle { gateways }) = serde_json::from_slice(data) {
+        return gateways.into_iter().next().map(|gateway| gateway.snapshot).unwrap_or_default();
     }
     if let Ok(snapshot) = serde_json::from_slice(data) {
         return snapshot;

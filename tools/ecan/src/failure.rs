@@ -52,6 +52,9 @@ pub enum Failure {
     #[cfg(feature = "zenoh")]
     #[error("{0}")]
     Publication(String),
+    /// A failure after which a bundle was written.
+    #[error("{failure}\nwritten to {}", Printable(path.display()))]
+    Recorded { failure: Box<Failure>, path: PathBuf },
     #[error("cannot {what} {}: {reason}", Printable(path.display()))]
     File { what: &'static str, path: PathBuf, reason: String },
     #[error("cannot read the answer from standard input: {0}")]
@@ -88,15 +91,19 @@ impl Failure {
     pub fn status(&self) -> u8 {
         match self {
             Self::ReaderGone => 0,
+            Self::Recorded { failure, .. } => failure.status(),
             Self::ProblemsFound | Self::Incomplete(_) => 1,
             Self::Usage(_) => 2,
             Self::Library(error) if error.is_scenario() => 6,
             Self::Library(_) | Self::Master(_) => 3,
             Self::Device(
-                ecan_host::Error::NotPermitted { .. } | ecan_host::Error::Disconnected { .. },
+                ecan_host::Error::NotPermitted { .. }
+                | ecan_host::Error::Disconnected { .. }
+                | ecan_host::Error::NoLink,
             ) => 3,
             Self::Device(ecan_host::Error::Thread { .. }) => 7,
-            Self::Slave(_) => 4,
+            Self::Slave(_)
+            | Self::Device(ecan_host::Error::NoSlaves | ecan_host::Error::NoSuchSlave { .. }) => 4,
             Self::Device(_) | Self::Rejected(_) | Self::NotReady { .. } => 5,
             Self::File { .. } | Self::Input(_) | Self::Output(_) | Self::Log(_) => 6,
             #[cfg(feature = "zenoh")]

@@ -15,10 +15,10 @@ use crate::slave_choice::SlaveChoice;
 pub const EXIT_STATUS: &str = "\
 Exit status:
   0  success, no problems found
-  1  problems found (difference, fault, empty bus), not all frames sent, not confirmed, stopped
+  1  problems found (difference, fault), not all frames sent, not confirmed, stopped
   2  invalid arguments
   3  no EtherCAT master: library, module, permission or link is missing
-  4  no such slave, or several slaves and none selected
+  4  no slave, no such slave, or several slaves and none selected
   5  slave or node rejected a request or did not respond
   6  file or scenario cannot be read, written or parsed
   7  host denied a resource: real time (--rt-required), thread, socket, address or interface

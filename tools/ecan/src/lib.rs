@@ -167,6 +167,10 @@ fn with_hint<'a>(
         (Ok(_), _) if has("axis") => format!("an axis is '--axis {wrong}'"),
         (Ok(_), _) if has("node") => format!("a node is '--node {wrong}'"),
         (Ok(0..4), _) if has("channel") => format!("a channel is '--channel {wrong}'"),
+        // They are for all slaves.
+        (Ok(_), _) if ["scan", "serve", "doctor"].contains(&command.get_name()) => {
+            format!("a master is '--master {wrong}'")
+        }
         (Ok(_), _) => format!("a slave is '--slave {wrong}'"),
         _ => return error,
     };

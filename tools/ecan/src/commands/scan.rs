@@ -6,7 +6,7 @@ use ecan_host::{Error, SlaveKind};
 use ecan_protocol::device::AlState;
 use serde::Serialize;
 
-use crate::context::{Context, Failure, Output, Result, Tone};
+use crate::context::{Context, Output, Result, Tone};
 use crate::output;
 use crate::slave_choice::Unknown;
 
@@ -62,12 +62,12 @@ pub fn run(context: &Context) -> Result {
         });
     }
     context.output.data(&found, |out| print(&found, &context.output, out))?;
-    if found.is_empty() { Err(Failure::ProblemsFound) } else { Ok(()) }
+    if found.is_empty() { Err(Error::NoSlaves.into()) } else { Ok(()) }
 }
 
 fn print(found: &[Found], output: &Output, out: &mut dyn Write) -> std::io::Result<()> {
     if found.is_empty() {
-        return writeln!(out, "{}", Error::NoSlaves);
+        return Ok(());
     }
     let titles = ["POS", "ALIAS", "STATE", "NAME", "FIRMWARE", "HARDWARE", "SERIAL", "IDENTITY"];
     let or_dash = |text: Option<String>| text.unwrap_or_else(|| "-".to_owned());

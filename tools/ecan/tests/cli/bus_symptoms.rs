@@ -63,7 +63,7 @@ fn explain(snapshot: &Snapshot) -> String {
     let path = directory.path().join("bundle.json").display().to_string();
     simulated(&["diag", "--record", &path]);
     let mut bundle: serde_json::Value = json_of(&std::fs::read_to_string(&path).unwrap());
-    bundle["snapshot"] = serde_json::to_value(snapshot).unwrap();
+    bundle["gateways"][0]["snapshot"] = serde_json::to_value(snapshot).unwrap();
     std::fs::write(&path, bundle.to_string()).unwrap();
     ends(1, &["diag", "--brief", "--from", &path])
 }

@@ -14,8 +14,9 @@ fn bundle(directory: &Path, changes: &[(&str, u32)]) -> String {
     simulated(&["diag", "--record", &path]);
     let mut bundle: serde_json::Value = json_of(&std::fs::read_to_string(&path).unwrap());
     for (object, value) in changes {
-        assert!(bundle["snapshot"]["values"][object].is_u64(), "{object} was read");
-        bundle["snapshot"]["values"][object] = (*value).into();
+        let values = &mut bundle["gateways"][0]["snapshot"]["values"];
+        assert!(values[object].is_u64(), "{object} was read");
+        values[object] = (*value).into();
     }
     std::fs::write(&path, bundle.to_string()).unwrap();
     path
@@ -108,7 +109,7 @@ fn impossible_values_are_explained() {
 }
 
 #[test]
-fn json_has_registers_findings_and_bundle() {
+fn json_has_registers_findings_and_values() {
     let directory = tempfile::tempdir().unwrap();
     let path = bundle(directory.path(), &[("0x9000:01", 0x0000_2005), ("0x8011:16", 3)]);
     let report = json_of(&ends(1, &["diag", "--json", "--from", &path]));
@@ -117,12 +118,12 @@ fn json_has_registers_findings_and_bundle() {
     assert_eq!(report["channels"][0]["protocol"]["last_error"], "no_change");
     assert_eq!(report["findings"][0]["id"], "pdo-overflow");
     assert_eq!(report["findings"][0]["location"], "rx_pdo");
-    let bundle = &report["bundle"];
+    assert!(report["gateway"]["snapshot"]["values"].as_object().unwrap().len() > 500);
+    let bundle = json_of(&std::fs::read_to_string(&path).unwrap());
     assert_eq!(bundle["format"], "ecan-diagnosis");
     assert_eq!(bundle["host"]["is_simulated"], true);
     assert_eq!(bundle["master"]["slaves"][0]["product_code"], 0x4C49_5445);
     assert_eq!(bundle["host"]["checks"][0]["name"], "kernel module");
-    assert!(bundle["snapshot"]["values"].as_object().unwrap().len() > 500);
 }
 
 #[test]
@@ -186,7 +187,7 @@ cycle performance (0x9011): not read
 fault [mailbox-silent]";
     assert!(report.starts_with(expected), "{report}");
     let json = json_of(&ends(1, &["--ecrt", &silent, "diag", "--json"]));
-    assert!(json["flags"].is_null() && json["bundle"]["gateway"]["firmware"].is_null(), "{json}");
+    assert!(json["flags"].is_null() && json["gateway"]["firmware"].is_null(), "{json}");
 
     let rejected =
         [(0x100A, 0), (0x8011, 2), (0x8011, 15), (0x9000, 1), (0x9000, 13), (0x9022, 12)].map(
@@ -225,8 +226,7 @@ fn gateways_are_read_in_parallel() {
     // In real time, each on a thread of its own.
     let bus = scenario("clock = \"real\"\n[[gateway]]\n[[gateway]]\n[[gateway]]\n");
     let json = json_of(&good(&["--ecrt", &setting(&bus), "diag", "--all", "--json"]));
-    let serials =
-        json.as_array().unwrap().iter().map(|report| &report["bundle"]["gateway"]["serial"]);
+    let serials = json.as_array().unwrap().iter().map(|report| &report["gateway"]["serial"]);
     let serials: Vec<_> = serials.map(|serial| serial.as_u64().unwrap()).collect();
     assert_eq!(serials, [4_294_967_297, 4_294_967_298, 4_294_967_299]);
 }
@@ -325,8 +325,39 @@ fn all_gateways_are_diagnosed() {
     assert_eq!(output.status.code(), Some(5));
     let errors = String::from_utf8(output.stderr).unwrap();
     assert!(errors.contains("\nslave 1: counters and flags cleared\n"), "{errors}");
-    let message = fails(2, &["--ecrt", &silent, "diag", "--all", "--record", "bundle.json"]);
-    assert!(message.contains("cannot be used with"), "{message}");
+}
+
+#[test]
+fn bundle_is_written_when_things_fail() {
+    let directory = tempfile::tempdir().unwrap();
+    let two_gateways = crate::support::two_gateways();
+    let power_off =
+        scenario("[[gateway]]\n[[fault]]\nkind = \"power_off\"\ngateway = 0\nat_ms = 0\n");
+    let (two, off) = (setting(&two_gateways), setting(&power_off));
+    let file = directory.path().join("bundle.json");
+    let path = file.to_str().unwrap();
+    let written = |status: i32, ecrt: &[&str]| {
+        let arguments = [ecrt, &["diag", "--record", path]].concat();
+        let message = if status == 0 { good(&arguments) } else { fails(status, &arguments) };
+        let bundle = json_of(&std::fs::read_to_string(path).unwrap());
+        std::fs::remove_file(path).unwrap();
+        (message, bundle)
+    };
+    for (status, ecrt, cause) in [
+        (3, &[][..], "libethercat.so.1"),
+        (3, &["--via", "/run/no.sock"], "/run/no.sock"),
+        (4, &["--ecrt", &off], "slave 0"),
+        (4, &["--ecrt", &two, "--slave", "7"], "slave 7"),
+    ] {
+        let (message, bundle) = written(status, ecrt);
+        assert!(message.trim_end().ends_with(&format!("written to {path}")), "{message}");
+        let failure = bundle["failure"].as_str().unwrap();
+        assert!(failure.contains(cause), "{cause}: {failure}");
+        assert!(bundle["host"]["checks"].is_array(), "{bundle}");
+    }
+    let (_, bundle) = written(0, &["--ecrt", &two]);
+    assert_eq!(bundle["gateways"].as_array().unwrap().len(), 2);
+    assert!(bundle["failure"].is_null());
 }
 
 #[test]
@@ -342,12 +373,12 @@ fn invalid_use_has_message_and_status() {
     let damaged = file("damaged.json", "{\"format\":");
     let foreign = file("foreign.json", "{\"format\": \"other\"}");
     let newer = file("newer.json", "{\"format\": \"ecan-diagnosis\", \"version\": 9}");
-    let partial = file("partial.json", "{\"format\": \"ecan-diagnosis\", \"version\": 1}");
+    let partial = file("partial.json", "{\"format\": \"ecan-diagnosis\", \"version\": 2}");
     all_fail(&[
         (6, &["diag", "--from", &missing], "cannot read"),
         (6, &["diag", "--from", &damaged], "invalid JSON"),
         (6, &["diag", "--from", &foreign], "not a bundle of `ecan diag --record`"),
-        (6, &["diag", "--from", &newer], "version 9 is not supported; supported: 1"),
+        (6, &["diag", "--from", &newer], "version 9 is not supported; supported: 2"),
         (6, &["diag", "--from", &partial], "missing field"),
         (6, &["--ecrt", "sim", "diag", "--record", &nowhere], "cannot write"),
         (2, &["diag", "--from", &missing, "--clear"], "cannot be used with"),

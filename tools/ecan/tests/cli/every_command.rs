@@ -379,9 +379,9 @@ fn empty_bus_is_reported() {
         let message = fails(4, &with(&command, &["--ecrt", &setting(&empty)]));
         assert!(message.contains("no slave responds on the bus"), "{command:?}: {message}");
     }
-    let report = ends(1, &["--ecrt", &setting(&empty), "scan"]);
-    assert_eq!(report, format!("{}\n", ecan_host::Error::NoSlaves));
-    assert_eq!(ends(1, &["--ecrt", &setting(&empty), "scan", "--json"]), "[]\n");
+    let message = fails(4, &["--ecrt", &setting(&empty), "scan"]);
+    assert!(message.contains(&ecan_host::Error::NoSlaves.to_string()), "{message}");
+    assert_eq!(ends(4, &["--ecrt", &setting(&empty), "scan", "--json"]), "[]\n");
 }
 
 #[test]

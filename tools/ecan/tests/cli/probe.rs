@@ -57,7 +57,7 @@ fn bundle_and_profile_are_written_once() {
     for name in ["date: 20", "program: ecan ", "kernel: Linux ", "command line: ecan --ecrt sim "] {
         assert!(circumstances.lines().any(|line| line.starts_with(name)), "{circumstances}");
     }
-    for (file, key) in [("bundle/probe.json", "findings"), ("bundle/diagnosis.json", "snapshot")] {
+    for (file, key) in [("bundle/probe.json", "findings"), ("bundle/diagnosis.json", "gateways")] {
         let json = json_of(&read(file));
         assert!(!json[key].is_null(), "{file}");
     }

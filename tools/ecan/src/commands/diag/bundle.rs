@@ -1,10 +1,13 @@
-//! Support bundle: everything that was read of a gateway, its master and the host, with versions.
+//! Support bundle: everything that could be read of gateways, their master, a service and the host, with versions.
 
 use std::path::Path;
+use std::process::Command;
+use std::time::Duration;
 
 use ecan_host::Error;
 use ecan_protocol::device::AlState;
 use ecan_protocol::mapping::SyncManagerLayout;
+use ecan_service::client::ClientError;
 use ecan_tool_support::command_line::new_file;
 use ecan_tool_support::diagnosis::{Depth, ReadError, Snapshot};
 use serde::{Deserialize, Serialize};
@@ -14,57 +17,71 @@ use crate::commands::doctor;
 use crate::config_file;
 use crate::context::{Bus, Context, Failure, GlobalOptions, Result, note};
 use crate::ethercat_tool::EthercatTool;
+use crate::program;
+use crate::service_access::ServiceConnection;
 use crate::slave_choice::Recognised;
 
+/// Longest time for the kernel log.
+const LOG_LIMIT: Duration = Duration::from_secs(5);
 const FORMAT: &str = "ecan-diagnosis";
-const VERSION: u32 = 1;
+const VERSION: u32 = 2;
 
+/// What could be gathered: with a failure, everything up to it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct Bundle {
     format: String,
     version: u32,
-    pub(super) program: String,
+    program: String,
     /// Time in seconds since 1970, UTC.
-    pub(super) taken_s: u64,
-    pub(super) host: Host,
-    pub(super) master: Master,
-    pub(super) gateway: Gateway,
-    pub(super) snapshot: Snapshot,
+    taken_s: u64,
+    /// Error of the command that wrote the bundle.
+    pub(super) failure: Option<String>,
+    host: Host,
+    /// `None` if it could not be reached.
+    master: Option<Master>,
+    /// State and counters of the service, if the command used one.
+    service: Option<serde_json::Value>,
+    pub(super) gateways: Vec<Gateway>,
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub(super) struct Host {
-    pub(super) kernel: String,
-    pub(super) system: String,
-    pub(super) cpus: usize,
-    pub(super) library: String,
-    pub(super) module: Option<String>,
-    pub(super) is_simulated: bool,
+struct Host {
+    kernel: String,
+    system: String,
+    cpus: usize,
+    /// `None` if it could not be loaded.
+    library: Option<String>,
+    module: Option<String>,
+    is_simulated: bool,
     /// Results of `ecan doctor`.
-    pub(super) checks: serde_json::Value,
+    checks: serde_json::Value,
+    /// Last lines of the master in the kernel log, or why there is none.
+    kernel_log: Vec<String>,
+    /// Configuration file of the service of this master, if it is at its usual place.
+    configuration: Option<String>,
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub(super) struct Master {
-    pub(super) index: u32,
-    pub(super) link_up: bool,
-    pub(super) slaves_responding: u32,
-    pub(super) slaves: Vec<Slave>,
+struct Master {
+    index: u32,
+    link_up: bool,
+    slaves_responding: u32,
+    slaves: Vec<Slave>,
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub(super) struct Slave {
-    pub(super) position: u16,
-    pub(super) alias: u16,
-    pub(super) name: String,
-    pub(super) vendor_id: u32,
-    pub(super) product_code: u32,
-    pub(super) revision: u32,
-    pub(super) al_state: u8,
-    pub(super) has_error_flag: bool,
-    pub(super) sync_managers: u8,
+struct Slave {
+    position: u16,
+    alias: u16,
+    name: String,
+    vendor_id: u32,
+    product_code: u32,
+    revision: u32,
+    al_state: u8,
+    has_error_flag: bool,
+    sync_managers: u8,
     /// Link state of the ports 0 to 3.
-    pub(super) links: [bool; 4],
+    links: [bool; 4],
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -74,20 +91,28 @@ pub(super) struct Gateway {
     pub(super) firmware: Option<String>,
     pub(super) hardware: Option<String>,
     pub(super) serial: Option<u64>,
+    pub(super) snapshot: Snapshot,
 }
 
 impl Bundle {
-    pub(super) fn new(host: Host, master: Master, gateway: Gateway, snapshot: Snapshot) -> Self {
+    /// Gathers the state of the host, the master and the service, with the gateways that were read.
+    pub(super) fn gather(
+        bus: Option<&Bus>,
+        gateways: Vec<Gateway>,
+        failure: Option<String>,
+        context: &Context,
+    ) -> Self {
         let since_1970 = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH);
         Self {
             format: FORMAT.to_owned(),
             version: VERSION,
             program: format!("ecan {}", env!("CARGO_PKG_VERSION")),
             taken_s: since_1970.map_or(0, |time| time.as_secs()),
-            host,
-            master,
-            gateway,
-            snapshot,
+            failure,
+            host: host(bus, context.global),
+            master: bus.and_then(master),
+            service: bus.and_then(Bus::service).map(service),
+            gateways,
         }
     }
 
@@ -133,13 +158,12 @@ pub(super) fn selected_slaves(bus: &Bus, all: bool) -> Result<Vec<usize>> {
     }
 }
 
-pub(super) fn read_bundle(
+pub(super) fn read_gateway(
     bus: &Bus,
     slave: usize,
     depth: Depth,
     ethercat: Option<&Path>,
-    context: &Context,
-) -> Result<Bundle> {
+) -> Result<Gateway> {
     let info = bus.diagnostics().slave_info(slave)?;
     let has_mailbox =
         AlState::from_status(info.al_state.into()).is_some_and(|state| state.has_mailbox());
@@ -164,13 +188,13 @@ pub(super) fn read_bundle(
     // Each further request to a silent slave takes the mailbox timeout of the master.
     let answers = has_mailbox && snapshot.silence.is_none();
     let text = |index| if answers { bus.text(slave, index).ok() } else { None };
-    let gateway = Gateway {
+    Ok(Gateway {
         name: info.name,
         firmware: text(0x100A),
         hardware: text(0x1009),
         serial: serial_number(|subindex| snapshot.get(0xF000, subindex).ok_or(())).ok(),
-    };
-    Ok(Bundle::new(host(bus, context.global), master(bus)?, gateway, snapshot))
+        snapshot,
+    })
 }
 
 fn read_error(failure: Failure) -> ReadError {
@@ -226,18 +250,45 @@ fn register(
     }
 }
 
-fn host(bus: &Bus, global: &GlobalOptions) -> Host {
+fn host(bus: Option<&Bus>, global: &GlobalOptions) -> Host {
     let root = doctor::Root::default();
     let checks = doctor::host_checks(&root, global.master());
+    let is_simulated = bus.is_some_and(Bus::is_simulated);
     Host {
         kernel: root.first_line("proc/version").unwrap_or_default(),
         system: system_name(&root),
         cpus: std::thread::available_parallelism().map_or(1, usize::from),
-        library: bus.origin(),
+        library: bus.map(Bus::origin),
         module: root.first_line("sys/module/ec_master/version"),
-        is_simulated: bus.is_simulated(),
+        is_simulated,
         checks: serde_json::to_value(checks).unwrap_or_default(),
+        kernel_log: if is_simulated { Vec::new() } else { kernel_log() },
+        configuration: root.text(&format!("etc/ecan/master{}.toml", global.master())),
     }
+}
+
+/// Last lines of the master in the kernel log. Its reading may not be permitted.
+fn kernel_log() -> Vec<String> {
+    const LINES: usize = 200;
+    match program::run(&mut Command::new("dmesg"), LOG_LIMIT) {
+        Ok(output) if output.status.success() => {
+            let text = String::from_utf8_lossy(&output.stdout);
+            let mut lines: Vec<_> =
+                text.lines().rev().filter(|line| line.contains("EtherCAT")).take(LINES).collect();
+            lines.reverse();
+            lines.into_iter().map(str::to_owned).collect()
+        }
+        Ok(output) => vec![format!("dmesg: {}", String::from_utf8_lossy(&output.stderr).trim())],
+        Err(error) => vec![format!("dmesg: {error}")],
+    }
+}
+
+fn service(connection: &ServiceConnection) -> serde_json::Value {
+    let client = connection.client();
+    let text = |error: ClientError| serde_json::Value::from(error.to_string());
+    let stats = client.service_stats().map_or_else(text, |stats| serde_json::json!(stats));
+    let state = client.state().map_or_else(text, |state| serde_json::json!(state));
+    serde_json::json!({ "hello": connection.hello(), "stats": stats, "state": state })
 }
 
 /// PRETTY_NAME of /etc/os-release.
@@ -247,9 +298,9 @@ fn system_name(root: &doctor::Root) -> String {
     line.unwrap_or_default().trim_matches('"').to_owned()
 }
 
-fn master(bus: &Bus) -> Result<Master> {
-    let state = bus.diagnostics().master_state().map_err(Failure::master)?;
-    let slaves = bus.slaves()?.into_iter().map(|info| Slave {
+fn master(bus: &Bus) -> Option<Master> {
+    let state = bus.diagnostics().master_state().ok()?;
+    let slaves = bus.slaves().ok()?.into_iter().map(|info| Slave {
         position: info.position,
         alias: info.alias,
         name: info.name,
@@ -261,7 +312,7 @@ fn master(bus: &Bus) -> Result<Master> {
         sync_managers: info.sync_count,
         links: info.ports.map(|port| port.link_up),
     });
-    Ok(Master {
+    Some(Master {
         index: bus.master(),
         link_up: state.link_up,
         slaves_responding: state.slaves_responding,

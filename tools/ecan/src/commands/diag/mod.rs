@@ -5,7 +5,7 @@ mod report;
 
 use std::path::{Path, PathBuf};
 
-use bundle::{Bundle, read_bundle, selected_slaves};
+use bundle::{Bundle, Gateway, read_gateway, selected_slaves};
 use clap::Args;
 use ecan_host::{Maintenance, MaintenanceError};
 use ecan_protocol::device::MaintenanceCommand;
@@ -29,8 +29,8 @@ Examples:
 
 Exit status 1 if there is a finding. A gateway in PREOP without application is not a finding.")]
 pub struct DiagArguments {
-    /// Write a support bundle: values, versions and the state of the host
-    #[arg(long, value_name = "FILE", conflicts_with = "all")]
+    /// Write a support bundle with all that can be read: gateways, versions, host; also after a failure
+    #[arg(long, value_name = "FILE")]
     record: Option<PathBuf>,
     /// Explain a file written by --record, offline
     #[arg(long, value_name = "FILE", conflicts_with_all = ["record", "clear", "all"])]
@@ -50,40 +50,105 @@ pub struct DiagArguments {
 
 pub fn run(arguments: &DiagArguments, context: &Context) -> Result {
     if let Some(path) = &arguments.from {
-        context.global.without_slave("--from explains the gateway of a file")?;
-        return explain(&[Bundle::load(path)?], arguments, &context.output);
+        context.global.without_slave("--from explains the gateways of a file")?;
+        let Bundle { failure, gateways, .. } = Bundle::load(path)?;
+        if let Some(failure) = failure {
+            note(format_args!("the bundle was written after a failure: {}", Printable(failure)));
+        }
+        return explain(&gateways, arguments, &context.output);
     }
-    let bus = context.bus()?;
-    let slaves = selected_slaves(&bus, arguments.all.all)?;
-    let progress = Progress::show("reading the gateways");
-    let depth = match arguments.record {
-        Some(_) => Depth::Everything,
-        None => Depth::Findings,
-    };
-    let ethercat = arguments.ethercat.as_deref();
-    let read = |bus: &Bus, slave| read_bundle(bus, slave, depth, ethercat, context);
-    let bundles = bus.in_parallel(&slaves, read);
-    drop(progress);
-    let bundles = bundles.into_iter().collect::<Result<Vec<_>, _>>()?;
+    let mut reading = Reading::default();
+    let read = reading.read(arguments, context);
+    let Reading { bus, slaves, gateways } = reading;
     // Print the report even if the rest fails; clear only after recording.
-    let explained = explain(&bundles, arguments, &context.output);
-    if let (Some(path), [bundle]) = (&arguments.record, &bundles[..]) {
-        bundle.save(path)?;
-        note(format_args!("written to {}", Printable(path.display())));
+    let explained = match gateways.is_empty() {
+        true => Ok(()),
+        false => explain(&gateways, arguments, &context.output),
+    };
+    let is_read = read.is_ok();
+    let mut result = read.and(explained);
+    if let Some(path) = &arguments.record {
+        result = save(path, bus.as_ref(), gateways, result, context);
+        if let Err(Failure::File { .. }) = result {
+            return result;
+        }
     }
-    if arguments.clear {
-        clear_all(&bus, &slaves, arguments.all.all)?;
+    if let Some(bus) = bus.filter(|_| arguments.clear && is_read) {
+        clear_all(&bus, &slaves)?;
     }
-    explained
+    result
 }
 
-/// Writes a bundle, as `--record` does.
+/// What a command has read before it failed.
+#[derive(Default)]
+struct Reading {
+    bus: Option<Bus>,
+    slaves: Vec<usize>,
+    gateways: Vec<Gateway>,
+}
+
+impl Reading {
+    fn read(&mut self, arguments: &DiagArguments, context: &Context) -> Result {
+        let bus = self.bus.insert(context.bus()?);
+        let is_recorded = arguments.record.is_some();
+        let all = arguments.all.all || is_recorded && !bus.is_chosen();
+        self.slaves = selected_slaves(bus, all)?;
+        let progress = Progress::show("reading the gateways");
+        let depth = if is_recorded { Depth::Everything } else { Depth::Findings };
+        let ethercat = arguments.ethercat.as_deref();
+        let read = |bus: &Bus, slave| read_gateway(bus, slave, depth, ethercat);
+        let results = bus.in_parallel(&self.slaves, read);
+        drop(progress);
+        let mut failed = None;
+        for result in results {
+            match result {
+                Ok(gateway) => self.gateways.push(gateway),
+                Err(failure) => failed = failed.or(Some(failure)),
+            }
+        }
+        failed.map_or(Ok(()), Err)
+    }
+}
+
+/// Writes a bundle with what was read, also after a failure, and names it last.
+fn save(
+    path: &Path,
+    bus: Option<&Bus>,
+    gateways: Vec<Gateway>,
+    result: Result,
+    context: &Context,
+) -> Result {
+    let failure = match &result {
+        Ok(()) | Err(Failure::ProblemsFound) => None,
+        Err(failure) => Some(failure.to_string()),
+    };
+    let is_failed = failure.is_some();
+    let saved = Bundle::gather(bus, gateways, failure, context).save(path);
+    match (saved, result) {
+        (Ok(()), Err(failure)) => {
+            Err(Failure::Recorded { failure: Box::new(failure), path: path.to_owned() })
+        }
+        (Ok(()), Ok(())) => {
+            note(format_args!("written to {}", Printable(path.display())));
+            Ok(())
+        }
+        (Err(unsaved), result) if is_failed => {
+            note(format_args!("{unsaved}"));
+            result
+        }
+        (unsaved, _) => unsaved,
+    }
+}
+
+/// Writes a bundle of one gateway, as `--record` does.
 pub fn record(bus: &Bus, slave: usize, path: &Path, context: &Context) -> Result {
-    read_bundle(bus, slave, Depth::Everything, None, context)?.save(path)
+    let gateway = read_gateway(bus, slave, Depth::Everything, None)?;
+    Bundle::gather(Some(bus), vec![gateway], None, context).save(path)
 }
 
 /// Clears every gateway; returns the first error.
-fn clear_all(bus: &Bus, slaves: &[usize], names_slave: bool) -> Result {
+fn clear_all(bus: &Bus, slaves: &[usize]) -> Result {
+    let names_slave = slaves.len() > 1;
     let mut failed = None;
     for slave in slaves {
         let prefix = if names_slave { format!("slave {slave}: ") } else { String::new() };
@@ -95,9 +160,9 @@ fn clear_all(bus: &Bus, slaves: &[usize], names_slave: bool) -> Result {
     failed.map_or(Ok(()), Err)
 }
 
-fn explain(bundles: &[Bundle], arguments: &DiagArguments, output: &Output) -> Result {
-    let reports: Vec<_> = bundles.iter().map(DiagnosisReport::new).collect();
-    output.one_or_list(arguments.all.all, &reports, |out| {
+fn explain(gateways: &[Gateway], arguments: &DiagArguments, output: &Output) -> Result {
+    let reports: Vec<_> = gateways.iter().map(DiagnosisReport::new).collect();
+    output.one_or_list(arguments.all.all || reports.len() > 1, &reports, |out| {
         for (number, report) in reports.iter().enumerate() {
             if number != 0 {
                 writeln!(out)?;

@@ -16,7 +16,7 @@ use ecan_tool_support::diagnosis::registers::{
 use ecan_tool_support::diagnosis::{Finding, ObjectKey, Severity, Snapshot, findings, flag_names};
 use serde::Serialize;
 
-use super::bundle::Bundle;
+use super::bundle::Gateway;
 use crate::context::{Output, Tone};
 use crate::output;
 
@@ -32,7 +32,7 @@ pub(super) struct DiagnosisReport<'a> {
     pub(super) performance: Vec<Measured>,
     pub(super) flags: Option<Vec<&'static str>>,
     pub(super) findings: Vec<Finding>,
-    pub(super) bundle: &'a Bundle,
+    pub(super) gateway: &'a Gateway,
 }
 
 #[derive(Debug, Serialize)]
@@ -107,8 +107,8 @@ impl Channel {
 }
 
 impl<'a> DiagnosisReport<'a> {
-    pub(super) fn new(bundle: &'a Bundle) -> Self {
-        let snapshot = &bundle.snapshot;
+    pub(super) fn new(gateway: &'a Gateway) -> Self {
+        let snapshot = &gateway.snapshot;
         Self {
             position: snapshot.position,
             state: snapshot.state().map_or_else(
@@ -129,7 +129,7 @@ impl<'a> DiagnosisReport<'a> {
             performance: performance(snapshot),
             flags: snapshot.get(0xB000, 6).map(flag_names),
             findings: findings(snapshot),
-            bundle,
+            gateway,
         }
     }
 }
@@ -225,7 +225,7 @@ pub(super) fn print(
     out: &mut dyn Write,
 ) -> Written {
     heading(report, out)?;
-    let rejected = &report.bundle.snapshot.rejected;
+    let rejected = &report.gateway.snapshot.rejected;
     if !is_brief {
         print_directions(report, out)?;
         if report.channels.is_empty() {
@@ -256,7 +256,7 @@ pub(super) fn print(
 }
 
 fn heading(report: &DiagnosisReport, out: &mut dyn Write) -> Written {
-    let gateway = &report.bundle.gateway;
+    let gateway = report.gateway;
     write!(out, "slave {}, {}", report.position, report.state)?;
     if report.has_error_flag {
         write!(out, " with error flag")?;
