@@ -8,6 +8,7 @@ use ecan_can_io::candump::Filter;
 use ecan_protocol::can::CanFrame;
 use ecan_protocol::mapping::Direction;
 use ecan_tool_support::command_line::new_file::is_standard_stream;
+use ecan_tool_support::command_line::options::{ANY_TIME, milliseconds};
 
 use crate::context::{Context, Failure, Result, note};
 use crate::frames::{
@@ -48,8 +49,8 @@ pub struct DumpArguments {
     /// Exit after this number of frames, at least 1
     #[arg(short = 'n', long, value_name = "COUNT", value_parser = clap::value_parser!(u64).range(1..))]
     count: Option<u64>,
-    /// Exit if no frame is received for this time, in ms
-    #[arg(short = 'T', long, value_name = "MS")]
+    /// Exit if no frame is received for this time
+    #[arg(short = 'T', long, value_name = "TIME", value_parser = milliseconds::<u64>(ANY_TIME))]
     timeout: Option<u64>,
     /// Time stamps: a absolute, d delta, z since the first frame, A with the date
     #[arg(short = 't', long, value_enum, value_name = "STYLE", ignore_case = false)]

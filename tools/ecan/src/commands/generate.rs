@@ -5,6 +5,7 @@ use std::str::FromStr;
 use clap::Args;
 use ecan_protocol::can::{CanFrame, CanId, Dlc, FrameError};
 use ecan_protocol::mapping::Direction;
+use ecan_tool_support::command_line::options::{ANY_TIME, milliseconds, parse_time};
 use fastrand::Rng;
 
 use crate::context::{Context, Failure, Result};
@@ -28,8 +29,8 @@ pub struct GenArguments {
     /// CAN channel, 0 to 3
     #[arg(long, value_name = "N", default_value = "0", value_parser = parse_channel)]
     channel: u8,
-    /// Gap between frames in ms, decimals allowed; 0 sends at full bus load
-    #[arg(short = 'g', long, value_name = "MS", default_value = "200", value_parser = parse_gap)]
+    /// Gap between frames; 0 sends at full bus load
+    #[arg(short = 'g', long, value_name = "TIME", default_value = "200ms", value_parser = parse_gap)]
     gap: u64,
     /// Exit after this number of frames
     #[arg(short = 'n', long, value_name = "COUNT", value_parser = clap::value_parser!(u64).range(1..))]
@@ -64,21 +65,17 @@ pub struct GenArguments {
     /// Seed of the random generator [default: different in each run]
     #[arg(long, value_name = "SEED")]
     seed: Option<u64>,
-    /// Exit if no frame is sent for this time, in ms
-    #[arg(long, value_name = "MS", default_value_t = 2000)]
+    /// Exit if no frame is sent for this time
+    #[arg(long, value_name = "TIME", default_value = "2s", value_parser = milliseconds::<u64>(ANY_TIME))]
     timeout: u64,
     #[command(flatten)]
     options: FrameOptions,
 }
 
-/// Parses milliseconds with decimals, in nanoseconds.
+/// Parses a time up to an hour, in nanoseconds.
 fn parse_gap(text: &str) -> Result<u64, String> {
-    let gap: f64 = text.parse().map_err(|_| "expected milliseconds".to_owned())?;
-    if (0.0..=3.6e6).contains(&gap) {
-        Ok((gap * 1e6).round() as u64)
-    } else {
-        Err("expected 0 to 3600000 milliseconds".to_owned())
-    }
+    let gap = parse_time(text)?;
+    if gap <= 3_600_000_000_000 { Ok(gap) } else { Err("expected at most 3600s".to_owned()) }
 }
 
 impl GenArguments {

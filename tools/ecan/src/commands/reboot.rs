@@ -3,6 +3,7 @@
 use clap::Args;
 use ecan_host::Error;
 use ecan_protocol::config::FilterWindow;
+use ecan_tool_support::command_line::options::seconds;
 use serde::Serialize;
 
 use crate::context::{Bus, Context, Failure, Result};
@@ -26,8 +27,8 @@ pub struct RebootArguments {
     /// Wait until the gateway responds again
     #[arg(long)]
     wait: bool,
-    /// Time limit of --wait, in s
-    #[arg(long, value_name = "S", default_value_t = 30, requires = "wait")]
+    /// Time limit of --wait
+    #[arg(long, value_name = "TIME", default_value = "30s", requires = "wait", value_parser = seconds::<u16>(0..=65_535))]
     timeout: u16,
 }
 

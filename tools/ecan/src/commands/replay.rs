@@ -8,6 +8,7 @@ use ecan_can_io::recording::{Format, ReadOptions, ScreenTimes};
 use ecan_protocol::mapping::Direction;
 use ecan_protocol::text::Printable;
 use ecan_tool_support::command_line::new_file::is_standard_stream;
+use ecan_tool_support::command_line::options::{ANY_TIME, milliseconds};
 
 use crate::context::{Context, Failure, Result, note};
 use crate::frames::{
@@ -66,8 +67,8 @@ pub struct ReplayArguments {
     /// Record received frames in a candump log, or BLF with the name *.blf; - is stdout
     #[arg(long, value_name = "FILE")]
     record: Option<PathBuf>,
-    /// Exit if no frame is sent for this time, in ms
-    #[arg(long, value_name = "MS", default_value_t = 2000)]
+    /// Exit if no frame is sent for this time
+    #[arg(long, value_name = "TIME", default_value = "2s", value_parser = milliseconds::<u64>(ANY_TIME))]
     timeout: u64,
     #[command(flatten)]
     options: FrameOptions,

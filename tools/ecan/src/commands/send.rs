@@ -5,6 +5,7 @@ use ecan_can_io::candump::{FrameText, parse_frame};
 use ecan_protocol::can::CanFrame;
 use ecan_protocol::mapping::Direction;
 use ecan_protocol::text::Printable;
+use ecan_tool_support::command_line::options::{ANY_TIME, milliseconds};
 use serde::Serialize;
 
 use crate::context::{Context, Failure, Result};
@@ -35,8 +36,8 @@ pub struct SendArguments {
     /// CAN channel, 0 to 3
     #[arg(long, value_name = "N", default_value = "0", value_parser = parse_channel)]
     channel: u8,
-    /// Time limit for the transmission, in ms
-    #[arg(long, value_name = "MS", default_value_t = 1000)]
+    /// Time limit for the transmission
+    #[arg(long, value_name = "TIME", default_value = "1s", value_parser = milliseconds::<u64>(ANY_TIME))]
     timeout: u64,
     #[command(flatten)]
     signals: DbcOption,

@@ -13,6 +13,7 @@ use ecan_service_zenoh::{
     Keys, Publication, PublicationConfig, PublicationError, TransmitLimits, TransmitRule,
 };
 use ecan_tool_support::command_line::interrupt::Interrupt;
+use ecan_tool_support::command_line::options::milliseconds;
 
 use crate::context;
 use crate::context::{Context, Failure, Result, note};
@@ -49,13 +50,11 @@ pub struct ZenohArguments {
     /// Prefix of the keys [default: ecan/<HOST>/master<N>]
     #[arg(long, value_name = "KEY", value_parser = Keys::new)]
     prefix: Option<Keys>,
-    /// Interval of the states, 10 to 60000
-    #[arg(long, value_name = "MS", default_value_t = 1000,
-          value_parser = clap::value_parser!(u32).range(10..=60_000))]
+    /// Interval of the states, 10ms to 60s
+    #[arg(long, value_name = "TIME", default_value = "1s", value_parser = milliseconds::<u32>(10..=60_000))]
     interval: u32,
-    /// Time that a frame waits for further ones, 0 to 1000; 0 has the shortest round trip
-    #[arg(long, value_name = "MS", default_value_t = 5,
-          value_parser = clap::value_parser!(u32).range(0..=1000))]
+    /// Time that a frame waits for further ones, 0 to 1s; 0 has the shortest round trip
+    #[arg(long, value_name = "TIME", default_value = "5ms", value_parser = milliseconds::<u32>(0..=1000))]
     gather: u32,
     /// Serve metrics for Prometheus at this address: 127.0.0.1:PORT or unix:PATH
     #[arg(long, value_name = "ADDRESS")]

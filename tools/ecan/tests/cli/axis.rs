@@ -70,7 +70,7 @@ fn status_names_bits_and_obstacles() {
 #[test]
 fn status_watch_prints_each_change() {
     let faulty = one_drive("", &fault_after(1_500, 0x7121));
-    let watch = ["axis", "status", "--node", "1", "--watch", "--for", "3"];
+    let watch = ["axis", "status", "--node", "1", "--watch", "--for", "3s"];
     let text = faulty.good(&watch);
     let lines: Vec<_> = text.lines().collect();
     assert_eq!(lines.len(), 2, "{text}");

@@ -193,7 +193,7 @@ fn flash_failure_is_reported() {
 fn interrupted_update_keeps_old_version() {
     let behaviour = Behaviour::SupplyFails { packets: 50, off_ms: 1_000 };
     let (tool, package) = (FakeEthercat::new(1, behaviour), package(NEW));
-    let (status, out, _) = update(&tool, package.path(), &["--timeout", "1", "--json"]);
+    let (status, out, _) = update(&tool, package.path(), &["--timeout", "1s", "--json"]);
     assert_eq!(status, 5, "{out}");
     let json = json_of(&out);
     assert_eq!(json[0]["result"], "rejected");
@@ -230,7 +230,7 @@ fn unexpected_version_fails() {
 fn unchanged_version_fails() {
     let package = package(0x0202_0001);
     let same = FakeEthercat::new(1, Behaviour::Good);
-    let (status, out, _) = update(&same, package.path(), &["--timeout", "4"]);
+    let (status, out, _) = update(&same, package.path(), &["--timeout", "4s"]);
     assert_eq!(status, 1);
     assert!(out.contains("2.2.1  version unchanged: the file contains the same"), "{out}");
 }
@@ -238,7 +238,7 @@ fn unchanged_version_fails() {
 #[test]
 fn expected_same_version_succeeds() {
     let (same, package) = (FakeEthercat::new(1, Behaviour::Good), package(0x0202_0001));
-    let more = ["--timeout", "4", "--expect-version", "2.2.1"];
+    let more = ["--timeout", "4s", "--expect-version", "2.2.1"];
     let (status, out, _) = update(&same, package.path(), &more);
     assert_eq!(status, 0, "{out}");
     assert!(out.contains("reinstalled"), "{out}");
@@ -249,7 +249,7 @@ fn missing_restart_fails() {
     let package = package(0x0202_0001);
     let liar = FakeEthercat::new(1, Behaviour::Lies);
     for expected in [&[][..], &["--expect-version", "2.2.1"]] {
-        let more = [&["--timeout", "1"], expected].concat();
+        let more = [&["--timeout", "1s"], expected].concat();
         let (status, out, _) = update(&liar, package.path(), &more);
         assert_eq!(status, 1);
         assert!(out.contains("no restart observed"), "{out}");
@@ -259,12 +259,12 @@ fn missing_restart_fails() {
 #[test]
 fn unresponsive_gateway_is_reported() {
     let (tool, package) = (FakeEthercat::new(1, Behaviour::NeverBack), package(NEW));
-    let (status, out, _) = update(&tool, package.path(), &["--timeout", "1"]);
+    let (status, out, _) = update(&tool, package.path(), &["--timeout", "1s"]);
     assert_eq!(status, 5);
     assert!(out.contains("written, but the gateway does not respond"), "{out}");
     assert!(out.contains("Slave 0 does not exist"), "{out}");
     let tool = FakeEthercat::new(1, Behaviour::NeverBack);
-    let (_, out, _) = update(&tool, package.path(), &["--timeout", "1", "--json"]);
+    let (_, out, _) = update(&tool, package.path(), &["--timeout", "1s", "--json"]);
     let json = json_of(&out);
     assert_eq!(json[0]["result"], "not_back");
 }
@@ -295,7 +295,7 @@ fn several_gateways_are_updated_in_turn() {
 fn harmful_file_stops_after_one_gateway() {
     let package = package(NEW);
     let tool = FakeEthercat::new(2, Behaviour::NeverBack);
-    let (status, out, _) = update(&tool, package.path(), &["--all", "--timeout", "1"]);
+    let (status, out, _) = update(&tool, package.path(), &["--all", "--timeout", "1s"]);
     assert_eq!((status, tool.writes().len()), (5, 1), "{out}");
     assert!(out.contains(
         "1    -       -      nothing written: slave 0 did not respond after the restart\n"
@@ -446,7 +446,7 @@ fn messages_of_the_real_tool_are_explained() {
     ];
     for (behaviour, expected, text) in cases {
         let tool = FakeEthercat::new(1, behaviour.clone());
-        let (status, out, errors) = update(&tool, package.path(), &["--timeout", "1"]);
+        let (status, out, errors) = update(&tool, package.path(), &["--timeout", "1s"]);
         assert_eq!(status, expected, "{behaviour:?}: {errors}");
         assert!((out + &errors).contains(text), "{behaviour:?}: {errors}");
     }

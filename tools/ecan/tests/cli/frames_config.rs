@@ -108,7 +108,7 @@ fn monitor_shows_channels_of_the_file() {
     let frames: Vec<_> = (0..300).map(|at| (at * 10, "123#1122334455667788")).collect();
     let bus = bus(250, &frames);
     let path = bus.path("cell.toml");
-    let json = bus.good(&["monitor", "--config", &path, "--for", "10", "--json"]);
+    let json = bus.good(&["monitor", "--config", &path, "--for", "10s", "--json"]);
     let snapshot = json_of(&json);
     let channels = &snapshot["gateways"][0]["channels"];
     let states: Vec<_> = (0..4).map(|at| channels[at]["state"].as_str().unwrap()).collect();

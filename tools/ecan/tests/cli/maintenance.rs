@@ -87,7 +87,7 @@ fn gateway_restarts_and_responds() {
     assert!(back["after_ms"].as_u64().unwrap() >= 200, "it boots for 200 ms");
     // One that boots for longer than the patience.
     let file = scenario("[[gateway]]\nboot_ms = 9000\n");
-    let arguments = ["--ecrt", &setting(&file), "reboot", "--wait", "--timeout", "2"];
+    let arguments = ["--ecrt", &setting(&file), "reboot", "--wait", "--timeout", "2s"];
     assert_has(&fails(4, &arguments), "slave 0 does not respond 2 s after the restart");
     // Without any patience nothing is known of it.
     let message = fails(4, &["--ecrt", "sim", "reboot", "--wait", "--timeout", "0"]);
@@ -271,7 +271,7 @@ fn invalid_use_has_message_and_status() {
         (2, add(&["--id", "1", "--range", "1", "2"]), "cannot be used with"),
         (2, vec![sim, "sim", "filter", "remove", "0", "--channel", "1"], "CAN1: no standard"),
         (2, vec![sim, "sim", "pins", "4"], "rotation 4 is not supported; allowed: 0, 1, 2, 3"),
-        (2, vec!["reboot", "--timeout", "3"], "--wait"),
+        (2, vec!["reboot", "--timeout", "3s"], "--wait"),
         (5, vec![sim, &small, "reboot"], "0x08000022"),
         (2, vec!["plan", "--slaves", "0"], "invalid value"),
         (2, vec!["plan", "--channel", "4"], "expected channels 0 to 3"),

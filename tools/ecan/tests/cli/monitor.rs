@@ -19,7 +19,7 @@ can2     run    0.0 %  0.0       0    0    0/0         0        0         0
 can3     run    0.0 %  0.0       0    0    0/0         0        0         0
 
 ";
-    let shown = simulated(&["monitor", "--once", "--for", "2"]);
+    let shown = simulated(&["monitor", "--once", "--for", "2s"]);
     assert_eq!(shown.get(..expected.len()), Some(expected), "{shown}");
     let cycle = &shown[expected.len()..];
     // Simulated time keeps the cycle to the nanosecond.
@@ -42,7 +42,7 @@ fn frames_have_rate_and_load() {
     }
     let bus = Scenario::replaying(&[], "");
     bus.write("bus.log", &log);
-    let json = bus.good(&["monitor", "--for", "4", "--json", "--channel", "0"]);
+    let json = bus.good(&["monitor", "--for", "4s", "--json", "--channel", "0"]);
     let snapshot = json_of(&json);
     let channel = &snapshot["gateways"][0]["channels"][0];
     let rate = channel["rx_per_second"].as_f64().unwrap();
@@ -64,7 +64,7 @@ fn losing(kind: &str) -> tempfile::NamedTempFile {
 #[test]
 fn power_cycled_gateway_is_lost_and_ready_again() {
     let file = losing("kind = \"power_cycle\"\noff_ms = 300");
-    let shown = good(&["--ecrt", &setting(&file), "monitor", "--once", "--for", "9"]);
+    let shown = good(&["--ecrt", &setting(&file), "monitor", "--once", "--for", "9s"]);
     let rows: Vec<Vec<&str>> =
         shown.lines().map(|line| line.split_whitespace().collect()).collect();
     assert_eq!(rows[1], ["0", "ready", "2/2", "0", "0", "0", "0", "0"]);
@@ -81,7 +81,7 @@ fn power_cycled_gateway_is_lost_and_ready_again() {
 #[test]
 fn lost_gateway_sets_exit_status() {
     let file = losing("kind = \"power_off\"");
-    let shown = ends(1, &["--ecrt", &setting(&file), "monitor", "--for", "9"]);
+    let shown = ends(1, &["--ecrt", &setting(&file), "monitor", "--for", "9s"]);
     let rows: Vec<_> = shown.lines().collect();
     assert!(rows[1].starts_with("0        ready  2/2"), "{shown}");
     assert!(rows[2].starts_with("1        LOST   0/2"), "{shown}");
@@ -96,7 +96,7 @@ fn lost_gateway_sets_exit_status() {
 fn short_bus_off_is_reported() {
     let fault = "[[fault]]\nat_ms = 7900\nkind = \"bus_off\"\ngateway = 0\nchannel = 1\n";
     let bus = Scenario::new(fault);
-    let shown = bus.good(&["monitor", "--for", "7"]);
+    let shown = bus.good(&["monitor", "--for", "7s"]);
     let (before, after) = shown.split_once("gateway 0 can1: bus-off\n").unwrap();
     assert!(after.ends_with(" s  gateway 0 can1: recovered\n"), "{shown}");
     let row = before.lines().find(|line| line.starts_with("can1")).unwrap();
@@ -123,8 +123,8 @@ fn selected_gateway_is_monitored_alone() {
 #[test]
 fn invalid_use_has_message_and_status() {
     all_fail(&[
-        (2, &["monitor", "--for", "0"], "expected seconds"),
-        (2, &["monitor", "--for", "nan"], "expected seconds"),
+        (2, &["monitor", "--for", "5"], "a number without a unit is in milliseconds"),
+        (2, &["monitor", "--for", "nan"], "expected a time"),
         (2, &["monitor", "--for", "-1"], "'-1'"),
         (2, &["monitor", "--channel", "4"], "expected channels 0 to 3"),
         (2, &["monitor", "extra"], "extra"),

@@ -46,7 +46,7 @@ fn views_are_printed_through_a_service() {
     let client = lines.iter().find(|line| line.starts_with("ecan monitor")).unwrap();
     assert_eq!(client.split_whitespace().nth(3), Some("control"), "{client}");
 
-    let snapshot = json_of(&monitor(&["--json", "--for", "2"]));
+    let snapshot = json_of(&monitor(&["--json", "--for", "2s"]));
     assert!(snapshot["program"].as_str().unwrap().starts_with("cell 1.0"));
     assert_eq!(snapshot["cycle"]["period"], Value::Null);
     assert_eq!(snapshot["cycle"]["run_time"]["p95_us"], Value::Null);
@@ -56,7 +56,7 @@ fn views_are_printed_through_a_service() {
     assert!(channel["load"].as_f64().unwrap() > 0.0, "{channel}");
     assert_eq!(channel["errors"]["bus_offs"], 0);
 
-    let axes = monitor(&["--view", "axes", "--for", "0.1"]);
+    let axes = monitor(&["--view", "axes", "--for", "0.1s"]);
     assert!(axes.starts_with("no axes: cell 1.0 (pid "), "{axes}");
 }
 
@@ -64,7 +64,7 @@ fn views_are_printed_through_a_service() {
 fn ids_have_directions_periods_and_changed_bytes() {
     let application = Application::start(count());
     let path = application.path();
-    let arguments = ["--via", &path, "monitor", "--view", "ids", "--for", "1"];
+    let arguments = ["--via", &path, "monitor", "--view", "ids", "--for", "1s"];
     let report = json_of(&good(&[&arguments[..], &["--json"]].concat()));
     assert_eq!((&report["frames_lost"], &report["not_listed"]), (&json!(0), &json!(0)));
     let rows = report["ids"].as_array().unwrap();
@@ -108,7 +108,7 @@ fn axes_are_printed_with_their_state() {
     let axes = [1, 2].map(|id| AxisConfig::new(address(id)));
     let application = Application::start_axes(axes.to_vec());
     let path = application.path();
-    let arguments = ["--via", &path, "monitor", "--view", "axes", "--for", "0.3"];
+    let arguments = ["--via", &path, "monitor", "--view", "axes", "--for", "0.3s"];
     let text = with_any_health(&arguments);
     let rows: Vec<_> = text.lines().collect();
     assert_eq!(rows.len(), 3, "{text}");
@@ -134,7 +134,7 @@ fn axes_are_printed_with_their_state() {
 
 #[test]
 fn without_service_the_axes_view_has_the_reason() {
-    let shown = good(&["--ecrt", "sim", "monitor", "--view", "axes", "--for", "0.1"]);
+    let shown = good(&["--ecrt", "sim", "monitor", "--view", "axes", "--for", "0.1s"]);
     assert_eq!(
         shown,
         "no axes: this command runs the cycle itself and configures no drives; use --via with the \
@@ -188,7 +188,7 @@ fn lost_gateway_is_shown_through_a_service() {
     client.call("sim.fault", json!({ "kind": "power_off", "gateway": 0 })).unwrap();
     monitor.wait_for("LOST");
     monitor.wait_for("gateway 0: lost");
-    let arguments = ["--via", &daemon.path, "monitor", "--for", "0.2"];
+    let arguments = ["--via", &daemon.path, "monitor", "--for", "0.2s"];
     assert!(ends(1, &arguments).contains("LOST"));
     client.call("sim.fault", json!({ "kind": "power_on", "gateway": 0 })).unwrap();
     monitor.wait_for("ready again after");

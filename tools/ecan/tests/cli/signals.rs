@@ -142,7 +142,7 @@ fn faults_of_a_file_are_warnings() {
 fn monitor_prints_signals_once() {
     let bus = bus();
     let dbc = bus.path("cell.dbc");
-    let view = ["monitor", "--for", "12", "--view", "ids", "--channel", "0", "--dbc", &dbc];
+    let view = ["monitor", "--for", "12s", "--view", "ids", "--channel", "0", "--dbc", &dbc];
     let shown = bus.good(&view);
     let signals = "
 bus  dir  CAN ID    message                               signal   value

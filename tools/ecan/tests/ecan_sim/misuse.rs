@@ -27,8 +27,8 @@ fn invalid_options_are_reported() {
         (6, &[&wire[..], &["--scenario", "/no/such.toml"]].concat(), "cannot read /no/such.toml"),
         (6, &[&wire[..], &["--scenario", wrong.to_str().unwrap()]].concat(), "seriel"),
         (6, &[&wire[..], &["--scenario", empty.to_str().unwrap()]].concat(), "has no gateway"),
-        (2, &[&wire[..], &["--duration=-1"]].concat(), "must be above 0"),
-        (2, &[&wire[..], &["--duration", "0"]].concat(), "must be above 0"),
+        (2, &[&wire[..], &["--duration=-1"]].concat(), "expected a time"),
+        (2, &[&wire[..], &["--duration", "5"]].concat(), "give its unit"),
         (2, &[&wire[..], &["--rt-priority", "100"]].concat(), "1..=99"),
         (2, &["firmware"], "--version"),
         (2, &[&firmware[..], &["--version", "1.2"]].concat(), "MAJOR.MINOR.BUILD"),
@@ -64,14 +64,14 @@ fn unsuitable_interface_is_rejected_with_reason() {
     assert!(rejected("lo").contains("loopback"));
     network::ip(&["link", "set", GATEWAYS, "down"]);
     assert!(rejected(GATEWAYS).contains("`ip link set veth1 up`"));
-    let output = run(&["wire", "--interface", MASTER, "--duration", "0.01"]);
+    let output = run(&["wire", "--interface", MASTER, "--duration", "0.01s"]);
     assert!(output.status.success());
     assert!(text(&output.stdout).contains("veth0 has no link"), "{}", text(&output.stdout));
     network::ip(&["link", "set", GATEWAYS, "up"]);
     let dump = ["wire", "--interface", GATEWAYS, "--dump", "/no/such/can.log"];
     assert!(fails(&run(&dump)).contains("cannot write /no/such/can.log"));
     let cpu = ["wire", "--interface", GATEWAYS, "--cpu", "4095"];
-    let output = run(&[&cpu[..], &["--duration", "0.01"]].concat());
+    let output = run(&[&cpu[..], &["--duration", "0.01s"]].concat());
     assert!(text(&output.stdout).contains("CPU 4095: not granted"), "{}", text(&output.stdout));
     let output = run(&[&cpu[..], &["--rt-required"]].concat());
     let message = fails(&output);

@@ -82,7 +82,7 @@ fn quiet_dump_on_standard_output_contains_only_data() {
     if !network::enter() {
         return;
     }
-    let arguments = ["wire", "--interface", GATEWAYS, "--dump", "-", "--duration", "0.4"];
+    let arguments = ["wire", "--interface", GATEWAYS, "--dump", "-", "--duration", "0.4s"];
     let output = super::support::program::run(&arguments);
     assert!(output.status.success());
     assert_eq!(super::support::program::text(&output.stdout), "", "no CAN frame, nothing");

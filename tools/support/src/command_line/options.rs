@@ -1,6 +1,8 @@
 //! Options that programs share: bit rates, the log (`--log`, `RUST_LOG`), and the real-time settings of a thread
 //! (manual 13.9).
 
+use std::ops::RangeInclusive;
+
 use clap::Args;
 use ecan_host::{
     Adapter, CycleStatistics, CycleTiming, MAX_SPIN_NS, Need, OverrunPolicy, RealTimeConfig,
@@ -10,6 +12,58 @@ use tracing_subscriber::EnvFilter;
 
 use super::screen::{CleanWriter, Content, Stream};
 use crate::print_line;
+
+/// Units of a time and their length in nanoseconds; a unit that is the end of another one follows it.
+const UNITS: [(&str, f64); 4] = [("us", 1e3), ("ms", 1e6), ("min", 6e10), ("s", 1e9)];
+const MS: u64 = 1_000_000;
+const SECOND: u64 = 1_000 * MS;
+/// Milliseconds of an option without another limit: about 49 days, as in scenario files.
+pub const ANY_TIME: RangeInclusive<u64> = 0..=u32::MAX as u64;
+
+/// Parses a time as a number of nanoseconds: `300ms`, `1.5s`, `1min`. A number without a unit is in milliseconds.
+///
+/// # Errors
+/// The text is not a time from 0 to about 49 days.
+pub fn parse_time(text: &str) -> Result<u64, String> {
+    let unit = |(unit, ns): &(&str, f64)| Some((text.strip_suffix(unit)?, *ns));
+    let (number, unit_ns) = UNITS.iter().find_map(unit).unwrap_or((text, MS as f64));
+    let ns = number.parse::<f64>().ok().map(|number| (number * unit_ns).round());
+    match ns.filter(|ns| (0.0..=(*ANY_TIME.end() * MS) as f64).contains(ns)) {
+        Some(ns) => Ok(ns as u64),
+        None => Err("expected a time, such as 300ms, 1.5s or 1min".to_owned()),
+    }
+}
+
+/// Parser of an option: a time in whole milliseconds, within these limits.
+pub fn milliseconds<T: TryFrom<u64>>(
+    limits: RangeInclusive<u64>,
+) -> impl Fn(&str) -> Result<T, String> + Clone + Send + Sync + 'static {
+    move |text| whole(text, MS, &limits)
+}
+
+/// Parser of an option: a time in whole seconds, within these limits.
+pub fn seconds<T: TryFrom<u64>>(
+    limits: RangeInclusive<u64>,
+) -> impl Fn(&str) -> Result<T, String> + Clone + Send + Sync + 'static {
+    move |text| whole(text, SECOND, &limits)
+}
+
+fn whole<T: TryFrom<u64>>(
+    text: &str,
+    unit_ns: u64,
+    limits: &RangeInclusive<u64>,
+) -> Result<T, String> {
+    let ns = parse_time(text)?;
+    let is_allowed = ns.is_multiple_of(unit_ns) && limits.contains(&(ns / unit_ns));
+    is_allowed.then(|| T::try_from(ns / unit_ns).ok()).flatten().ok_or_else(|| {
+        let unit = if unit_ns == MS { "ms" } else { "s" };
+        let without_unit = match text.parse::<f64>() {
+            Ok(_) => "; a number without a unit is in milliseconds",
+            Err(_) => "",
+        };
+        format!("expected {} to {} {unit}{without_unit}", limits.start(), limits.end())
+    })
+}
 
 /// Parses a bit rate: `500000`, `500k`, `1M` or `2.5M`.
 ///
@@ -188,7 +242,29 @@ pub fn print_statistics(adapter: &Adapter, statistics: &CycleStatistics) {
 
 #[cfg(test)]
 mod tests {
-    use super::{parse_bit_rate, parse_filter};
+    use super::{milliseconds, parse_bit_rate, parse_filter, parse_time, seconds};
+
+    #[test]
+    fn times_have_units_and_are_milliseconds_without_one() {
+        for (text, ns) in [
+            ("300", 300_000_000),
+            ("0.3", 300_000),
+            ("300ms", 300_000_000),
+            ("250us", 250_000),
+            ("1.5s", 1_500_000_000),
+            ("2min", 120_000_000_000),
+        ] {
+            assert_eq!(parse_time(text), Ok(ns), "{text}");
+        }
+        for wrong in ["", "s", "2h", "-1s", "nan", "infs", "80000min", "1 s"] {
+            assert!(parse_time(wrong).is_err(), "{wrong}");
+        }
+        assert_eq!(milliseconds::<u16>(1..=10_000)("1.5s"), Ok(1_500));
+        assert_eq!(seconds::<u64>(1..=3_600)("1min"), Ok(60));
+        let message = seconds::<u64>(1..=3_600)("60").unwrap_err();
+        assert_eq!(message, "expected 1 to 3600 s; a number without a unit is in milliseconds");
+        assert_eq!(milliseconds::<u64>(1..=9)("0.5ms").unwrap_err(), "expected 1 to 9 ms");
+    }
 
     #[test]
     fn bit_rates_have_factors() {

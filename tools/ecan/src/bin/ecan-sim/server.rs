@@ -12,7 +12,7 @@ use ecan_sim::{Wire, World};
 use ecan_tool_support::command_line::interrupt::Interrupt;
 use ecan_tool_support::command_line::log_file::{LogFileError, Writer};
 use ecan_tool_support::command_line::new_file::Existing;
-use ecan_tool_support::command_line::options::ThreadArguments;
+use ecan_tool_support::command_line::options::{ThreadArguments, parse_time};
 
 use crate::failure::{Failure, Screen};
 use crate::frame_prediction::FramePrediction;
@@ -232,9 +232,6 @@ impl Dump {
     }
 }
 
-/// Longest run, in seconds: a century.
-const LONGEST_RUN_S: f64 = 3.2e9;
-
 /// Arguments of `ecan-sim wire`.
 #[derive(Debug, Args)]
 pub struct WireArguments {
@@ -256,8 +253,8 @@ pub struct WireArguments {
     /// List all PDOs in the SII of each gateway (categories 50 and 51)
     #[arg(long)]
     pub sii_pdos: bool,
-    /// Exit after this time, in s; otherwise on Ctrl-C or SIGTERM
-    #[arg(long, value_name = "S", value_parser = parse_duration)]
+    /// Exit after this time; otherwise on Ctrl-C or SIGTERM
+    #[arg(long, value_name = "TIME", value_parser = parse_duration)]
     pub duration: Option<Duration>,
     /// Do not log gateway events
     #[arg(long, short)]
@@ -279,10 +276,8 @@ pub struct WireArguments {
 }
 
 fn parse_duration(text: &str) -> Result<Duration, String> {
-    match text.parse() {
-        Ok(seconds) if seconds > 0.0 && seconds < LONGEST_RUN_S => {
-            Ok(Duration::from_secs_f64(seconds))
-        }
-        _ => Err("must be above 0".to_owned()),
+    match parse_time(text)? {
+        ns if ns > 0 && text.parse::<f64>().is_err() => Ok(Duration::from_nanos(ns)),
+        _ => Err("expected a time above 0; give its unit: 500ms or 5s".to_owned()),
     }
 }

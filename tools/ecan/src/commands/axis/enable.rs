@@ -7,6 +7,7 @@ use ecan_canopen::OperatingMode;
 use ecan_cia402::{AxisCommand, AxisError, AxisPhase, AxisRef};
 use ecan_sim::ClockKind;
 use ecan_tool_support::command_line::interrupt::Interrupt;
+use ecan_tool_support::command_line::options::milliseconds;
 
 use super::axis_choice::AxisOptions;
 use super::envelope::Envelope;
@@ -27,8 +28,8 @@ If it is not enabled, the error names the obstacles, as `ecan axis status` does.
 
 #[derive(Debug, Args)]
 pub struct EnableArguments {
-    /// Stay enabled for this time, in ms
-    #[arg(long = "for", conflicts_with = "hold_key", value_name = "MS", value_parser = clap::value_parser!(u64).range(1..=3_600_000))]
+    /// Stay enabled for this time
+    #[arg(long = "for", conflicts_with = "hold_key", value_name = "TIME", value_parser = milliseconds::<u64>(1..=3_600_000))]
     milliseconds: Option<u64>,
     #[command(flatten)]
     motion: MotionArguments,

@@ -5,6 +5,7 @@ use std::time::Duration;
 use clap::Args;
 use ecan_canopen::OperatingMode;
 use ecan_cia402::{AxisCommand, AxisError, AxisPhase, AxisRef, HomingConfig};
+use ecan_tool_support::command_line::options::seconds;
 use serde::Serialize;
 
 use super::enable;
@@ -35,9 +36,8 @@ pub struct HomeArguments {
     /// Position that the home position gets 0x607C, in UNIT [default: unchanged]
     #[arg(long, value_name = "POSITION", value_parser = parse_number, allow_hyphen_values = true)]
     offset: Option<f64>,
-    /// Longest time of the homing, in s
-    #[arg(long, value_name = "SECONDS", default_value_t = 60,
-          value_parser = clap::value_parser!(u64).range(1..=3_600))]
+    /// Longest time of the homing
+    #[arg(long, value_name = "TIME", default_value = "60s", value_parser = seconds::<u64>(1..=3_600))]
     timeout: u64,
     #[command(flatten)]
     motion: MotionArguments,

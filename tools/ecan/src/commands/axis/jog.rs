@@ -5,6 +5,7 @@ use std::time::Duration;
 
 use clap::Args;
 use ecan_canopen::OperatingMode;
+use ecan_tool_support::command_line::options::milliseconds;
 
 use super::enable;
 use super::envelope::{Envelope, ProfileLimits, parse_number};
@@ -30,8 +31,8 @@ pub struct JogArguments {
     /// Velocity, in UNIT/s; with --for its sign is the direction [default: --max-velocity]
     #[arg(long, value_name = "VELOCITY", value_parser = parse_number, allow_hyphen_values = true)]
     velocity: Option<f64>,
-    /// Move for this time, in ms, without keys
-    #[arg(long = "for", value_name = "MS", value_parser = clap::value_parser!(u64).range(1..=3_600_000))]
+    /// Move for this time, without keys
+    #[arg(long = "for", value_name = "TIME", value_parser = milliseconds::<u64>(1..=3_600_000))]
     milliseconds: Option<u64>,
     #[command(flatten)]
     motion: MotionArguments,

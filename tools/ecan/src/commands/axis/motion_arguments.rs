@@ -5,6 +5,7 @@ use std::time::Duration;
 use clap::Args;
 use ecan_canopen::OperatingMode;
 use ecan_sim::ClockKind;
+use ecan_tool_support::command_line::options::milliseconds;
 
 use super::axis_choice::{AxisOptions, ChosenAxis};
 use super::envelope::{Envelope, LimitArguments};
@@ -78,9 +79,8 @@ pub struct PermissionArguments {
 
 #[derive(Clone, Copy, Debug, Args)]
 pub struct KeyArguments {
-    /// Time without a repetition after which a key counts as released, in ms
-    #[arg(long, value_name = "MS", default_value_t = 200,
-          value_parser = clap::value_parser!(u64).range(50..=1_000))]
+    /// Time without a repetition after which a key counts as released
+    #[arg(long, value_name = "TIME", default_value = "200ms", value_parser = milliseconds::<u64>(50..=1_000))]
     key_timeout: u64,
 }
 

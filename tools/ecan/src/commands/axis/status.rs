@@ -6,6 +6,7 @@ use std::time::Duration;
 
 use clap::Args;
 use ecan_canopen::{DriveState, ErrorRegister, OperatingMode, Statusword, error_code_text, object};
+use ecan_tool_support::command_line::options::seconds;
 use serde::Serialize;
 
 use super::axis_choice::{AxisOptions, ChosenAxis};
@@ -28,9 +29,8 @@ pub struct StatusArguments {
     /// Print each change of state, error or position
     #[arg(long)]
     watch: bool,
-    /// Watch for this time, in s
-    #[arg(long = "for", value_name = "SECONDS", requires = "watch",
-          value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
+    /// Watch for this time
+    #[arg(long = "for", value_name = "TIME", requires = "watch", value_parser = seconds::<u32>(1..=1_000_000))]
     seconds: Option<u32>,
     #[command(flatten)]
     options: FrameOptions,

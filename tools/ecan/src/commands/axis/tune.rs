@@ -8,6 +8,7 @@ use std::time::Duration;
 use clap::{Args, ValueEnum};
 use ecan_canopen::OperatingMode;
 use ecan_cia402::{AxisRef, Decision};
+use ecan_tool_support::command_line::options::milliseconds;
 use serde::Serialize;
 
 use super::axis_choice::ChosenAxis;
@@ -81,9 +82,8 @@ pub struct TuneArguments {
     /// Operating mode
     #[arg(long, value_enum, default_value_t, value_name = "MODE")]
     mode: TuneMode,
-    /// Time to record after the target is reached, in ms; with CSV also the time at the velocity
-    #[arg(long, value_name = "MS", default_value_t = 500,
-          value_parser = clap::value_parser!(u64).range(10..=60_000))]
+    /// Time to record after the target is reached; with CSV also the time at the velocity
+    #[arg(long, value_name = "TIME", default_value = "500ms", value_parser = milliseconds::<u64>(10..=60_000))]
     settle: u64,
     /// Tolerance of the settling time, in UNIT or UNIT/s [default: 2 % of the step]
     #[arg(long, value_name = "TOLERANCE", value_parser = parse_positive)]

@@ -14,6 +14,7 @@ use access::{ByTool, Gateways, Running, Selection, Simulated};
 use clap::{Args, Subcommand};
 use ecan_sim::{ClockKind, EcrtSetting};
 use ecan_tool_support::command_line::interrupt::Interrupt;
+use ecan_tool_support::command_line::options::seconds;
 use package::FirmwareFile;
 use serde::Serialize;
 use update::{GatewayUpdate, Outcome, Update};
@@ -73,8 +74,8 @@ struct UpdateArguments {
     /// Expected version after the update, as in 0x100A or MAJOR.MINOR.BUILD
     #[arg(long, value_name = "VERSION")]
     expect_version: Option<String>,
-    /// Time limit for the restart of a gateway, in s
-    #[arg(long, value_name = "S", default_value_t = 60)]
+    /// Time limit for the restart of a gateway
+    #[arg(long, value_name = "TIME", default_value = "60s", value_parser = seconds::<u32>(0..=100_000))]
     timeout: u32,
 }
 

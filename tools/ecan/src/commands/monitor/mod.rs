@@ -21,6 +21,7 @@ use clap::Args;
 use collector::Collector;
 use ecan_sim::ClockKind;
 use ecan_tool_support::command_line::interrupt::Interrupt;
+use ecan_tool_support::command_line::options::milliseconds;
 use ecan_tool_support::command_line::screen::Stream;
 use keys::{Choice, Sort, View};
 use observation::{LOOK_NS, Observation, Source};
@@ -41,7 +42,7 @@ Examples:
   ecan monitor --view ids --channel 0          frames by CAN ID, on channel 0
   ecan monitor --view ids --dbc cell.dbc       with the signals of the selected frame
   ecan monitor --view axes --once              print the axes of the application
-  ecan monitor --for 60 --json > minute.json   JSON output after a minute
+  ecan monitor --for 1min --json > minute.json   JSON output after a minute
 
 Keys: 1, 2, 3 views; q, Esc, Ctrl-C end; p pause; c clear counters; arrows select; s order of the
 CAN IDs; ? help.
@@ -66,8 +67,8 @@ pub struct MonitorArguments {
     /// Print the current state once and exit, without full-screen mode
     #[arg(long)]
     once: bool,
-    /// Observe for this time, in s, then print as with --once
-    #[arg(long = "for", value_name = "SECONDS", value_parser = parse_seconds)]
+    /// Observe for this time, then print as with --once
+    #[arg(long = "for", value_name = "TIME", value_parser = parse_seconds)]
     seconds: Option<f64>,
     /// First view; with --once and --json the printed one
     #[arg(long, value_enum, value_name = "VIEW", default_value_t)]
@@ -88,8 +89,7 @@ pub struct MonitorArguments {
 }
 
 fn parse_seconds(text: &str) -> Result<f64, String> {
-    let seconds = text.parse().ok().filter(|seconds| (0.001..=1e6).contains(seconds));
-    seconds.ok_or_else(|| "expected seconds, 0.001 to 1000000".to_owned())
+    milliseconds::<u32>(100..=1_000_000_000)(text).map(|ms| f64::from(ms) / 1e3)
 }
 
 pub fn run(arguments: &MonitorArguments, context: &Context) -> Result {

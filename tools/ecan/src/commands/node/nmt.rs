@@ -5,6 +5,7 @@ use std::time::Duration;
 
 use clap::{Args, ValueEnum};
 use ecan_canopen::{NmtCommand, NmtRequest, NmtState, NodeId, Service as CanopenService, object};
+use ecan_tool_support::command_line::options::milliseconds;
 use serde::Serialize;
 
 use super::node_client::{NodeClient, start, start_for};
@@ -86,9 +87,8 @@ pub struct NmtArguments {
     /// Send without asking
     #[arg(long)]
     yes: bool,
-    /// Time for the confirmation, in ms
-    #[arg(long, value_name = "MS", default_value_t = 3000,
-          value_parser = clap::value_parser!(u64).range(1..=60_000))]
+    /// Time for the confirmation
+    #[arg(long, value_name = "TIME", default_value = "3s", value_parser = milliseconds::<u64>(1..=60_000))]
     timeout: u64,
     #[command(flatten)]
     options: FrameOptions,

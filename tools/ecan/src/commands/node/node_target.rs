@@ -7,6 +7,7 @@ use std::sync::Arc;
 
 use clap::Args;
 use ecan_canopen::{DeviceFile, NodeDescription, NodeId};
+use ecan_tool_support::command_line::options::{ANY_TIME, milliseconds};
 use serde::Serialize;
 
 use crate::configured_node::ConfiguredNodes;
@@ -222,8 +223,8 @@ pub struct LiveViewArguments {
     #[arg(short = 'n', long, value_name = "COUNT", requires = "watch",
           value_parser = clap::value_parser!(u64).range(1..))]
     count: Option<u64>,
-    /// With --watch: exit if nothing is received for this time, in ms
-    #[arg(short = 'T', long, value_name = "MS", requires = "watch")]
+    /// With --watch: exit if nothing is received for this time
+    #[arg(short = 'T', long, value_name = "TIME", requires = "watch", value_parser = milliseconds::<u64>(ANY_TIME))]
     timeout: Option<u64>,
 }
 

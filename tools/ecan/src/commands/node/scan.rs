@@ -8,6 +8,7 @@ use std::time::Duration;
 
 use clap::Args;
 use ecan_canopen::{NmtState, NodeId, Sdo, SdoFault, object};
+use ecan_tool_support::command_line::options::milliseconds;
 use serde::Serialize;
 
 use super::bit_rate_search;
@@ -63,13 +64,11 @@ pub struct ScanArguments {
     /// Node-IDs to ask, for example 1-10,32
     #[arg(long, value_name = "IDS", default_value = "1-127")]
     nodes: NodeRange,
-    /// Time for the answer of a node, in ms
-    #[arg(long, value_name = "MS", default_value_t = 100,
-          value_parser = clap::value_parser!(u64).range(1..=60_000))]
+    /// Time for the answer of a node
+    #[arg(long, value_name = "TIME", default_value = "100ms", value_parser = milliseconds::<u64>(1..=60_000))]
     timeout: u64,
-    /// Shortest time to wait for heartbeats, in ms
-    #[arg(long, value_name = "MS", default_value_t = 1000,
-          value_parser = clap::value_parser!(u64).range(0..=60_000))]
+    /// Shortest time to wait for heartbeats
+    #[arg(long, value_name = "TIME", default_value = "1s", value_parser = milliseconds::<u64>(0..=60_000))]
     listen: u64,
     /// Search the bit rate of each channel, by listening first
     #[arg(long, conflicts_with_all = ["config", "bitrate", "data_bitrate"])]

@@ -6,6 +6,7 @@ use std::time::Duration;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::{Args, Subcommand};
 use ecan_canopen::{DataType, ObjectEntry, SdoFault};
+use ecan_tool_support::command_line::options::milliseconds;
 use serde::Serialize;
 
 use super::node_client::{NodeClient, start_for};
@@ -40,9 +41,8 @@ struct Common {
     /// Type of the value [default: by the device file or the standards; unsigned by its length]
     #[arg(long = "type", value_name = "TYPE", value_parser = type_parser())]
     ty: Option<DataType>,
-    /// Time for an answer of the node, in ms
-    #[arg(long, value_name = "MS", default_value_t = 500,
-          value_parser = clap::value_parser!(u64).range(1..=600_000))]
+    /// Time for an answer of the node
+    #[arg(long, value_name = "TIME", default_value = "500ms", value_parser = milliseconds::<u64>(1..=600_000))]
     timeout: u64,
     #[command(flatten)]
     options: FrameOptions,

@@ -11,7 +11,7 @@ use ecan_mcan_port::{ChannelConfig, Config, GatewayConfig, MAX_GATEWAYS, PortCon
 use ecan_protocol::config::{McanChannelConfig, NodeMode};
 use ecan_protocol::mapping::CHANNELS;
 use ecan_protocol::object::SdoWrite;
-use ecan_tool_support::command_line::options::RealTimeArguments;
+use ecan_tool_support::command_line::options::{RealTimeArguments, milliseconds};
 
 use crate::config_file;
 use crate::context::{Failure, Result};
@@ -48,9 +48,8 @@ pub struct SelftestArguments {
     /// Write a report per gateway into this directory
     #[arg(long, value_name = "DIR")]
     pub(super) report: Option<PathBuf>,
-    /// Time to listen for traffic on each bus before the test, in ms
-    #[arg(long, value_name = "MS", default_value_t = 1000,
-          value_parser = clap::value_parser!(u32).range(1..=600_000))]
+    /// Time to listen for traffic on each bus before the test
+    #[arg(long, value_name = "TIME", default_value = "1s", value_parser = milliseconds::<u32>(1..=600_000))]
     pub(super) observe: u32,
     /// Test even if there is traffic on a bus; nodes on it lose frames
     #[arg(long, conflicts_with = "observe")]

@@ -6,6 +6,7 @@ use std::time::Duration;
 use clap::Args;
 use ecan_lite::config::ServiceSettings;
 use ecan_service::server::{Control, MetricsAddress, MetricsConfig};
+use ecan_tool_support::command_line::options::seconds;
 
 use crate::frames::GatewayOptions;
 
@@ -47,10 +48,9 @@ pub struct ServeArguments {
     /// Permit an address of --metrics that other hosts reach
     #[arg(long, requires = "metrics")]
     metrics_remote: bool,
-    /// Read error counters of the gateways (0x9000, 0x9020) for --metrics in this interval, 1 to 3600
+    /// Read error counters of the gateways (0x9000, 0x9020) for --metrics in this interval, 1s to 3600s
     /// [default: not read]
-    #[arg(long, value_name = "SECONDS", requires = "metrics",
-        value_parser = clap::value_parser!(u64).range(1..=3600))]
+    #[arg(long, value_name = "TIME", requires = "metrics", value_parser = seconds::<u64>(1..=3600))]
     metrics_objects: Option<u64>,
     /// Run no cycle; serve the state of the bus and SDO transfers only
     #[arg(long, conflicts_with_all = OF_THE_CYCLE)]

@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use clap::Args;
 use ecan_canopen::{LssAddress, LssBitRate, LssCommand, LssResult, NmtState, NodeId, object};
-use ecan_tool_support::command_line::options::parse_bit_rate;
+use ecan_tool_support::command_line::options::{milliseconds, parse_bit_rate};
 use serde::Serialize;
 
 use super::lss_client::{JsonAddress, LssClient, LssOptions, SlaveSelection, parse_node};
@@ -43,8 +43,8 @@ pub struct SetBitRateArguments {
     /// New bit rate of CiA 305 in bit/s: 10k to 1M
     #[arg(value_name = "BITRATE", value_parser = bit_rate)]
     rate: LssBitRate,
-    /// Activate it after this time, in ms; the channel needs the new bit rate then
-    #[arg(long, value_name = "MS", value_parser = clap::value_parser!(u16).range(1..=10_000))]
+    /// Activate it after this time; the channel needs the new bit rate then
+    #[arg(long, value_name = "TIME", value_parser = milliseconds::<u16>(1..=10_000))]
     activate: Option<u16>,
     #[command(flatten)]
     common: Common,

@@ -9,6 +9,7 @@ use ecan_canopen::{
     Lss, LssAddress, LssCommand, LssConfig, LssFailure, LssFault, LssMaster, LssResult, NodeId,
     object,
 };
+use ecan_tool_support::command_line::options::milliseconds;
 use serde::Serialize;
 
 use crate::commands::node::node_client::{NodeClient, decode_unsigned, start};
@@ -24,9 +25,8 @@ pub struct LssOptions {
     /// CAN channel, 0 to 3
     #[arg(long, value_name = "N", default_value_t = 0, value_parser = parse_channel)]
     pub channel: u8,
-    /// Time for a response, in ms
-    #[arg(long, value_name = "MS", default_value_t = 500,
-          value_parser = clap::value_parser!(u64).range(1..=60_000))]
+    /// Time for a response
+    #[arg(long, value_name = "TIME", default_value = "500ms", value_parser = milliseconds::<u64>(1..=60_000))]
     timeout: u64,
     #[command(flatten)]
     pub options: FrameOptions,

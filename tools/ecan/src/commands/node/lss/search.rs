@@ -5,6 +5,7 @@ use std::str::FromStr;
 
 use clap::Args;
 use ecan_canopen::{FastscanFilter, LssAddress, LssAddressRange, LssCommand, LssFault, LssResult};
+use ecan_tool_support::command_line::options::milliseconds;
 use serde::Serialize;
 
 use super::lss_client::{JsonAddress, LssClient, LssOptions};
@@ -21,9 +22,9 @@ pub struct ScanArguments {
     /// Only this product code
     #[arg(long, value_name = "NUMBER", value_parser = number)]
     product: Option<u32>,
-    /// Waiting time of each request, in ms; all slaves must respond within it
-    /// [default: 25, through a service 50]
-    #[arg(long, value_name = "MS", value_parser = clap::value_parser!(u64).range(1..=10_000))]
+    /// Waiting time of each request; all slaves must respond within it
+    /// [default: 25ms, through a service 50ms]
+    #[arg(long, value_name = "TIME", value_parser = milliseconds::<u64>(1..=10_000))]
     scan_time: Option<u64>,
     #[command(flatten)]
     lss: LssOptions,
