@@ -19,7 +19,9 @@ use ecan_example_support::{
 use ecan_host::{ClockSource, ClockStatus, DcSync};
 use ecan_lite::EcrtOptions;
 use ecan_mcan_port::{ChannelConfig, GatewayConfig, Port, PortConfig};
+use ecan_tool_support::command_line::options::parse_svg_path;
 use ecan_tool_support::command_line::screen::{Stream, parse_arguments, print};
+use ecan_tool_support::plot;
 use ecan_tool_support::plot::Heading;
 use ecan_tool_support::print_line;
 
@@ -60,7 +62,7 @@ struct Arguments {
     #[arg(long, value_name = "US", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     settled_us: u32,
     /// Write a picture of the phase error
-    #[arg(long, value_name = "FILE.svg")]
+    #[arg(long, value_name = "FILE.svg", value_parser = parse_svg_path)]
     plot: Option<PathBuf>,
     #[command(flatten)]
     thread: RealTimeArguments,
@@ -101,6 +103,8 @@ fn open_port(arguments: &Arguments) -> Result<(Port, bool), Box<dyn Error>> {
 
 /// Runs the clocks. Returns whether they settled.
 fn run(arguments: &Arguments) -> Result<bool, Box<dyn Error>> {
+    // A file that cannot be written is reported before anything is measured.
+    plot::check_file(arguments.plot.as_deref())?;
     let interrupt = Interrupt::install()?;
     let (mut port, is_simulated) = open_port(arguments)?;
     if !wait_ready(&mut port, &interrupt)? {
@@ -110,7 +114,7 @@ fn run(arguments: &Arguments) -> Result<bool, Box<dyn Error>> {
     port.adapter_mut().measure_cycles();
     let start = port.adapter().cycle_time_ns();
     let mut results = Results::default();
-    let mut plot = ClockPlot::new(arguments.cycles);
+    let mut clock_plot = ClockPlot::new(arguments.cycles);
     print_line!("   time   phase error      rate   synchrony  missed");
     for cycle in 0..arguments.cycles {
         if interrupt.is_set() {
@@ -122,7 +126,7 @@ fn run(arguments: &Arguments) -> Result<bool, Box<dyn Error>> {
         let Some(status) = port.adapter().clock_status() else { continue };
         let time = port.adapter().cycle_time_ns().saturating_sub(start);
         results.take(cycle, status, arguments.settled_us);
-        plot.sample(cycle, time as f64 / 1e9, status);
+        clock_plot.sample(cycle, time as f64 / 1e9, status);
         if results.line_due(time) {
             print_line!("{:6.1} s {}", time as f64 / 1e9, line(status));
         }
@@ -141,7 +145,7 @@ fn run(arguments: &Arguments) -> Result<bool, Box<dyn Error>> {
             .with_subtitle(format!("{slaves} gateway(s), cycle {cycle_us} us, {source}"))
             .simulated(is_simulated)
             .with_run(RunInfo::of_this_run("dc_clocks", env!("CARGO_PKG_VERSION")));
-        plot.write(path, heading)?;
+        clock_plot.write(path, heading)?;
     }
     Ok(results.settled_since.is_some())
 }

@@ -11,7 +11,8 @@ use std::error::Error;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-use clap::Parser;
+use clap::error::ErrorKind;
+use clap::{CommandFactory as _, Parser};
 use ecan_example_support::loop_setup::GatewayArguments;
 use ecan_example_support::probe_output::{ProbeFiles, parse_picture, print_sweep};
 use ecan_example_support::sync0::{print_sync0, sync0};
@@ -25,7 +26,8 @@ use ecan_mcan_port::{FrameStream, GatewayConfig, Port, PortConfig, RECOMMENDED_O
 use ecan_protocol::can::FrameError;
 use ecan_protocol::image::OptionFlags;
 use ecan_protocol::mapping::CHANNELS;
-use ecan_tool_support::command_line::screen::parse_arguments;
+use ecan_tool_support::command_line::options::parse_svg_path;
+use ecan_tool_support::command_line::screen::{parse_arguments, print_message};
 use ecan_tool_support::plot::Heading;
 use ecan_tool_support::print_line;
 
@@ -82,10 +84,26 @@ struct Arguments {
 }
 
 fn main() -> ExitCode {
-    report_exit("mcan_gateway_tx_probe", run(&parse_arguments()))
+    let arguments: Arguments = parse_arguments();
+    if let Err(error) = arguments.check_picture() {
+        return ExitCode::from(print_message(&error));
+    }
+    report_exit("mcan_gateway_tx_probe", run(&arguments))
 }
 
 impl Arguments {
+    /// Rejects a page with the table for a sweep, which has a picture only.
+    fn check_picture(&self) -> Result<(), clap::Error> {
+        let report = self.report.as_ref().filter(|_| self.sweep);
+        match report.map(|path| parse_svg_path(&path.to_string_lossy())) {
+            Some(Err(reason)) => {
+                let message = format!("--report of --sweep: {reason}");
+                Err(Self::command().error(ErrorKind::ValueValidation, message))
+            }
+            _ => Ok(()),
+        }
+    }
+
     fn target(&self) -> Target {
         Target {
             slave: self.slave.into(),
@@ -141,10 +159,6 @@ impl Arguments {
 }
 
 fn run(arguments: &Arguments) -> Result<bool, Box<dyn Error>> {
-    let is_html = |path: &PathBuf| path.extension().is_some_and(|extension| extension == "html");
-    if arguments.sweep && arguments.report.as_ref().is_some_and(is_html) {
-        return Err("--report of --sweep is a picture; use a name that ends in .svg".into());
-    }
     let (adapter, config) = arguments.configuration()?;
     if arguments.gateways.plan {
         print_plan(&adapter, &config, &[arguments.traffic()?])?;

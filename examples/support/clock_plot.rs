@@ -4,7 +4,9 @@ use std::ops::Range;
 use std::path::Path;
 
 use ecan_host::ClockStatus;
-use ecan_tool_support::plot::{Heading, Mark, PlotError, Series, TimeFigure, TimePanel, Tone};
+use ecan_tool_support::plot::{
+    AxisKind, CurveFigure, CurvePanel, CurveStack, Heading, Mark, PlotError, Series, Tone,
+};
 
 /// Maximum number of samples in a picture.
 const SAMPLES: u64 = 4_000;
@@ -64,22 +66,23 @@ impl ClockPlot {
     pub fn write(&self, path: &Path, heading: Heading) -> Result<(), PlotError> {
         let whole = self.panel("phase error", None);
         let enlarged = self.panel("phase error, enlarged", Some(-CLOSE_US..CLOSE_US));
-        let figure = TimeFigure {
-            heading,
+        let stack = CurveStack {
             x_label: "time since the first cycle [s]".to_owned(),
+            x_kind: AxisKind::Linear,
             panels: vec![(whole, PANEL), (enlarged, PANEL)],
         };
-        figure.write(path)
+        CurveFigure { heading, stacks: vec![stack] }.write(path)
     }
 
-    fn panel(&self, title: &str, y: Option<Range<f64>>) -> TimePanel {
+    fn panel(&self, title: &str, y: Option<Range<f64>>) -> CurvePanel {
         let phase_error = Series {
             name: "phase error".to_owned(),
             tone: Tone::Difference,
             points: self.samples.iter().map(|(seconds, us)| (*seconds, Some(*us))).collect(),
         };
-        let missed = |seconds: &f64| Mark { seconds: *seconds, text: String::new() };
-        TimePanel {
+        let missed =
+            |seconds: &f64| Mark { seconds: *seconds, text: String::new(), is_fault: false };
+        CurvePanel {
             title: title.to_owned(),
             y_label: "phase error [us]".to_owned(),
             y,
@@ -87,7 +90,7 @@ impl ClockPlot {
             series: vec![phase_error],
             marks: self.missed.iter().map(missed).collect(),
             mark_name: "reading missed".to_owned(),
-            ..TimePanel::default()
+            ..CurvePanel::default()
         }
     }
 }

@@ -11,10 +11,11 @@ use ecan_lite::EcrtOptions;
 use ecan_mcan_port::{ChannelConfig, GatewayConfig, Port, PortConfig, PortPlan, Traffic};
 use ecan_protocol::image::{EncapsulationProfile, OptionFlags};
 use ecan_protocol::mapping::CHANNELS;
-use ecan_tool_support::command_line::options::parse_bit_rate;
+use ecan_tool_support::command_line::options::{parse_bit_rate, parse_svg_path};
 use ecan_tool_support::command_line::screen::{Stream, print};
+use ecan_tool_support::plot;
 use ecan_tool_support::plot::Heading;
-use ecan_tool_support::print_line;
+use ecan_tool_support::{print_error_line, print_line};
 
 use crate::motion_record::MotionRecord;
 use crate::program::MasterArguments;
@@ -38,6 +39,8 @@ pub fn run_motion(
     axes: impl IntoIterator<Item = AxisConfig>,
     cycles: u64,
 ) -> Result<bool, Box<dyn Error>> {
+    // A file that cannot be written is reported before the axes move.
+    plot::check_file(motion.plot.as_deref())?;
     let axes = motion.with_step(axes);
     let (adapter, gateways) = motion.gateways(slaves, &axes)?;
     let traffic = axis_traffic(&axes, &motion.cia402());
@@ -62,7 +65,7 @@ pub fn run_motion(
     let mut record = MotionRecord::new(&port, &cia402, cycles);
     let moved = move_axes(&mut port, &mut cia402, &mut record, cycles, &interrupt);
     let was_running = moved.is_ok() && cia402.all_running();
-    let table = record.table(&cia402);
+    record.end_motion(&cia402);
     if interrupt.is_set() {
         print_line!("stopped by the user");
     }
@@ -70,17 +73,25 @@ pub fn run_motion(
     print_line!("stopping the axes");
     let shutdown = cia402
         .blocking(&mut port, SHUTDOWN)
-        .on_progress(|axis| record.print_progress(axis))
+        .on_progress(|axis| record.on_shutdown(axis))
         .shut_down();
-    print(Stream::Output, table);
+    print(Stream::Output, record.table(&cia402));
     let heading = Heading::new("Positions and following errors")
         .with_subtitle(motion.setting(slaves))
         .simulated(backend.simulation.is_some())
         .with_run(RunInfo::of_this_run(program, env!("CARGO_PKG_VERSION")));
-    record.finish(&port, &cia402, motion.plot.as_deref(), heading)?;
-    moved?;
-    shutdown?;
-    Ok(was_running)
+    let drawn = record.finish(&port, &cia402, motion.plot.as_deref(), heading);
+    let result = moved.and_then(|()| Ok(shutdown?));
+    match (result, drawn) {
+        (Ok(()), drawn) => drawn.map(|()| was_running).map_err(Into::into),
+        (Err(error), drawn) => {
+            // The error of the motion decides on the exit status.
+            if let Err(drawn) = drawn {
+                print_error_line!("{program}: {drawn}");
+            }
+            Err(error)
+        }
+    }
 }
 
 /// Configures and enables the axes at their actual positions, then sends a target per cycle.
@@ -158,7 +169,7 @@ pub struct MotionArguments {
     #[arg(long)]
     pub plan: bool,
     /// Write a picture of the target and actual positions
-    #[arg(long, value_name = "FILE.svg")]
+    #[arg(long, value_name = "FILE.svg", value_parser = parse_svg_path)]
     pub plot: Option<PathBuf>,
     /// Options of the real-time thread
     #[command(flatten)]

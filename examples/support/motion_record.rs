@@ -1,15 +1,15 @@
 //! Observations of a motion demo: progress of the axes, plot, table and summary.
 
 use std::collections::{HashMap, HashSet};
-use std::error::Error;
 use std::fmt::Write;
 use std::path::Path;
 use std::sync::Arc;
 
-use ecan_cia402::{AxisPhase, AxisProgress, Cia402, LoadWarning};
+use ecan_canopen::{EmcyLog, error_code_text};
+use ecan_cia402::{AxisError, AxisPhase, AxisProgress, AxisRef, Cia402, LoadWarning};
 use ecan_host::Clock;
 use ecan_mcan_port::Port;
-use ecan_tool_support::plot::{AxisRecorder, Heading};
+use ecan_tool_support::plot::{AxisRecorder, Heading, PlotError};
 use ecan_tool_support::print_line;
 use indicatif::ProgressBar;
 
@@ -21,6 +21,10 @@ pub struct MotionRecord {
     progress: ProgressBar,
     clock: Arc<dyn Clock>,
     start_ns: u64,
+    /// Axes at the end of the motion.
+    lines: Vec<AxisLine>,
+    /// Axes whose drives were found in fault while they were being stopped.
+    late_faults: HashSet<usize>,
 }
 
 impl MotionRecord {
@@ -34,10 +38,22 @@ impl MotionRecord {
             progress: program::bar(cycles),
             start_ns: clock.now_ns(),
             clock,
+            lines: Vec::new(),
+            late_faults: HashSet::new(),
         }
     }
 
     pub fn print_progress(&mut self, axis: &AxisProgress) {
+        self.printer.print(axis);
+    }
+
+    /// Prints the progress of the shutdown; an error that it finds goes into the plot.
+    pub fn on_shutdown(&mut self, axis: &AxisProgress) {
+        let seconds = (self.clock.now_ns() - self.start_ns) as f64 / 1e9;
+        self.recorder.record_progress(seconds, axis);
+        if axis.phase == AxisPhase::Fault {
+            self.late_faults.insert(axis.axis);
+        }
         self.printer.print(axis);
     }
 
@@ -73,19 +89,63 @@ impl MotionRecord {
         cia402: &Cia402,
         plot: Option<&Path>,
         heading: Heading,
-    ) -> Result<(), Box<dyn Error>> {
+    ) -> Result<(), PlotError> {
         if let Some(statistics) = port.adapter().cycle_statistics() {
             real_time::print_statistics(port.adapter(), statistics);
         }
         match plot {
             None => Ok(()),
-            Some(path) => Ok(self.recorder.figure(heading, cia402).write(path)?),
+            Some(path) => self.recorder.figure(heading, cia402).write(path),
         }
     }
 
-    pub fn table(&self, cia402: &Cia402) -> String {
+    /// Notes the axes at the end of the motion, for the [`table`](Self::table).
+    pub fn end_motion(&mut self, cia402: &Cia402) {
         self.progress.finish_and_clear();
-        table(cia402)
+        self.lines = cia402.axes().map(AxisLine::of).collect();
+    }
+
+    /// One line per axis at the end of the motion; below it holds, errors and faults, also those that the
+    /// shutdown found: a drive that was silent reports its fault late.
+    pub fn table(&self, cia402: &Cia402) -> String {
+        let mut text = String::new();
+        // Writing to a String cannot fail.
+        let _ = writeln!(
+            text,
+            "\n{:<38}{:<20}{:>11}{:>11}{:>8}{:>8}{:>8}{:>7}{:>6}",
+            "axis", "state", "target", "actual", "error", "max", "TPDOs", "lost", "EMCY"
+        );
+        for (line, axis) in self.lines.iter().zip(cia402.axes()) {
+            let _ = writeln!(text, "{}", line.text);
+            let statistics = axis.statistics();
+            if let Some(reason) = statistics.last_hold {
+                let _ = writeln!(text, "   held {} time(s), last: {reason}", statistics.holds);
+            }
+            if let Some(error) = line.error {
+                let _ = writeln!(text, "   {error}");
+            }
+            let later = axis.error().filter(|error| line.error != Some(*error));
+            let is_fault = |error: &AxisError| matches!(error, AxisError::Fault { .. });
+            let is_shown = [line.error, later].iter().flatten().any(is_fault);
+            if let Some(error) = later {
+                let _ = writeln!(text, "   found while stopping: {error}");
+            } else if !is_shown && self.late_faults.contains(&axis.index()) {
+                let _ = writeln!(text, "   found while stopping: the drive is in fault");
+            }
+            // Another error may have replaced that of a fault.
+            let code = cia402.network().emcy(axis.node()).map_or(0, EmcyLog::last_code);
+            let has_message = statistics.emergencies > 0 && code != 0;
+            if !is_shown && (statistics.faults > 0 || has_message) {
+                let name =
+                    error_code_text(code).map_or_else(String::new, |name| format!(" ({name})"));
+                let _ = writeln!(
+                    text,
+                    "   faults: {}, emergency messages: {}, last error code 0x{code:04X}{name}",
+                    statistics.faults, statistics.emergencies
+                );
+            }
+        }
+        text
     }
 }
 
@@ -160,24 +220,22 @@ fn print_loads(cia402: &Cia402, port: &Port) {
     }
 }
 
-/// One line per axis: state, target, actual position, following error, gaps, emergencies.
-pub fn table(cia402: &Cia402) -> String {
-    let mut text = String::new();
-    // Writing to a String cannot fail.
-    let _ = writeln!(
-        text,
-        "\n{:<38}{:<20}{:>11}{:>11}{:>8}{:>8}{:>8}{:>7}{:>6}",
-        "axis", "state", "target", "actual", "error", "max", "TPDOs", "lost", "EMCY"
-    );
-    for axis in cia402.axes() {
+/// An axis at the end of the motion.
+pub struct AxisLine {
+    text: String,
+    error: Option<AxisError>,
+}
+
+impl AxisLine {
+    /// State, target, actual position, following error, gaps, emergencies.
+    fn of(axis: AxisRef<'_>) -> Self {
         let statistics = axis.statistics();
         let error = axis.following_error();
         // The statistics measure the error before the target of the cycle, the column after it.
         let max_error = statistics.max_following_error.max(error.map_or(0, i64::unsigned_abs));
         let number = |value: Option<i64>| value.map_or_else(|| "-".into(), |v| v.to_string());
         let state = axis.drive_state().map_or_else(|| "unknown".into(), |state| state.to_string());
-        let _ = writeln!(
-            text,
+        let text = format!(
             "{:<38}{:<20}{:>11}{:>11}{:>8}{:>8}{:>8}{:>7}{:>6}",
             format!("{}: {}", axis.index(), axis.config().address),
             state,
@@ -189,12 +247,6 @@ pub fn table(cia402: &Cia402) -> String {
             statistics.lost_tpdos,
             statistics.emergencies
         );
-        if let Some(reason) = statistics.last_hold {
-            let _ = writeln!(text, "   held {} time(s), last: {reason}", statistics.holds);
-        }
-        if let Some(error) = axis.error() {
-            let _ = writeln!(text, "   {error}");
-        }
+        Self { text, error: axis.error() }
     }
-    text
 }

@@ -9,8 +9,8 @@ use ecan_mcan_port::Port;
 use ecan_protocol::mapping::CHUNK_BYTES;
 use ecan_protocol::text::Printable;
 use ecan_sim::{BusFrame, Simulation};
-use ecan_tool_support::command_line::new_file::{Existing, WholeFile};
 use ecan_tool_support::command_line::screen::{Stream, print};
+use ecan_tool_support::plot;
 use ecan_tool_support::plot::{Heading, ShiftFigure};
 use ecan_tool_support::print_line;
 
@@ -41,10 +41,8 @@ impl ProbeFiles<'_> {
     /// # Errors
     /// A file cannot be written, or a recording needs a simulated bus.
     pub fn check(&self, is_simulated: bool) -> Result<(), Box<dyn Error>> {
-        for path in [self.csv, self.picture, self.bus_dump].into_iter().flatten() {
-            let prepared = WholeFile::create(path, Existing::Replace);
-            prepared
-                .map_err(|error| format!("cannot write {}: {error}", Printable(path.display())))?;
+        for path in [self.csv, self.picture, self.bus_dump] {
+            plot::check_file(path)?;
         }
         if self.bus_dump.is_some() && !is_simulated {
             return Err("--bus-dump needs a simulated bus".into());
@@ -140,7 +138,11 @@ pub fn parse_picture(text: &str) -> Result<PathBuf, String> {
     let path = PathBuf::from(text);
     let is_known =
         path.extension().is_some_and(|extension| extension == "html" || extension == "svg");
-    if is_known { Ok(path) } else { Err("expected a name that ends in .html or .svg".into()) }
+    if is_known {
+        Ok(path)
+    } else {
+        Err("only HTML and SVG are written: use a name that ends in .html or .svg".into())
+    }
 }
 
 /// Tries shifts and offsets with this number of frames each, prints the table and the usable shifts, and
@@ -153,7 +155,7 @@ pub fn print_sweep(
     target: Target,
     frames: u64,
     setting: &str,
-    plot: Option<(&Path, Heading)>,
+    picture: Option<(&Path, Heading)>,
     interrupt: &Interrupt,
 ) -> Result<bool, Box<dyn Error>> {
     let config = *port.adapter().config();
@@ -190,9 +192,6 @@ pub fn print_sweep(
         arrivals.and_then(|arrivals| arrivals.usable_shifts_ns()),
     );
     print_line!("\n{HEADING}\n{windows}");
-    if let Some((path, heading)) = plot {
-        ShiftFigure { heading, rows: vec![windows.row()] }.write(path)?;
-    }
     if let Some(best) = table.recommended() {
         print_line!(
             "confirm this point in a run of minutes: --dc-shift-us {:.0} --offset-ns {} --frames {}",
@@ -200,6 +199,9 @@ pub fn print_sweep(
             best.offset_ns,
             120_000_000 / cycle.as_micros().max(1)
         );
+    }
+    if let Some((path, heading)) = picture {
+        ShiftFigure { heading, rows: vec![windows.row()] }.write(path)?;
     }
     Ok(table.recommended().is_some())
 }

@@ -5,7 +5,6 @@ use std::fmt::Write;
 use std::path::Path;
 
 use ecan_host::Distribution;
-use ecan_protocol::text::Printable;
 use ecan_tool_support::command_line::new_file;
 use ecan_tool_support::plot::{Heading, HistogramFigure, HistogramRow, PlotError};
 
@@ -217,8 +216,9 @@ impl Report {
         let mut rows = Vec::new();
         for (kind, measurements) in kinds {
             for (measurement, (row, times_ns)) in self.rows.iter().zip(measurements).enumerate() {
-                let it = Distribution::of(&times_ns);
-                let (min, max, p99) = (us(it.min_ns), us(it.max_ns), us(it.p99_ns));
+                let periods = Distribution::of(&times_ns);
+                let (min, max) = (us(periods.min_ns), us(periods.max_ns));
+                let p99 = us(periods.p99_ns);
                 rows.push(HistogramRow {
                     title: row.result.mode.to_string(),
                     figures: format!("min/max {min:.1}/{max:.1} us, p99 {p99:.1} us"),
@@ -249,6 +249,6 @@ fn dash() -> String {
 }
 
 fn write(path: &Path, text: &str) -> Result<(), Box<dyn Error>> {
-    new_file::write(path, text)
-        .map_err(|e| format!("cannot write {}: {e}", Printable(path.display())).into())
+    let written = new_file::write(path, text);
+    Ok(written.map_err(|source| PlotError::Write { path: path.to_owned(), source })?)
 }

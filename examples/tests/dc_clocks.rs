@@ -18,7 +18,13 @@ fn clocks_settle_with_either_reference() {
     let parts = ["below 1 us since cycle ", "readings missed: 51", "master_period: "];
     contains_all(&printed, &parts);
     let svg = std::fs::read_to_string(&plot).unwrap();
-    let parts = ["phase error [us]", "phase error, enlarged", "reading missed (51)", "SIMULATED"];
+    let parts = [
+        "phase error [us]",
+        "phase error, enlarged",
+        "reading missed (51)",
+        "clipped: ",
+        "SIMULATED",
+    ];
     contains_all(&svg, &parts);
     assert!(svg.ends_with("</svg>\n"));
 
@@ -43,7 +49,10 @@ fn invalid_options_return_errors() {
         (&["--reference", "1"], "slave index 1 is out of range"),
         (&["--shift-us", "1000"], "shift of 1000 us is not below its period"),
         (&["--cycles", "10", "--plot", "/no/where.svg"], "cannot write /no/where.svg"),
+        (&["--plot", "clocks.png"], "only SVG is written"),
         (&["--source", "other"], ""),
     ];
     all_fail(PROGRAM, &["--ecrt", "sim"], cases);
+    let output = run(PROGRAM, &["--ecrt", "sim", "--plot", "/no/where.svg"]);
+    assert_eq!((output.status.code(), text(&output.stdout)), (Some(6), String::new()));
 }

@@ -227,7 +227,7 @@ fn wrong_use_returns_a_helpful_message() {
         (&["--csv", "/no/such/dir/probe.csv"], "cannot write /no/such/dir/probe.csv"),
         (&["--bus-log", "/no/such.log"], "cannot read /no/such.log"),
         (&["--sweep", "--csv", "a.csv"], "cannot be used with"),
-        (&["--sweep", "--report", "a.html"], "ends in .svg"),
+        (&["--sweep", "--report", "a.html"], "--report of --sweep: only SVG is written"),
         (&["--pdo-n", "12"], "at most 11"),
     ];
     program::all_fail(NAME, &["--ecrt", "sim"], cases);

@@ -67,10 +67,69 @@ fn fault_of_a_drive_is_marked_in_the_plot() {
     let svg = std::fs::read_to_string(plot).unwrap();
     assert!(svg.contains("the drive is in fault, error code 0x2310"), "{svg}");
     assert_eq!(
-        svg.matches("fill=\"#F6C35B\"").count(),
-        2,
-        "a period without targets, in both panels"
+        svg.matches("fill=\"#C02B2B\" stroke=\"none\"").count(),
+        5,
+        "the fault in both panels and their legends, and the mark of the simulation"
     );
+}
+
+/// A drive of a scenario with these faults.
+fn faulty_drive(faults: &str) -> String {
+    format!(
+        "[[gateway]]\n[[node]]\nkind = \"drive\"\nname = \"x\"\nbus = \"0.0\"\nnode_id = 1\n{faults}\
+         [[fault]]\nafter_ready_ms = 4000\nkind = \"drive_error\"\nnode = \"x\"\ncode = 0x2310\n"
+    )
+}
+
+#[test]
+fn fault_during_a_hold_is_in_the_plot_and_the_table() {
+    let bus_off = "kind = \"bus_off\"\ngateway = 0\nchannel = 0\n";
+    let silent = "kind = \"node_silent\"\nnode = \"x\"\nfor_ms = 6000\n";
+    let cases = [
+        // The drive reports its fault while the axis holds.
+        (bus_off, "the drive is in fault, error code 0x2310"),
+        // The drive is silent until the shutdown.
+        (silent, "found while stopping: the drive is in fault"),
+    ];
+    for (hold, line) in cases {
+        let directory = tempfile::tempdir().unwrap();
+        let path = |name: &str| directory.path().join(name).to_str().unwrap().to_owned();
+        let (scenario, plot) = (path("x.toml"), path("x.svg"));
+        let hold = format!("[[fault]]\nafter_ready_ms = 3000\n{hold}");
+        std::fs::write(&scenario, faulty_drive(&hold)).unwrap();
+        let setting = format!("sim:{scenario}");
+        let arguments = ["--ecrt", &setting, "--step", "100", "--cycles", "600", "--plot", &plot];
+        let output = run(SINGLE, &arguments);
+        assert_eq!(output.status.code(), Some(1), "{}", text(&output.stderr));
+        let printed = text(&output.stdout);
+        let table = printed.split("\naxis ").last().unwrap();
+        contains_all(table, &["held 1 time(s), last: ", line]);
+        let svg = std::fs::read_to_string(plot).unwrap();
+        contains_all(
+            &svg,
+            &[" s: holding: ", " s: the drive is in fault", "\nfault\n", "\nholding\n"],
+        );
+    }
+}
+
+#[test]
+fn results_are_printed_before_the_error_of_the_plot() {
+    let arguments = ["--ecrt", "sim", "--cycles", "20", "--plot"];
+    let png = run(SINGLE, &[&arguments[..], &["a.png"]].concat());
+    assert_eq!(png.status.code(), Some(2));
+    contains_all(&text(&png.stderr), &["only SVG is written: use a name that ends in .svg"]);
+    assert_eq!(text(&png.stdout), "");
+    let missing = run(SINGLE, &[&arguments[..], &["/no/such/dir/a.svg"]].concat());
+    assert_eq!(missing.status.code(), Some(6));
+    assert_eq!(text(&missing.stdout), "", "nothing runs");
+    // The link to a device is writable until the end, when it is full.
+    let directory = tempfile::tempdir().unwrap();
+    let full = directory.path().join("full.svg");
+    std::os::unix::fs::symlink("/dev/full", &full).unwrap();
+    let output = run(SINGLE, &[&arguments[..], &[full.to_str().unwrap()]].concat());
+    assert_eq!(output.status.code(), Some(6));
+    assert!(axis_line(&text(&output.stdout), 0).0.contains("operation enabled"));
+    contains_all(&text(&output.stderr), &["cannot write ", "full.svg: No space left on device"]);
 }
 
 #[test]

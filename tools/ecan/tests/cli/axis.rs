@@ -391,8 +391,24 @@ fn step_has_figures_and_a_picture() {
     let lagging = json_of(&soft.good(&[&json[..], &motion("tune", &step[..4])].concat()));
     let lag = lagging["step"]["max_error"].as_f64().unwrap();
     assert!((lag - figure("max_error") - 1.5).abs() < 0.1, "{lagging}");
+}
+
+#[test]
+fn plot_that_cannot_be_written_is_reported_before_the_motion() {
     let message = drives_fail(6, "tune", &["--step", "1", "--plot", "/none/step.svg"]);
-    assert!(message.contains("cannot write /none/step.svg"), "{message}");
+    let expected = "ecan: cannot write /none/step.svg: the directory does not exist; create it, or name another one\n";
+    assert_eq!(message, expected, "nothing moves");
+    let message = drives_fail(2, "tune", &["--step", "1", "--plot", "step.png"]);
+    assert!(message.contains("only SVG is written: use a name that ends in .svg"), "{message}");
+    // The link to a device is writable until the end, when it is full: the results are printed.
+    let files = Scenario::new("");
+    let full = files.path("full.svg");
+    std::os::unix::fs::symlink("/dev/full", &full).unwrap();
+    let step = motion("tune", &["--step", "1", "--plot", &full]);
+    let output = ecan(&[&["--ecrt", "sim:drives"], &step[..]].concat());
+    assert_eq!(output.status.code(), Some(6));
+    assert_has(&String::from_utf8(output.stdout).unwrap(), "settling time");
+    assert_has(&String::from_utf8(output.stderr).unwrap(), "full.svg: No space left on device");
 }
 
 #[test]
@@ -407,11 +423,20 @@ fn picture_of_a_test_that_failed_names_the_cause() {
 
 #[test]
 fn sweep_measures_gain_and_phase() {
+    let files = Scenario::new("");
+    let path = files.path("sweep.svg");
     for mode in ["csp", "csv"] {
         let sweep = ["--sweep", "1..16", "--amplitude", "4", "--points", "5", "--mode", mode];
-        let report = drives_json("tune", &[&sweep[..], &["--acceleration", "5000"]].concat());
+        let limits = ["--acceleration", "5000", "--plot", &path];
+        let report = drives_json("tune", &[&sweep[..], &limits].concat());
         let points = report["sweep"].as_array().unwrap();
         assert_eq!(points.len(), 5, "{report}");
+        let svg = files.read("sweep.svg");
+        for text in
+            ["gain [dB]", "phase [deg]", "frequency [Hz], logarithmic", "time since the start [s]"]
+        {
+            assert!(svg.contains(text), "{text}");
+        }
         let value = |nth: usize, key: &str| points[nth][key].as_f64().unwrap();
         assert!((value(0, "gain") - 1.0).abs() < 0.02, "{report}");
         // The delay of the communication and the drive: the phase falls with the frequency.

@@ -69,6 +69,13 @@ fn link_error() -> io::Error {
     io::Error::new(ErrorKind::InvalidInput, text)
 }
 
+fn missing_folder_error() -> io::Error {
+    io::Error::new(
+        ErrorKind::NotFound,
+        "the directory does not exist; create it, or name another one",
+    )
+}
+
 fn exists_error() -> io::Error {
     io::Error::new(ErrorKind::AlreadyExists, "file exists; use --force to overwrite it")
 }
@@ -213,6 +220,10 @@ fn folder(path: &Path) -> &Path {
 
 /// Creates a file with a random name and the mode of a new file.
 fn create_temporary(path: &Path) -> io::Result<NamedTempFile> {
+    // The error of the system would name the temporary file.
+    if !folder(path).is_dir() {
+        return Err(missing_folder_error());
+    }
     let mut builder = tempfile::Builder::new();
     let mode = Permissions::from_mode(0o666);
     builder.prefix(".ecan-").suffix(".part").permissions(mode).tempfile_in(folder(path))
@@ -275,6 +286,8 @@ mod tests {
         assert_eq!(file.finish(b"ours").unwrap_err().kind(), ErrorKind::AlreadyExists);
         assert_eq!((std::fs::read(&late).unwrap(), names()), (b"theirs".to_vec(), 2));
         write(Path::new("/dev/null"), "nothing").unwrap();
+        let error = write(&directory.path().join("none/report.json"), "").unwrap_err();
+        assert!(error.to_string().starts_with("the directory does not exist"), "{error}");
     }
 
     #[test]

@@ -2,6 +2,7 @@
 //! (manual 13.9).
 
 use std::ops::RangeInclusive;
+use std::path::PathBuf;
 
 use clap::Args;
 use ecan_host::{
@@ -79,6 +80,21 @@ pub fn parse_bit_rate(text: &str) -> Result<u32, String> {
         "expected a bit rate in bit/s, with k or M for thousands or millions: 500000, 500k, 1M"
             .to_owned()
     })
+}
+
+/// Parses the name of a picture.
+///
+/// # Errors
+/// The name does not end in `.svg`.
+pub fn parse_svg_path(text: &str) -> Result<PathBuf, String> {
+    let path = PathBuf::from(text);
+    let is_svg = path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("svg"));
+    if is_svg {
+        return Ok(path);
+    }
+    Err("only SVG is written: use a name that ends in .svg, and convert the file afterwards, for example with \
+         rsvg-convert"
+        .to_owned())
 }
 
 /// The decimal number times the factor, if that is an integer.
@@ -242,7 +258,7 @@ pub fn print_statistics(adapter: &Adapter, statistics: &CycleStatistics) {
 
 #[cfg(test)]
 mod tests {
-    use super::{milliseconds, parse_bit_rate, parse_filter, parse_time, seconds};
+    use super::*;
 
     #[test]
     fn times_have_units_and_are_milliseconds_without_one() {
@@ -264,6 +280,19 @@ mod tests {
         let message = seconds::<u64>(1..=3_600)("60").unwrap_err();
         assert_eq!(message, "expected 1 to 3600 s; a number without a unit is in milliseconds");
         assert_eq!(milliseconds::<u64>(1..=9)("0.5ms").unwrap_err(), "expected 1 to 9 ms");
+    }
+
+    #[test]
+    fn pictures_are_svg_files() {
+        assert_eq!(parse_svg_path("a/b.svg"), Ok(PathBuf::from("a/b.svg")));
+        assert!(parse_svg_path("A.SVG").is_ok());
+        for text in ["a.png", "svg", ".svg", ""] {
+            let error = parse_svg_path(text).unwrap_err();
+            assert!(
+                error.starts_with("only SVG is written: use a name that ends in .svg"),
+                "{text}"
+            );
+        }
     }
 
     #[test]

@@ -10,6 +10,8 @@ pub struct RunInfo {
     date: String,
     program: String,
     kernel: String,
+    /// Program and arguments as the user typed them.
+    words: Vec<String>,
     command_line: String,
 }
 
@@ -19,12 +21,11 @@ impl RunInfo {
         let now = Timestamp::now();
         let kernel = rustix::system::uname();
         let part = |text: &std::ffi::CStr| text.to_string_lossy().into_owned();
-        let mut arguments = std::env::args_os();
         // The program without the path of this machine.
-        let _ = arguments.next();
-        let arguments = arguments.map(|argument| quoted(&argument.to_string_lossy()));
-        let command_line =
-            std::iter::once(program.to_owned()).chain(arguments).collect::<Vec<_>>().join(" ");
+        let arguments = std::env::args_os().skip(1);
+        let arguments = arguments.map(|argument| argument.to_string_lossy().into_owned());
+        let words: Vec<_> = std::iter::once(program.to_owned()).chain(arguments).collect();
+        let command_line = words.iter().map(|word| quoted(word)).collect::<Vec<_>>().join(" ");
         Self {
             date: now.round(Unit::Second).unwrap_or(now).to_string(),
             program: format!("{program} {version}"),
@@ -34,6 +35,7 @@ impl RunInfo {
                 part(kernel.release()),
                 part(kernel.machine())
             ),
+            words,
             command_line,
         }
     }
@@ -56,6 +58,11 @@ impl RunInfo {
     /// Command line, quoted for a shell.
     pub fn command_line(&self) -> &str {
         &self.command_line
+    }
+
+    /// Returns the command line in lines of this number of characters, which a shell reads as one.
+    pub fn command_lines(&self, most: usize) -> Vec<String> {
+        continued(&self.words, most)
     }
 
     /// Names and values, in the order of a report.
@@ -82,10 +89,53 @@ impl fmt::Display for RunInfo {
 /// Quotes an argument if a shell would split or expand it.
 fn quoted(argument: &str) -> String {
     let is_plain = |c: char| c.is_ascii_alphanumeric() || "-_=+./:,@%".contains(c);
-    match !argument.is_empty() && argument.chars().all(is_plain) {
-        true => argument.to_owned(),
-        false => format!("'{}'", argument.replace('\'', "'\\''")),
+    if !argument.is_empty() && argument.chars().all(is_plain) {
+        return argument.to_owned();
     }
+    if argument.chars().any(char::is_control) {
+        // The quotes of bash with escapes keep the text on one line.
+        let escaped = argument.chars().map(|character| match character {
+            '\'' | '\\' => format!("\\{character}"),
+            _ if character.is_control() => format!("\\u{:04x}", u32::from(character)),
+            _ => character.to_string(),
+        });
+        return format!("$'{}'", escaped.collect::<String>());
+    }
+    format!("'{}'", argument.replace('\'', "'\\''"))
+}
+
+/// Quotes words, and breaks lines by `\` between them. A word that is longer than a line is broken into
+/// parts, which a shell joins again.
+fn continued(words: &[String], most: usize) -> Vec<String> {
+    // A line ends with a space and `\`; quotes may double the length of a part.
+    let most = most.saturating_sub(2).max(8);
+    let mut lines = vec![String::new()];
+    for (number, word) in words.iter().enumerate() {
+        let whole = quoted(word);
+        let characters: Vec<char> = word.chars().collect();
+        let parts = match whole.chars().count() > most {
+            true => characters
+                .chunks(most / 4)
+                .map(|part| quoted(&part.iter().collect::<String>()))
+                .collect(),
+            false => vec![whole],
+        };
+        for (nth, part) in parts.iter().enumerate() {
+            let separator = if number > 0 && nth == 0 { " " } else { "" };
+            if let Some(line) = lines.last_mut() {
+                let length = line.chars().count() + separator.len() + part.chars().count();
+                if length > most {
+                    line.push_str(separator);
+                    line.push('\\');
+                    lines.push(part.clone());
+                } else {
+                    line.push_str(separator);
+                    line.push_str(part);
+                }
+            }
+        }
+    }
+    lines
 }
 
 #[cfg(test)]
@@ -107,5 +157,21 @@ mod tests {
         assert_eq!(quoted("two words"), "'two words'");
         assert_eq!(quoted("it's"), "'it'\\''s'");
         assert_eq!(quoted(""), "''");
+        assert_eq!(quoted("a\nb"), "$'a\\u000ab'");
+    }
+
+    #[test]
+    fn continued_lines_are_the_command_for_a_shell() {
+        let long = format!("it's {}", "a long name ".repeat(20));
+        let words = ["printf", "%s|", "--plot", "two words", &long, "", "a.svg"].map(str::to_owned);
+        let lines = continued(&words, 40);
+        assert!(
+            lines.len() > 5 && lines.iter().all(|line| line.chars().count() <= 40),
+            "{lines:?}"
+        );
+        let shell = std::process::Command::new("sh").arg("-c").arg(lines.join("\n")).output();
+        let printed = String::from_utf8(shell.unwrap().stdout).unwrap();
+        assert_eq!(printed, format!("--plot|two words|{long}||a.svg|"));
+        assert_eq!(continued(&words[..2], 40), ["printf '%s|'"]);
     }
 }

@@ -1,14 +1,16 @@
-//! The frame of every picture: heading, body, circumstances of the run; ranges and labels of its axes.
+//! The frame of every picture: heading, legend, body, circumstances of the run; scales of its axes.
 
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 use plotters::coord::Shift;
+use plotters::coord::ranged1d::{DefaultFormatting, KeyPointHint, Ranged};
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 use thiserror::Error;
 
 use crate::command_line::new_file;
+use crate::command_line::new_file::{Existing, WholeFile};
 use crate::command_line::run_info::RunInfo;
 
 /// Part of a picture.
@@ -24,7 +26,8 @@ pub const LIGHT_BLUE: RGBColor = RGBColor(0x86, 0xBC, 0xE6);
 pub const ORANGE: RGBColor = RGBColor(0xD9, 0x54, 0x2B);
 pub const GREEN: RGBColor = RGBColor(0x2E, 0x8B, 0x3A);
 pub const RED: RGBColor = RGBColor(0xC0, 0x2B, 0x2B);
-pub const BAND: RGBColor = RGBColor(0xF6, 0xC3, 0x5B);
+pub const AMBER: RGBColor = RGBColor(0xF6, 0xC3, 0x5B);
+pub const PURPLE: RGBColor = RGBColor(0x8E, 0x44, 0xAD);
 
 /// Units per pixel. The drawing library has integer coordinates, which alone would round a curve to
 /// whole pixels.
@@ -51,9 +54,11 @@ pub fn stroke(color: RGBColor, width: u32) -> ShapeStyle {
     color.stroke_width(px(width))
 }
 
-/// Draws a picture: `body` gets an area of this size in units.
+/// Draws a picture: `body` gets an area of this size in units. The description is for readers who
+/// cannot see the picture.
 pub fn picture(
     heading: &Heading,
+    description: &str,
     (width, height): (u32, u32),
     body: impl FnOnce(&Area<'_>) -> Result<(), PlotError>,
 ) -> Result<String, PlotError> {
@@ -79,11 +84,37 @@ pub fn picture(
     }
     let height = head + height + foot;
     let pixels = |length: u32| length / px(1);
-    Ok(svg.replacen(
+    let svg = svg.replacen(
         &format!("<svg width=\"{width}\" height=\"{height}\""),
-        &format!("<svg width=\"{}\" height=\"{}\"", pixels(width), pixels(height)),
+        &format!("<svg role=\"img\" width=\"{}\" height=\"{}\"", pixels(width), pixels(height)),
         1,
-    ))
+    );
+    let simulated = if heading.is_simulated { "Simulated run. " } else { "" };
+    let subtitle = match heading.subtitle.as_str() {
+        "" => String::new(),
+        subtitle => format!("{subtitle}. "),
+    };
+    let texts = format!(
+        ">\n<title>{}</title>\n<desc>{}</desc>",
+        escaped(&heading.title),
+        escaped(&format!("{simulated}{subtitle}{description}"))
+    );
+    Ok(svg.replacen('>', &texts, 1))
+}
+
+/// Escapes the characters that XML reserves.
+fn escaped(text: &str) -> String {
+    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;")
+}
+
+/// Checks before a measurement that the picture can be written at its end.
+///
+/// # Errors
+/// [`PlotError::Write`].
+pub fn check_file(path: Option<&Path>) -> Result<(), PlotError> {
+    let Some(path) = path else { return Ok(()) };
+    let prepared = WholeFile::create(path, Existing::Replace);
+    prepared.map(drop).map_err(|source| PlotError::Write { path: path.to_owned(), source })
 }
 
 /// Writes a picture to a file.
@@ -124,16 +155,100 @@ fn draw_heading(area: &Area<'_>, heading: &Heading, width: u32) -> Result<(), Pl
     Ok(())
 }
 
-/// Lines of the circumstances, cut to the width of the picture.
+/// Lines of the circumstances; the command line continues until it is complete.
 fn footer(heading: &Heading, width: u32) -> Vec<String> {
     let Some(run) = &heading.run else { return Vec::new() };
     let most = (width.saturating_sub(2 * MARGIN as u32) / FOOT_CHARACTER) as usize;
     let facts = format!("{}, {}, {}", run.date(), run.program(), run.kernel());
-    let cut = |line: String| match line.char_indices().nth(most) {
-        None => line,
-        Some((end, _)) => format!("{}...", line.get(..end).unwrap_or_default()),
-    };
-    [facts, run.command_line().to_owned()].map(cut).into()
+    std::iter::once(facts).chain(run.command_lines(most)).collect()
+}
+
+/// Width of a character at 13 px, in units: enough for most fonts.
+const CHARACTER: f64 = 6.3 * UNIT as f64;
+
+/// Width of a text at 13 px, in units.
+pub fn text_width(content: &str) -> i32 {
+    (content.chars().count() as f64 * CHARACTER) as i32
+}
+
+/// Splits a text into lines of this width in units, between words.
+pub fn wrapped(content: &str, width: i32) -> Vec<String> {
+    let mut lines: Vec<String> = Vec::new();
+    for word in content.split_whitespace() {
+        match lines.last_mut() {
+            Some(line) if text_width(line) + text_width(word) + px(6) as i32 <= width => {
+                line.push(' ');
+                line.push_str(word);
+            }
+            _ => lines.push(word.to_owned()),
+        }
+    }
+    lines
+}
+
+/// Entry of a legend.
+pub struct LegendEntry {
+    pub name: String,
+    pub symbol: Symbol,
+}
+
+/// Symbol of a legend entry.
+#[derive(Clone, Copy)]
+pub enum Symbol {
+    Line(ShapeStyle),
+    /// A short vertical line.
+    Tick(ShapeStyle),
+    Area(ShapeStyle),
+    /// The mark of an axis that does not begin at 0.
+    Break,
+}
+
+const SYMBOL: i32 = 22 * UNIT;
+
+impl LegendEntry {
+    pub fn new(name: impl Into<String>, symbol: Symbol) -> Self {
+        Self { name: name.into(), symbol }
+    }
+
+    /// The entry of a vertical axis that does not begin at 0.
+    pub fn broken_axis() -> Self {
+        Self::new("vertical axis does not begin at 0", Symbol::Break)
+    }
+
+    /// Width with the distance to the next entry, in units.
+    pub fn width(&self) -> i32 {
+        SYMBOL + 6 * UNIT + text_width(&self.name) + 14 * UNIT
+    }
+
+    /// Draws the entry at its left end and the middle of its line.
+    pub fn draw(&self, area: &Area<'_>, (left, middle): (i32, i32)) -> Result<(), PlotError> {
+        let center = left + SYMBOL / 2;
+        let line = |points: [(i32, i32); 2], style| {
+            area.draw(&PathElement::new(points.to_vec(), style)).map_err(PlotError::draw)
+        };
+        match self.symbol {
+            Symbol::Line(style) => line([(left, middle), (left + SYMBOL, middle)], style)?,
+            Symbol::Tick(style) => {
+                line([(center, middle - 6 * UNIT), (center, middle + 6 * UNIT)], style)?;
+            }
+            Symbol::Area(style) => {
+                let corners = [(left, middle - 6 * UNIT), (left + SYMBOL, middle + 6 * UNIT)];
+                area.draw(&Rectangle::new(corners, style)).map_err(PlotError::draw)?;
+            }
+            Symbol::Break => draw_break(area, (center, middle))?,
+        }
+        let at = (left + SYMBOL + 6 * UNIT, middle);
+        text(area, &self.name, at, 13, TEXT, (HPos::Left, VPos::Center))
+    }
+}
+
+/// Draws the mark of an axis that does not begin at 0: two strokes across the axis.
+pub fn draw_break(area: &Area<'_>, (x, y): (i32, i32)) -> Result<(), PlotError> {
+    for shift in [-3 * UNIT, 3 * UNIT] {
+        let ends = vec![(x - 6 * UNIT, y + shift + 3 * UNIT), (x + 6 * UNIT, y + shift - 3 * UNIT)];
+        area.draw(&PathElement::new(ends, stroke(TEXT, 2))).map_err(PlotError::draw)?;
+    }
+    Ok(())
 }
 
 /// Title of a picture, and the circumstances of the run.
@@ -179,7 +294,7 @@ impl Heading {
 #[non_exhaustive]
 pub enum PlotError {
     /// The file cannot be written.
-    #[error("cannot write {}: {source}; use a writable directory", path.display())]
+    #[error("cannot write {}: {source}", path.display())]
     Write {
         /// The file.
         path: PathBuf,
@@ -201,7 +316,8 @@ impl PlotError {
     }
 }
 
-/// Returns the range of these values with a margin of 6 %, at least `least` wide.
+/// Returns the range of these values, at least `least` wide. It begins or ends at 0 if the curves keep
+/// a quarter of the height; other ends have a margin of 6 %.
 pub fn range(values: impl Iterator<Item = f64>, least: f64) -> Range<f64> {
     let mut ends: Option<(f64, f64)> = None;
     for value in values.filter(|value| value.is_finite()) {
@@ -209,18 +325,146 @@ pub fn range(values: impl Iterator<Item = f64>, least: f64) -> Range<f64> {
         ends = Some((low.min(value), high.max(value)));
     }
     let (low, high) = ends.unwrap_or((0.0, 0.0));
+    let width = (high - low).max(least);
+    if low >= 0.0 && width >= high / 4.0 && high > 0.0 {
+        return 0.0..(high * 1.06).max(least);
+    }
+    if high <= 0.0 && width >= -low / 4.0 && low < 0.0 {
+        return (low * 1.06).min(-least)..0.0;
+    }
     let missing = (least - (high - low)).max(0.0) / 2.0;
     let margin = missing + (high - low) * 0.06;
     low - margin..high + margin
+}
+
+/// Kind of an axis.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub enum AxisKind {
+    /// Ticks in equal distances.
+    #[default]
+    Linear,
+    /// Countable values: ticks at integers only.
+    Count,
+    /// Logarithmic; the values are above 0.
+    Logarithmic,
+}
+
+/// Range and ticks of an axis.
+#[derive(Debug, Clone)]
+pub struct Scale {
+    pub range: Range<f64>,
+    ticks: Vec<f64>,
+    kind: AxisKind,
+    decimals: usize,
+}
+
+impl Scale {
+    /// Scale of these values with about this number of ticks.
+    pub fn new(range: Range<f64>, most: usize, kind: AxisKind) -> Self {
+        if kind == AxisKind::Logarithmic {
+            return Self::logarithmic(range);
+        }
+        let raw = (range.end - range.start) / most.max(1) as f64;
+        let magnitude = 10_f64.powf(raw.log10().floor());
+        let steps = [1.0, 2.0, 5.0, 10.0].map(|factor| factor * magnitude);
+        let step = steps.into_iter().find(|step| *step >= raw * 0.999).unwrap_or(raw);
+        let step = if kind == AxisKind::Count { step.max(1.0) } else { step };
+        let (first, last) = ((range.start / step).ceil(), (range.end / step + 1e-9).floor());
+        let count = (last - first).clamp(-1.0, 200.0) as i32;
+        let ticks = (0..=count).map(|nth| (first + f64::from(nth)) * step).collect();
+        let decimals = (-(step * 1.001).log10().floor()).clamp(0.0, 9.0) as usize;
+        Self { range, ticks, kind, decimals }
+    }
+
+    /// Ticks at 1, 2 and 5 times the powers of ten.
+    fn logarithmic(range: Range<f64>) -> Self {
+        let range = range.start.max(f64::MIN_POSITIVE)..range.end.max(f64::MIN_POSITIVE);
+        let powers = range.start.log10().floor() as i32..=range.end.log10().ceil() as i32;
+        let ticks = powers.flat_map(|power| [1.0, 2.0, 5.0].map(|n| n * 10_f64.powi(power)));
+        let inside = |tick: &f64| (range.start * 0.999..=range.end * 1.001).contains(tick);
+        let ticks = ticks.filter(inside).collect();
+        Self { range, ticks, kind: AxisKind::Logarithmic, decimals: 0 }
+    }
+
+    /// Position of a value on the axis, 0 at its begin and 1 at its end.
+    pub fn fraction(&self, value: f64) -> f64 {
+        let Range { start, end } = self.range;
+        match self.kind {
+            AxisKind::Logarithmic => {
+                (value.max(start / 1e3) / start).log10() / (end / start).log10()
+            }
+            _ => (value - start) / (end - start),
+        }
+    }
+
+    /// Width in units of the values.
+    pub fn width(&self) -> f64 {
+        self.range.end - self.range.start
+    }
+
+    /// Returns whether a linear axis does not show 0.
+    pub fn is_broken(&self) -> bool {
+        self.kind != AxisKind::Logarithmic && !(self.range.start..=self.range.end).contains(&0.0)
+    }
+
+    /// Text of a tick.
+    pub fn label(&self, tick: f64) -> String {
+        let decimals = match self.kind {
+            AxisKind::Logarithmic => (-(tick * 1.001).log10().floor()).clamp(0.0, 9.0) as usize,
+            _ => self.decimals,
+        };
+        without_sign_of_zero(format!("{tick:.decimals$}"))
+    }
+
+    /// Text of a value between the ticks, with one more decimal.
+    pub fn exact(&self, value: f64) -> String {
+        let decimals = match self.kind {
+            AxisKind::Count => 0,
+            _ => self.decimals + 1,
+        };
+        without_sign_of_zero(format!("{value:.decimals$}"))
+    }
+
+    /// Name of the axis, with what its ticks do not show.
+    pub fn name(&self, label: &str) -> String {
+        match self.kind {
+            AxisKind::Logarithmic => format!("{label}, logarithmic"),
+            _ if self.is_broken() => format!("{label}, axis does not begin at 0"),
+            _ => label.to_owned(),
+        }
+    }
+}
+
+impl Ranged for Scale {
+    type FormatOption = DefaultFormatting;
+    type ValueType = f64;
+
+    fn map(&self, value: &f64, (from, to): (i32, i32)) -> i32 {
+        let position = f64::from(from) + self.fraction(*value) * f64::from(to - from);
+        // The cast saturates.
+        if position.is_finite() { position.round() as i32 } else { from }
+    }
+
+    fn key_points<Hint: KeyPointHint>(&self, hint: Hint) -> Vec<f64> {
+        if hint.weight().allow_light_points() { Vec::new() } else { self.ticks.clone() }
+    }
+
+    fn range(&self) -> Range<f64> {
+        self.range.clone()
+    }
+}
+
+/// Returns `0` for texts such as `-0.00`.
+fn without_sign_of_zero(text: String) -> String {
+    let is_zero = text.bytes().all(|byte| matches!(byte, b'-' | b'0' | b'.'));
+    if is_zero { "0".to_owned() } else { text }
 }
 
 /// Formats a value of an axis of this width: as many decimals as its ticks need.
 pub fn label(value: f64, width: f64) -> String {
     let step = width.abs() / 10.0;
     let decimals = if step > 0.0 { (-step.log10().floor()).clamp(0.0, 9.0) as usize } else { 0 };
-    let text = format!("{value:.decimals$}");
-    let is_zero = text.bytes().all(|byte| matches!(byte, b'-' | b'0' | b'.'));
-    if is_zero { "0".to_owned() } else { text }
+    without_sign_of_zero(format!("{value:.decimals$}"))
 }
 
 #[cfg(test)]
@@ -229,9 +473,56 @@ mod tests {
 
     #[test]
     fn equal_values_get_a_range_of_the_least_width() {
-        assert_eq!(range([5.0, 5.0].into_iter(), 4.0), 3.0..7.0);
+        assert_eq!(range([50.0, 50.0].into_iter(), 4.0), 48.0..52.0);
         assert_eq!(range(std::iter::empty(), 2.0), -1.0..1.0);
-        assert_eq!(range([f64::NAN, 1.0, 2.0].into_iter(), 0.0), 0.94..2.06);
+    }
+
+    #[test]
+    fn range_begins_at_0_unless_the_curves_would_be_flat() {
+        let ends = |values: &[f64]| {
+            let Range { start, end } = range(values.iter().copied(), 0.0);
+            [start, end].map(|value| (value * 100.0).round() / 100.0)
+        };
+        assert_eq!(ends(&[f64::NAN, 10.0, 20.0]), [0.0, 21.2]);
+        assert_eq!(ends(&[-10.0, -20.0]), [-21.2, 0.0]);
+        assert_eq!(ends(&[100.0, 110.0]), [99.4, 110.6]);
+        assert_eq!(ends(&[-1.0, 1.0]), [-1.12, 1.12]);
+        let scale = |values| Scale::new(values, 7, AxisKind::Linear);
+        assert!(scale(99.4..110.6).is_broken() && scale(-9.0..-1.0).is_broken());
+        assert!(!scale(0.0..21.2).is_broken() && !scale(-1.0..0.0).is_broken());
+        assert_eq!(scale(99.4..110.6).name("load [%]"), "load [%], axis does not begin at 0");
+    }
+
+    fn labels(values: Range<f64>, kind: AxisKind) -> Vec<String> {
+        let scale = Scale::new(values, 7, kind);
+        scale.ticks.iter().map(|tick| scale.label(*tick)).collect()
+    }
+
+    #[test]
+    fn ticks_of_countable_values_are_integers() {
+        assert_eq!(
+            labels(0.0..3.0, AxisKind::Linear),
+            ["0", "0.5", "1.0", "1.5", "2.0", "2.5", "3.0"]
+        );
+        assert_eq!(labels(0.0..3.0, AxisKind::Count), ["0", "1", "2", "3"]);
+        assert_eq!(labels(1_004.9..1_009.1, AxisKind::Count).len(), 5);
+        assert_eq!(labels(-0.2..0.2, AxisKind::Count), ["0"]);
+        assert_eq!(labels(0.0..70_000.0, AxisKind::Count)[1], "10000");
+    }
+
+    #[test]
+    fn ticks_of_a_logarithmic_axis_are_1_2_5() {
+        assert_eq!(labels(0.5..20.0, AxisKind::Logarithmic), ["0.5", "1", "2", "5", "10", "20"]);
+        let scale = Scale::new(1.0..100.0, 7, AxisKind::Logarithmic);
+        assert_eq!((scale.map(&10.0, (0, 800)), scale.map(&100.0, (0, 800))), (400, 800));
+        assert_eq!(scale.name("frequency [Hz]"), "frequency [Hz], logarithmic");
+    }
+
+    #[test]
+    fn long_texts_continue_in_the_next_line() {
+        let text = "the drive is in fault, error code 0x2310";
+        let lines = wrapped(text, text_width("the drive is in fault,") + px(6) as i32);
+        assert_eq!(lines, ["the drive is in fault,", "error code 0x2310"]);
     }
 
     #[test]

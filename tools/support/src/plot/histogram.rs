@@ -7,7 +7,8 @@ use plotters::style::text_anchor::{HPos, VPos};
 
 use super::canvas;
 use super::canvas::{
-    Area, BLUE, FAINT, FRAME, GRID, Heading, ORANGE, PlotError, TEXT, UNIT, font, px, stroke, text,
+    Area, AxisKind, BLUE, FAINT, FRAME, GRID, Heading, LegendEntry, ORANGE, PlotError, Scale,
+    Symbol, TEXT, UNIT, font, px, stroke, text,
 };
 
 /// Number of bars; odd, so that symmetric distributions have a middle bar.
@@ -105,9 +106,10 @@ pub struct HistogramFigure {
 }
 
 const WIDTH: u32 = px(1_080);
-const HEIGHT: u32 = px(250);
-/// Height of the line with the title.
-const HEAD: i32 = 30 * UNIT;
+const HEIGHT: u32 = px(268);
+/// Height of the lines with title and legend.
+const HEAD: i32 = 48 * UNIT;
+const LEGEND: i32 = 18 * UNIT;
 const MARGIN: i32 = 14 * UNIT;
 const Y_LABELS: u32 = px(58);
 
@@ -126,7 +128,7 @@ impl HistogramFigure {
     pub fn to_svg(&self) -> Result<String, PlotError> {
         let rows: Vec<_> = self.rows.iter().filter(|row| !row.times_ns.is_empty()).collect();
         let height = (HEIGHT * rows.len() as u32).max(1);
-        canvas::picture(&self.heading, (WIDTH, height), |area| {
+        canvas::picture(&self.heading, &self.description(), (WIDTH, height), |area| {
             let cells = area.split_evenly((rows.len().max(1), 2));
             for (row, cells) in rows.iter().zip(cells.chunks_exact(2)) {
                 let of_kind = || rows.iter().filter(|other| other.kind == row.kind);
@@ -156,6 +158,20 @@ impl HistogramFigure {
         canvas::write(path, &self.to_svg()?)
     }
 
+    fn description(&self) -> String {
+        let rows = self.rows.iter().filter(|row| !row.times_ns.is_empty());
+        let texts = rows.map(|row| {
+            let count = row.times_ns.len();
+            format!("{}, {}: {}, {count} cycles", row.title, row.kind, row.figures)
+        });
+        format!(
+            "Histograms of {}, cycles on a logarithmic axis, nominal {} us. {}",
+            self.x_label,
+            canvas::label(self.nominal_us, 10.0),
+            texts.collect::<Vec<_>>().join("; ")
+        )
+    }
+
     /// Draws a diagram. The vertical axis is logarithmic, so that single times are visible next to
     /// thousands.
     fn draw(
@@ -170,7 +186,16 @@ impl HistogramFigure {
         let largest = histogram.largest().max(axes.largest).max(8) as f64 * 1.3;
         let color = if row.measurement.is_multiple_of(2) { ORANGE } else { BLUE };
         let left = MARGIN + Y_LABELS as i32;
-        text(area, title, (left, HEAD - 6 * UNIT), 15, TEXT, (HPos::Left, VPos::Bottom))?;
+        text(area, title, (left, HEAD - LEGEND - 6 * UNIT), 15, TEXT, (HPos::Left, VPos::Bottom))?;
+        let step = histogram.step_us();
+        let bars = format!("cycles, {} us per bar", canvas::label(step, step));
+        let bars = LegendEntry::new(bars, Symbol::Area(color.filled()));
+        let nominal = format!("nominal {} us", canvas::label(self.nominal_us, 10.0));
+        let nominal = LegendEntry::new(nominal, Symbol::Tick(stroke(FAINT, 1)));
+        let middle = HEAD - LEGEND / 2 - 2 * UNIT;
+        bars.draw(area, (left, middle))?;
+        nominal.draw(area, (left + bars.width(), middle))?;
+        let x = Scale::new(low_us..high_us, 8, AxisKind::Linear);
         // A single time has a visible bar.
         let least = 0.5;
         let mut chart = ChartBuilder::on(area)
@@ -180,11 +205,10 @@ impl HistogramFigure {
             .margin_bottom(4 * UNIT)
             .x_label_area_size(px(42))
             .y_label_area_size(Y_LABELS)
-            .build_cartesian_2d(low_us..high_us, (least..largest).log_scale())
+            .build_cartesian_2d(x.clone(), (least..largest).log_scale())
             .map_err(PlotError::draw)?;
         chart
             .configure_mesh()
-            .x_labels(8)
             .y_labels(6)
             .max_light_lines(0)
             .bold_line_style(stroke(GRID, 1))
@@ -192,13 +216,12 @@ impl HistogramFigure {
             .set_all_tick_mark_size(px(5))
             .label_style(font(13, TEXT))
             .axis_desc_style(font(14, TEXT))
-            .x_label_formatter(&|us| canvas::label(*us, high_us - low_us))
+            .x_label_formatter(&|us| x.label(*us))
             .y_label_formatter(&|count| canvas::label(*count, 10.0))
-            .x_desc(&self.x_label)
-            .y_desc("cycles")
+            .x_desc(x.name(&self.x_label))
+            .y_desc("cycles, logarithmic")
             .draw()
             .map_err(PlotError::draw)?;
-        let step = histogram.step_us();
         let bars = histogram.counts.iter().enumerate().filter(|(_, count)| **count > 0);
         let bars = bars.map(|(number, count)| {
             let from = low_us + step * number as f64;
@@ -208,21 +231,11 @@ impl HistogramFigure {
         chart.draw_series(bars).map_err(PlotError::draw)?;
         let nominal = vec![(self.nominal_us, least), (self.nominal_us, largest)];
         let line = std::iter::once(PathElement::new(nominal, stroke(FAINT, 1)));
-        chart
-            .draw_series(line)
-            .map_err(PlotError::draw)?
-            .label(format!("nominal {} us", canvas::label(self.nominal_us, 10.0)))
-            .legend(|(x, y)| PathElement::new(vec![(x, y), (x + 14 * UNIT, y)], stroke(FAINT, 1)));
-        chart
-            .configure_series_labels()
-            .position(SeriesLabelPosition::UpperRight)
-            .background_style(WHITE.mix(0.85))
-            .border_style(stroke(GRID, 1))
-            .label_font(font(12, TEXT))
-            .legend_area_size(px(22))
-            .margin(px(6))
-            .draw()
-            .map_err(PlotError::draw)
+        chart.draw_series(line).map_err(PlotError::draw)?;
+        if x.is_broken() {
+            canvas::draw_break(area, (left + 8 * UNIT, HEIGHT as i32 - 46 * UNIT))?;
+        }
+        Ok(())
     }
 }
 

@@ -49,7 +49,7 @@ impl ShiftFigure {
     /// [`PlotError::Draw`].
     pub fn to_svg(&self) -> Result<String, PlotError> {
         let height = LEGEND + ROW * self.rows.len() as u32;
-        canvas::picture(&self.heading, (WIDTH, height), |area| {
+        canvas::picture(&self.heading, &self.description(), (WIDTH, height), |area| {
             let (legend, rest) = area.split_vertically(LEGEND);
             draw_legend(&legend)?;
             for (row, area) in self.rows.iter().zip(rest.split_evenly((self.rows.len().max(1), 1)))
@@ -58,6 +58,22 @@ impl ShiftFigure {
             }
             Ok(())
         })
+    }
+
+    fn description(&self) -> String {
+        let rows = self.rows.iter().map(|row| {
+            let usable = row.shifts.iter().filter(|shift| shift.1);
+            let usable = usable.map(|shift| (shift.0 / 1_000).to_string()).collect::<Vec<_>>();
+            let recommended =
+                row.recommended_ns.map_or("none".to_owned(), |ns| (ns / 1_000).to_string());
+            format!(
+                "{}: {} shifts tested, usable [us]: {}, recommended [us]: {recommended}",
+                row.title,
+                row.shifts.len(),
+                usable.join(", ")
+            )
+        });
+        format!("Sync0 shifts from 0 to their period. {}", rows.collect::<Vec<_>>().join("; "))
     }
 
     /// Writes the picture to a file.

@@ -3,8 +3,8 @@
 use ecan_cia402::{AxisPhase, HoldReason};
 use ecan_tool_support::command_line::run_info::RunInfo;
 use ecan_tool_support::plot::{
-    AxisEvent, AxisSample, AxisTrace, Heading, HistogramFigure, HistogramRow, Mark, PlotError,
-    Series, ShiftFigure, ShiftRow, TimeFigure, TimePanel, Tone,
+    AxisEvent, AxisKind, AxisSample, AxisTrace, CurveFigure, CurvePanel, CurveStack, Heading,
+    HistogramFigure, HistogramRow, Mark, PlotError, Series, ShiftFigure, ShiftRow, Tone,
 };
 
 /// Texts of a picture, in the order of drawing.
@@ -16,10 +16,10 @@ fn texts(svg: &str) -> Vec<String> {
 
 fn elements(svg: &str, tag: &str, attribute: (&str, &str)) -> usize {
     let document = roxmltree::Document::parse(svg).unwrap();
-    let is_it = |node: &roxmltree::Node<'_, '_>| {
+    let is_element = |node: &roxmltree::Node<'_, '_>| {
         node.has_tag_name(tag) && node.attribute(attribute.0) == Some(attribute.1)
     };
-    document.descendants().filter(is_it).count()
+    document.descendants().filter(is_element).count()
 }
 
 fn contains(texts: &[String], expected: &str) -> bool {
@@ -46,10 +46,14 @@ fn trace() -> AxisTrace {
     trace
 }
 
-fn figure(heading: Heading) -> TimeFigure {
+fn stack(x_label: &str, x_kind: AxisKind, panels: Vec<(CurvePanel, u32)>) -> CurveStack {
+    CurveStack { x_label: x_label.into(), x_kind, panels }
+}
+
+fn figure(heading: Heading) -> CurveFigure {
     let [positions, error] = trace().panels("axis 0: node 1 (slave 0, channel 0)");
     let panels = vec![(positions, 260), (error, 190)];
-    TimeFigure { heading, x_label: "time [s]".into(), panels }
+    CurveFigure { heading, stacks: vec![stack("time [s]", AxisKind::Linear, panels)] }
 }
 
 #[test]
@@ -69,8 +73,9 @@ fn axis_picture_has_units_legend_and_hold() {
         "target",
         "actual position",
         "target - actual position",
-        "holding: the channel went bus-off",
-        "following targets",
+        "4.0 s: holding: the channel went bus-off",
+        "6.0 s: following targets",
+        "holding",
         "100000",
     ] {
         assert!(contains(&texts, expected), "{expected}: {texts:?}");
@@ -81,7 +86,7 @@ fn axis_picture_has_units_legend_and_hold() {
     assert_eq!(elements(&svg, "polyline", LIGHT_BLUE), 3);
     assert_eq!(elements(&svg, "polyline", ORANGE), 2);
     let bands = elements(&svg, "rect", ("fill", "#F6C35B"));
-    assert_eq!(bands, 2, "the hold is in both panels");
+    assert_eq!(bands, 4, "the hold is in both panels and in their legends");
 }
 
 #[test]
@@ -141,31 +146,132 @@ fn histogram_shows_single_times_and_common_axes() {
     let heading = Heading::new("Periods");
     let svg = HistogramFigure { heading, nominal_us: 1_000.0, x_label, rows }.to_svg().unwrap();
     let bars = |color| elements(&svg, "rect", ("fill", color));
-    assert_eq!((bars("#D9542B"), bars("#0B62A4")), (4, 2), "two bars and one, on both axes");
+    assert_eq!(
+        (bars("#D9542B"), bars("#0B62A4")),
+        (6, 4),
+        "two bars and one, on both axes with legends"
+    );
     let texts = texts(&svg);
     assert!(contains(&texts, "mode 0: period on the bus, common axes"), "{texts:?}");
     assert!(!texts.iter().any(|text| text.starts_with("mode 2")), "no times: {texts:?}");
     assert_eq!(texts.iter().filter(|text| *text == "nominal 1000 us").count(), 4);
 }
 
+/// Title and description for readers who cannot see the picture.
+#[test]
+fn every_kind_of_picture_has_a_title_and_a_description() {
+    let row = HistogramRow {
+        title: "direct".into(),
+        figures: "p99 1001 us".into(),
+        kind: "period".into(),
+        measurement: 0,
+        times_ns: vec![1_000_000, 1_001_000],
+    };
+    let heading = || Heading::new("A & B < C").with_subtitle("cycle 1 ms").simulated(true);
+    let histogram = HistogramFigure {
+        heading: heading(),
+        nominal_us: 1_000.0,
+        x_label: "period [us]".into(),
+        rows: vec![row],
+    };
+    let shifts = ShiftFigure { heading: heading(), rows: vec![shifts()] };
+    let pictures = [
+        (
+            figure(heading()).to_svg(),
+            "position [inc] from 0 to 106265: target, actual position, 4.0 s: holding",
+        ),
+        (histogram.to_svg(), "direct, period: p99 1001 us, 2 cycles"),
+        (shifts.to_svg(), "1 ms, 384B: 10 shifts tested, usable [us]: 0, 100, 200, 500"),
+    ];
+    for (svg, part) in pictures {
+        let svg = svg.unwrap();
+        let document = roxmltree::Document::parse(&svg).unwrap();
+        let root = document.root_element();
+        assert_eq!(root.attribute("role"), Some("img"));
+        let children: Vec<_> =
+            root.children().filter(roxmltree::Node::is_element).take(2).collect();
+        assert!(children[0].has_tag_name("title") && children[1].has_tag_name("desc"));
+        assert_eq!(children[0].text(), Some("A & B < C"));
+        let description = children[1].text().unwrap();
+        assert!(description.starts_with("Simulated run. cycle 1 ms. "), "{description}");
+        assert!(description.contains(part), "{description}");
+    }
+}
+
+/// Vertical positions of the texts with this start, and the upper edge of the first diagram.
+fn heights(svg: &str, start: &str) -> (Vec<f64>, f64) {
+    let document = roxmltree::Document::parse(svg).unwrap();
+    let number = |node: &roxmltree::Node<'_, '_>, name| node.attribute(name)?.parse::<f64>().ok();
+    let texts = document.descendants().filter(|node| node.has_tag_name("text"));
+    let found = texts.filter(|node| node.text().is_some_and(|text| text.trim().starts_with(start)));
+    let bands = document.descendants().filter(|node| node.attribute("fill") == Some("#F6C35B"));
+    // The bands are as high as their diagrams; those of the legends are low.
+    let high = bands.filter(|node| number(node, "height").is_some_and(|height| height > 400.0));
+    let top = high.filter_map(|node| number(&node, "y")).fold(f64::INFINITY, f64::min);
+    (found.filter_map(|node| number(&node, "y")).collect(), top)
+}
+
+#[test]
+fn texts_of_events_are_above_the_diagram() {
+    let svg = figure(Heading::new("Positions")).to_svg().unwrap();
+    for text in ["4.0 s: holding: the channel went bus-off", "6.0 s: following targets"] {
+        let (found, top) = heights(&svg, text);
+        assert!(found.len() == 1 && found[0] < top, "{text}: {found:?} {top}");
+    }
+    let (numbers, top) = heights(&svg, "2");
+    assert!(numbers.iter().any(|y| (top - 120.0..top).contains(y)), "{numbers:?} {top}");
+}
+
+#[test]
+fn clipped_curve_and_axis_without_0_are_marked() {
+    let points = (0..100).map(|nth| (f64::from(nth), Some(f64::from(nth % 50)))).collect();
+    let series = vec![Series { name: "value".into(), tone: Tone::Difference, points }];
+    let panel = CurvePanel { y: Some(20.0..30.0), series, ..CurvePanel::default() };
+    let stacks = vec![stack("n", AxisKind::Count, vec![(panel, 200)])];
+    let svg = CurveFigure { stacks, ..CurveFigure::default() }.to_svg().unwrap();
+    let texts = texts(&svg);
+    assert!(contains(&texts, "clipped: 78 values beyond the axis"), "{texts:?}");
+    assert!(contains(&texts, "vertical axis does not begin at 0"), "{texts:?}");
+    // Two periods above and three below the range.
+    assert_eq!(elements(&svg, "polygon", ("fill", "#8E44AD")), 4);
+}
+
+#[test]
+fn frequencies_have_a_logarithmic_axis_and_numbers_integers() {
+    let drawn = |kind| {
+        let points = [1.0, 2.0, 3.0, 40.0].map(|x| (x, Some(x))).to_vec();
+        let series = vec![Series { name: "value".into(), tone: Tone::Actual, points }];
+        let panel = CurvePanel { series, ..CurvePanel::default() };
+        let stacks = vec![stack("x", kind, vec![(panel, 200)])];
+        CurveFigure { stacks, ..CurveFigure::default() }.to_svg().unwrap()
+    };
+    let logarithmic = texts(&drawn(AxisKind::Logarithmic));
+    for text in ["1", "2", "5", "10", "20", "x, logarithmic"] {
+        assert!(contains(&logarithmic, text), "{text}: {logarithmic:?}");
+    }
+    let counts = texts(&drawn(AxisKind::Count));
+    assert!(contains(&counts, "5") && !counts.iter().any(|text| text.contains('.')), "{counts:?}");
+}
+
 #[test]
 fn picture_without_samples_is_valid() {
-    let panel = TimePanel {
+    let panel = CurvePanel {
         series: vec![Series { name: "value".into(), tone: Tone::Actual, points: Vec::new() }],
-        marks: vec![Mark { seconds: 0.5, text: String::new() }],
+        marks: vec![Mark { seconds: 0.5, text: String::new(), is_fault: false }],
         mark_name: "reading missed".into(),
-        ..TimePanel::default()
+        ..CurvePanel::default()
     };
-    let figure = TimeFigure { panels: vec![(panel, 200)], ..TimeFigure::default() };
+    let stacks = vec![stack("", AxisKind::Linear, vec![(panel, 200)])];
+    let figure = CurveFigure { stacks, ..CurveFigure::default() };
     assert!(contains(&texts(&figure.to_svg().unwrap()), "reading missed (1)"));
-    assert!(texts(&TimeFigure::default().to_svg().unwrap()).iter().all(String::is_empty));
+    assert!(texts(&CurveFigure::default().to_svg().unwrap()).iter().all(String::is_empty));
     let svg = HistogramFigure::default().to_svg().unwrap();
     assert!(!svg.contains("NaN"), "{svg}");
 }
 
 #[test]
 fn file_that_cannot_be_written_is_named() {
-    let figure = TimeFigure::default();
+    let figure = CurveFigure::default();
     let directory = tempfile::tempdir().unwrap();
     let path = directory.path().join("picture.svg");
     figure.write(&path).unwrap();

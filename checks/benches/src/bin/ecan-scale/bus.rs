@@ -7,7 +7,7 @@ use ecan_cia402::{AxisConfig, AxisRef, Cia402, Cia402Config, axis_traffic};
 use ecan_host::AdapterConfig;
 use ecan_mcan_port::{ChannelConfig, ChannelLoad, GatewayConfig, Port, PortConfig, Traffic};
 use ecan_sim::{ClockKind, SimOptions};
-use ecan_tool_support::plot::{Series, TimePanel, Tone};
+use ecan_tool_support::plot::{CurvePanel, Series, Tone};
 
 use crate::Fallible;
 use crate::page::Section;
@@ -41,7 +41,7 @@ pub fn section() -> Fallible<Section> {
             ]);
         }
         let series = |name: &str, tone, points| Series { name: name.to_owned(), tone, points };
-        panels.push(TimePanel {
+        panels.push(CurvePanel {
             title: format!("cycle of {cycle_ms} ms"),
             y_label: "load of the bus [%]".to_owned(),
             series: vec![
@@ -49,7 +49,7 @@ pub fn section() -> Fallible<Section> {
                 series("with all stuff bits", Tone::Target, most),
                 series("runs in the simulator", Tone::Actual, run),
             ],
-            ..TimePanel::default()
+            ..CurvePanel::default()
         });
     }
     let header = [

@@ -12,7 +12,7 @@ use ecan_protocol::can::{CanFrame, CanId};
 use ecan_service::client::{Client, Subscription};
 use ecan_service::server::{ServePort as _, ServiceConfig};
 use ecan_sim::{ClockKind, SimOptions};
-use ecan_tool_support::plot::{Series, TimePanel, Tone};
+use ecan_tool_support::plot::{CurvePanel, Series, Tone};
 
 use crate::Fallible;
 use crate::page::Section;
@@ -30,10 +30,10 @@ pub fn section() -> Fallible<Section> {
         points.push((clients as f64, Some(ns / 1e3)));
         rows.push(vec![clients.to_string(), format!("{:.2}", ns / 1e3)]);
     }
-    let panel = TimePanel {
+    let panel = CurvePanel {
         y_label: "time in a cycle, median [us]".to_owned(),
         series: vec![Series { name: "measured".to_owned(), tone: Tone::Actual, points }],
-        ..TimePanel::default()
+        ..CurvePanel::default()
     };
     let header = ["clients that read all frames", "cycle on the simulated master, median, us"];
     Ok(Section {

@@ -4,7 +4,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use ecan_tool_support::command_line::new_file;
-use ecan_tool_support::plot::{Heading, Series, TimeFigure, TimePanel, Tone};
+use ecan_tool_support::plot::{AxisKind, CurveFigure, CurvePanel, CurveStack, Heading, Series, Tone};
 
 use crate::Fallible;
 
@@ -14,7 +14,7 @@ pub struct Section {
     pub name: &'static str,
     pub title: &'static str,
     pub x_label: &'static str,
-    pub panels: Vec<TimePanel>,
+    pub panels: Vec<CurvePanel>,
     /// Whether the values come from the simulator.
     pub is_simulated: bool,
     pub header: Vec<String>,
@@ -46,11 +46,13 @@ impl Page {
             let to = self.text.find(&end).ok_or(format!("PERFORMANCE.md has no {end}"))?;
             self.text.replace_range(from..to, &format!("{}{rule}{table}", line(&header)));
         }
-        let figure = TimeFigure {
-            heading: Heading::new(title).simulated(is_simulated),
+        let stack = CurveStack {
             x_label: x_label.to_owned(),
+            x_kind: AxisKind::Count,
             panels: panels.into_iter().map(|panel| (panel, 260)).collect(),
         };
+        let heading = Heading::new(title).simulated(is_simulated);
+        let figure = CurveFigure { heading, stacks: vec![stack] };
         figure.write(&self.directory.join(format!("pictures/scale-{name}.svg")))?;
         Ok(())
     }
@@ -66,16 +68,16 @@ pub fn compared(
     y_label: &str,
     formula: Vec<(f64, f64)>,
     run: (&str, Vec<(f64, f64)>),
-) -> TimePanel {
+) -> CurvePanel {
     let series = |name: &str, tone, points: Vec<(f64, f64)>| Series {
         name: name.to_owned(),
         tone,
         points: points.into_iter().map(|(x, y)| (x, Some(y))).collect(),
     };
-    TimePanel {
+    CurvePanel {
         title: title.into(),
         y_label: y_label.to_owned(),
         series: vec![series("planner", Tone::Target, formula), series(run.0, Tone::Actual, run.1)],
-        ..TimePanel::default()
+        ..CurvePanel::default()
     }
 }

@@ -8,7 +8,9 @@ use std::time::Duration;
 use clap::{Args, ValueEnum};
 use ecan_canopen::OperatingMode;
 use ecan_cia402::{AxisRef, Decision};
-use ecan_tool_support::command_line::options::milliseconds;
+use ecan_tool_support::command_line::options::{milliseconds, parse_svg_path};
+use ecan_tool_support::plot;
+use ecan_tool_support::print_error_line;
 use serde::Serialize;
 
 use super::axis_choice::ChosenAxis;
@@ -18,7 +20,9 @@ use super::envelope::{
 };
 use super::motion_arguments::MotionArguments;
 use super::session::AxisSession;
-use super::tune_analysis::{FrequencyPoint, Sample, StepResponse, TunePicture, frequencies};
+use super::tune_analysis::{
+    FrequencyPoint, Sample, StepResponse, TunePicture, frequencies, plot_failure,
+};
 use crate::context::{Context, Failure, Result};
 
 pub const NOTES: &str = "\
@@ -88,8 +92,8 @@ pub struct TuneArguments {
     /// Tolerance of the settling time, in UNIT or UNIT/s [default: 2 % of the step]
     #[arg(long, value_name = "TOLERANCE", value_parser = parse_positive)]
     tolerance: Option<f64>,
-    /// Write a picture (SVG)
-    #[arg(long, value_name = "FILE")]
+    /// Write a picture of the response
+    #[arg(long, value_name = "FILE.svg", value_parser = parse_svg_path)]
     plot: Option<PathBuf>,
     #[command(flatten)]
     motion: MotionArguments,
@@ -111,6 +115,10 @@ struct TuneReport {
 
 pub fn run(arguments: &TuneArguments, context: &Context) -> Result {
     let motion = &arguments.motion;
+    if let Some(path) = &arguments.plot {
+        // A file that cannot be written is reported before the axis moves.
+        plot::check_file(Some(path)).map_err(|error| plot_failure(path, error))?;
+    }
     let chosen = motion.choose(context)?;
     let envelope = motion.envelope(&chosen)?;
     let test = TuneTest::of(
@@ -128,16 +136,16 @@ pub fn run(arguments: &TuneArguments, context: &Context) -> Result {
     let settings = motion.settings(mode, envelope, false);
     let session = AxisSession::start(&chosen, settings, Some(operator), context)?;
     let is_simulated = session.is_simulated();
-    let (mut recording, mut period_s) = (Vec::new(), 0.0);
+    let (mut recording, mut points, mut period_s) = (Vec::new(), Vec::new(), 0.0);
     let result = session.run(|session| {
         let (start, envelope) = enable::prepare_within(session, &motion.permission, &envelope)?;
         test.check_travel(start, &envelope, &chosen)?;
         enable::enable(session)?;
         period_s = session.target_period_s();
         let mut run = TuneRun::new(session, &test, envelope)?;
-        let points = run.execute(session, &chosen);
-        recording = run.samples;
-        points
+        let result = run.execute(session, &chosen);
+        (recording, points) = (run.samples, run.points);
+        result
     });
     let draw = |end: Option<&Failure>| match &arguments.plot {
         Some(path) if !recording.is_empty() => TunePicture {
@@ -153,18 +161,17 @@ pub fn run(arguments: &TuneArguments, context: &Context) -> Result {
             is_simulated,
             end: end.map(|failure| format!("quick stop: {failure}")),
         }
-        .write(path, &recording, &chosen.units),
+        .write(path, (&recording, &points), &chosen.units),
         _ => Ok(()),
     };
-    let points = match result {
-        Ok(points) => points,
-        Err(failure) => {
-            // The error of the motion is reported in any case.
-            let _ = draw(Some(&failure));
-            return Err(failure);
+    if let Err(failure) = result {
+        // The error of the motion decides on the exit status.
+        if let Err(error) = draw(Some(&failure)) {
+            print_error_line!("ecan: {error}");
         }
-    };
-    draw(None)?;
+        return Err(failure);
+    }
+    let drawn = draw(None);
     let unit = match arguments.mode {
         TuneMode::Csp => chosen.units.unit.to_string(),
         TuneMode::Csv => format!("{}/s", chosen.units.unit),
@@ -192,9 +199,14 @@ pub fn run(arguments: &TuneArguments, context: &Context) -> Result {
         max_error: in_units(largest),
         step,
         sweep: points,
-        picture: arguments.plot.as_ref().map(|plot| plot.display().to_string()),
+        picture: arguments
+            .plot
+            .as_ref()
+            .filter(|_| drawn.is_ok())
+            .map(|path| path.display().to_string()),
     };
-    context.output.data(&report, |out| print(&report, &chosen, out))
+    context.output.data(&report, |out| print(&report, &chosen, out))?;
+    drawn
 }
 
 fn print(
@@ -227,7 +239,7 @@ fn print(
             [
                 format!("{:.2}", point.hertz),
                 format!("{} {unit}", number(point.amplitude)),
-                format!("{:.3}", point.gain),
+                format!("{:.3}, {:.2} dB", point.gain, point.gain_db()),
                 format!("{:.1} deg", point.phase_deg),
                 format!("{} {unit}", number(point.max_error)),
             ]
@@ -249,6 +261,8 @@ pub struct TuneRun {
     test: TuneTest,
     envelope: Envelope,
     pub samples: Vec<Sample>,
+    /// Measured points of a sweep.
+    pub points: Vec<FrequencyPoint>,
     period_s: f64,
     /// Units of the drive's velocity per step/s.
     factor: f64,
@@ -287,6 +301,7 @@ impl TuneRun {
             test: *test,
             envelope,
             samples: Vec::with_capacity(space),
+            points: Vec::new(),
             period_s,
             factor: session.axis().map_or(1.0, |axis| velocity_factor(axis.config())),
             sent: 0,
@@ -294,18 +309,17 @@ impl TuneRun {
         })
     }
 
-    pub fn execute(
-        &mut self,
-        session: &mut AxisSession,
-        chosen: &ChosenAxis,
-    ) -> Result<Vec<FrequencyPoint>> {
+    pub fn execute(&mut self, session: &mut AxisSession, chosen: &ChosenAxis) -> Result {
         session.report(format_args!("{} begins", self.test.name()));
         match (self.test.sweep, self.test.is_velocity) {
-            (None, false) => self.step_position(session).map(|()| Vec::new()),
-            (None, true) => self.step_velocity(session).map(|()| Vec::new()),
+            (None, false) => self.step_position(session),
+            (None, true) => self.step_velocity(session),
             (Some((bounds, count)), _) => {
-                let all = frequencies(bounds.min, bounds.max, count);
-                all.filter_map(|hertz| self.frequency(session, hertz, chosen).transpose()).collect()
+                for hertz in frequencies(bounds.min, bounds.max, count) {
+                    let point = self.frequency(session, hertz, chosen)?;
+                    self.points.extend(point);
+                }
+                Ok(())
             }
         }
     }

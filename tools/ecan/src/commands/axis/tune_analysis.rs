@@ -4,7 +4,9 @@ use std::f64::consts::TAU;
 use std::path::Path;
 
 use ecan_tool_support::command_line::run_info::RunInfo;
-use ecan_tool_support::plot::{Heading, Mark, Series, TimeFigure, TimePanel, Tone};
+use ecan_tool_support::plot::{
+    AxisKind, CurveFigure, CurvePanel, CurveStack, Heading, Mark, PlotError, Series, Tone,
+};
 use serde::Serialize;
 
 use super::unit::AxisUnits;
@@ -108,6 +110,13 @@ impl FrequencyPoint {
     }
 }
 
+impl FrequencyPoint {
+    /// Gain in decibels, to a hundredth; a gain near 1 has no sign of a zero.
+    pub fn gain_db(&self) -> f64 {
+        (2_000.0 * self.gain.log10()).round() / 100.0 + 0.0
+    }
+}
+
 /// Frequencies of a sweep: `count` from first to last, equally spaced by their ratio.
 pub fn frequencies(first: f64, last: f64, count: u32) -> impl Iterator<Item = f64> {
     let ratio = if count > 1 { (last / first).powf(1.0 / f64::from(count - 1)) } else { 1.0 };
@@ -116,6 +125,7 @@ pub fn frequencies(first: f64, last: f64, count: u32) -> impl Iterator<Item = f6
 
 const VALUE_HEIGHT: u32 = 300;
 const ERROR_HEIGHT: u32 = 190;
+const RESPONSE_HEIGHT: u32 = 210;
 /// Most points of a curve.
 const POINTS: usize = 4_000;
 
@@ -132,7 +142,13 @@ pub struct TunePicture {
 }
 
 impl TunePicture {
-    pub fn write(&self, path: &Path, samples: &[Sample], units: &AxisUnits) -> Result {
+    /// Writes the points of a sweep over the frequency, and below them the samples over the time.
+    pub fn write(
+        &self,
+        path: &Path,
+        (samples, points): (&[Sample], &[FrequencyPoint]),
+        units: &AxisUnits,
+    ) -> Result {
         let value = |steps: f64| match self.is_velocity {
             true => units.value(steps),
             false => units.position(steps),
@@ -156,9 +172,10 @@ impl TunePicture {
             false => ("position", units.unit.to_string(), "following error"),
         };
         let end = samples.last().map_or(0.0, |sample| sample.seconds);
-        let marks = self.end.iter().map(|text| Mark { seconds: end, text: text.clone() });
+        let marks =
+            self.end.iter().map(|text| Mark { seconds: end, text: text.clone(), is_fault: true });
         let marks: Vec<_> = marks.collect();
-        let values = TimePanel {
+        let values = CurvePanel {
             title: quantity.to_owned(),
             y_label: format!("{quantity} [{unit}]"),
             series: vec![
@@ -167,9 +184,9 @@ impl TunePicture {
             ],
             marks: marks.clone(),
             has_texts: true,
-            ..TimePanel::default()
+            ..CurvePanel::default()
         };
-        let errors = TimePanel {
+        let errors = CurvePanel {
             title: format!(
                 "{error_name}: largest {} {unit}",
                 units.number(units.value(largest).abs())
@@ -179,19 +196,59 @@ impl TunePicture {
                 units.value(sample.error)
             })],
             marks,
-            ..TimePanel::default()
+            ..CurvePanel::default()
         };
         let heading = Heading::new(&self.title)
             .with_subtitle(&self.subtitle)
             .simulated(self.is_simulated)
             .with_run(RunInfo::of_this_run("ecan", env!("CARGO_PKG_VERSION")));
-        let figure = TimeFigure {
-            heading,
+        let mut stacks: Vec<_> = frequency_response(points).into_iter().collect();
+        stacks.push(CurveStack {
             x_label: "time since the start [s]".to_owned(),
+            x_kind: AxisKind::Linear,
             panels: vec![(values, VALUE_HEIGHT), (errors, ERROR_HEIGHT)],
-        };
-        figure.write(path).map_err(|error| Failure::file("write", path, error))
+        });
+        let figure = CurveFigure { heading, stacks };
+        figure.write(path).map_err(|error| plot_failure(path, error))
     }
+}
+
+/// Returns the failure of a picture.
+pub fn plot_failure(path: &Path, error: PlotError) -> Failure {
+    match error {
+        PlotError::Write { source, .. } => Failure::file("write", path, source),
+        other => Failure::file("write", path, other),
+    }
+}
+
+/// Returns gain and phase over the frequency; nothing without a point.
+fn frequency_response(points: &[FrequencyPoint]) -> Option<CurveStack> {
+    if points.is_empty() {
+        return None;
+    }
+    let mut phase: Vec<(f64, Option<f64>)> = Vec::new();
+    for point in points {
+        // The phase continues beyond -180 degrees instead of jumping to 180.
+        let before = phase.last().and_then(|last| last.1).unwrap_or(0.0);
+        let turns = ((before - point.phase_deg) / 360.0).round();
+        phase.push((point.hertz, Some(point.phase_deg + 360.0 * turns)));
+    }
+    let panel = |title: &str, y_label: &str, least_width, points| CurvePanel {
+        title: title.to_owned(),
+        y_label: y_label.to_owned(),
+        least_width,
+        series: vec![Series { name: "actual / target".to_owned(), tone: Tone::Actual, points }],
+        ..CurvePanel::default()
+    };
+    let gain = points.iter().map(|point| (point.hertz, Some(point.gain_db()))).collect();
+    Some(CurveStack {
+        x_label: "frequency [Hz]".to_owned(),
+        x_kind: AxisKind::Logarithmic,
+        panels: vec![
+            (panel("gain", "gain [dB]", 2.0, gain), RESPONSE_HEIGHT),
+            (panel("phase", "phase [deg]", 10.0, phase), RESPONSE_HEIGHT),
+        ],
+    })
 }
 
 #[cfg(test)]
@@ -265,6 +322,26 @@ mod tests {
         assert!((point.gain - 0.8).abs() < 1e-9, "{point:?}");
         assert!((point.phase_deg + 30.0).abs() < 1e-6, "{point:?}");
         assert_eq!(FrequencyPoint::of(&[], hertz, 1.0), None);
+    }
+
+    #[test]
+    fn frequency_response_has_decibels_and_a_continuous_phase() {
+        let point = |hertz, gain, phase_deg| FrequencyPoint {
+            hertz,
+            amplitude: 1.0,
+            gain,
+            phase_deg,
+            max_error: 0.0,
+        };
+        let points = [point(1.0, 1.0, -10.0), point(10.0, 0.1, -170.0), point(20.0, 0.0, 160.0)];
+        let stack = frequency_response(&points).unwrap();
+        assert_eq!(stack.x_kind, AxisKind::Logarithmic);
+        let values = |panel: usize| -> Vec<f64> {
+            stack.panels[panel].0.series[0].points.iter().filter_map(|point| point.1).collect()
+        };
+        assert_eq!(values(0), [0.0, -20.0, f64::NEG_INFINITY]);
+        assert_eq!(values(1), [-10.0, -170.0, -200.0]);
+        assert!(frequency_response(&[]).is_none());
     }
 
     #[test]

@@ -263,7 +263,7 @@ fn host(bus: Option<&Bus>, global: &GlobalOptions) -> Host {
         is_simulated,
         checks: serde_json::to_value(checks).unwrap_or_default(),
         kernel_log: if is_simulated { Vec::new() } else { kernel_log() },
-        configuration: root.text(&format!("etc/ecan/master{}.toml", global.master())),
+        configuration: root.text(format!("etc/ecan/master{}.toml", global.master())),
     }
 }
 

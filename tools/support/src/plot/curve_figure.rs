@@ -1,0 +1,716 @@
+//! Diagrams of curves above each other, over a common horizontal axis: time, frequency, a number.
+
+use std::ops::Range;
+use std::path::Path;
+
+use plotters::coord::ranged1d::Ranged as _;
+use plotters::prelude::*;
+use plotters::style::text_anchor::{HPos, Pos, VPos};
+
+use super::canvas;
+use super::canvas::{
+    AMBER, Area, AxisKind, FAINT, FRAME, GREEN, GRID, Heading, LIGHT_BLUE, LegendEntry, ORANGE,
+    PURPLE, PlotError, RED, Scale, Symbol, TEXT, UNIT, font, px, stroke, text, text_width,
+};
+
+/// Diagrams of curves above each other.
+#[derive(Debug, Clone, Default)]
+pub struct CurveFigure {
+    /// Title and circumstances.
+    pub heading: Heading,
+    /// Groups of diagrams, from top to bottom.
+    pub stacks: Vec<CurveStack>,
+}
+
+/// Diagrams over a common horizontal axis.
+#[derive(Debug, Clone, Default)]
+pub struct CurveStack {
+    /// Name and unit of the horizontal axis: `time since the start of motion [s]`.
+    pub x_label: String,
+    /// Kind of the horizontal axis.
+    pub x_kind: AxisKind,
+    /// Panels with the heights of their diagrams in pixels, without the space for events.
+    pub panels: Vec<(CurvePanel, u32)>,
+}
+
+const WIDTH: u32 = px(1_000);
+
+impl CurveFigure {
+    /// Returns the picture.
+    ///
+    /// # Errors
+    /// [`PlotError::Draw`].
+    pub fn to_svg(&self) -> Result<String, PlotError> {
+        let mut placed = Vec::new();
+        for stack in &self.stacks {
+            let x = stack.x_scale();
+            for (number, (panel, height)) in (1..).zip(&stack.panels) {
+                let is_last = number == stack.panels.len();
+                let layout = Layout::of(panel, &x);
+                let height = px(*height) + layout.height();
+                placed.push((
+                    panel,
+                    layout,
+                    x.clone(),
+                    is_last.then(|| x.name(&stack.x_label)),
+                    height,
+                ));
+            }
+        }
+        let height = placed.iter().map(|placed| placed.4).sum::<u32>().max(px(1));
+        canvas::picture(&self.heading, &self.description(), (WIDTH, height), |area| {
+            let mut rest = area.clone();
+            for (panel, layout, x, x_label, height) in &placed {
+                let (upper, lower) = rest.split_vertically(*height);
+                panel.draw(&upper, layout, x, x_label.as_deref())?;
+                rest = lower;
+            }
+            Ok(())
+        })
+    }
+
+    /// Writes the picture to a file.
+    ///
+    /// # Errors
+    /// [`PlotError`].
+    pub fn write(&self, path: &Path) -> Result<(), PlotError> {
+        canvas::write(path, &self.to_svg()?)
+    }
+
+    fn description(&self) -> String {
+        let stacks = self.stacks.iter().map(|stack| {
+            let x = stack.x_scale();
+            let panels = stack.panels.iter().map(|(panel, _)| panel.description(&x));
+            format!("Over {}: {}", x.name(&stack.x_label), panels.collect::<Vec<_>>().join("; "))
+        });
+        stacks.collect::<Vec<_>>().join(". ")
+    }
+}
+
+impl CurveStack {
+    fn x_scale(&self) -> Scale {
+        let panels = || self.panels.iter().map(|panel| &panel.0);
+        let points = panels().flat_map(|panel| &panel.series).flat_map(|series| &series.points);
+        let marks = panels().flat_map(|panel| &panel.marks).map(|mark| mark.seconds);
+        let values = || points.clone().map(|point| point.0).chain(marks.clone());
+        let start = values().fold(f64::INFINITY, f64::min);
+        let end = values().fold(f64::NEG_INFINITY, f64::max);
+        let is_logarithmic = self.x_kind == AxisKind::Logarithmic;
+        let range = match end > start {
+            true if is_logarithmic => start / 1.1..end * 1.1,
+            // An axis from 0, if the curves keep most of the width.
+            true if start > 0.0 && start < end * 0.2 => 0.0..end,
+            true => start..end,
+            // A single sample, or none.
+            false if end.is_finite() && is_logarithmic => end / 2.0..end * 2.0,
+            false if end.is_finite() => end - 0.5..end + 0.5,
+            false if is_logarithmic => 1.0..10.0,
+            false => 0.0..1.0,
+        };
+        Scale::new(range, 12, self.x_kind)
+    }
+}
+
+/// Colour of a curve.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Tone {
+    /// Light blue, broad: what was requested.
+    Target,
+    /// Orange: what was measured.
+    Actual,
+    /// Green: a difference.
+    Difference,
+}
+
+impl Tone {
+    /// The curve of the targets is broad, so that it is visible below that of the actual values.
+    fn style(self) -> ShapeStyle {
+        stroke(self.color(), if self == Self::Target { 5 } else { 2 })
+    }
+
+    fn color(self) -> RGBColor {
+        match self {
+            Self::Target => LIGHT_BLUE,
+            Self::Actual => ORANGE,
+            Self::Difference => GREEN,
+        }
+    }
+}
+
+/// A curve.
+#[derive(Debug, Clone)]
+pub struct Series {
+    /// Name in the legend.
+    pub name: String,
+    /// Colour.
+    pub tone: Tone,
+    /// Horizontal value and value; the curve is interrupted where the value is missing. The points of a
+    /// curve of few points are drawn.
+    pub points: Vec<(f64, Option<f64>)>,
+}
+
+/// Kind of a marked period, with its own colour and entry in the legend.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum BandKind {
+    /// Amber: the axis holds.
+    Hold,
+    /// Red: the drive has a fault.
+    Fault,
+    /// Grey: the drive is being stopped, or has stopped.
+    Stop,
+}
+
+impl BandKind {
+    fn name(self) -> &'static str {
+        match self {
+            Self::Hold => "holding",
+            Self::Fault => "fault",
+            Self::Stop => "stopping or stopped",
+        }
+    }
+
+    fn style(self) -> ShapeStyle {
+        match self {
+            Self::Hold => AMBER.mix(0.45).filled(),
+            Self::Fault => RED.mix(0.25).filled(),
+            Self::Stop => FRAME.mix(0.35).filled(),
+        }
+    }
+}
+
+/// A period that is marked in all panels of a stack, for example a hold.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Band {
+    /// First and last time, in seconds.
+    pub seconds: Range<f64>,
+    /// Text.
+    pub text: String,
+    /// Kind.
+    pub kind: BandKind,
+}
+
+/// A moment that is marked in all panels of a stack.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Mark {
+    /// Time in seconds.
+    pub seconds: f64,
+    /// Text; empty for a small mark at the lower edge, as for missed readings.
+    pub text: String,
+    /// The event is a fault: a red line, and its text is never left out for those of other events.
+    pub is_fault: bool,
+}
+
+/// A diagram of curves.
+#[derive(Debug, Clone, Default)]
+pub struct CurvePanel {
+    /// Title.
+    pub title: String,
+    /// Name and unit of the values: `position [inc]`.
+    pub y_label: String,
+    /// Kind of the vertical axis; linear or countable.
+    pub y_kind: AxisKind,
+    /// Range of the values, curves beyond which are clipped [default: that of the curves].
+    pub y: Option<Range<f64>>,
+    /// Least width of the range, in units of the values.
+    pub least_width: f64,
+    /// Curves.
+    pub series: Vec<Series>,
+    /// Marked periods.
+    pub bands: Vec<Band>,
+    /// Marked moments.
+    pub marks: Vec<Mark>,
+    /// Name of the marks without a text in the legend.
+    pub mark_name: String,
+    /// Texts of bands and marks are listed above this panel; the other panels have their numbers only.
+    pub has_texts: bool,
+}
+
+/// Most rows of texts of a panel.
+const TEXT_ROWS: usize = 12;
+const TEXT_ROW: i32 = 16 * UNIT;
+/// Height of the line with the numbers of events.
+const NUMBERS: i32 = 15 * UNIT;
+/// Distance between two numbers; closer events have a common one.
+const NUMBER_WIDTH: f64 = 16.0 * UNIT as f64;
+const Y_LABELS: u32 = px(80);
+const X_LABELS: u32 = px(44);
+const MARGIN: i32 = 16 * UNIT;
+const LEFT: i32 = MARGIN + Y_LABELS as i32;
+const PLOT_WIDTH: i32 = WIDTH as i32 - LEFT - MARGIN;
+/// Height of the line with the title, and of each line of the legend.
+const HEAD: i32 = 26 * UNIT;
+const LEGEND_ROW: i32 = 20 * UNIT;
+/// Most points of a curve that are drawn as points.
+const POINTS: usize = 40;
+
+impl CurvePanel {
+    fn y_scale(&self) -> Scale {
+        let values = self.series.iter().flat_map(|series| &series.points);
+        let values = values.filter_map(|point| point.1);
+        let y = self.y.clone().unwrap_or_else(|| canvas::range(values, self.least_width));
+        Scale::new(y, 7, self.y_kind)
+    }
+
+    fn description(&self, x: &Scale) -> String {
+        let y = self.y_scale();
+        let curves: Vec<_> = self.series.iter().map(|series| series.name.as_str()).collect();
+        let (start, end) = (y.exact(y.range.start), y.exact(y.range.end));
+        let label = &self.y_label;
+        let mut parts = vec![format!("{label} from {start} to {end}: {}", curves.join(", "))];
+        if !self.title.is_empty() {
+            parts.insert(0, self.title.clone());
+        }
+        if self.has_texts {
+            parts.extend(self.events(x).into_iter().map(|event| event.text));
+        }
+        parts.join(", ")
+    }
+
+    /// Returns the events with a text in the order of their times.
+    fn events(&self, x: &Scale) -> Vec<Event> {
+        let event = |seconds: f64, text: &str, is_fault| Event {
+            seconds,
+            text: format!("{} s: {text}", x.exact(seconds)),
+            is_fault,
+        };
+        let bands = self
+            .bands
+            .iter()
+            .map(|band| event(band.seconds.start, &band.text, band.kind == BandKind::Fault));
+        let marks = self.marks.iter().filter(|mark| !mark.text.is_empty());
+        let marks = marks.map(|mark| event(mark.seconds, &mark.text, mark.is_fault));
+        let mut events: Vec<_> = bands.chain(marks).collect();
+        events.sort_by(|a, b| a.seconds.total_cmp(&b.seconds));
+        events
+    }
+
+    /// Draws the panel; only the last one of a stack names the horizontal axis.
+    fn draw(
+        &self,
+        area: &Area<'_>,
+        layout: &Layout,
+        x: &Scale,
+        x_label: Option<&str>,
+    ) -> Result<(), PlotError> {
+        let y = self.y_scale();
+        let Range { start: low, end: high } = y.range;
+        let mut chart = ChartBuilder::on(area)
+            .margin_left(MARGIN)
+            .margin_right(MARGIN)
+            .margin_top(HEAD + layout.height() as i32)
+            .margin_bottom(4 * UNIT)
+            .x_label_area_size(x_label.map_or(px(22), |_| X_LABELS))
+            .y_label_area_size(Y_LABELS)
+            .build_cartesian_2d(x.clone(), y.clone())
+            .map_err(PlotError::draw)?;
+        chart
+            .configure_mesh()
+            .max_light_lines(0)
+            .bold_line_style(stroke(GRID, 1))
+            .axis_style(stroke(FRAME, 1))
+            .set_all_tick_mark_size(px(5))
+            .label_style(font(13, TEXT))
+            .axis_desc_style(font(14, TEXT))
+            .x_label_formatter(&|value| x.label(*value))
+            .y_label_formatter(&|value| y.label(*value))
+            .x_desc(x_label.unwrap_or_default())
+            .y_desc(&self.y_label)
+            .draw()
+            .map_err(PlotError::draw)?;
+        let bands = self.bands.iter().map(|band| {
+            // A short band remains visible, also at the right end.
+            let least = x.width() / 300.0;
+            let start = band.seconds.start.min(x.range.end - least);
+            let end = band.seconds.end.max(start + least).min(x.range.end);
+            Rectangle::new([(start, low), (end, high)], band.kind.style())
+        });
+        chart.draw_series(bands).map_err(PlotError::draw)?;
+        for mark in &self.marks {
+            let (top, style) = match (mark.text.is_empty(), mark.is_fault) {
+                (true, _) => (low + y.width() * 0.05, stroke(RED, 1)),
+                (false, true) => (high, stroke(RED, 2)),
+                (false, false) => (high, stroke(FAINT, 1)),
+            };
+            let ends = vec![(mark.seconds, low), (mark.seconds, top)];
+            let line = std::iter::once(PathElement::new(ends, style));
+            chart.draw_series(line).map_err(PlotError::draw)?;
+        }
+        for series in &self.series {
+            let style = series.tone.style();
+            let clipped = Clipped::of(&series.points, &y.range);
+            for part in clipped.parts {
+                if part.len() == 1 || series.points.len() <= POINTS {
+                    let size = if part.len() == 1 { 2 } else { 3 } * UNIT;
+                    let inside =
+                        |point: &&(f64, f64)| part.len() == 1 || clipped.inside.contains(point);
+                    let circle = |point: &(f64, f64)| Circle::new(*point, size, style.filled());
+                    let circles = part.iter().filter(inside).map(circle);
+                    chart.draw_series(circles).map_err(PlotError::draw)?;
+                }
+                if part.len() > 1 {
+                    chart.draw_series(LineSeries::new(part, style)).map_err(PlotError::draw)?;
+                }
+            }
+            let runs = clipped.runs.iter().map(|run| {
+                let (middle, edge) = (f64::midpoint(run.start, run.end), run.edge(&y.range));
+                let down = if run.is_above { UNIT } else { -UNIT };
+                let triangle = vec![(0, 0), (-6 * UNIT, 10 * down), (6 * UNIT, 10 * down)];
+                EmptyElement::at((middle, edge)) + Polygon::new(triangle, PURPLE.filled())
+            });
+            chart.draw_series(runs).map_err(PlotError::draw)?;
+            let edges = clipped.runs.iter().map(|run| {
+                let edge = run.edge(&y.range);
+                PathElement::new(vec![(run.start, edge), (run.end, edge)], stroke(PURPLE, 4))
+            });
+            chart.draw_series(edges).map_err(PlotError::draw)?;
+        }
+        let top = HEAD + layout.height() as i32;
+        let bottom =
+            area.dim_in_pixel().1 as i32 - 4 * UNIT - x_label.map_or(px(22), |_| X_LABELS) as i32;
+        if y.is_broken() {
+            canvas::draw_break(area, (LEFT, bottom - 12 * UNIT))?;
+        }
+        if x.is_broken() {
+            canvas::draw_break(area, (LEFT + 12 * UNIT, bottom))?;
+        }
+        text(area, &self.title, (LEFT, HEAD / 2), 15, TEXT, (HPos::Left, VPos::Center))?;
+        layout.draw(area, x, top)
+    }
+
+    /// Returns the entries of the legend: curves, bands, marks, and what is not drawn as it is.
+    fn legend(&self) -> Vec<LegendEntry> {
+        let y = self.y_scale();
+        let curve =
+            |series: &Series| LegendEntry::new(&series.name, Symbol::Line(series.tone.style()));
+        let mut entries: Vec<_> = self.series.iter().map(curve).collect();
+        for kind in [BandKind::Hold, BandKind::Fault, BandKind::Stop] {
+            if self.bands.iter().any(|band| band.kind == kind) {
+                entries.push(LegendEntry::new(kind.name(), Symbol::Area(kind.style())));
+            }
+        }
+        let small = self.marks.iter().filter(|mark| mark.text.is_empty()).count();
+        if small > 0 && !self.mark_name.is_empty() {
+            let name = format!("{} ({small})", self.mark_name);
+            entries.push(LegendEntry::new(name, Symbol::Tick(stroke(RED, 1))));
+        }
+        let clipped = |series: &Series| Clipped::of(&series.points, &y.range).count;
+        let clipped: usize = self.series.iter().map(clipped).sum();
+        if clipped > 0 {
+            let name = format!("clipped: {clipped} values beyond the axis");
+            entries.push(LegendEntry::new(name, Symbol::Line(stroke(PURPLE, 4))));
+        }
+        if y.is_broken() {
+            entries.push(LegendEntry::broken_axis());
+        }
+        entries
+    }
+}
+
+/// An event with a text.
+#[derive(Debug, Clone, PartialEq)]
+struct Event {
+    seconds: f64,
+    /// Time and text.
+    text: String,
+    is_fault: bool,
+}
+
+/// Events so close to each other that they have a common number.
+#[derive(Debug, Clone, PartialEq)]
+struct EventGroup {
+    seconds: f64,
+    texts: Vec<String>,
+    is_fault: bool,
+}
+
+/// What is above the diagram of a panel: legend, texts of the events, and their numbers at their times.
+/// Nothing of it covers the curves.
+struct Layout {
+    legend: Vec<LegendEntry>,
+    /// Lines of the legend, as numbers of entries; none if it is beside the title.
+    legend_rows: Vec<usize>,
+    groups: Vec<EventGroup>,
+    /// Texts that have no space.
+    hidden: usize,
+    has_texts: bool,
+}
+
+impl Layout {
+    fn of(panel: &CurvePanel, x: &Scale) -> Self {
+        let legend = panel.legend();
+        let widths: Vec<i32> = legend.iter().map(LegendEntry::width).collect();
+        let beside = PLOT_WIDTH - text_width(&panel.title) * 15 / 13 - 20 * UNIT;
+        let mut legend_rows = Vec::new();
+        if widths.iter().sum::<i32>() > beside {
+            let mut used = PLOT_WIDTH;
+            for width in widths {
+                match legend_rows.last_mut() {
+                    Some(row) if used + width <= PLOT_WIDTH => {
+                        *row += 1;
+                        used += width;
+                    }
+                    _ => {
+                        legend_rows.push(1);
+                        used = width;
+                    }
+                }
+            }
+        }
+        let mut events = panel.events(x);
+        let excess = events.len().saturating_sub(TEXT_ROWS);
+        let mut hidden = 0;
+        if panel.has_texts {
+            // The last events without a fault have no text, then the last faults.
+            for is_fault in [false, true] {
+                while hidden < excess
+                    && let Some(at) = events.iter().rposition(|event| event.is_fault == is_fault)
+                {
+                    events.remove(at);
+                    hidden += 1;
+                }
+            }
+        }
+        let units = f64::from(PLOT_WIDTH) / x.width();
+        let groups = group(&events, NUMBER_WIDTH / units);
+        Self { legend, legend_rows, groups, hidden, has_texts: panel.has_texts }
+    }
+
+    /// Lines of texts, each with the number of the first line of a group.
+    fn lines(&self) -> Vec<(Option<usize>, String)> {
+        if !self.has_texts {
+            return Vec::new();
+        }
+        let mut lines = Vec::new();
+        for (number, group) in (1..).zip(&self.groups) {
+            let all =
+                group.texts.iter().flat_map(|text| canvas::wrapped(text, PLOT_WIDTH - 24 * UNIT));
+            lines.extend(all.enumerate().map(|(nth, line)| ((nth == 0).then_some(number), line)));
+        }
+        if self.hidden > 0 {
+            lines.push((None, format!("and {} more events", self.hidden)));
+        }
+        lines
+    }
+
+    /// Height in units, beyond the line of the title.
+    fn height(&self) -> u32 {
+        let numbers = if self.groups.is_empty() { 0 } else { NUMBERS };
+        let rows = self.lines().len() as i32 * TEXT_ROW;
+        (self.legend_rows.len() as i32 * LEGEND_ROW + rows + numbers).unsigned_abs()
+    }
+
+    /// Draws what is above the diagram, whose upper edge is at `top`.
+    fn draw(&self, area: &Area<'_>, x: &Scale, top: i32) -> Result<(), PlotError> {
+        let mut entries = self.legend.iter();
+        let mut y = HEAD / 2;
+        if self.legend_rows.is_empty() {
+            let width: i32 = self.legend.iter().map(LegendEntry::width).sum();
+            draw_entries(area, entries, (LEFT + PLOT_WIDTH - width, y))?;
+            y = HEAD;
+        } else {
+            y += HEAD / 2;
+            for count in &self.legend_rows {
+                let row = entries.by_ref().take(*count);
+                draw_entries(area, row, (LEFT, y + LEGEND_ROW / 2))?;
+                y += LEGEND_ROW;
+            }
+        }
+        for (number, line) in self.lines() {
+            let middle = y + TEXT_ROW / 2;
+            if let Some(number) = number {
+                let at = (LEFT + 14 * UNIT, middle);
+                text(area, &number.to_string(), at, 13, RED, (HPos::Right, VPos::Center))?;
+            }
+            text(area, &line, (LEFT + 22 * UNIT, middle), 13, TEXT, (HPos::Left, VPos::Center))?;
+            y += TEXT_ROW;
+        }
+        for (number, group) in (1..).zip(&self.groups) {
+            let style = (canvas::FONT, 12 * UNIT, FontStyle::Bold).into_font();
+            let color = if group.is_fault { RED } else { TEXT };
+            let style = style.color(&color).pos(Pos::new(HPos::Center, VPos::Bottom));
+            let at = (x.map(&group.seconds, (LEFT, LEFT + PLOT_WIDTH)), top - 2 * UNIT);
+            area.draw_text(&number.to_string(), &style, at).map_err(PlotError::draw)?;
+        }
+        Ok(())
+    }
+}
+
+fn draw_entries<'a>(
+    area: &Area<'_>,
+    entries: impl Iterator<Item = &'a LegendEntry>,
+    (mut left, middle): (i32, i32),
+) -> Result<(), PlotError> {
+    for entry in entries {
+        entry.draw(area, (left, middle))?;
+        left += entry.width();
+    }
+    Ok(())
+}
+
+/// Groups the events that follow the first one of their group within this time.
+fn group(events: &[Event], seconds: f64) -> Vec<EventGroup> {
+    let mut groups: Vec<EventGroup> = Vec::new();
+    for event in events {
+        match groups.last_mut() {
+            Some(group) if event.seconds - group.seconds < seconds => {
+                group.texts.push(event.text.clone());
+                group.is_fault |= event.is_fault;
+            }
+            _ => groups.push(EventGroup {
+                seconds: event.seconds,
+                texts: vec![event.text.clone()],
+                is_fault: event.is_fault,
+            }),
+        }
+    }
+    groups
+}
+
+/// A curve within the range of the vertical axis.
+#[derive(Debug, Default)]
+struct Clipped {
+    /// Uninterrupted parts within the range.
+    parts: Vec<Vec<(f64, f64)>>,
+    /// Points of the curve within the range, without those where it crosses an edge.
+    inside: Vec<(f64, f64)>,
+    /// Periods in which the curve is beyond the range.
+    runs: Vec<ClippedRun>,
+    /// Number of values beyond the range.
+    count: usize,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct ClippedRun {
+    start: f64,
+    end: f64,
+    is_above: bool,
+}
+
+impl ClippedRun {
+    fn edge(&self, y: &Range<f64>) -> f64 {
+        if self.is_above { y.end } else { y.start }
+    }
+}
+
+impl Clipped {
+    fn of(points: &[(f64, Option<f64>)], y: &Range<f64>) -> Self {
+        let mut clipped = Self::default();
+        for part in points.split(|(_, value)| value.is_none_or(|value| !value.is_finite())) {
+            let part: Vec<_> =
+                part.iter().filter_map(|(at, value)| Some((*at, (*value)?))).collect();
+            clipped.add_part(&part, y);
+        }
+        clipped
+    }
+
+    /// Adds an uninterrupted part.
+    fn add_part(&mut self, part: &[(f64, f64)], y: &Range<f64>) {
+        let mut open: Vec<(f64, f64)> = Vec::new();
+        let mut run: Option<ClippedRun> = None;
+        let mut last: Option<(f64, f64)> = None;
+        for &(at, value) in part {
+            for (crossing, edge, is_out) in crossings(last, (at, value), y) {
+                if is_out {
+                    open.push((crossing, edge));
+                    self.parts.push(std::mem::take(&mut open));
+                    run = Some(ClippedRun {
+                        start: crossing,
+                        end: crossing,
+                        is_above: edge == y.end,
+                    });
+                } else {
+                    self.runs.extend(run.take().map(|run| ClippedRun { end: crossing, ..run }));
+                    open.push((crossing, edge));
+                }
+            }
+            if (y.start..=y.end).contains(&value) {
+                open.push((at, value));
+                self.inside.push((at, value));
+            } else {
+                self.count += 1;
+                let is_above = value > y.end;
+                let run = run.get_or_insert(ClippedRun { start: at, end: at, is_above });
+                run.end = at;
+            }
+            last = Some((at, value));
+        }
+        self.runs.extend(run);
+        if !open.is_empty() {
+            self.parts.push(open);
+        }
+    }
+}
+
+/// Returns the crossings of the edges on the way from a point to the next: position, edge, and whether the curve leaves the range.
+fn crossings(
+    from: Option<(f64, f64)>,
+    to: (f64, f64),
+    y: &Range<f64>,
+) -> impl Iterator<Item = (f64, f64, bool)> {
+    let found = from.map(|from| {
+        let at = |edge: f64| from.0 + (to.0 - from.0) * (edge - from.1) / (to.1 - from.1);
+        let is_out = |edge: f64| {
+            let beyond = |value: f64| if edge == y.end { value > edge } else { value < edge };
+            (beyond(from.1) != beyond(to.1)).then(|| beyond(to.1))
+        };
+        let edges = if to.1 > from.1 { [y.start, y.end] } else { [y.end, y.start] };
+        edges.map(|edge| is_out(edge).map(|is_out| (at(edge), edge, is_out)))
+    });
+    found.into_iter().flatten().flatten()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn clipped(points: &[(f64, Option<f64>)]) -> Clipped {
+        Clipped::of(points, &(0.0..5.0))
+    }
+
+    #[test]
+    fn curve_is_interrupted_where_a_value_is_missing() {
+        let points =
+            [(0.0, None), (1.0, Some(1.0)), (2.0, Some(3.0)), (3.0, None), (4.0, Some(2.0))];
+        let clipped = clipped(&points);
+        assert_eq!(clipped.parts, [vec![(1.0, 1.0), (2.0, 3.0)], vec![(4.0, 2.0)]]);
+        assert_eq!((clipped.runs, clipped.count), (vec![], 0));
+    }
+
+    #[test]
+    fn curve_beyond_the_axis_is_interrupted_and_marked() {
+        let values = [4.0, 6.0, 7.0, 3.0, -1.0, 9.0, 4.0];
+        let points: Vec<_> = (0..).zip(values).map(|(at, y)| (f64::from(at), Some(y))).collect();
+        let clipped = clipped(&points);
+        assert_eq!(clipped.parts[0], [(0.0, 4.0), (0.5, 5.0)]);
+        assert_eq!(clipped.parts[1], [(2.5, 5.0), (3.0, 3.0), (3.75, 0.0)]);
+        assert_eq!(clipped.parts.len(), 4, "one from edge to edge: {clipped:?}");
+        let runs: Vec<_> = clipped.runs.iter().map(|run| (run.start, run.is_above)).collect();
+        assert_eq!(runs, [(0.5, true), (3.75, false), (4.6, true)]);
+        assert_eq!((clipped.runs[0].end, clipped.count), (2.5, 4));
+        assert!(clipped.parts.iter().flatten().all(|point| (0.0..=5.0).contains(&point.1)));
+    }
+
+    #[test]
+    fn close_events_have_a_common_number() {
+        let event = |seconds, is_fault| Event { seconds, text: seconds.to_string(), is_fault };
+        let groups = group(&[event(1.0, false), event(1.1, true), event(2.0, false)], 0.5);
+        assert_eq!(groups[0].texts, ["1", "1.1"]);
+        assert!(groups[0].is_fault && !groups[1].is_fault && groups.len() == 2);
+    }
+
+    #[test]
+    fn faults_are_listed_before_other_events() {
+        let mark =
+            |nth: usize| Mark { seconds: nth as f64, text: nth.to_string(), is_fault: nth == 39 };
+        let panel = CurvePanel {
+            marks: (0..40).map(mark).collect(),
+            has_texts: true,
+            ..CurvePanel::default()
+        };
+        let layout = Layout::of(&panel, &Scale::new(0.0..40.0, 7, AxisKind::Linear));
+        let lines = layout.lines();
+        assert_eq!(lines.len(), TEXT_ROWS + 1);
+        assert_eq!(lines[TEXT_ROWS - 1].1, "39.0 s: 39");
+        assert_eq!(lines[TEXT_ROWS].1, "and 28 more events");
+    }
+}
