@@ -135,14 +135,13 @@ impl MotionRecord {
             // Another error may have replaced that of a fault.
             let code = cia402.network().emcy(axis.node()).map_or(0, EmcyLog::last_code);
             let has_message = statistics.emergencies > 0 && code != 0;
-            if !is_shown && (statistics.faults > 0 || has_message) {
+            if !is_shown && statistics.faults > 0 {
+                let _ = writeln!(text, "   faults of the drive: {}", statistics.faults);
+            }
+            if !is_shown && has_message {
                 let name =
                     error_code_text(code).map_or_else(String::new, |name| format!(" ({name})"));
-                let _ = writeln!(
-                    text,
-                    "   faults: {}, emergency messages: {}, last error code 0x{code:04X}{name}",
-                    statistics.faults, statistics.emergencies
-                );
+                let _ = writeln!(text, "   last emergency message: error code 0x{code:04X}{name}");
             }
         }
         text

@@ -396,7 +396,7 @@ fn step_has_figures_and_a_picture() {
 #[test]
 fn plot_that_cannot_be_written_is_reported_before_the_motion() {
     let message = drives_fail(6, "tune", &["--step", "1", "--plot", "/none/step.svg"]);
-    let expected = "ecan: cannot write /none/step.svg: the directory does not exist; create it, or name another one\n";
+    let expected = "ecan: cannot write /none/step.svg: the directory does not exist; create it, or name another one";
     assert_eq!(message, expected, "nothing moves");
     let message = drives_fail(2, "tune", &["--step", "1", "--plot", "step.png"]);
     assert!(message.contains("only SVG is written: use a name that ends in .svg"), "{message}");

@@ -416,11 +416,11 @@ impl Scale {
         without_sign_of_zero(format!("{tick:.decimals$}"))
     }
 
-    /// Text of a value between the ticks, with one more decimal.
+    /// Text of a value between the ticks, with two more decimals.
     pub fn exact(&self, value: f64) -> String {
         let decimals = match self.kind {
             AxisKind::Count => 0,
-            _ => self.decimals + 1,
+            _ => self.decimals + 2,
         };
         without_sign_of_zero(format!("{value:.decimals$}"))
     }

@@ -368,7 +368,8 @@ impl CurvePanel {
         let bottom =
             area.dim_in_pixel().1 as i32 - 4 * UNIT - x_label.map_or(px(22), |_| X_LABELS) as i32;
         if y.is_broken() {
-            canvas::draw_break(area, (LEFT, bottom - 12 * UNIT))?;
+            // Beside the axis, where no curve begins.
+            canvas::draw_break(area, (LEFT - 4 * UNIT, bottom - 12 * UNIT))?;
         }
         if x.is_broken() {
             canvas::draw_break(area, (LEFT + 12 * UNIT, bottom))?;
@@ -710,7 +711,7 @@ mod tests {
         let layout = Layout::of(&panel, &Scale::new(0.0..40.0, 7, AxisKind::Linear));
         let lines = layout.lines();
         assert_eq!(lines.len(), TEXT_ROWS + 1);
-        assert_eq!(lines[TEXT_ROWS - 1].1, "39.0 s: 39");
+        assert_eq!(lines[TEXT_ROWS - 1].1, "39.00 s: 39");
         assert_eq!(lines[TEXT_ROWS].1, "and 28 more events");
     }
 }

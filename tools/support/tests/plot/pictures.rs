@@ -73,8 +73,8 @@ fn axis_picture_has_units_legend_and_hold() {
         "target",
         "actual position",
         "target - actual position",
-        "4.0 s: holding: the channel went bus-off",
-        "6.0 s: following targets",
+        "4.00 s: holding: the channel went bus-off",
+        "6.00 s: following targets",
         "holding",
         "100000",
     ] {
@@ -178,7 +178,7 @@ fn every_kind_of_picture_has_a_title_and_a_description() {
     let pictures = [
         (
             figure(heading()).to_svg(),
-            "position [inc] from 0 to 106265: target, actual position, 4.0 s: holding",
+            "position [inc] from 0 to 106265: target, actual position, 4.00 s: holding",
         ),
         (histogram.to_svg(), "direct, period: p99 1001 us, 2 cycles"),
         (shifts.to_svg(), "1 ms, 384B: 10 shifts tested, usable [us]: 0, 100, 200, 500"),
@@ -214,7 +214,7 @@ fn heights(svg: &str, start: &str) -> (Vec<f64>, f64) {
 #[test]
 fn texts_of_events_are_above_the_diagram() {
     let svg = figure(Heading::new("Positions")).to_svg().unwrap();
-    for text in ["4.0 s: holding: the channel went bus-off", "6.0 s: following targets"] {
+    for text in ["4.00 s: holding: the channel went bus-off", "6.00 s: following targets"] {
         let (found, top) = heights(&svg, text);
         assert!(found.len() == 1 && found[0] < top, "{text}: {found:?} {top}");
     }
