@@ -2,6 +2,7 @@
 
 use std::fmt;
 
+use ecan_host::ECRT_VARIABLE;
 use jiff::{Timestamp, Unit};
 
 /// Date, program, kernel and command line of this run.
@@ -25,6 +26,7 @@ impl RunInfo {
         let arguments = std::env::args_os().skip(1);
         let arguments = arguments.map(|argument| argument.to_string_lossy().into_owned());
         let words: Vec<_> = std::iter::once(program.to_owned()).chain(arguments).collect();
+        let words = with_environment(words, std::env::var(ECRT_VARIABLE).ok());
         let command_line = words.iter().map(|word| quoted(word)).collect::<Vec<_>>().join(" ");
         Self {
             date: now.round(Unit::Second).unwrap_or(now).to_string(),
@@ -86,11 +88,26 @@ impl fmt::Display for RunInfo {
     }
 }
 
+/// Adds the environment variable of the master library, unless an argument selects the library.
+fn with_environment(words: Vec<String>, setting: Option<String>) -> Vec<String> {
+    let is_option = |word: &String| word == "--ecrt" || word.starts_with("--ecrt=");
+    let setting = setting.filter(|value| !value.is_empty() && !words.iter().any(is_option));
+    let variable = setting.map(|value| format!("{ECRT_VARIABLE}={value}"));
+    variable.into_iter().chain(words).collect()
+}
+
 /// Quotes an argument if a shell would split or expand it.
 fn quoted(argument: &str) -> String {
     let is_plain = |c: char| c.is_ascii_alphanumeric() || "-_=+./:,@%".contains(c);
     if !argument.is_empty() && argument.chars().all(is_plain) {
         return argument.to_owned();
+    }
+    // A shell sets a variable only if its name is not quoted.
+    if let Some((name, value)) = argument.split_once('=')
+        && name.starts_with(|c: char| c.is_ascii_uppercase())
+        && name.chars().all(|c| c.is_ascii_uppercase() || c == '_')
+    {
+        return format!("{name}={}", quoted(value));
     }
     if argument.chars().any(char::is_control) {
         // The quotes of bash with escapes keep the text on one line.
@@ -158,6 +175,22 @@ mod tests {
         assert_eq!(quoted("it's"), "'it'\\''s'");
         assert_eq!(quoted(""), "''");
         assert_eq!(quoted("a\nb"), "$'a\\u000ab'");
+    }
+
+    #[test]
+    fn command_line_has_the_variable_of_the_library() {
+        let words =
+            |words: &[&str]| words.iter().map(|word| (*word).to_owned()).collect::<Vec<_>>();
+        let command = |arguments: &[&str], setting: Option<&str>| {
+            with_environment(words(arguments), setting.map(str::to_owned))
+                .iter()
+                .map(|word| quoted(word))
+                .collect::<Vec<_>>()
+                .join(" ")
+        };
+        assert_eq!(command(&["demo", "-v"], Some("sim:a b")), "ECAN_ECRT='sim:a b' demo -v");
+        assert_eq!(command(&["demo", "--ecrt", "sim"], Some("x")), "demo --ecrt sim");
+        assert_eq!(command(&["demo"], None), "demo");
     }
 
     #[test]

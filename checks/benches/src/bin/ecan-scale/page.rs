@@ -4,7 +4,9 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use ecan_tool_support::command_line::new_file;
-use ecan_tool_support::plot::{AxisKind, CurveFigure, CurvePanel, CurveStack, Heading, Series, Tone};
+use ecan_tool_support::plot::{
+    AxisKind, CurveFigure, CurvePanel, CurveStack, Heading, Series, Tone,
+};
 
 use crate::Fallible;
 
