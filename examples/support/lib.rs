@@ -8,7 +8,6 @@ mod probe_report;
 mod program;
 pub mod summary;
 
-pub mod clock_plot;
 pub mod frame_source;
 pub mod loop_record;
 pub mod loop_setup;

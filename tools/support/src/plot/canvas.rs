@@ -186,62 +186,6 @@ pub fn wrapped(content: &str, width: i32) -> Vec<String> {
     lines
 }
 
-/// Entry of a legend.
-pub struct LegendEntry {
-    pub name: String,
-    pub symbol: Symbol,
-}
-
-/// Symbol of a legend entry.
-#[derive(Clone, Copy)]
-pub enum Symbol {
-    Line(ShapeStyle),
-    /// A short vertical line.
-    Tick(ShapeStyle),
-    Area(ShapeStyle),
-    /// The mark of an axis that does not begin at 0.
-    Break,
-}
-
-const SYMBOL: i32 = 22 * UNIT;
-
-impl LegendEntry {
-    pub fn new(name: impl Into<String>, symbol: Symbol) -> Self {
-        Self { name: name.into(), symbol }
-    }
-
-    /// The entry of a vertical axis that does not begin at 0.
-    pub fn broken_axis() -> Self {
-        Self::new("vertical axis does not begin at 0", Symbol::Break)
-    }
-
-    /// Width with the distance to the next entry, in units.
-    pub fn width(&self) -> i32 {
-        SYMBOL + 6 * UNIT + text_width(&self.name) + 14 * UNIT
-    }
-
-    /// Draws the entry at its left end and the middle of its line.
-    pub fn draw(&self, area: &Area<'_>, (left, middle): (i32, i32)) -> Result<(), PlotError> {
-        let center = left + SYMBOL / 2;
-        let line = |points: [(i32, i32); 2], style| {
-            area.draw(&PathElement::new(points.to_vec(), style)).map_err(PlotError::draw)
-        };
-        match self.symbol {
-            Symbol::Line(style) => line([(left, middle), (left + SYMBOL, middle)], style)?,
-            Symbol::Tick(style) => {
-                line([(center, middle - 6 * UNIT), (center, middle + 6 * UNIT)], style)?;
-            }
-            Symbol::Area(style) => {
-                let corners = [(left, middle - 6 * UNIT), (left + SYMBOL, middle + 6 * UNIT)];
-                area.draw(&Rectangle::new(corners, style)).map_err(PlotError::draw)?;
-            }
-            Symbol::Break => draw_break(area, (center, middle))?,
-        }
-        let at = (left + SYMBOL + 6 * UNIT, middle);
-        text(area, &self.name, at, 13, TEXT, (HPos::Left, VPos::Center))
-    }
-}
-
 /// Draws the mark of an axis that does not begin at 0: two strokes across the axis.
 pub fn draw_break(area: &Area<'_>, (x, y): (i32, i32)) -> Result<(), PlotError> {
     for shift in [-3 * UNIT, 3 * UNIT] {

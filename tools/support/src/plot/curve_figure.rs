@@ -3,15 +3,15 @@
 use std::ops::Range;
 use std::path::Path;
 
-use plotters::coord::ranged1d::Ranged as _;
 use plotters::prelude::*;
-use plotters::style::text_anchor::{HPos, Pos, VPos};
+use plotters::style::text_anchor::{HPos, VPos};
 
 use super::canvas;
 use super::canvas::{
-    AMBER, Area, AxisKind, FAINT, FRAME, GREEN, GRID, Heading, LIGHT_BLUE, LegendEntry, ORANGE,
-    PURPLE, PlotError, RED, Scale, Symbol, TEXT, UNIT, font, px, stroke, text, text_width,
+    AMBER, Area, AxisKind, FAINT, FRAME, GREEN, GRID, Heading, LIGHT_BLUE, ORANGE, PURPLE,
+    PlotError, RED, Scale, TEXT, UNIT, font, px, stroke, text,
 };
+use super::panel_head::{Event, HEAD, LEFT, LegendEntry, PLOT_WIDTH, PanelHead, Symbol};
 
 /// Diagrams of curves above each other.
 #[derive(Debug, Clone, Default)]
@@ -46,11 +46,12 @@ impl CurveFigure {
             let x = stack.x_scale();
             for (number, (panel, height)) in (1..).zip(&stack.panels) {
                 let is_last = number == stack.panels.len();
-                let layout = Layout::of(panel, &x);
-                let height = px(*height) + layout.height();
+                let events = (panel.events(&x), panel.has_texts);
+                let head = PanelHead::new(&panel.title, panel.legend(), events, &x);
+                let height = px(*height) + head.height();
                 placed.push((
                     panel,
-                    layout,
+                    head,
                     x.clone(),
                     is_last.then(|| x.name(&stack.x_label)),
                     height,
@@ -60,9 +61,9 @@ impl CurveFigure {
         let height = placed.iter().map(|placed| placed.4).sum::<u32>().max(px(1));
         canvas::picture(&self.heading, &self.description(), (WIDTH, height), |area| {
             let mut rest = area.clone();
-            for (panel, layout, x, x_label, height) in &placed {
+            for (panel, head, x, x_label, height) in &placed {
                 let (upper, lower) = rest.split_vertically(*height);
-                panel.draw(&upper, layout, x, x_label.as_deref())?;
+                panel.draw(&upper, head, x, x_label.as_deref())?;
                 rest = lower;
             }
             Ok(())
@@ -225,21 +226,12 @@ pub struct CurvePanel {
     pub has_texts: bool,
 }
 
-/// Most rows of texts of a panel.
-const TEXT_ROWS: usize = 12;
-const TEXT_ROW: i32 = 16 * UNIT;
-/// Height of the line with the numbers of events.
-const NUMBERS: i32 = 15 * UNIT;
-/// Distance between two numbers; closer events have a common one.
-const NUMBER_WIDTH: f64 = 16.0 * UNIT as f64;
 const Y_LABELS: u32 = px(80);
 const X_LABELS: u32 = px(44);
 const MARGIN: i32 = 16 * UNIT;
-const LEFT: i32 = MARGIN + Y_LABELS as i32;
-const PLOT_WIDTH: i32 = WIDTH as i32 - LEFT - MARGIN;
-/// Height of the line with the title, and of each line of the legend.
-const HEAD: i32 = 26 * UNIT;
-const LEGEND_ROW: i32 = 20 * UNIT;
+// The head of a panel is as wide as its diagram.
+const _: () = assert!(LEFT == MARGIN + Y_LABELS as i32);
+const _: () = assert!(PLOT_WIDTH == WIDTH as i32 - LEFT - MARGIN);
 /// Most points of a curve that are drawn as points.
 const POINTS: usize = 40;
 
@@ -288,7 +280,7 @@ impl CurvePanel {
     fn draw(
         &self,
         area: &Area<'_>,
-        layout: &Layout,
+        head: &PanelHead,
         x: &Scale,
         x_label: Option<&str>,
     ) -> Result<(), PlotError> {
@@ -297,7 +289,7 @@ impl CurvePanel {
         let mut chart = ChartBuilder::on(area)
             .margin_left(MARGIN)
             .margin_right(MARGIN)
-            .margin_top(HEAD + layout.height() as i32)
+            .margin_top(HEAD + head.height() as i32)
             .margin_bottom(4 * UNIT)
             .x_label_area_size(x_label.map_or(px(22), |_| X_LABELS))
             .y_label_area_size(Y_LABELS)
@@ -364,7 +356,7 @@ impl CurvePanel {
             });
             chart.draw_series(edges).map_err(PlotError::draw)?;
         }
-        let top = HEAD + layout.height() as i32;
+        let top = HEAD + head.height() as i32;
         let bottom =
             area.dim_in_pixel().1 as i32 - 4 * UNIT - x_label.map_or(px(22), |_| X_LABELS) as i32;
         if y.is_broken() {
@@ -375,7 +367,7 @@ impl CurvePanel {
             canvas::draw_break(area, (LEFT + 12 * UNIT, bottom))?;
         }
         text(area, &self.title, (LEFT, HEAD / 2), 15, TEXT, (HPos::Left, VPos::Center))?;
-        layout.draw(area, x, top)
+        head.draw(area, x, top)
     }
 
     /// Returns the entries of the legend: curves, bands, marks, and what is not drawn as it is.
@@ -405,166 +397,6 @@ impl CurvePanel {
         }
         entries
     }
-}
-
-/// An event with a text.
-#[derive(Debug, Clone, PartialEq)]
-struct Event {
-    seconds: f64,
-    /// Time and text.
-    text: String,
-    is_fault: bool,
-}
-
-/// Events so close to each other that they have a common number.
-#[derive(Debug, Clone, PartialEq)]
-struct EventGroup {
-    seconds: f64,
-    texts: Vec<String>,
-    is_fault: bool,
-}
-
-/// What is above the diagram of a panel: legend, texts of the events, and their numbers at their times.
-/// Nothing of it covers the curves.
-struct Layout {
-    legend: Vec<LegendEntry>,
-    /// Lines of the legend, as numbers of entries; none if it is beside the title.
-    legend_rows: Vec<usize>,
-    groups: Vec<EventGroup>,
-    /// Texts that have no space.
-    hidden: usize,
-    has_texts: bool,
-}
-
-impl Layout {
-    fn of(panel: &CurvePanel, x: &Scale) -> Self {
-        let legend = panel.legend();
-        let widths: Vec<i32> = legend.iter().map(LegendEntry::width).collect();
-        let beside = PLOT_WIDTH - text_width(&panel.title) * 15 / 13 - 20 * UNIT;
-        let mut legend_rows = Vec::new();
-        if widths.iter().sum::<i32>() > beside {
-            let mut used = PLOT_WIDTH;
-            for width in widths {
-                match legend_rows.last_mut() {
-                    Some(row) if used + width <= PLOT_WIDTH => {
-                        *row += 1;
-                        used += width;
-                    }
-                    _ => {
-                        legend_rows.push(1);
-                        used = width;
-                    }
-                }
-            }
-        }
-        let mut events = panel.events(x);
-        let excess = events.len().saturating_sub(TEXT_ROWS);
-        let mut hidden = 0;
-        if panel.has_texts {
-            // The last events without a fault have no text, then the last faults.
-            for is_fault in [false, true] {
-                while hidden < excess
-                    && let Some(at) = events.iter().rposition(|event| event.is_fault == is_fault)
-                {
-                    events.remove(at);
-                    hidden += 1;
-                }
-            }
-        }
-        let units = f64::from(PLOT_WIDTH) / x.width();
-        let groups = group(&events, NUMBER_WIDTH / units);
-        Self { legend, legend_rows, groups, hidden, has_texts: panel.has_texts }
-    }
-
-    /// Lines of texts, each with the number of the first line of a group.
-    fn lines(&self) -> Vec<(Option<usize>, String)> {
-        if !self.has_texts {
-            return Vec::new();
-        }
-        let mut lines = Vec::new();
-        for (number, group) in (1..).zip(&self.groups) {
-            let all =
-                group.texts.iter().flat_map(|text| canvas::wrapped(text, PLOT_WIDTH - 24 * UNIT));
-            lines.extend(all.enumerate().map(|(nth, line)| ((nth == 0).then_some(number), line)));
-        }
-        if self.hidden > 0 {
-            lines.push((None, format!("and {} more events", self.hidden)));
-        }
-        lines
-    }
-
-    /// Height in units, beyond the line of the title.
-    fn height(&self) -> u32 {
-        let numbers = if self.groups.is_empty() { 0 } else { NUMBERS };
-        let rows = self.lines().len() as i32 * TEXT_ROW;
-        (self.legend_rows.len() as i32 * LEGEND_ROW + rows + numbers).unsigned_abs()
-    }
-
-    /// Draws what is above the diagram, whose upper edge is at `top`.
-    fn draw(&self, area: &Area<'_>, x: &Scale, top: i32) -> Result<(), PlotError> {
-        let mut entries = self.legend.iter();
-        let mut y = HEAD / 2;
-        if self.legend_rows.is_empty() {
-            let width: i32 = self.legend.iter().map(LegendEntry::width).sum();
-            draw_entries(area, entries, (LEFT + PLOT_WIDTH - width, y))?;
-            y = HEAD;
-        } else {
-            y += HEAD / 2;
-            for count in &self.legend_rows {
-                let row = entries.by_ref().take(*count);
-                draw_entries(area, row, (LEFT, y + LEGEND_ROW / 2))?;
-                y += LEGEND_ROW;
-            }
-        }
-        for (number, line) in self.lines() {
-            let middle = y + TEXT_ROW / 2;
-            if let Some(number) = number {
-                let at = (LEFT + 14 * UNIT, middle);
-                text(area, &number.to_string(), at, 13, RED, (HPos::Right, VPos::Center))?;
-            }
-            text(area, &line, (LEFT + 22 * UNIT, middle), 13, TEXT, (HPos::Left, VPos::Center))?;
-            y += TEXT_ROW;
-        }
-        for (number, group) in (1..).zip(&self.groups) {
-            let style = (canvas::FONT, 12 * UNIT, FontStyle::Bold).into_font();
-            let color = if group.is_fault { RED } else { TEXT };
-            let style = style.color(&color).pos(Pos::new(HPos::Center, VPos::Bottom));
-            let at = (x.map(&group.seconds, (LEFT, LEFT + PLOT_WIDTH)), top - 2 * UNIT);
-            area.draw_text(&number.to_string(), &style, at).map_err(PlotError::draw)?;
-        }
-        Ok(())
-    }
-}
-
-fn draw_entries<'a>(
-    area: &Area<'_>,
-    entries: impl Iterator<Item = &'a LegendEntry>,
-    (mut left, middle): (i32, i32),
-) -> Result<(), PlotError> {
-    for entry in entries {
-        entry.draw(area, (left, middle))?;
-        left += entry.width();
-    }
-    Ok(())
-}
-
-/// Groups the events that follow the first one of their group within this time.
-fn group(events: &[Event], seconds: f64) -> Vec<EventGroup> {
-    let mut groups: Vec<EventGroup> = Vec::new();
-    for event in events {
-        match groups.last_mut() {
-            Some(group) if event.seconds - group.seconds < seconds => {
-                group.texts.push(event.text.clone());
-                group.is_fault |= event.is_fault;
-            }
-            _ => groups.push(EventGroup {
-                seconds: event.seconds,
-                texts: vec![event.text.clone()],
-                is_fault: event.is_fault,
-            }),
-        }
-    }
-    groups
 }
 
 /// A curve within the range of the vertical axis.
@@ -689,29 +521,5 @@ mod tests {
         assert_eq!(runs, [(0.5, true), (3.75, false), (4.6, true)]);
         assert_eq!((clipped.runs[0].end, clipped.count), (2.5, 4));
         assert!(clipped.parts.iter().flatten().all(|point| (0.0..=5.0).contains(&point.1)));
-    }
-
-    #[test]
-    fn close_events_have_a_common_number() {
-        let event = |seconds, is_fault| Event { seconds, text: seconds.to_string(), is_fault };
-        let groups = group(&[event(1.0, false), event(1.1, true), event(2.0, false)], 0.5);
-        assert_eq!(groups[0].texts, ["1", "1.1"]);
-        assert!(groups[0].is_fault && !groups[1].is_fault && groups.len() == 2);
-    }
-
-    #[test]
-    fn faults_are_listed_before_other_events() {
-        let mark =
-            |nth: usize| Mark { seconds: nth as f64, text: nth.to_string(), is_fault: nth == 39 };
-        let panel = CurvePanel {
-            marks: (0..40).map(mark).collect(),
-            has_texts: true,
-            ..CurvePanel::default()
-        };
-        let layout = Layout::of(&panel, &Scale::new(0.0..40.0, 7, AxisKind::Linear));
-        let lines = layout.lines();
-        assert_eq!(lines.len(), TEXT_ROWS + 1);
-        assert_eq!(lines[TEXT_ROWS - 1].1, "39.00 s: 39");
-        assert_eq!(lines[TEXT_ROWS].1, "and 28 more events");
     }
 }

@@ -7,9 +7,10 @@ use plotters::style::text_anchor::{HPos, VPos};
 
 use super::canvas;
 use super::canvas::{
-    Area, AxisKind, BLUE, FAINT, FRAME, GRID, Heading, LegendEntry, ORANGE, PlotError, Scale,
-    Symbol, TEXT, UNIT, font, px, stroke, text,
+    Area, AxisKind, BLUE, FAINT, FRAME, GRID, Heading, ORANGE, PlotError, Scale, TEXT, UNIT, font,
+    px, stroke, text,
 };
+use super::panel_head::{LegendEntry, Symbol};
 
 /// Number of bars; odd, so that symmetric distributions have a middle bar.
 pub const BARS: usize = 61;

@@ -8,6 +8,7 @@ mod axis_trace;
 mod canvas;
 mod curve_figure;
 mod histogram;
+mod panel_head;
 mod shift_figure;
 
 pub use axis_trace::{AxisEvent, AxisRecorder, AxisSample, AxisTrace};
