@@ -188,8 +188,8 @@ pub fn wrapped(content: &str, width: i32) -> Vec<String> {
 
 /// Draws the mark of an axis that does not begin at 0: two strokes across the axis.
 pub fn draw_break(area: &Area<'_>, (x, y): (i32, i32)) -> Result<(), PlotError> {
-    for shift in [-3 * UNIT, 3 * UNIT] {
-        let ends = vec![(x - 6 * UNIT, y + shift + 3 * UNIT), (x + 6 * UNIT, y + shift - 3 * UNIT)];
+    for shift in [-2 * UNIT, 2 * UNIT] {
+        let ends = vec![(x - 4 * UNIT, y + shift + 2 * UNIT), (x + 4 * UNIT, y + shift - 2 * UNIT)];
         area.draw(&PathElement::new(ends, stroke(TEXT, 2))).map_err(PlotError::draw)?;
     }
     Ok(())

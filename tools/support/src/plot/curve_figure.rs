@@ -93,7 +93,9 @@ impl CurveStack {
         let panels = || self.panels.iter().map(|panel| &panel.0);
         let points = panels().flat_map(|panel| &panel.series).flat_map(|series| &series.points);
         let marks = panels().flat_map(|panel| &panel.marks).map(|mark| mark.seconds);
-        let values = || points.clone().map(|point| point.0).chain(marks.clone());
+        let bands = panels().flat_map(|panel| &panel.bands);
+        let events = marks.chain(bands.flat_map(|band| [band.seconds.start, band.seconds.end]));
+        let values = || points.clone().map(|point| point.0).chain(events.clone());
         let start = values().fold(f64::INFINITY, f64::min);
         let end = values().fold(f64::NEG_INFINITY, f64::max);
         let is_logarithmic = self.x_kind == AxisKind::Logarithmic;
@@ -361,7 +363,7 @@ impl CurvePanel {
             area.dim_in_pixel().1 as i32 - 4 * UNIT - x_label.map_or(px(22), |_| X_LABELS) as i32;
         if y.is_broken() {
             // Beside the axis, where no curve begins.
-            canvas::draw_break(area, (LEFT - 4 * UNIT, bottom - 12 * UNIT))?;
+            canvas::draw_break(area, (LEFT - 2 * UNIT, bottom - 8 * UNIT))?;
         }
         if x.is_broken() {
             canvas::draw_break(area, (LEFT + 12 * UNIT, bottom))?;

@@ -223,6 +223,17 @@ fn texts_of_events_are_above_the_diagram() {
 }
 
 #[test]
+fn fault_after_the_last_sample_is_inside_the_diagram() {
+    let mut trace = trace();
+    trace.record_event(12.0, AxisEvent::Phase(AxisPhase::Fault));
+    let panels = trace.panels("axis 0").map(|panel| (panel, 200)).into();
+    let stacks = vec![stack("time [s]", AxisKind::Linear, panels)];
+    let svg = CurveFigure { stacks, ..CurveFigure::default() }.to_svg().unwrap();
+    assert!(contains(&texts(&svg), "12.00 s: fault") && contains(&texts(&svg), "12"));
+    assert_eq!(elements(&svg, "rect", ("fill", "#C02B2B")), 4, "two bands, two legends");
+}
+
+#[test]
 fn clipped_curve_and_axis_without_0_are_marked() {
     let points = (0..100).map(|nth| (f64::from(nth), Some(f64::from(nth % 50)))).collect();
     let series = vec![Series { name: "value".into(), tone: Tone::Difference, points }];
