@@ -9,7 +9,15 @@
 #![deny(missing_docs)]
 #![forbid(unsafe_code)]
 
-pub mod command_line;
+/// Shared by `ecan`, `ecan-sim` and the example programs: options, interrupts, output files.
+pub mod command_line {
+    pub mod interrupt;
+    pub mod log_file;
+    pub mod new_file;
+    pub mod options;
+    pub mod run_info;
+    pub mod screen;
+}
 pub mod diagnosis;
 pub mod plot;
 pub mod probe;
