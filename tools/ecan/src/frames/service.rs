@@ -266,7 +266,12 @@ impl Service {
         let session = self.session(gateway);
         let reason = match session.is_ready() {
             true => format!("lost temporarily: {what}"),
-            false => format!("lost, now {session}: {what}"),
+            false => {
+                let cause = self.link.outage_cause(gateway);
+                let cause =
+                    cause.map_or_else(String::new, |cause| format!("; it waits for {cause}"));
+                format!("lost, now {session}{cause}: {what}")
+            }
         };
         Failure::NotReady { position: self.position(gateway), reason }
     }
@@ -279,6 +284,9 @@ impl Service {
             .any(|at| counts.get(usize::from(at)).is_some_and(|count| count.frames_received > 0))
         {
             return "no received frame passes the filters".to_owned();
+        }
+        if !self.is_ready(0) {
+            return "no frame received".to_owned();
         }
         let mut rates: Vec<_> = channels
             .iter()
