@@ -82,7 +82,7 @@ def programs(folder, work, echo, drives):
         Program("replay --record", [*tool, "replay", work / "recording.log", "--record", log], {log: is_log}),
         Program("selftest", [*tool, "selftest", "--observe", "1", "--frames", "4"]),
         Program("node scan", [*drive, "node", "scan", "--nodes", "1-8"]),
-        Program("monitor", [*tool, "monitor", "--for", "0.2", "--json"]),
+        Program("monitor", [*tool, "monitor", "--for", "0.2s", "--json"]),
         Program("axis move", [*drive, "axis", "move", "--by", "100", *AXIS, "--unattended"], checks=motor_is_off),
         Program("simple_loop --dump", loop, {log: is_log}),
         Program(
