@@ -376,7 +376,8 @@ fn targets_and_sync_go_out_at_their_phases() {
         fixture.steps(500);
         assert!(fixture.cia402.all_running(), "{target:?} {sync:?}");
         let statistics = fixture.axis(0).statistics();
-        assert_eq!((statistics.holds, statistics.lost_tpdos), (0, 0), "{target:?} {sync:?}");
+        let lost = (statistics.lost_tpdos, statistics.targets_lost);
+        assert_eq!((statistics.holds, lost), (0, (0, 0)), "{target:?} {sync:?}");
         fixture.check();
         let while_running = fixture.cia402.set_scheduled_tx(&fixture.port, None, None);
         assert_eq!(while_running, Err(ScheduleError::Active { axis: 0 }));

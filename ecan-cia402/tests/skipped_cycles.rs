@@ -167,6 +167,17 @@ fn lose_targets(fixture: &mut Fixture, next: impl Fn(&mut Fixture)) {
 }
 
 #[test]
+fn failed_result_of_a_target_is_counted() {
+    let mut fixture = with_results();
+    let lost = |fixture: &Fixture| [0, 1].map(|n| fixture.axis(n).statistics().targets_lost);
+    assert_eq!(lost(&fixture), [0, 0]);
+    fixture.inject(Fault::BusOff { gateway: 0, channel: 0 });
+    fixture.steps(20);
+    // Two targets of each axis, and three times SYNC.
+    assert_eq!((lost(&fixture), failed(&fixture)), ([2, 2], 7));
+}
+
+#[test]
 fn failed_result_in_a_skipped_cycle_holds_the_axes() {
     lose_targets(&mut with_results(), |fixture| fixture.skip(1, true));
 }

@@ -452,7 +452,8 @@ fn fault_of_an_axis_leaves_the_others_to_their_ramps() {
     fixture.cia402.stop_together();
     fixture.idle(10);
     fixture.strike(1, DriveFault::Error { code: 0x2310 });
-    assert_eq!(stopped(&mut fixture), PathStop::Split { axis: 1 });
+    let stop = stopped(&mut fixture);
+    assert_eq!((stop, &*stop.to_string()), (PathStop::Split { axis: 1 }, "axis 1 left the path"));
     for axis in [0, 2] {
         assert_eq!(fixture.axis(axis).phase(), AxisPhase::Halted);
         assert_limits(&fixture, axis, start[axis], limits[axis]);

@@ -260,4 +260,8 @@ fn motion_div_changes_only_before_configuration() {
     assert_eq!(fixture.cia402.set_motion_div(1), configured);
     fixture.start();
     assert_eq!(fixture.cia402.set_motion_div(1), Err(CommandError::Configured { axis: 0 }));
+    fixture.steps(400);
+    let before = fixture.axis(0).statistics().targets_sent;
+    fixture.steps(400);
+    assert_eq!(fixture.axis(0).statistics().targets_sent, before + 200);
 }
