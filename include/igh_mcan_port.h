@@ -485,7 +485,7 @@ int igh_mcan_port_allow_diagnostic_tests(igh_mcan_port_config_t *config, size_t 
  * ecan_open(&igh, &mcan, "cell.toml");                  master and gateways, ready for frames
  * igh_cia402_context_init_file(&axes, &mcan, "cell.toml", NULL);
  *
- * The same in steps, for an application that changes what it loads:
+ * An application that changes what it loads takes the steps of this call one by one:
  *
  * ecan_igh_default_config(&igh_config);
  * if (igh_mcan_port_load_config(&igh_config, &mcan_config, "cell.toml", NULL, 0, NULL) != ECAN_OK) {
@@ -1223,7 +1223,7 @@ int igh_mcan_port_get_session_text(igh_mcan_port_t *port,
  * known, what returned and after how long, with the time since ecan_open() or ecan_igh_wait_op_timeout(). Call it
  * after each cycle until the text is empty.
  *
- * @param text  Empty if there is none. See the rules for texts in igh_ecan_common.h.
+ * @param text  Empty if there is none. A call with size 0 leaves the change for the next call. See the rules for texts in igh_ecan_common.h.
  *
  * @usage   not rt, the cycle's thread, after init
  * @return  ECAN_OK; ECAN_ERR_BUFFER for a line that is cut.

@@ -104,7 +104,7 @@ impl BusWatch {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum NotDelivered {
-    /// Nothing was delivered, and this gateway is not ready.
+    /// No frame was delivered, and this gateway is not ready.
     #[error("no frame was delivered: {gateway} waits for {waits_for}")]
     NotReady {
         /// The gateway.
@@ -124,7 +124,7 @@ pub enum NotDelivered {
         /// The present condition.
         condition: ChannelChange,
     },
-    /// Nothing was delivered although the gateways are ready.
+    /// No frame was delivered although the gateways are ready.
     #[error("no frame was delivered")]
     Nothing,
 }
@@ -282,13 +282,6 @@ impl Condition {
 pub struct ChannelChange {
     condition: Condition,
     changes: u32,
-}
-
-impl ChannelChange {
-    /// The channel takes part in the traffic of its bus, without a warning.
-    pub fn is_good(&self) -> bool {
-        self.condition.is_good()
-    }
 }
 
 impl fmt::Display for ChannelChange {

@@ -5,7 +5,7 @@ use ecan_c_boundary::result::ecan_result_t;
 use ecan_canopen::NodeConfig;
 use ecan_cia402::{Cia402, Cia402Error, SendSummary};
 use ecan_host::{Adapter, SdoRequestId};
-use ecan_mcan_port::{BusWatch, Cycle, Port, PortConfig, SendTicket};
+use ecan_mcan_port::{BusChange, BusWatch, Cycle, Port, PortConfig, SendTicket};
 use ecan_service::server::Service;
 
 use crate::callback::ProgressCallback;
@@ -39,7 +39,9 @@ pub(crate) struct Bus {
     /// Simulated time passes only while the program waits.
     pub(crate) is_stepped: bool,
     /// Of igh_mcan_port_next_change().
-    pub(crate) watch: Option<BusWatch>,
+    watch: Option<BusWatch>,
+    /// Of which only the length was asked.
+    kept_change: Option<BusChange>,
 }
 
 /// The axes on a Port, with the state of their C context.
@@ -111,6 +113,7 @@ impl Bus {
             applied,
             is_stepped,
             watch: None,
+            kept_change: None,
         }
     }
 
@@ -123,14 +126,17 @@ impl Bus {
         }
     }
 
-    /// The Port and its watch.
-    pub(crate) fn watched_port(&mut self) -> Option<(&Port, &mut BusWatch)> {
-        let Layer::Port(port) = &self.layer else { return None };
-        Some((port, self.watch.as_mut()?))
+    /// The next change of the gateways; `is_kept` leaves it for the next call.
+    pub(crate) fn next_change(&mut self, is_kept: bool) -> Option<BusChange> {
+        let (Layer::Port(port), Some(watch)) = (&self.layer, &mut self.watch) else { return None };
+        let change = self.kept_change.take().or_else(|| watch.changes(port).next());
+        self.kept_change = change.filter(|_| is_kept);
+        change
     }
 
     /// Changes of the gateways count from now on.
     pub(crate) fn watch_port(&mut self) {
+        self.kept_change = None;
         self.watch =
             if let Layer::Port(port) = &self.layer { Some(BusWatch::new(port)) } else { None };
     }
@@ -225,7 +231,7 @@ impl Bus {
         self.service = None;
         self.axes = None;
         self.last_ticket = None;
-        self.watch = None;
+        (self.watch, self.kept_change) = (None, None);
         self.port_serial = 0;
         self.layer = match std::mem::replace(&mut self.layer, Layer::Between) {
             Layer::Port(port) => Layer::Adapter(Box::new(port.into_adapter())),

@@ -173,6 +173,7 @@ static void opened_by_one_call(void)
     char path[300];
     char text[200];
     char lines[2][200] = {"", ""};
+    size_t needed = 0;
     unsigned found = 0;
     int code;
     const char *former = getenv("ECAN_ECRT");
@@ -195,7 +196,9 @@ static void opened_by_one_call(void)
             TRUE(code == ECAN_OK || ecan_result_is_temporary(code));
         }
         GOOD(igh_mcan_port_cycle_end(&port));
+        GOOD(igh_mcan_port_next_change(&port, NULL, 0, &needed));
         GOOD(igh_mcan_port_next_change(&port, text, sizeof(text), NULL));
+        SAME(strlen(text) + 1, needed);
         if (text[0] != '\0') {
             memcpy(lines[found++], text, sizeof(text));
         }

@@ -167,7 +167,7 @@ fn with_hint<'a>(
         (Ok(_), _) if has("axis") => format!("an axis is '--axis {wrong}'"),
         (Ok(_), _) if has("node") => format!("a node is '--node {wrong}'"),
         (Ok(0..4), _) if has("channel") => format!("a channel is '--channel {wrong}'"),
-        // They are for all slaves.
+        // These commands are about all slaves of a master.
         (Ok(_), _) if ["scan", "serve", "doctor"].contains(&command.get_name()) => {
             format!("a master is '--master {wrong}'")
         }

@@ -9,7 +9,7 @@
 //! igh_cia402_context_init_file(&axes, &mcan, "cell.toml", NULL);
 //! ```
 //!
-//! The same in steps, for an application that changes what it loads:
+//! An application that changes what it loads takes the steps of this call one by one:
 //!
 //! ```c
 //! ecan_igh_default_config(&igh_config);

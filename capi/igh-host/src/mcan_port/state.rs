@@ -115,7 +115,7 @@ pub fn igh_mcan_port_get_session_text(
 /// known, what returned and after how long, with the time since ecan_open() or ecan_igh_wait_op_timeout(). Call it
 /// after each cycle until the text is empty.
 ///
-/// @param text  Empty if there is none. See the rules for texts in igh_ecan_common.h.
+/// @param text  Empty if there is none. A call with size 0 leaves the change for the next call. See the rules for texts in igh_ecan_common.h.
 ///
 /// @usage   not rt, the cycle's thread, after init
 /// @return  ECAN_OK; ECAN_ERR_BUFFER for a line that is cut.
@@ -127,7 +127,7 @@ pub fn igh_mcan_port_next_change(
     needed: *mut usize,
 ) {
     pointers!(call, out_text(text, size, needed));
-    let change = bus.watched_port().and_then(|(port, watch)| watch.changes(port).next());
+    let change = bus.next_change(size == 0);
     text.put(call, &change.map_or_else(String::new, |change| change.to_string()))
 }
 

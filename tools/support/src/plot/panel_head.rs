@@ -95,7 +95,7 @@ struct EventGroup {
 }
 
 /// What is above the diagram of a panel: legend, texts of the events, and their numbers at their times.
-/// Nothing of it covers the curves.
+/// The head lies outside the diagram, so that it covers no curve.
 pub struct PanelHead {
     legend: Vec<LegendEntry>,
     /// Lines of the legend, as numbers of entries; none if it is beside the title.

@@ -69,11 +69,10 @@ pub fn run(arguments: &DiagArguments, context: &Context) -> Result {
     let mut result = read.and(explained);
     if let Some(path) = &arguments.record {
         result = save(path, bus.as_ref(), gateways, result, context);
-        if let Err(Failure::File { .. }) = result {
-            return result;
-        }
     }
-    if let Some(bus) = bus.filter(|_| arguments.clear && is_read) {
+    let is_kept =
+        arguments.record.is_none() || matches!(result, Ok(()) | Err(Failure::Recorded { .. }));
+    if let Some(bus) = bus.filter(|_| arguments.clear && is_read && is_kept) {
         clear_all(&bus, &slaves)?;
     }
     result
@@ -125,6 +124,7 @@ fn save(
     let is_failed = failure.is_some();
     let saved = Bundle::gather(bus, gateways, failure, context).save(path);
     match (saved, result) {
+        (Ok(()), Err(Failure::ReaderGone)) => Err(Failure::ReaderGone),
         (Ok(()), Err(failure)) => {
             Err(Failure::Recorded { failure: Box::new(failure), path: path.to_owned() })
         }
