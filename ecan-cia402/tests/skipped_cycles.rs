@@ -4,7 +4,10 @@
 use std::time::Duration;
 
 use crate::axes::{Fixture, START, axes, scenario};
-use ecan_cia402::{AxisCommand, AxisConfig, AxisPhase, Cia402, Cia402Config, HoldReason, StopKind};
+use ecan_cia402::{
+    AxisCommand, AxisConfig, AxisPhase, Cia402, Cia402Config, Decision, HoldReason, StopKind,
+    WaitReason,
+};
 use ecan_host::AdapterConfig;
 use ecan_mcan_port::{ChannelConfig, GatewayConfig};
 use ecan_protocol::can::{CanFrame, CanId};
@@ -141,6 +144,28 @@ fn flood(fixture: &mut Fixture) {
         }
         cia402.send_target_step(cycle)
     });
+}
+
+/// A target that the Port has no room for is not lost: the axis waits, and makes the same step later.
+#[test]
+fn target_without_room_is_counted_as_a_wait() {
+    let mut fixture = in_motion();
+    let before = [0, 1].map(|axis| (fixture.axis(axis).statistics(), fixture.axis(axis).target()));
+    let frame = CanFrame::classic(CanId::standard(0x7F0).unwrap(), &[0; 8]).unwrap();
+    fixture.cycle_with(|cia402, cycle| {
+        let can0 = cycle.channel(0, 0).unwrap();
+        while cycle.send(can0, &frame).is_ok() {}
+        cia402.send_target_step(cycle)
+    });
+    for (axis, (earlier, target)) in before.iter().enumerate() {
+        assert_eq!(fixture.axis(axis).decision(), Decision::Wait(WaitReason::Rejected));
+        assert_eq!(fixture.axis(axis).target(), *target, "axis {axis}");
+        let now = fixture.axis(axis).statistics();
+        assert_eq!((now.waits - earlier.waits, now.targets_sent - earlier.targets_sent), (1, 0));
+        assert_eq!((now.targets_rejected, now.targets_lost), (0, 0), "axis {axis}");
+    }
+    fixture.steps(20);
+    fixture.check();
 }
 
 fn failed(fixture: &Fixture) -> u64 {

@@ -384,6 +384,14 @@ fn axis_that_gets_no_target_stops_the_others_on_the_path() {
     assert!(waits > 0);
 }
 
+/// A cycle in which nothing was received has no targets for any axis.
+#[test]
+fn cycle_without_input_keeps_the_path() {
+    let table = limited(axes(2), &[Limits(4.0, 0.25)]);
+    let mut fixture = Fixture::single(table).started();
+    disturbed_stop(&mut fixture, |fixture| fixture.skip(1, true));
+}
+
 proptest! {
     #![proptest_config(ProptestConfig {
         cases: crate::axes::cases(16),

@@ -394,6 +394,8 @@ mod tests {
         // The last step bounds a change that the means cannot follow.
         assert_eq!(continued((0..40).map(|nth| if nth < 39 { 100 } else { 20 })).0, 20 * ONE);
         assert_eq!(continued([100; 40].into_iter().chain([0])).0, 0);
+        // A mean below it moves the rate by less than an increment.
+        assert_eq!(continued([20; 40].into_iter().chain([100])).0, 99 * ONE + 1);
     }
 
     #[test]
@@ -534,6 +536,7 @@ mod tests {
     #[test]
     fn target_with_a_lead_takes_effect_with_the_next_sync() {
         let mut period = TargetPeriod::new(4, 400).with_lead(2);
+        assert_eq!(period.lead(), 2);
         period.note_sync(0);
         period.note_target();
         for (cycle, has_sync, is_over) in
