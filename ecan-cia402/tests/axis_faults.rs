@@ -287,6 +287,28 @@ fn hold_after_bus_off_behind_damaged_images(images: u32) -> HoldReason {
     hold
 }
 
+/// The load keeps the motor from the last increments: within twice its standstill tolerance of the last target, the
+/// drive has got that target.
+#[test]
+fn drive_near_its_last_target_continues_after_missing_answers() {
+    for (distance, holds) in [(30, false), (60, true)] {
+        let mut table = moving(1);
+        assert_eq!(table[0].standstill, 20);
+        (table[0].tolerances.tpdo_timeout, table[0].tolerances.wc_misses) = (100, 100);
+        let mut fixture = Fixture::single(table).started();
+        fixture.strike(0, DriveFault::Blocked { for_ms: 5_000 });
+        let target = fixture.axis(0).target().unwrap() + distance;
+        fixture.axis_mut(0).set_target(target).unwrap();
+        fixture.idle(20);
+        assert_eq!(fixture.axis(0).actual().map(|at| target - at), Some(distance));
+        fixture.inject(Fault::LostFrame { direction: LossDirection::Return, cycles: 8 });
+        fixture.idle(200);
+        let reason = held_for(&fixture.cia402, 0);
+        assert_eq!(reason, holds.then_some(HoldReason::NotAtTarget), "{distance} away");
+        assert_eq!(fixture.axis(0).is_running(), !holds);
+    }
+}
+
 #[test]
 fn lost_working_counter_holds_until_activation() {
     let mut fixture = in_motion(4);

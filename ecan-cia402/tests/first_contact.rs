@@ -481,6 +481,29 @@ fn adopted_drive_gets_its_standstill_before_the_first_sync() {
     }
 }
 
+/// The standstill goes out in consecutive cycles, also if commands are repeated only with each SYNC period.
+#[test]
+fn adopted_drive_gets_its_standstill_in_consecutive_cycles() {
+    let sync = SyncConfig { every_cycles: 5, ..SyncConfig::default() };
+    let settings = Cia402Config { sync, ..config(HostHeartbeat::On) };
+    let mode = OperatingMode::CyclicVelocity;
+    let (axes, adapter) = (table(mode, HostHeartbeat::On), AdapterConfig::new(1));
+    let adapter = adapter.with_cycle(Duration::from_millis(2));
+    let mut fixture = Fixture::open_with(drives(|_| {}), adapter, axes, settings).started();
+    fixture.idle(100);
+    let settings = Cia402Config { takeover: Takeover::Adopt, sync, ..config(HostHeartbeat::On) };
+    let new = Cia402::new(&fixture.port, table(mode, HostHeartbeat::On), settings);
+    fixture.cia402 = new.unwrap_or_else(|error| panic!("{error}"));
+    fixture.steps(3);
+    fixture.simulation.with_world(|world| world.record_bus_of(0, 0));
+    fixture.until(500, |cia402| cia402.axis(0).unwrap().is_configured());
+    let to_drive = CobId::rpdo(NodeId::new(1).unwrap(), 1).can_id();
+    let recorded = fixture.simulation.with_world(ecan_sim::World::take_recorded);
+    let sent = recorded.iter().filter(|frame| frame.frame.id() == to_drive);
+    let times: Vec<_> = sent.map(|frame| frame.start_ns).collect();
+    assert!(times[1] - times[0] < 3_000_000, "{times:?}");
+}
+
 /// The transfer that the stop interrupts is aborted, and the next one can begin at once.
 #[test]
 fn stop_during_an_adoption_aborts_its_transfer() {
