@@ -49,6 +49,10 @@ impl IoSlave {
         &self.spec
     }
 
+    pub(crate) fn set_alias(&mut self, alias: u16) {
+        self.spec.alias = alias;
+    }
+
     /// Present AL state.
     #[must_use]
     pub fn al_state(&self) -> AlState {

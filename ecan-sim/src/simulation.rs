@@ -133,6 +133,17 @@ impl Simulation {
         })
     }
 
+    /// Writes the alias of a slave into its SII, as IgH's tool `ethercat alias` does: the master knows it at once.
+    /// Returns whether there is such a slave.
+    pub fn write_alias(&self, slave: usize, alias: u16) -> bool {
+        self.shared.with(|state| {
+            let Some(view) = state.master.slaves.get_mut(slave) else { return false };
+            view.description.alias = alias;
+            state.world.line_mut().set_alias(view.slot, alias);
+            true
+        })
+    }
+
     /// Calls `observer` with each fault at the time it takes effect; see
     /// [`World::observe_faults`].
     pub fn observe_faults(&self, observer: impl Fn(&FaultRecord) + Send + 'static) {

@@ -309,6 +309,17 @@ impl Line {
         }
     }
 
+    pub(crate) fn set_alias(&mut self, slot: Slot, alias: u16) {
+        match slot {
+            Slot::Gateway(index) => {
+                self.gateways.get_mut(index).into_iter().for_each(|slot| slot.spec.alias = alias);
+            }
+            Slot::Io(index) => {
+                self.ios.get_mut(index).into_iter().for_each(|slot| slot.slave.set_alias(alias));
+            }
+        }
+    }
+
     pub(crate) fn set_fmmus(&mut self, slot: Slot, fmmus: impl IntoIterator<Item = Fmmu>) {
         let target = match slot {
             Slot::Gateway(index) => self.gateways.get_mut(index).map(|slot| &mut slot.fmmus),

@@ -16,6 +16,7 @@ use ecan_protocol::object::{AbortCode, ObjectType, lookup};
 use ecan_protocol::text::Printable;
 use thiserror::Error;
 
+use crate::failure::Failure;
 use crate::program::{self, RunError};
 
 /// Default paths of the tool, for a PATH without it.
@@ -104,6 +105,15 @@ impl ToolError {
         ];
         let fits = |pair: &&(&str, &str)| self.is_about_host() && message.contains(pair.0);
         remedies.iter().find(fits).map_or("", |(_, remedy)| remedy)
+    }
+}
+
+impl From<ToolError> for Failure {
+    fn from(error: ToolError) -> Self {
+        match error.is_about_host() {
+            true => Self::Master(error.text()),
+            false => Self::Rejected(error.text()),
+        }
     }
 }
 
@@ -270,6 +280,12 @@ impl EthercatTool {
     pub fn upload_text(&self, slave: usize, index: u16) -> Result<String, ToolError> {
         let printed = self.upload(slave, index, 0, "string")?;
         Ok(printed.trim_end_matches(['\n', '\0']).to_owned())
+    }
+
+    /// Writes the alias into the SII of a slave. The master knows it at once.
+    pub fn write_alias(&self, slave: usize, alias: u16) -> Result<(), ToolError> {
+        let arguments = ["--position", &slave.to_string(), &alias.to_string()];
+        self.run_for_bytes("alias", arguments, LIMIT).map(drop)
     }
 
     /// Reads the SII up to the end of its categories.

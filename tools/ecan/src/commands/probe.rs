@@ -9,30 +9,32 @@ use clap::Args;
 use ecan_host::CycleTiming;
 use ecan_protocol::device::AlState;
 use ecan_protocol::mapping::CHANNELS;
+use ecan_protocol::text::Printable;
 use ecan_tool_support::command_line::interrupt::Interrupt;
-use ecan_tool_support::command_line::new_file;
+use ecan_tool_support::command_line::new_file::{self, Existing, WholeFile};
 use ecan_tool_support::command_line::options::RealTimeArguments;
 use ecan_tool_support::command_line::run_info::RunInfo;
 use ecan_tool_support::probe::{
     DeviceProfile, Experiment, Finding, Probe, ProbeOptions, Stage, Verdict,
 };
 use serde::Serialize;
+use serde_json::json;
 
-use super::diag;
 use super::saved_config::{Changes, Saved};
-use super::selftest::Wiring;
+use super::selftest::{GatewayReport, Wiring};
+use super::{diag, selftest};
 use crate::context::{Bus, Context, Failure, Output, Result, Tone, note};
-use crate::output::Progress;
+use crate::output::{Progress, confirm};
 
 pub const EXAMPLES: &str = "\
 Examples:
   ecan probe                                  every stage but the last
   ecan probe --wired 0-1                      and frames between two wired channels
   ecan probe --read-only                      objects only, also while an application runs
-  ecan probe --bundle probe-4711              write report, text and support bundle to a directory
+  ecan probe --report gateway.json            and `ecan selftest`, with one report to send in
   ecan probe --write-profile gateway.toml     write the measured values
 
-The stages: reading; configuration in PREOP, with a restart; OP with images without frames;
+It asks before it writes to the gateway. The stages: reading; configuration in PREOP, with a restart; OP with images without frames;
 loopback inside the CAN controller; frames between wired channels. No frame leaves a channel
 before the last stage. A restart interrupts the slaves that are connected after the gateway.
 
@@ -48,11 +50,14 @@ pub struct ProbeArguments {
     #[arg(long, value_name = "PAIR", conflicts_with = "read_only")]
     wired: Option<Wiring>,
     /// Read objects only: no restart, no configuration, no frames
-    #[arg(long)]
+    #[arg(long, conflicts_with = "yes")]
     read_only: bool,
-    /// Write report, text and support bundle to a new directory
-    #[arg(long, value_name = "DIR")]
-    bundle: Option<PathBuf>,
+    /// Do not ask before the gateway is configured and restarted
+    #[arg(long)]
+    yes: bool,
+    /// Test the gateway as `ecan selftest`, and write all results with a support bundle to a file (JSON)
+    #[arg(long, value_name = "FILE")]
+    report: Option<PathBuf>,
     /// Write the measured values to a file (TOML)
     #[arg(long, value_name = "FILE")]
     write_profile: Option<PathBuf>,
@@ -74,38 +79,68 @@ struct ProbeReport {
     /// Configuration after the probe.
     configuration: String,
     is_restored: bool,
+    /// With `--report`.
+    selftest: Option<GatewayReport>,
+}
+
+impl ProbeReport {
+    fn is_good(&self) -> bool {
+        self.is_restored
+            && self.findings.iter().all(|finding| finding.verdict != Verdict::Differs)
+            && self.selftest.as_ref().is_none_or(|selftest| selftest.is_good)
+    }
 }
 
 pub fn run(arguments: &ProbeArguments, context: &Context) -> Result {
-    let wired = wired(arguments)?;
+    if arguments.wired.as_ref().is_some_and(|wiring| wiring.pairs().len() != 1) {
+        return Err(Failure::Usage("--wired takes one pair of channels".to_owned()));
+    }
     let interrupt = Interrupt::install_with_message("stopping after restoring the configuration")?;
     let bus = context.bus()?;
     bus.ecrt()?;
     let slave = bus.slave()?;
-    if let Some(directory) = &arguments.bundle {
-        std::fs::create_dir(directory)
-            .map_err(|error| Failure::file("create", directory, error))?;
-    }
+    let file = |path: &PathBuf| {
+        WholeFile::create(path, Existing::Keep).map_err(|error| Failure::file("write", path, error))
+    };
+    let file = arguments.report.as_ref().map(file).transpose()?;
+    let is_granted = arguments.yes || arguments.read_only || bus.is_simulated();
+    let question = format_args!(
+        "Configure and restart slave {slave} for the experiments? This interrupts what is connected after it; its \
+         configuration is restored."
+    );
+    confirm(is_granted, "the experiments", question, "nothing written")?;
     arguments.real_time.apply(|line| note(line))?;
     let request = Request {
         master: context.global.master(),
-        wired,
+        wiring: arguments.wired.clone(),
         read_only: arguments.read_only,
+        has_selftest: file.is_some(),
         timing: arguments.real_time.timing(),
     };
-    let report = probe_and_restore(&bus, slave, &request, &interrupt, progress)?;
+    let probed = probe_and_restore(&bus, slave, &request, &interrupt, progress);
+    let written = file.zip(arguments.report.as_deref()).map(|(file, path)| {
+        write_report(&probed, &bus, slave, file, context)
+            .map_err(|error| Failure::file("write", path, error))
+            .map(|()| path)
+    });
+    let report = match (probed, &written) {
+        (Err(failure), Some(Ok(path))) => {
+            let path = path.to_path_buf();
+            return Err(Failure::Recorded { failure: Box::new(failure), path });
+        }
+        (probed, _) => probed?,
+    };
     context.output.data(&report, |out| print_report(&report, &context.output, out))?;
+    if let Some(path) = written.transpose()? {
+        note(format_args!("written to {}", Printable(path.display())));
+    }
     if let Some(path) = &arguments.write_profile {
         write_profile(&report.profile, path)?;
-    }
-    if let Some(directory) = &arguments.bundle {
-        write_bundle(&report, &bus, directory, context)?;
     }
     if report.was_stopped {
         return Err(Failure::Incomplete("stopped before the end of the probe".to_owned()));
     }
-    let differs = report.findings.iter().any(|finding| finding.verdict == Verdict::Differs);
-    match report.is_restored && !differs {
+    match report.is_good() {
         true => Ok(()),
         false => Err(Failure::ProblemsFound),
     }
@@ -114,12 +149,13 @@ pub fn run(arguments: &ProbeArguments, context: &Context) -> Result {
 /// The gateway is probed on the master with this index.
 struct Request {
     master: u32,
-    wired: Option<(u8, u8)>,
+    wiring: Option<Wiring>,
     read_only: bool,
+    has_selftest: bool,
     timing: CycleTiming,
 }
 
-/// Runs the experiments and restores the configuration.
+/// Runs the experiments, restores the configuration, and tests the gateway if requested.
 fn probe_and_restore(
     bus: &Bus,
     slave: usize,
@@ -129,16 +165,24 @@ fn probe_and_restore(
 ) -> Result<ProbeReport> {
     let (saved, reason) = save(bus, slave, request.read_only);
     let last_stage = if saved.is_some() { Stage::Wired } else { Stage::Reading };
+    let wired = request.wiring.as_ref().and_then(|wiring| wiring.pairs().first().copied());
     let flag = interrupt.clone();
     let stop = Arc::new(move || flag.is_set());
     let options =
-        ProbeOptions { wired: request.wired, last_stage, reason, timing: request.timing, stop };
+        ProbeOptions { wired, last_stage, reason: reason.clone(), timing: request.timing, stop };
     let mut probe = Probe::open(bus.ecrt()?, request.master, slave, options)?;
     let findings = probe.run(progress);
     let restored = match &saved {
         Some(saved) if probe.has_changed() => restore(bus, saved),
         _ => Ok("not changed".to_owned()),
     };
+    let profile = probe.device_profile().clone();
+    drop(probe);
+    let selftest = request.has_selftest.then(|| match &saved {
+        None => GatewayReport::without_test(slave, &reason),
+        Some(_) if restored.is_err() => GatewayReport::without_test(slave, "not restored"),
+        Some(_) => selftest::test_one(bus, slave, request.wiring.clone(), interrupt),
+    });
     let run = RunInfo::of_this_run("ecan", env!("CARGO_PKG_VERSION"));
     Ok(ProbeReport {
         program: run.program().to_owned(),
@@ -149,18 +193,11 @@ fn probe_and_restore(
         is_simulated: bus.is_simulated(),
         was_stopped: interrupt.is_set(),
         findings,
-        profile: probe.device_profile().clone(),
+        profile,
         is_restored: restored.is_ok(),
         configuration: restored.unwrap_or_else(|error| format!("not restored: {error}")),
+        selftest,
     })
-}
-
-fn wired(arguments: &ProbeArguments) -> Result<Option<(u8, u8)>> {
-    match arguments.wired.as_ref().map(Wiring::pairs) {
-        None => Ok(None),
-        Some([pair]) => Ok(Some(*pair)),
-        Some(_) => Err(Failure::Usage("--wired takes one pair of channels".to_owned())),
-    }
 }
 
 /// Reads the configuration that the probe restores; otherwise the reason why it only reads.
@@ -209,24 +246,18 @@ fn write_profile(profile: &DeviceProfile, path: &Path) -> Result {
     new_file::write(path, text).map_err(|error| Failure::file("write", path, error))
 }
 
-fn write_bundle(report: &ProbeReport, bus: &Bus, directory: &Path, context: &Context) -> Result {
-    let write = |name: &str, bytes: Vec<u8>| {
-        let path = directory.join(name);
-        new_file::write(&path, bytes).map_err(|error| Failure::file("write", &path, error))
-    };
-    let json = serde_json::to_vec_pretty(report).map_err(std::io::Error::from)?;
-    write("probe.json", json)?;
-    let mut text = Vec::new();
-    let ProbeReport { date, program, kernel, command_line, .. } = report;
-    writeln!(
-        text,
-        "date: {date}\nprogram: {program}\nkernel: {kernel}\ncommand line: {command_line}\n"
-    )?;
-    print_report(report, &Output::new(false, crate::global::Color::Never), &mut text)?;
-    write("probe.txt", text)?;
-    diag::record(bus, report.position, &directory.join("diagnosis.json"), context)?;
-    note(format_args!("written to {}", directory.display()));
-    Ok(())
+/// Writes the report of a probe, or its failure, with a support bundle.
+fn write_report(
+    probed: &Result<ProbeReport>,
+    bus: &Bus,
+    slave: usize,
+    file: WholeFile,
+    context: &Context,
+) -> std::io::Result<()> {
+    let failure = probed.as_ref().err().map(ToString::to_string);
+    let diagnosis = diag::gather(bus, slave, failure, context);
+    let document = json!({ "probe": probed.as_ref().ok(), "diagnosis": diagnosis });
+    file.finish(format!("{document:#}\n").as_bytes())
 }
 
 fn print_report(report: &ProbeReport, output: &Output, out: &mut dyn Write) -> std::io::Result<()> {
@@ -254,6 +285,10 @@ fn print_report(report: &ProbeReport, output: &Output, out: &mut dyn Write) -> s
         count(Verdict::Differs),
         count(Verdict::Undecided)
     )?;
+    if let Some(selftest) = &report.selftest {
+        writeln!(out, "\nselftest")?;
+        selftest.print(output, out)?;
+    }
     writeln!(out, "configuration: {}", report.configuration)
 }
 
@@ -269,5 +304,94 @@ fn print_finding(finding: &Finding, output: &Output, out: &mut dyn Write) -> std
 }
 
 #[cfg(test)]
-#[path = "probe_tests.rs"]
-mod tests;
+mod tests {
+    use super::*;
+    use ecan_sim::ClockKind;
+    use ecan_sim::SimOptions;
+
+    fn bus() -> Bus {
+        let options = SimOptions { clock: Some(ClockKind::Stepped), ..SimOptions::default() };
+        let backend = ecan_sim::open_scenario(ecan_sim::echo(1), &options).unwrap();
+        Bus::over(&backend.ecrt)
+    }
+
+    fn request() -> Request {
+        Request {
+            master: 0,
+            wiring: None,
+            read_only: false,
+            has_selftest: false,
+            timing: CycleTiming::default(),
+        }
+    }
+
+    /// Every setting of the gateway, with what is active.
+    fn everything(bus: &Bus) -> String {
+        format!("{:?}", Saved::read(bus, 0).unwrap())
+    }
+
+    /// Channel 1 active, other values not applied.
+    fn configure(bus: &Bus) {
+        for (index, subindex, value) in [(0x8002, 19, 800_000), (0x8002, 1, 1), (0x8003, 36, 2)] {
+            bus.write(0, index, subindex, value).unwrap();
+        }
+    }
+
+    fn of_verdict(report: &ProbeReport, verdict: Verdict) -> usize {
+        report.findings.iter().filter(|finding| finding.verdict == verdict).count()
+    }
+
+    #[test]
+    fn configuration_is_restored() {
+        for is_configured in [false, true] {
+            let bus = bus();
+            if is_configured {
+                configure(&bus);
+            }
+            let before = everything(&bus);
+            let report =
+                probe_and_restore(&bus, 0, &request(), &Interrupt::default(), |_| ()).unwrap();
+            assert_eq!(of_verdict(&report, Verdict::Differs), 0, "{:#?}", report.findings);
+            assert!(report.is_restored, "{}", report.configuration);
+            assert_eq!(everything(&bus), before);
+        }
+    }
+
+    #[test]
+    fn stopped_probe_restores_at_every_experiment() {
+        let count = ecan_tool_support::probe::experiments().count();
+        for stopped_at in (0..count).step_by(5) {
+            let bus = bus();
+            configure(&bus);
+            let before = everything(&bus);
+            let interrupt = Interrupt::default();
+            let mut begun = 0;
+            let stop = |_: &Experiment| {
+                if begun == stopped_at {
+                    interrupt.request();
+                }
+                begun += 1;
+            };
+            let report = probe_and_restore(&bus, 0, &request(), &interrupt, stop).unwrap();
+            assert!(report.was_stopped && report.is_restored, "{}", report.configuration);
+            let stopped =
+                report.findings.iter().filter(|finding| finding.detail == "stopped before the end");
+            assert_eq!(stopped.count(), count - stopped_at);
+            assert_eq!(everything(&bus), before, "stopped at {stopped_at}");
+        }
+    }
+
+    #[test]
+    fn read_only_probe_changes_nothing() {
+        let bus = bus();
+        configure(&bus);
+        let before = everything(&bus);
+        let request = Request { read_only: true, ..request() };
+        let report = probe_and_restore(&bus, 0, &request, &Interrupt::default(), |_| ()).unwrap();
+        assert_eq!(report.configuration, "not changed");
+        assert!(of_verdict(&report, Verdict::Holds) > 0);
+        let others = report.findings.iter().filter(|finding| finding.stage > Some(Stage::Reading));
+        assert!(others.clone().all(|other| other.detail == "not run with --read-only"));
+        assert_eq!(everything(&bus), before);
+    }
+}

@@ -1,4 +1,4 @@
-//! `reg`, `filter`, `pins`, `reboot` and `plan`, used and misused.
+//! `reg`, `filter`, `pins`, `reboot`, `plan` and the replacement of a gateway, used and misused.
 
 use crate::support::{assert_has, ends, fails, good, json_of, scenario, setting, simulated};
 
@@ -287,4 +287,108 @@ fn invalid_use_has_message_and_status() {
         message,
         "ecan: extended filter: CAN ID 0x20000000 is out of range; allowed: 0 to 0x1FFFFFFF"
     );
+}
+
+/// A machine of two gateways by alias, with a file and a log in a directory.
+struct Machine {
+    directory: tempfile::TempDir,
+}
+
+impl Machine {
+    fn new() -> Self {
+        let directory = tempfile::tempdir().unwrap();
+        let file = "[[gateway]]\nalias = 1001\ncan0 = { bitrate = 500_000 }\n\
+                    [[gateway]]\nalias = 1002\ncan0 = { bitrate = 250_000 }\n";
+        std::fs::write(directory.path().join("cell.toml"), file).unwrap();
+        Self { directory }
+    }
+
+    fn path(&self, name: &str) -> String {
+        self.directory.path().join(name).display().to_string()
+    }
+
+    /// Log with serial number, and that of the replaced gateway, of each line.
+    fn log(&self) -> Vec<(u64, Option<u64>)> {
+        let text = std::fs::read_to_string(self.path("cell.gateways.jsonl")).unwrap();
+        let line = |line: &str| {
+            let line = json_of(line);
+            (line["serial"].as_u64().unwrap(), line["replaces"].as_u64())
+        };
+        text.lines().map(line).collect()
+    }
+
+    /// Arguments for a bus with gateways of these keys.
+    fn arguments(&self, gateways: &[&str], more: &[&str]) -> Vec<String> {
+        let gateways: String =
+            gateways.iter().map(|keys| format!("[[gateway]]\n{keys}\n")).collect();
+        let bus = self.path("bus.toml");
+        std::fs::write(&bus, gateways).unwrap();
+        let words = ["--ecrt", &format!("sim:{bus}"), "config", "replace", &self.path("cell.toml")]
+            .map(str::to_owned);
+        words.into_iter().chain(more.iter().map(|word| (*word).to_owned())).collect()
+    }
+
+    fn replaces(&self, status: i32, gateways: &[&str], more: &[&str]) -> String {
+        let arguments = self.arguments(gateways, more);
+        let words: Vec<_> = arguments.iter().map(String::as_str).collect();
+        match status {
+            0 => good(&words),
+            status => fails(status, &words),
+        }
+    }
+}
+
+const FIRST: &str = "alias = 1001\nserial = 11";
+const SECOND: &str = "alias = 1002\nserial = 12";
+const NEW: &str = "serial = 13";
+
+#[test]
+fn missing_gateway_is_replaced_by_the_new_one() {
+    let machine = Machine::new();
+    let noted = machine.replaces(0, &[FIRST, SECOND], &[]);
+    assert_has(
+        &noted,
+        "gateway 1: slave 1, serial number 12, firmware 2.2.1\nno gateway is missing",
+    );
+    machine.replaces(0, &[FIRST, SECOND], &[]);
+    assert_eq!(machine.log(), [(11, None), (12, None)]);
+
+    assert_has(&machine.replaces(2, &[FIRST, NEW], &[]), "use --yes");
+    assert_has(
+        &machine.replaces(4, &[FIRST], &["--yes"]),
+        "gateway 1 (serial number 12) is missing, and the bus has no other gateway",
+    );
+    let other = format!("{NEW}\nfirmware = [2, 9]");
+    let message = machine.replaces(5, &[FIRST, &other], &["--yes"]);
+    assert_has(
+        &message,
+        "expected 2.2.1; nothing was written; use `ecan --slave serial=13 firmware update",
+    );
+    assert_eq!(machine.log().len(), 2, "nothing was replaced");
+
+    let replaced = machine.replaces(0, &[FIRST, NEW], &["--yes", "--save"]);
+    assert_has(&replaced, "slave 1: configured as gateway 1 of ");
+    assert_has(&replaced, "  saved in the Flash\n");
+    assert_eq!(machine.log(), [(11, None), (12, None), (13, Some(12))]);
+    machine.replaces(0, &[FIRST, &format!("alias = 1002\n{NEW}")], &[]);
+    assert_eq!(machine.log().len(), 3);
+}
+
+#[test]
+fn replacement_is_chosen_where_several_are_possible() {
+    let machine = Machine::new();
+    machine.replaces(0, &[FIRST, SECOND], &[]);
+    let spare = "serial = 14";
+    assert_has(&machine.replaces(4, &[FIRST, NEW, spare], &["--yes"]), "slaves 1, 2 are new");
+    assert_has(&machine.replaces(4, &[NEW, spare], &["--yes"]), "gateways 0 (serial number 11), 1");
+    let chosen = ["--yes", "--any-firmware", "--gateway", "1", "--slave", "serial=14"];
+    assert_has(
+        &machine.replaces(0, &[NEW, spare], &chosen),
+        "gateway 1: slave 1, serial number 14",
+    );
+    let message = machine.replaces(4, &[FIRST, SECOND], &["--yes", "--gateway", "0"]);
+    assert_has(&message, "gateway 0 is on the bus");
+    assert_has(&machine.replaces(2, &[FIRST], &["--gateway", "2"]), "the file has 2 gateways");
+    std::fs::write(machine.path("cell.gateways.jsonl"), "{}\nx\n").unwrap();
+    assert_has(&machine.replaces(6, &[FIRST, SECOND], &[]), "line 1: missing field");
 }

@@ -46,23 +46,29 @@ fn wired_channels_are_tried_on_request() {
 }
 
 #[test]
-fn bundle_and_profile_are_written_once() {
+fn report_has_everything_and_is_written_once() {
     let directory = tempfile::tempdir().unwrap();
     let path = |name: &str| directory.path().join(name).display().to_string();
-    let (bundle, profile) = (path("bundle"), path("gateway.toml"));
-    let printed = simulated(&["probe", "--bundle", &bundle, "--write-profile", &profile]);
+    let (file, profile) = (path("report.json"), path("gateway.toml"));
+    let printed = simulated(&["probe", "--report", &file, "--write-profile", &profile]);
+    assert_has(&printed, "\nselftest\ngateway 4294967297 at position 0: passed\n");
     let read = |name: &str| std::fs::read_to_string(directory.path().join(name)).unwrap();
-    let text = read("bundle/probe.txt");
-    let circumstances = text.strip_suffix(&printed).unwrap();
-    for name in ["date: 20", "program: ecan ", "kernel: Linux ", "command line: ecan --ecrt sim "] {
-        assert!(circumstances.lines().any(|line| line.starts_with(name)), "{circumstances}");
-    }
-    for (file, key) in [("bundle/probe.json", "findings"), ("bundle/diagnosis.json", "gateways")] {
-        let json = json_of(&read(file));
-        assert!(!json[key].is_null(), "{file}");
-    }
+    let report = json_of(&read("report.json"));
+    let probe = &report["probe"];
+    assert!(probe["findings"].as_array().unwrap().len() > 60);
+    assert!(probe["command_line"].as_str().unwrap().starts_with("ecan --ecrt sim "), "{probe}");
+    assert_eq!(
+        (&probe["selftest"]["is_good"], &probe["is_restored"]),
+        (&true.into(), &true.into())
+    );
+    let diagnosis = &report["diagnosis"];
+    assert_eq!(
+        (&diagnosis["format"], &diagnosis["failure"]),
+        (&"ecan-diagnosis".into(), &().into())
+    );
+    assert_eq!(diagnosis["gateways"].as_array().unwrap().len(), 1);
     assert!(read("gateway.toml").contains("\nschedule_depth = 64\n"), "{}", read("gateway.toml"));
-    assert_has(&fails(6, &["--ecrt", "sim", "probe", "--bundle", &bundle]), "cannot create");
+    assert_has(&fails(6, &["--ecrt", "sim", "probe", "--report", &file]), "file exists");
 }
 
 #[test]

@@ -13,12 +13,12 @@ use ecan_sim::ClockKind;
 use serde::Serialize;
 
 use crate::config_changes::{ConfigText, ReadyGateway, Report};
-use crate::context::{Context, Failure, Output, Result, Tone};
+use crate::context::{Bus, Context, Failure, Output, Result, Tone};
 use crate::service_access::ServiceConnection;
 use crate::{config_changes, config_file};
 
 #[derive(Debug, Serialize)]
-struct Applied {
+pub(super) struct Applied {
     position: usize,
     gateway: usize,
     is_complete: bool,
@@ -110,6 +110,17 @@ fn print_report(
     report.warnings.iter().try_for_each(|warning| writeln!(out, "{label} {warning}"))
 }
 
+/// Writes the file to one gateway.
+pub(super) fn write_gateway(
+    bus: &Bus,
+    file: &Config,
+    gateway: ResolvedGateway,
+) -> (Applied, Result) {
+    let mut applied = Applied::nothing(gateway);
+    let written = write_all(bus.diagnostics(), file, std::slice::from_mut(&mut applied));
+    (applied, written)
+}
+
 /// Writes to the gateways, up to the first failure, after it has examined all of them.
 fn write_all(bus: &Diagnostics, file: &Config, applied: &mut [Applied]) -> Result {
     let mut steps = Vec::new();
@@ -167,7 +178,12 @@ impl Applied {
         result
     }
 
-    fn print(
+    /// Returns whether everything was written.
+    pub(super) fn is_complete(&self) -> bool {
+        self.is_complete
+    }
+
+    pub(super) fn print(
         &self,
         path: &Path,
         with_steps: bool,

@@ -75,6 +75,12 @@ pub fn run(
     failed.map_or(Ok(()), Err)
 }
 
+/// Saves the configuration of one gateway.
+pub(super) fn save(bus: &Bus, position: usize) -> Result {
+    let saved = FlashCommand::Save.run(bus.diagnostics(), position, bus.clock());
+    saved.map(drop).map_err(|error| failure(error, position, bus))
+}
+
 fn gateways(arguments: &FlashArguments, context: &Context) -> Result<(Bus, Vec<usize>)> {
     if let Some(path) = &arguments.file {
         let (bus, resolved) = config_file::open_gateways(&config_file::read(path)?, context)?;

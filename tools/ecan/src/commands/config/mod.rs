@@ -4,6 +4,7 @@ mod apply;
 mod check;
 mod export;
 mod flash;
+mod replace;
 
 use std::path::PathBuf;
 
@@ -70,6 +71,8 @@ enum Action {
         #[arg(long)]
         yes: bool,
     },
+    /// Give a new gateway the place of a broken one: alias, configuration, log
+    Replace(replace::ReplaceArguments),
     /// Print the startup list for another EtherCAT master (5.4.3, 5.4.5)
     Export(export::ExportArguments),
 }
@@ -88,6 +91,7 @@ pub fn run(arguments: &ConfigArguments, context: &Context) -> Result {
         Action::Save(whose) => flash::run(FlashCommand::Save, whose, true, context),
         Action::Load(whose) => flash::run(FlashCommand::Load, whose, true, context),
         Action::Factory { whose, yes } => flash::run(FlashCommand::Factory, whose, *yes, context),
+        Action::Replace(arguments) => replace::run(arguments, context),
         Action::Export(arguments) => export::export_steps(arguments, context),
     }
 }

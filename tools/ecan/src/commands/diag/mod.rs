@@ -140,10 +140,16 @@ fn save(
     }
 }
 
-/// Writes a bundle of one gateway, as `--record` does.
-pub fn record(bus: &Bus, slave: usize, path: &Path, context: &Context) -> Result {
-    let gateway = read_gateway(bus, slave, Depth::Everything, None)?;
-    Bundle::gather(Some(bus), vec![gateway], None, context).save(path)
+/// The bundle of one gateway, as `--record` writes it, with what could be read.
+pub fn gather(
+    bus: &Bus,
+    slave: usize,
+    failure: Option<String>,
+    context: &Context,
+) -> impl serde::Serialize + use<> {
+    let read = read_gateway(bus, slave, Depth::Everything, None);
+    let failure = failure.or(read.as_ref().err().map(ToString::to_string));
+    Bundle::gather(Some(bus), read.into_iter().collect(), failure, context)
 }
 
 /// Clears every gateway; returns the first error.

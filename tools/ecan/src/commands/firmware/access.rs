@@ -11,7 +11,7 @@ use serde::Serialize;
 use super::package::{FirmwareFile, Rejection};
 use crate::bus::{FirmwareVersion, serial_number};
 use crate::context::{Bus, Failure, Result};
-use crate::ethercat_tool::{EthercatTool, SlaveEntry, ToolError, is_denial};
+use crate::ethercat_tool::{EthercatTool, SlaveEntry, is_denial};
 use crate::slave_choice::{Candidates, Recognised, SlaveChoice, Unknown, one_or_all};
 
 /// Poll interval during the restart of a gateway.
@@ -162,7 +162,7 @@ pub struct ByTool {
 
 impl ByTool {
     pub fn open(named: Option<&Path>, master: u32) -> Result<Self> {
-        let tool = EthercatTool::find(named, master).map_err(tool_failure)?;
+        let tool = EthercatTool::find(named, master).map_err(Failure::from)?;
         Ok(Self { tool, opened: Instant::now() })
     }
 
@@ -172,26 +172,18 @@ impl ByTool {
     }
 }
 
-fn tool_failure(error: ToolError) -> Failure {
-    if error.is_about_host() {
-        Failure::Master(error.text())
-    } else {
-        Failure::Rejected(error.text())
-    }
-}
-
 impl Gateways for ByTool {
     fn present(&self) -> Result<Vec<SlaveEntry>> {
-        self.tool.slaves().map_err(tool_failure)
+        self.tool.slaves().map_err(Failure::from)
     }
 
     fn identity(&self, slave: usize) -> Result<Identity> {
-        let (vendor_id, product_code) = self.tool.identity(slave).map_err(tool_failure)?;
+        let (vendor_id, product_code) = self.tool.identity(slave).map_err(Failure::from)?;
         Ok(Identity { vendor_id, product_code })
     }
 
     fn number(&self, slave: usize, index: u16, subindex: u8) -> Result<u32> {
-        self.tool.upload_number(slave, index, subindex).map_err(tool_failure)
+        self.tool.upload_number(slave, index, subindex).map_err(Failure::from)
     }
 
     fn is_denial(&self, failure: &Failure) -> bool {
@@ -199,7 +191,7 @@ impl Gateways for ByTool {
     }
 
     fn software_version(&self, slave: usize) -> Result<String> {
-        self.tool.upload_text(slave, 0x100A).map_err(tool_failure)
+        self.tool.upload_text(slave, 0x100A).map_err(Failure::from)
     }
 
     fn write(

@@ -9,7 +9,7 @@ use serde::Serialize;
 
 use super::gateways::{TestedGateway, of_active_channels, read, restore};
 use super::group::{GroupEnd, GroupTest, Member};
-use super::plan::{Rate, SelftestArguments, TestPlan};
+use super::plan::{Rate, SelftestArguments, TestPlan, Wiring};
 use super::report::GatewayReport;
 use crate::config_file;
 use crate::context::{Bus, Context, Failure, Output, Result, note};
@@ -79,8 +79,7 @@ pub fn run(arguments: &SelftestArguments, context: &Context) -> Result {
             let message = format!("{serial} is also the serial number of another gateway");
             report.add("serial number", Err(message));
         }
-        report.is_good = report.is_good_so_far();
-        report.is_complete = report.left_out() == 0;
+        report.conclude();
         if let Some(directory) = &arguments.report
             && let Err(failure) = report.write(directory, is_duplicate)
         {
@@ -101,6 +100,32 @@ pub fn run(arguments: &SelftestArguments, context: &Context) -> Result {
         None if is_good => Ok(()),
         None => Err(Failure::ProblemsFound),
     }
+}
+
+/// Tests one gateway as the command does without other arguments, and restores it. What prevents the test is part
+/// of the report.
+pub fn test_one(
+    bus: &Bus,
+    slave: usize,
+    wiring: Option<Wiring>,
+    interrupt: &Interrupt,
+) -> GatewayReport {
+    let test = || {
+        let arguments = SelftestArguments::with_wiring(wiring)?;
+        let rates = Rate::usual();
+        let plan = TestPlan::new(&arguments, &rates, bus.master())?;
+        let traffic = of_active_channels(bus, &[slave], plan.tested(), arguments.observe);
+        super::gateways::require_no_traffic(&traffic, arguments.observe)?;
+        test_and_restore(bus, &plan, &[slave], interrupt)
+    };
+    let (run, reports) = test().unwrap_or_else(|failure| (Err(failure), Vec::new()));
+    let untested = || GatewayReport { position: slave, ..GatewayReport::default() };
+    let mut report = reports.into_iter().next().unwrap_or_else(untested);
+    if let Err(failure) = run {
+        report.add("test", Err(failure.to_string()));
+    }
+    report.conclude();
+    report
 }
 
 /// Tests slaves; the inner result is that of the test.

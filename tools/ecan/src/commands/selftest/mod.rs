@@ -9,5 +9,6 @@ mod plan;
 mod report;
 mod test_bus;
 
-pub use command::{EXAMPLES, run};
+pub use command::{EXAMPLES, run, test_one};
 pub use plan::{SelftestArguments, Wiring};
+pub use report::GatewayReport;

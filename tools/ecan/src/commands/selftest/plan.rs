@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::str::FromStr;
 use std::time::Duration;
 
-use clap::Args;
+use clap::{Args, FromArgMatches as _};
 use ecan_host::{AdapterConfig, StartupStep};
 use ecan_mcan_port::{ChannelConfig, Config, GatewayConfig, MAX_GATEWAYS, PortConfig};
 use ecan_protocol::config::{McanChannelConfig, NodeMode};
@@ -69,6 +69,17 @@ pub struct SelftestArguments {
     pub(super) cycle_us: u32,
     #[command(flatten)]
     pub(super) real_time: RealTimeArguments,
+}
+
+impl SelftestArguments {
+    /// The default of each argument, with wired channels.
+    pub(super) fn with_wiring(wired: Option<Wiring>) -> Result<Self> {
+        let command = Self::augment_args(clap::Command::new("selftest"));
+        let matches = command.try_get_matches_from(["selftest"]);
+        let defaults = matches.and_then(|matches| Self::from_arg_matches(&matches));
+        let defaults = defaults.map_err(|error| Failure::Usage(error.to_string()))?;
+        Ok(Self { wired, ..defaults })
+    }
 }
 
 /// Route from one channel to another, or to itself.

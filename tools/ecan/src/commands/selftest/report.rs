@@ -53,9 +53,9 @@ pub(super) struct Figures {
 }
 
 #[derive(Debug, Default, Serialize)]
-pub(super) struct GatewayReport {
+pub struct GatewayReport {
     /// No check failed.
-    pub(super) is_good: bool,
+    pub is_good: bool,
     /// Nothing was left out.
     pub(super) is_complete: bool,
     pub(super) was_stopped: bool,
@@ -74,6 +74,20 @@ pub(super) struct GatewayReport {
 }
 
 impl GatewayReport {
+    /// Report about a gateway that is not tested.
+    pub fn without_test(position: usize, reason: &str) -> Self {
+        let mut report = Self { position, ..Self::default() };
+        report.leave_out("test", reason);
+        report.conclude();
+        report
+    }
+
+    /// Evaluates the checks.
+    pub(super) fn conclude(&mut self) {
+        self.is_good = self.is_good_so_far();
+        self.is_complete = self.left_out() == 0;
+    }
+
     pub(super) fn add(&mut self, name: impl Into<String>, found: Result<String, String>) {
         let is_good = Some(found.is_ok());
         let (Ok(detail) | Err(detail)) = found;
@@ -114,7 +128,7 @@ impl GatewayReport {
         }
     }
 
-    pub(super) fn print(&self, output: &Output, out: &mut dyn Write) -> std::io::Result<()> {
+    pub fn print(&self, output: &Output, out: &mut dyn Write) -> std::io::Result<()> {
         let verdict = match self.is_good {
             true => output.toned(Tone::Good, "passed"),
             false => output.toned(Tone::Bad, "FAILED"),
