@@ -25,7 +25,7 @@
 //! use ecan_canopen::{Network, NetworkConfig, NodeAddress, NodeConfig, NodeId};
 //!
 //! fn device_type(port: &mut ecan_mcan_port::Port) -> Result<Vec<u8>, Box<dyn std::error::Error>> {
-//!     let node = NodeId::new(1).ok_or("invalid node-ID")?;
+//!     let node = NodeId::new(1)?;
 //!     let mut network = Network::new(NetworkConfig::default());
 //!     let address = NodeAddress { slave: 0, channel: 0, node };
 //!     let drive = network.add_node(address, NodeConfig::default())?;
@@ -51,7 +51,7 @@
 //! for warning in file.warnings() {
 //!     eprintln!("{warning}");
 //! }
-//! let node = NodeId::new(5).ok_or("invalid node-ID")?;
+//! let node = NodeId::new(5)?;
 //! let heartbeat = file.find("heartbeat")?;
 //! assert_eq!(heartbeat.parameter_value(node).map(|value| value.to_string()), Some("100".into()));
 //! let downloads = file.downloads(node, DownloadScope::Changed)?;

@@ -71,7 +71,7 @@ impl Fixture {
     ) {
         for slave in 0..slaves {
             for channel in 0..4 {
-                for node in (1..=per_channel).filter_map(NodeId::new) {
+                for node in (1..=per_channel).filter_map(NodeId::from_raw) {
                     let address = NodeAddress { slave, channel, node };
                     let handle = self.network.add_node(address, NodeConfig::default()).unwrap();
                     self.network.boot(handle, config(address));

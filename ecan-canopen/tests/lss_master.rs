@@ -40,7 +40,7 @@ fn state_after(command: LssCommand, response: [u8; 8]) -> Lss {
 
 #[test]
 fn commands_have_the_bytes_of_cia_305() {
-    let node = NodeId::new(0x12);
+    let node = NodeId::from_raw(0x12);
     let range = LssAddressRange {
         vendor: 0x1122_3344,
         product: 0x55,
@@ -102,7 +102,7 @@ fn address_is_read_in_four_requests() {
 
 #[test]
 fn error_codes_of_slaves_are_typed() {
-    let node = NodeId::new(5);
+    let node = NodeId::from_raw(5);
     let configure = LssCommand::ConfigureNodeId(node);
     let bit_rate = LssBitRate::Rate800k;
     let failed = [
@@ -197,7 +197,7 @@ fn commands() -> impl Strategy<Value = LssCommand> {
     prop_oneof![
         any::<bool>().prop_map(|configuration| LssCommand::SwitchGlobal { configuration }),
         Just(LssCommand::SwitchSelective(ADDRESS)),
-        (0..=127u8).prop_map(|node| LssCommand::ConfigureNodeId(NodeId::new(node))),
+        (0..=127u8).prop_map(|node| LssCommand::ConfigureNodeId(NodeId::from_raw(node))),
         Just(LssCommand::ConfigureBitRate(LssBitRate::Rate50k)),
         (0..50u16).prop_map(|delay_ms| LssCommand::ActivateBitRate { delay_ms }),
         Just(LssCommand::Store),

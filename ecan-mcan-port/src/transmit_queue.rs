@@ -351,7 +351,7 @@ fn frame_word(frame: &CanFrame) -> u64 {
 
 fn frame_of(word: u64, data: &[u8; 64]) -> Option<FrameRef<'_>> {
     let id = CanId::new(word as u32 & (EXTENDED as u32 - 1), word & EXTENDED != 0).ok()?;
-    let dlc = Dlc::new((word >> DLC_SHIFT) as u8)?;
+    let dlc = Dlc::from_raw((word >> DLC_SHIFT) as u8)?;
     if word & REMOTE != 0 {
         return FrameRef::remote(id, dlc).ok();
     }

@@ -108,7 +108,7 @@ fn run(arguments: &Arguments) -> Result<bool, Box<dyn Error>> {
     let mut port = Port::open(&backend.ecrt, (adapter, config))?;
     port.wait_ready()?;
 
-    let node = NodeId::new(arguments.node).ok_or("invalid node-ID")?;
+    let node = NodeId::new(arguments.node)?;
     let mut network = Network::new(NetworkConfig::default());
     let address = NodeAddress { slave: 0, channel: arguments.channel, node };
     let node = network.add_node(address, NodeConfig::default())?;

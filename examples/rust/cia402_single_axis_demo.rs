@@ -48,7 +48,7 @@ fn main() -> ExitCode {
 /// Runs the demo. Returns whether the axis followed its targets until the end.
 fn run(arguments: &Arguments) -> Result<bool, Box<dyn Error>> {
     let Arguments { motion, cycles, slaves, channel, node } = arguments;
-    let node = NodeId::new(*node).ok_or("invalid node-ID")?;
+    let node = NodeId::new(*node)?;
     let address = NodeAddress { slave: 0, channel: *channel, node };
     run_motion(NAME, motion, *slaves, [AxisConfig::new(address)], *cycles)
 }

@@ -338,7 +338,7 @@ pub fn igh_mcan_dlc_from_len(len: usize, is_fd: c_int) -> c_int {
 /// @return  0 to 64; ECAN_ERR_ARGUMENT above 15.
 #[export(call)]
 pub fn igh_mcan_len_from_dlc(dlc: u8, is_fd: c_int) -> c_int {
-    let dlc = Dlc::new(dlc).ok_or_else(|| {
+    let dlc = Dlc::from_raw(dlc).ok_or_else(|| {
         call.argument("dlc", format_args!("{dlc} is out of range; allowed: 0 to 15"))
     })?;
     Ok(if is_fd != 0 { dlc.fd_len() } else { dlc.classic_len() } as c_int)

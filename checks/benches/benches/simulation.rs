@@ -101,7 +101,7 @@ fn further_tpdo(node: NodeId, number: u8) -> Result<PdoMapping, PdoMappingError>
 
 fn axis(case: &Case, number: usize) -> Fallible<AxisConfig> {
     let (bus, tpdos) = (number % case.buses(), (case.tpdos)(number));
-    let node = NodeId::new((number / case.buses()) as u8 + 1).ok_or("no such node-ID")?;
+    let node = NodeId::new((number / case.buses()) as u8 + 1)?;
     let (slave, channel) = (bus / CHANNELS, (bus % CHANNELS) as u8);
     let address = NodeAddress { slave, channel, node };
     let mut settings = AxisConfig::new(address).with_target_step(STEP);

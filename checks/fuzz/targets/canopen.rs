@@ -43,7 +43,7 @@ fuzz_target!(|data: &[u8]| {
         let length = usize::from(choice >> 4).min(data.len());
         let frame = match (id, data.get(..length)) {
             (Some(id), _) if choice & 8 != 0 => {
-                Dlc::new(1).and_then(|dlc| CanFrame::remote(id, dlc).ok())
+                Dlc::new(1).and_then(|dlc| CanFrame::remote(id, dlc)).ok()
             }
             (Some(id), Some(data)) => CanFrame::classic(id, data).ok(),
             _ => None,
@@ -118,7 +118,7 @@ fn configure(master: &mut LssMaster, choice: u8, data: &[u8], now: u64) {
         1 => LssCommand::InquireAddress,
         2 => LssCommand::SwitchSelective(LssAddress::default()),
         3 => LssCommand::InquireNodeId,
-        4 => LssCommand::ConfigureNodeId(NodeId::new(choice)),
+        4 => LssCommand::ConfigureNodeId(NodeId::from_raw(choice)),
         _ => LssCommand::Store,
     };
     master.start(command);

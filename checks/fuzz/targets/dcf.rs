@@ -17,7 +17,7 @@ fuzz_target!(|data: &[u8]| {
     }
     let Ok(mut file) = DeviceFile::parse(data) else { return };
     for id in [1, 127] {
-        let Some(node) = NodeId::new(id) else { continue };
+        let Some(node) = NodeId::from_raw(id) else { continue };
         for scope in [DownloadScope::Changed, DownloadScope::All] {
             let downloads = file.downloads(node, scope).expect("values that were read");
             let bytes = encode_concise_dcf(&downloads);

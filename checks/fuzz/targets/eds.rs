@@ -16,7 +16,7 @@ fuzz_target!(|data: &[u8]| {
         assert_eq!(file.find(&file.label(entry)), Ok(entry));
     }
     // A node takes longer than all of the above.
-    let Some(node) = NodeId::new(5).filter(|_| data.len().is_multiple_of(8)) else { return };
+    let Some(node) = NodeId::from_raw(5).filter(|_| data.len().is_multiple_of(8)) else { return };
     let mut drive = Drive::from_device_file(&DriveConfig::new(node), &file);
     let mut out = NodeOutput::new();
     drive.started(0, &mut out);

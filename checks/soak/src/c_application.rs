@@ -398,7 +398,7 @@ fn frame_of(item: &igh_mcan_rx_frame_t) -> Result<CanFrame, FrameError> {
     if has(IGH_MCAN_FLAG_FD) {
         CanFrame::fd(id, data, has(IGH_MCAN_FLAG_BRS), has(IGH_MCAN_FLAG_ESI))
     } else if has(IGH_MCAN_FLAG_RTR) {
-        let dlc = Dlc::new(item.len).ok_or(FrameError::RemoteDlc { dlc: item.len })?;
+        let dlc = Dlc::from_raw(item.len).ok_or(FrameError::RemoteDlc { dlc: item.len })?;
         CanFrame::remote(id, dlc)
     } else {
         CanFrame::classic(id, data)

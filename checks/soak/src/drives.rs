@@ -67,7 +67,7 @@ pub fn drives(machine: &Machine) -> Vec<(NodeAddress, Mode)> {
     for (slave, gateway) in machine.gateway.iter().enumerate() {
         for channel in &gateway.channel {
             if let Partner::Drives { count, mode } = channel.partner {
-                let nodes = (1..=count).filter_map(NodeId::new);
+                let nodes = (1..=count).filter_map(NodeId::from_raw);
                 let address = |node| NodeAddress { slave, channel: channel.number, node };
                 drives.extend(nodes.map(|node| (address(node), mode)));
             }

@@ -324,7 +324,7 @@ fn length_code(text: &[u8]) -> Option<(Dlc, &[u8])> {
         [code, hex @ ..] => (hex_digit(*code)?, hex),
         [] => return None,
     };
-    Some((Dlc::new(code)?, hex))
+    Some((Dlc::from_raw(code)?, hex))
 }
 
 fn digit(text: &[u8]) -> Option<u8> {

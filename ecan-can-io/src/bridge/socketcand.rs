@@ -185,7 +185,7 @@ fn data_frame<'a>(words: &mut impl Iterator<Item = &'a str>) -> Option<CanFrame>
 
 fn remote_frame<'a>(words: &mut impl Iterator<Item = &'a str>) -> Option<CanFrame> {
     let id = identifier(words.next()?)?;
-    CanFrame::remote(id, Dlc::new(words.next()?.parse().ok()?)?).ok()
+    CanFrame::remote(id, Dlc::from_raw(words.next()?.parse().ok()?)?).ok()
 }
 
 /// An identifier with eight digits or more is extended. SocketCAN identifiers mark it with bit 31,

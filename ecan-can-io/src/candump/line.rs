@@ -150,7 +150,7 @@ fn remote_frame(cursor: &mut Cursor<'_>, id: CanId) -> Result<CanFrame, ParseErr
         Some(b' ' | b'\t' | b'\r' | b'\n') | None => 0,
         Some(_) => cursor.take_decimal().ok_or_else(invalid)?,
     };
-    let dlc = Dlc::new(value).ok_or_else(invalid)?;
+    let dlc = Dlc::from_raw(value).ok_or_else(invalid)?;
     let frame = CanFrame::remote(id, dlc).map_err(|_| invalid())?;
     if value == 8 {
         raw_dlc(cursor)?;

@@ -199,7 +199,7 @@ fn frame(cursor: &mut Cursor<'_>, id: CanId, brs: bool, esi: bool) -> Result<Can
     let (length, is_fd) = length(cursor)?;
     if !is_fd && cursor.rest().trim() == "remote request" {
         let invalid = || start.error(ParseErrorKind::RemoteDlc);
-        let dlc = Dlc::new(length).ok_or_else(invalid)?;
+        let dlc = Dlc::from_raw(length).ok_or_else(invalid)?;
         return CanFrame::remote(id, dlc).map_err(|_| invalid());
     }
     let mut buffer = [0; 64];

@@ -160,7 +160,7 @@ fn bit(text: &str) -> Option<bool> {
 }
 
 fn dlc(text: &str) -> Option<Dlc> {
-    number(text, 16).and_then(|value| Dlc::new(value.try_into().ok()?))
+    number(text, 16).and_then(|value| Dlc::from_raw(value.try_into().ok()?))
 }
 
 fn can_id(text: &str, radix: u32) -> Option<CanId> {

@@ -206,7 +206,7 @@ struct Message<'b> {
 impl<'b> Message<'b> {
     fn classic(body: &'b [u8]) -> Option<Self> {
         let dlc = *body.get(3)?;
-        let length = Dlc::new(dlc & 0xF)?.classic_len();
+        let length = Dlc::from_raw(dlc & 0xF)?.classic_len();
         let is_remote = body.get(2)? & REMOTE != 0;
         Some(Self {
             channel: half(body, 0)?,

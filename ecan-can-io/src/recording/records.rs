@@ -108,7 +108,7 @@ pub fn classic(fields: &mut Fields<'_>, id: CanId, dlc: Dlc, radix: u32) -> Fiel
 /// A remote frame; a DLC above 8 counts as 8.
 pub fn remote(id: CanId, dlc: u8) -> FieldResult<CanFrame> {
     let invalid = || RecordingErrorKind::LengthMismatch { length: 0, dlc };
-    let dlc = Dlc::new(dlc.min(8)).ok_or_else(invalid)?;
+    let dlc = Dlc::from_raw(dlc.min(8)).ok_or_else(invalid)?;
     CanFrame::remote(id, dlc).map_err(|_| invalid())
 }
 

@@ -158,7 +158,7 @@ fn frame(fields: &mut Fields<'_>, id: CanId, kind: Kind, length: Length) -> Fiel
         Kind::Data => {
             let dlc = match length {
                 Length::Bytes(bytes) => Dlc::from_classic_len(bytes.into()),
-                Length::Dlc(dlc) => Dlc::new(dlc),
+                Length::Dlc(dlc) => Dlc::from_raw(dlc),
             };
             // J1939 messages of several frames have more bytes.
             classic(fields, id, dlc.ok_or_else(|| too_long("0 to 8 in a CAN frame"))?, 16)
@@ -166,7 +166,7 @@ fn frame(fields: &mut Fields<'_>, id: CanId, kind: Kind, length: Length) -> Fiel
         Kind::Fd { brs, esi } => {
             let dlc = match length {
                 Length::Bytes(bytes) => Dlc::from_fd_len(bytes.into()),
-                Length::Dlc(dlc) => Dlc::new(dlc),
+                Length::Dlc(dlc) => Dlc::from_raw(dlc),
             };
             let expected = "0 to 8, 12, 16, 20, 24, 32, 48 or 64";
             let bytes = dlc.ok_or_else(|| too_long(expected))?.fd_len();

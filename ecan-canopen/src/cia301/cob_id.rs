@@ -106,7 +106,7 @@ impl CobId {
         }
         let raw = id.raw();
         let function = raw & 0x780;
-        let Some(node) = NodeId::new((raw & 0x7F) as u8) else {
+        let Some(node) = NodeId::from_raw((raw & 0x7F) as u8) else {
             return match raw {
                 0x000 => Some(Service::Nmt),
                 0x080 => Some(Service::Sync),
@@ -142,7 +142,7 @@ mod tests {
         is(CobId::TIME, Service::Time);
         is(CobId::LSS_RESPONSE, Service::LssResponse);
         is(CobId::LSS_REQUEST, Service::LssRequest);
-        for node in (1..=127).filter_map(NodeId::new) {
+        for node in (1..=127).filter_map(NodeId::from_raw) {
             is(CobId::emcy(node), Service::Emcy(node));
             is(CobId::sdo_client(node), Service::SdoClient(node));
             is(CobId::sdo_server(node), Service::SdoServer(node));

@@ -9,12 +9,12 @@ mod sdo;
 pub use cob_id::{CobId, Service};
 pub use emcy::{Emcy, EmcyClass, ErrorRegister, HistoryEntry, error_code_text};
 pub use nmt::{
-    GuardResponse, HeartbeatConsumer, NmtCommand, NmtRequest, NmtState, NodeId, heartbeat_data,
-    parse_heartbeat,
+    GuardResponse, HeartbeatConsumer, NmtCommand, NmtRequest, NmtState, NodeId, NodeIdError,
+    heartbeat_data, parse_heartbeat,
 };
 pub use pdo::{
-    DispatcherEntry, MappingEntry, Mpdo, MpdoAddress, MpdoDecodeError, PdoCobId, SYNC_COB_ID,
-    ScannerEntry, TimeOfDay, TransmissionType, parse_sync, sync_data,
+    DispatcherEntry, MappingEntry, Mpdo, MpdoAddress, MpdoError, PdoCobId, SYNC_COB_ID,
+    ScannerEntry, TimeOfDay, TimeOfDayError, TransmissionType, parse_sync, sync_data,
 };
 pub use sdo::{
     BlockSegment, ClientFrame, Initiate, MAX_BLOCK_SIZE, SdoDecodeError, Segment, ServerFrame,

@@ -47,7 +47,7 @@ impl NmtRequest {
         let command = NmtCommand::from_raw(command)?;
         match node {
             0 => Some(Self { command, node: None }),
-            _ => NodeId::new(node).map(|node| Self { command, node: Some(node) }),
+            _ => NodeId::from_raw(node).map(|node| Self { command, node: Some(node) }),
         }
     }
 }
@@ -97,7 +97,7 @@ impl HeartbeatConsumer {
     pub const fn from_raw(raw: u32) -> Option<Self> {
         let [time_low, time_high, producer, reserved] = raw.to_le_bytes();
         let time_ms = u16::from_le_bytes([time_low, time_high]);
-        match NodeId::new(producer) {
+        match NodeId::from_raw(producer) {
             Some(producer) if time_ms > 0 && reserved == 0 => Some(Self { producer, time_ms }),
             _ => None,
         }
@@ -132,6 +132,14 @@ impl GuardResponse {
     }
 }
 
+/// Error: the number is not a node-ID.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("node-ID {id} is out of range; allowed: 1 to 127")]
+pub struct NodeIdError {
+    /// The number.
+    pub id: u8,
+}
+
 /// Node id of a CANopen device, 1 to 127.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct NodeId(u8);
@@ -142,9 +150,17 @@ impl NodeId {
     /// The highest id.
     pub const MAX: Self = Self(127);
 
-    /// The id with this number; `None` outside 1 to 127.
-    pub const fn new(id: u8) -> Option<Self> {
-        if id >= 1 && id <= 127 { Some(Self(id)) } else { None }
+    /// The id with this number.
+    ///
+    /// # Errors
+    /// [`NodeIdError`] outside 1 to 127.
+    pub const fn new(id: u8) -> Result<Self, NodeIdError> {
+        if id >= 1 && id <= 127 { Ok(Self(id)) } else { Err(NodeIdError { id }) }
+    }
+
+    /// The id in received data; `None` outside 1 to 127.
+    pub const fn from_raw(raw: u8) -> Option<Self> {
+        if raw >= 1 && raw <= 127 { Some(Self(raw)) } else { None }
     }
 
     /// The number.
@@ -165,7 +181,7 @@ mod tests {
 
     #[test]
     fn nmt_bytes_match_cia_301() {
-        let node = NodeId::new(5);
+        let node = NodeId::from_raw(5);
         let request = NmtRequest { command: NmtCommand::Start, node };
         assert_eq!(request.to_bytes(), [0x01, 0x05]);
         let all = NmtRequest { command: NmtCommand::ResetNode, node: None };

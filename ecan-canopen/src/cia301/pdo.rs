@@ -160,6 +160,14 @@ const MS: u64 = 1_000_000;
 /// Milliseconds have 28 bits; the upper four are reserved.
 const MS_MASK: u32 = 0x0FFF_FFFF;
 
+/// Error: the time is not within a day.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{ms} ms after midnight are out of range; allowed: 0 to {}", TimeOfDay::DAY_MS - 1)]
+pub struct TimeOfDayError {
+    /// Milliseconds after midnight.
+    pub ms: u32,
+}
+
 /// Time of day and date, in milliseconds and days since 1984-01-01.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct TimeOfDay {
@@ -171,10 +179,12 @@ impl TimeOfDay {
     /// Milliseconds of a day.
     pub const DAY_MS: u32 = DAY_MS as u32;
 
-    /// The time `ms` milliseconds after midnight, `days` days after 1984-01-01; `None` if `ms` is not below
-    /// [`DAY_MS`](Self::DAY_MS).
-    pub const fn new(days: u16, ms: u32) -> Option<Self> {
-        if ms < Self::DAY_MS { Some(Self { days, ms }) } else { None }
+    /// The time `ms` milliseconds after midnight, `days` days after 1984-01-01.
+    ///
+    /// # Errors
+    /// [`TimeOfDayError`] if `ms` is not below [`DAY_MS`](Self::DAY_MS).
+    pub const fn new(days: u16, ms: u32) -> Result<Self, TimeOfDayError> {
+        if ms < Self::DAY_MS { Ok(Self { days, ms }) } else { Err(TimeOfDayError { ms }) }
     }
 
     /// Days since 1984-01-01.
@@ -211,7 +221,7 @@ impl TimeOfDay {
     pub fn parse(data: &[u8]) -> Option<Self> {
         let &[a, b, c, d, low, high] = data else { return None };
         let ms = u32::from_le_bytes([a, b, c, d]) & MS_MASK;
-        Self::new(u16::from_le_bytes([low, high]), ms)
+        Self::new(u16::from_le_bytes([low, high]), ms).ok()
     }
 }
 
@@ -247,12 +257,18 @@ pub struct Mpdo {
     pub data: [u8; 4],
 }
 
-/// Error: data that is not an MPDO.
+/// Error: data that is not an MPDO, or a value that does not fit one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum MpdoDecodeError {
+pub enum MpdoError {
     /// An MPDO has 8 data bytes.
     #[error("an MPDO has {length} data bytes; required: 8")]
     Length {
+        /// Number of bytes.
+        length: usize,
+    },
+    /// A value has at most 4 bytes.
+    #[error("a value of {length} bytes does not fit an MPDO; allowed: 0 to 4")]
+    Value {
         /// Number of bytes.
         length: usize,
     },
@@ -269,11 +285,19 @@ impl Mpdo {
     /// Number of mapped objects (subindex 0 of the mapping) of an MPDO in destination address mode.
     pub const DESTINATION_MAPPING: u8 = 0xFF;
 
-    /// An MPDO of a value of up to four bytes; `None` for a longer one.
-    pub fn new(address: MpdoAddress, (index, subindex): (u16, u8), value: &[u8]) -> Option<Self> {
+    /// An MPDO of a value of up to four bytes.
+    ///
+    /// # Errors
+    /// [`MpdoError::Value`] for a longer one.
+    pub fn new(
+        address: MpdoAddress,
+        (index, subindex): (u16, u8),
+        value: &[u8],
+    ) -> Result<Self, MpdoError> {
         let mut data = [0; 4];
-        data.get_mut(..value.len())?.copy_from_slice(value);
-        Some(Self { address, index, subindex, data })
+        let used = data.get_mut(..value.len()).ok_or(MpdoError::Value { length: value.len() })?;
+        used.copy_from_slice(value);
+        Ok(Self { address, index, subindex, data })
     }
 
     /// The data of the CAN frame.
@@ -291,16 +315,16 @@ impl Mpdo {
     /// Reads the data of a CAN frame.
     ///
     /// # Errors
-    /// [`MpdoDecodeError`].
-    pub fn parse(data: &[u8]) -> Result<Self, MpdoDecodeError> {
+    /// [`MpdoError`].
+    pub fn parse(data: &[u8]) -> Result<Self, MpdoError> {
         let &[address, low, high, subindex, a, b, c, d] = data else {
-            return Err(MpdoDecodeError::Length { length: data.len() });
+            return Err(MpdoError::Length { length: data.len() });
         };
-        let node = NodeId::new(address & !DESTINATION);
+        let node = NodeId::from_raw(address & !DESTINATION);
         let address = if address & DESTINATION != 0 {
             MpdoAddress::Destination(node)
         } else {
-            MpdoAddress::Source(node.ok_or(MpdoDecodeError::NoProducer)?)
+            MpdoAddress::Source(node.ok_or(MpdoError::NoProducer)?)
         };
         let index = u16::from_le_bytes([low, high]);
         Ok(Self { address, index, subindex, data: [a, b, c, d] })
@@ -382,7 +406,7 @@ impl DispatcherEntry {
             raw.to_le_bytes();
         let index = u16::from_le_bytes([low, high]);
         let local_index = u16::from_le_bytes([local_low, local_high]);
-        match NodeId::new(producer) {
+        match NodeId::from_raw(producer) {
             Some(producer) => {
                 let count = block(count);
                 Some(Self { producer, index, subindex, local_index, local_subindex, count })
@@ -522,9 +546,9 @@ mod tests {
         assert!(all.is_for(node(6)));
         let source = Mpdo { address: MpdoAddress::Source(node(5)), ..mpdo };
         assert_eq!(source.to_bytes()[0], 0x05);
-        assert_eq!(Mpdo::parse(&[0; 8]), Err(MpdoDecodeError::NoProducer));
-        assert_eq!(Mpdo::parse(&[0x85; 7]), Err(MpdoDecodeError::Length { length: 7 }));
-        assert_eq!(Mpdo::new(address, (0x2001, 3), &[0; 5]), None);
+        assert_eq!(Mpdo::parse(&[0; 8]), Err(MpdoError::NoProducer));
+        assert_eq!(Mpdo::parse(&[0x85; 7]), Err(MpdoError::Length { length: 7 }));
+        assert_eq!(Mpdo::new(address, (0x2001, 3), &[0; 5]), Err(MpdoError::Value { length: 5 }));
     }
 
     #[test]

@@ -451,7 +451,7 @@ mod tests {
             (R::SwitchSelective { part: Product, value }, [0x41, 0x78, 0x56, 0x34, 0x12, 0, 0, 0]),
             (R::SwitchSelective { part: Revision, value: 1 }, [0x42, 1, 0, 0, 0, 0, 0, 0]),
             (R::SwitchSelective { part: Serial, value: 1 }, [0x43, 1, 0, 0, 0, 0, 0, 0]),
-            (R::node_id(NodeId::new(5)), [0x11, 5, 0, 0, 0, 0, 0, 0]),
+            (R::node_id(NodeId::from_raw(5)), [0x11, 5, 0, 0, 0, 0, 0, 0]),
             (R::node_id(None), [0x11, 0xFF, 0, 0, 0, 0, 0, 0]),
             (R::bit_rate(LssBitRate::Rate250k), [0x13, 0, 3, 0, 0, 0, 0, 0]),
             (R::ActivateBitTiming { delay_ms: 0x0102 }, [0x15, 2, 1, 0, 0, 0, 0, 0]),

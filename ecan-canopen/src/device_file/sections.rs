@@ -104,7 +104,7 @@ impl Field for Option<NodeId> {
     fn take(section: &mut Section, key: &str, report: &mut Report) -> Self {
         let limits = (NodeId::MIN.get().into(), NodeId::MAX.get().into());
         let number = take_number(section, key, DataType::Unsigned8, limits, report)?;
-        u8::try_from(number).ok().and_then(NodeId::new)
+        u8::try_from(number).ok().and_then(NodeId::from_raw)
     }
 
     fn put(&self, key: &str, out: &mut Output) {

@@ -179,7 +179,7 @@ impl Blocking<'_> {
     ///     {
     ///         count += 1;
     ///         println!("node {count}: {address}");
-    ///         lss(LssCommand::ConfigureNodeId(NodeId::new(count)))?;
+    ///         lss(LssCommand::ConfigureNodeId(NodeId::from_raw(count)))?;
     ///         lss(LssCommand::Store)?;
     ///         lss(LssCommand::SwitchGlobal { configuration: false })?;
     ///     }

@@ -218,7 +218,7 @@ impl LssMaster {
                 });
             }
             (LssCommand::InquireNodeId, Some(LssResponse::NodeId { node })) => {
-                match (NodeId::new(node), node) {
+                match (NodeId::from_raw(node), node) {
                     (None, UNCONFIGURED_NODE_ID) => self.succeed(LssResult::NodeId(None)),
                     (None, _) => self.end(Lss::Failed(LssFault::InvalidNodeId { node })),
                     (node, _) => self.succeed(LssResult::NodeId(node)),

@@ -16,7 +16,7 @@ use crate::{CobId, GuardResponse, NmtState, heartbeat_data};
 const SDO_PACKET_BYTES: usize = 12;
 
 /// A guarding request asks for one byte.
-const GUARD_DLC: Dlc = Dlc::new(GuardResponse::LENGTH).unwrap();
+const GUARD_DLC: Dlc = Dlc::from_raw(GuardResponse::LENGTH).unwrap();
 
 pub(super) struct ServiceSender<'a, O> {
     pub(super) sink: &'a mut O,

@@ -23,7 +23,7 @@ fn python_lss_master_configures_the_simulated_drive() {
     let arguments = [("port", peers.port()), ("node", 42)];
     let mut peer = Peer::start(&python, "lss_master.py", &arguments);
     assert_eq!(peer.wait_line(), "ask time");
-    let sent = TimeOfDay::new(15_668, 49_500_250);
+    let sent = TimeOfDay::new(15_668, 49_500_250).ok();
     let begun = Instant::now();
     let received =
         || peers.simulation.with_world(|world| world.drive("drive").unwrap().time_of_day());
@@ -35,7 +35,7 @@ fn python_lss_master_configures_the_simulated_drive() {
     assert_eq!(peer.wait_line(), "passed");
     let active =
         peers.simulation.with_world(|world| world.drive("drive").unwrap().active_node_id());
-    assert_eq!(active, NodeId::new(42));
+    assert_eq!(active, NodeId::from_raw(42));
     assert_eq!(peers.bridge.statistics().dropped_to_clients, 0);
 }
 
@@ -129,7 +129,7 @@ fn our_lss_master_configures_a_node_of_the_durand_package() {
     // Configuration
     assert_eq!(bench.lss(LssCommand::InquireNodeId), LssResult::NodeId(None));
     assert_eq!(bench.lss(LssCommand::InquireAddress), scanned());
-    let node = NodeId::new(9);
+    let node = NodeId::from_raw(9);
     assert_eq!(bench.lss(LssCommand::ConfigureNodeId(node)), LssResult::Done);
     let bit_rate = LssCommand::ConfigureBitRate(LssBitRate::Rate500k);
     assert_eq!(bench.lss(bit_rate), LssResult::Done);

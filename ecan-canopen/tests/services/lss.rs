@@ -67,9 +67,9 @@ fn selected_drive_reports_identity_and_gets_another_node_id() {
     assert_eq!(bench.lss_ok(LssCommand::Identify(others)), LssResult::NotFound);
     assert_eq!(bench.lss_ok(LssCommand::SwitchSelective(identity(2))), LssResult::Done);
     assert_eq!(bench.lss_ok(LssCommand::InquireAddress), LssResult::Address(identity(2)));
-    let node = LssResult::NodeId(NodeId::new(2));
+    let node = LssResult::NodeId(NodeId::from_raw(2));
     assert_eq!(bench.lss_ok(LssCommand::InquireNodeId), node);
-    bench.lss_ok(LssCommand::ConfigureNodeId(NodeId::new(20)));
+    bench.lss_ok(LssCommand::ConfigureNodeId(NodeId::from_raw(20)));
     bench.lss_ok(LssCommand::SwitchGlobal { configuration: false });
     let old = bench.add_node(2, NodeConfig::default());
     let new = bench.add_node(20, NodeConfig::default());

@@ -202,7 +202,7 @@ pub(super) fn fixed_words(config: &AxisConfig) -> [u64; FIXED_WORDS] {
 }
 
 fn address_of(word: u64) -> Option<NodeAddress> {
-    let node = NodeId::new((word >> 40) as u8)?;
+    let node = NodeId::from_raw((word >> 40) as u8)?;
     Some(NodeAddress { slave: word as u32 as usize, channel: (word >> 32) as u8, node })
 }
 

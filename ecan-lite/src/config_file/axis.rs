@@ -74,7 +74,7 @@ fn read_address(table: &mut Table<'_, '_>) -> Option<NodeAddress> {
     let node = table.required("node", "the node-ID of the drive, 1 to 127", (1, 127));
     let ((slave, channel), node) = slave.zip(channel).zip(node)?;
     let (slave, channel) = (usize::try_from(slave).ok()?, u8::try_from(channel).ok()?);
-    Some(NodeAddress { slave, channel, node: NodeId::new(u8::try_from(node).ok()?)? })
+    Some(NodeAddress { slave, channel, node: NodeId::from_raw(u8::try_from(node).ok()?)? })
 }
 
 /// Reads an axis of a node; `node_axis` is its default.

@@ -67,7 +67,7 @@ impl NetworkTable {
         store(&mut config.takeover, table.word("takeover", &TAKEOVERS));
         let time_ms = table.unsigned("time_ms", (0, 3_600_000)).filter(|ms| *ms > 0);
         settings.time_period = time_ms.map(Duration::from_millis);
-        let host = table.unsigned("host_node", (1, 127)).and_then(NodeId::new);
+        let host = table.unsigned("host_node", (1, 127)).and_then(NodeId::from_raw);
         let heartbeat_ms: Option<u64> = table.unsigned("host_heartbeat_ms", (0, 0xFFFF));
         let network = &mut config.network;
         network.host_heartbeat = host_heartbeat(network.host_heartbeat, host, heartbeat_ms);

@@ -124,6 +124,12 @@ pub enum FrameError {
         /// True for a CAN FD frame.
         fd: bool,
     },
+    /// A DLC has four bits.
+    #[error("DLC {dlc} is out of range; allowed: 0 to 15")]
+    DlcRange {
+        /// The DLC.
+        dlc: u8,
+    },
     /// A remote frame requests at most 8 bytes.
     #[error("DLC {dlc} of a remote frame is out of range; allowed: 0 to 8")]
     RemoteDlc {

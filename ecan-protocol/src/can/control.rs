@@ -2,6 +2,8 @@
 
 use core::fmt;
 
+use super::FrameError;
+
 /// Kind of a packet, bits 13 and 14 of the control word.
 pub(crate) const KIND_CAN_FRAME: u8 = 0;
 pub(crate) const KIND_TX_RESULT: u8 = 1;
@@ -105,9 +107,17 @@ const FD_LENGTHS: [u8; 16] = [0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 48,
 pub struct Dlc(u8);
 
 impl Dlc {
-    /// Returns the code with this value; `None` above 15.
-    pub const fn new(value: u8) -> Option<Self> {
-        if value <= 15 { Some(Self(value)) } else { None }
+    /// Returns the code with this value.
+    ///
+    /// # Errors
+    /// [`FrameError::DlcRange`] above 15.
+    pub const fn new(value: u8) -> Result<Self, FrameError> {
+        if value <= 15 { Ok(Self(value)) } else { Err(FrameError::DlcRange { dlc: value }) }
+    }
+
+    /// Returns the code in received data; `None` above 15.
+    pub const fn from_raw(raw: u8) -> Option<Self> {
+        if raw <= 15 { Some(Self(raw)) } else { None }
     }
 
     /// Returns the code in the low four bits; the others are ignored.
@@ -167,7 +177,7 @@ impl fmt::Display for Dlc {
 
 #[cfg(test)]
 mod tests {
-    use super::{ControlWord, Dlc};
+    use super::{ControlWord, Dlc, FrameError};
 
     #[test]
     fn fields_have_the_bits_of_the_manual() {
@@ -212,7 +222,7 @@ mod tests {
             assert_eq!(Dlc::from_fd_len(dlc.fd_len()), Some(dlc));
             assert_eq!(dlc.classic_len(), usize::from(value.min(8)));
         }
-        assert_eq!(Dlc::new(16), None);
+        assert_eq!(Dlc::new(16), Err(FrameError::DlcRange { dlc: 16 }));
     }
 
     #[test]
@@ -221,6 +231,6 @@ mod tests {
             assert_eq!(Dlc::from_fd_len(length), None, "{length}");
         }
         assert_eq!(Dlc::from_classic_len(9), None);
-        assert_eq!(Dlc::from_classic_len(8), Dlc::new(8));
+        assert_eq!(Dlc::from_classic_len(8), Dlc::new(8).ok());
     }
 }

@@ -406,7 +406,7 @@ pub(crate) fn read_frame(
     let frame = match (is_remote, is_fd) {
         (true, true) => return Err(RecordError::RemoteFd),
         (true, false) => {
-            let dlc = Dlc::new(length).ok_or(FrameError::RemoteDlc { dlc: length })?;
+            let dlc = Dlc::from_raw(length).ok_or(FrameError::RemoteDlc { dlc: length })?;
             CanFrame::remote(id, dlc)?
         }
         (false, true) => CanFrame::fd(id, data, flags & CANFD_BRS != 0, flags & CANFD_ESI != 0)?,

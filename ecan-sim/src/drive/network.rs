@@ -443,7 +443,7 @@ impl LssSlave {
                 .then_some(LssResponse::Identified),
             _ if !self.is_configuring => None,
             LssRequest::ConfigureNodeId { node } => {
-                let id = NodeId::new(node);
+                let id = NodeId::from_raw(node);
                 let is_valid = id.is_some() || node == UNCONFIGURED_NODE_ID;
                 if is_valid {
                     self.pending.node = id;

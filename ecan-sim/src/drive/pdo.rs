@@ -461,7 +461,7 @@ impl CanIdSet {
         services.insert(CobId::NMT.can_id());
         services.insert(CobId::LSS_REQUEST.can_id());
         services.insert(CobId::sdo_client(node).can_id());
-        for producer in (1..=127).filter_map(NodeId::new) {
+        for producer in (1..=127).filter_map(NodeId::from_raw) {
             services.insert(CobId::heartbeat(producer).can_id());
         }
         services

@@ -252,7 +252,7 @@ impl ProcessData {
                 let bytes = value.to_le_bytes();
                 let value = bytes.get(..4).unwrap_or_default();
                 let source = MpdoAddress::Source(config.node);
-                if let Some(mpdo) = Mpdo::new(source, object.key(), value) {
+                if let Ok(mpdo) = Mpdo::new(source, object.key(), value) {
                     send(config, out, id, &mpdo.to_bytes());
                 }
             }

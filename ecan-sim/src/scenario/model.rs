@@ -451,7 +451,7 @@ pub fn drives(gateways: usize, per_channel: u8) -> Scenario {
     let mut nodes = Vec::new();
     for (position, gateway) in gateways.iter().enumerate() {
         for (channel, bus) in gateway.buses.iter().enumerate() {
-            let ids = (1..=per_channel.min(NodeId::MAX.get())).filter_map(NodeId::new);
+            let ids = (1..=per_channel.min(NodeId::MAX.get())).filter_map(NodeId::from_raw);
             nodes.extend(ids.map(|node| built_in_drive(position, channel, bus, node)));
         }
     }

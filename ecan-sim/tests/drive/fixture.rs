@@ -126,7 +126,7 @@ impl Fixture {
     }
 
     pub fn nmt(&mut self, command: NmtCommand) -> Vec<Line> {
-        let node = NodeId::new(NODE as u8);
+        let node = NodeId::from_raw(NODE as u8);
         self.frame(0, &NmtRequest { command, node }.to_bytes())
     }
 

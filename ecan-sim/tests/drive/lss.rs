@@ -68,7 +68,7 @@ fn configured_node_id_boots_at_the_waiting_state() {
     assert_eq!(lss(&mut fixture, &[0x04, 0]), None);
     fixture.pass_ms(10);
     assert_eq!(fixture.lines(), [(0x709, vec![0])]);
-    assert_eq!(fixture.drive.active_node_id(), NodeId::new(9));
+    assert_eq!(fixture.drive.active_node_id(), NodeId::from_raw(9));
     // The COB-IDs of the communication profile follow the node-ID.
     let upload = |index: u16, sub| [0x40, index as u8, (index >> 8) as u8, sub, 0, 0, 0, 0];
     for (index, sub, value) in
@@ -234,7 +234,7 @@ fn saved_values_survive_a_new_node_id_except_its_cob_ids() {
     lss(&mut fixture, &[0x04, 0]);
     fixture.nmt(NmtCommand::ResetCommunication);
     fixture.pass_ms(100);
-    assert_eq!(fixture.drive.active_node_id(), NodeId::new(9));
+    assert_eq!(fixture.drive.active_node_id(), NodeId::from_raw(9));
     assert_eq!(fixture.drive.object(0x1015, 0), Some(77));
     assert_eq!(fixture.drive.object(0x1014, 0), Some(0x89));
 }

@@ -255,7 +255,7 @@ impl igh_canopen_lss_command_t {
         if self.node_id == Self::NO_NODE_ID {
             return Ok(None);
         }
-        NodeId::new(self.node_id).map(Some).ok_or_else(|| {
+        NodeId::from_raw(self.node_id).map(Some).ok_or_else(|| {
             let text = format_args!("{} is out of range; allowed: 1 to 127, or 255", self.node_id);
             call.argument("node_id", text)
         })
@@ -589,7 +589,7 @@ mod tests {
         assert_eq!((found.outcome, found.address.serial_number), (address, 7));
         let none = igh_canopen_lss_result_t::from(LssResult::NodeId(None));
         assert_eq!(none.node_id, 255);
-        let five = igh_canopen_lss_result_t::from(LssResult::NodeId(NodeId::new(5)));
+        let five = igh_canopen_lss_result_t::from(LssResult::NodeId(NodeId::from_raw(5)));
         assert_eq!(five.node_id, 5);
     }
 }

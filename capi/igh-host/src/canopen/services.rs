@@ -280,7 +280,7 @@ mirror! {
 impl igh_canopen_mpdo_t {
     fn to_rust(self, call: Call) -> Result<Mpdo, ecan_result_t> {
         call.reserved("mpdo", &self.reserved)?;
-        let node = NodeId::new(self.node_id);
+        let node = NodeId::from_raw(self.node_id);
         let address = match (self.is_source, node) {
             (0, None) if self.node_id == 0 => MpdoAddress::Destination(None),
             (0, Some(node)) => MpdoAddress::Destination(Some(node)),
@@ -368,8 +368,8 @@ mod tests {
             converted(|call| mpdo.to_rust(call)).map(|mpdo| mpdo.address)
         };
         assert_eq!(of(0, 0), Some(MpdoAddress::Destination(None)));
-        assert_eq!(of(5, 0), Some(MpdoAddress::Destination(NodeId::new(5))));
-        assert_eq!(of(5, 1), NodeId::new(5).map(MpdoAddress::Source));
+        assert_eq!(of(5, 0), Some(MpdoAddress::Destination(NodeId::from_raw(5))));
+        assert_eq!(of(5, 1), NodeId::from_raw(5).map(MpdoAddress::Source));
         assert_eq!([of(0, 1), of(128, 0), of(5, 2)], [None; 3]);
     }
 }

@@ -341,7 +341,7 @@ pub fn igh_cia402_axis_init(
             call.argument("channel", format_args!("{channel} is out of range; allowed: 0 to 3"))
         );
     }
-    let node = NodeId::new(node_id).ok_or_else(|| {
+    let node = NodeId::from_raw(node_id).ok_or_else(|| {
         call.argument("node_id", format_args!("{node_id} is out of range; allowed: 1 to 127"))
     })?;
     let settings = AxisConfig::new(NodeAddress { slave, channel, node });

@@ -91,7 +91,7 @@ impl igh_cia402_axis_t {
     /// Converts to Rust. Reports every value that Rust's types cannot hold; the table as a whole is
     /// checked later. `None` if nothing else of the axis can be checked.
     fn checked(&self, report: &mut dyn FnMut(&str, i64)) -> Option<AxisConfig> {
-        let node = NodeId::new(self.node_id);
+        let node = NodeId::from_raw(self.node_id);
         if node.is_none() {
             report("node_id", self.node_id.into());
         }

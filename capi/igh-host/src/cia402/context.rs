@@ -251,7 +251,7 @@ pub(crate) fn need_node(
 
 /// A node-ID of C.
 pub(crate) fn parse_node_id(call: Call, id: u8) -> Result<NodeId, ecan_result_t> {
-    NodeId::new(id).ok_or_else(|| {
+    NodeId::from_raw(id).ok_or_else(|| {
         call.argument("node_id", format_args!("{id} is out of range; allowed: 1 to 127"))
     })
 }
@@ -404,7 +404,7 @@ impl igh_cia402_settings_t {
             0 => None,
             period_ms => {
                 let id = self.host_node_id;
-                let node = NodeId::new(id).ok_or_else(|| fault("host_node_id", id.into()))?;
+                let node = NodeId::from_raw(id).ok_or_else(|| fault("host_node_id", id.into()))?;
                 Some(HostHeartbeat { node, period: duration(period_ms) })
             }
         };

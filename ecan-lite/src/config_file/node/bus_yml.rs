@@ -185,7 +185,7 @@ impl Reader<'_> {
             match key.value.as_str() {
                 "node_id" => {
                     let raw: Option<u8> = self.integer("node_id", value, (1, 255));
-                    master.node = raw.and_then(NodeId::new);
+                    master.node = raw.and_then(NodeId::from_raw);
                 }
                 "sync_period" => {
                     let period = self.integer("sync_period", value, (0, u32::MAX.into()));
@@ -223,7 +223,7 @@ impl Reader<'_> {
             match name {
                 "node_id" => {
                     let raw: Option<u8> = self.integer(name, value, (1, 127));
-                    node.node = raw.and_then(NodeId::new).map(|value| Located::new(value, at));
+                    node.node = raw.and_then(NodeId::from_raw).map(|value| Located::new(value, at));
                 }
                 "dcf" => match text_of(value) {
                     Some(path) => node.device_file = Some(Located::new(path.into(), at)),

@@ -291,7 +291,7 @@ pub(crate) fn read(table: &mut Table<'_, '_>) -> NodeSource {
         channel.and_then(|channel| u8::try_from(channel).ok()).unwrap_or(0),
     );
     source.name = table.text("name").unwrap_or_default().to_owned();
-    let node = table.unsigned::<u8>("node", (1, 127)).and_then(NodeId::new);
+    let node = table.unsigned::<u8>("node", (1, 127)).and_then(NodeId::from_raw);
     source.node = node.map(|node| Located::new(node, table.location("node")));
     let file = table.text("device_file").map(Into::into);
     source.device_file = file.map(|file| Located::new(file, table.location("device_file")));

@@ -193,7 +193,7 @@ impl RawNode {
 
     fn drive(self, scenario: &Scenario, directory: &Path) -> Result<DriveSpec, String> {
         let node = self.node_id.ok_or("a node of kind \"drive\" needs `node_id`")?;
-        let node = NodeId::new(node)
+        let node = NodeId::from_raw(node)
             .ok_or_else(|| format!("`node_id` {node} is out of range; allowed: 1 to 127"))?;
         let is_same = |other: &&NodeSpec| {
             other.bus == self.bus

@@ -237,7 +237,9 @@ impl Machine {
         let mut take = |is_meant: &dyn Fn(&Present) -> bool| {
             others.iter().position(is_meant).map(|at| others.remove(at))
         };
-        let noted = (0..count).map(|gateway| log.latest(gateway).map(|noted| noted.serial));
+        let is_programmed = |serial: &u64| !matches!(*serial, 0 | u64::MAX);
+        let noted = (0..count)
+            .map(|gateway| log.latest(gateway).map(|noted| noted.serial).filter(is_programmed));
         let mut gateways: Vec<_> =
             noted.clone().map(|serial| take(&|slave| Some(slave.serial) == serial)).collect();
         for (index, (gateway, serial)) in gateways.iter_mut().zip(noted).enumerate() {

@@ -308,7 +308,7 @@ impl NodeLink {
     /// As [`cycle`](Self::cycle).
     pub fn send_guarding(&mut self, target: NodeTarget, observe: impl FnMut(&Observed)) -> Result {
         let id = CobId::heartbeat(target.node).can_id();
-        let frame = Dlc::new(1).and_then(|dlc| CanFrame::remote(id, dlc).ok());
+        let frame = Dlc::from_raw(1).and_then(|dlc| CanFrame::remote(id, dlc).ok());
         frame.map_or(Ok(()), |frame| self.send_now(target.channel, &frame, observe))
     }
 

@@ -33,7 +33,7 @@ impl FromStr for NodeIdArgument {
         };
         let node = crate::value::parse_unsigned(node).and_then(|number| u8::try_from(number).ok());
         let wrong = || "expected a node-ID, 1 to 127, or CHANNEL.ID, for example 0.5".to_owned();
-        Ok(Self { channel, node: node.and_then(NodeId::new).ok_or_else(wrong)? })
+        Ok(Self { channel, node: node.and_then(NodeId::from_raw).ok_or_else(wrong)? })
     }
 }
 

@@ -40,7 +40,7 @@ impl FromStr for NodeRange {
 
     fn from_str(text: &str) -> Result<Self, Self::Err> {
         let wrong = || "expected node-IDs 1 to 127, for example 1-10,32".to_owned();
-        let node = |text: &str| text.parse().ok().and_then(NodeId::new).ok_or_else(wrong);
+        let node = |text: &str| text.parse().ok().and_then(NodeId::from_raw).ok_or_else(wrong);
         let mut nodes = Vec::new();
         for part in text.split(',') {
             let (first, last) = part.split_once('-').unwrap_or((part, part));
@@ -48,7 +48,7 @@ impl FromStr for NodeRange {
             if first > last {
                 return Err(wrong());
             }
-            nodes.extend((first.get()..=last.get()).filter_map(NodeId::new));
+            nodes.extend((first.get()..=last.get()).filter_map(NodeId::from_raw));
         }
         nodes.sort_unstable();
         nodes.dedup();

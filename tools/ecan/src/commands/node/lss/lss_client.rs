@@ -223,8 +223,9 @@ pub struct SlaveSelection {
 }
 
 pub fn parse_node(text: &str) -> Result<NodeId, String> {
-    let node =
-        parse_unsigned(text).and_then(|number| u8::try_from(number).ok()).and_then(NodeId::new);
+    let node = parse_unsigned(text)
+        .and_then(|number| u8::try_from(number).ok())
+        .and_then(NodeId::from_raw);
     node.ok_or_else(|| "expected a node-ID, 1 to 127".to_owned())
 }
 
