@@ -10,7 +10,6 @@ mod bus;
 mod commands;
 mod config_changes;
 mod config_file;
-mod configured_node;
 mod context;
 mod ethercat_tool;
 mod failure;

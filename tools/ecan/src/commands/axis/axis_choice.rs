@@ -12,7 +12,7 @@ use super::envelope::parse_number;
 use super::unit::{AxisUnits, Unit};
 use crate::commands::node::node_target::{NodeIdArgument, NodeTarget};
 use crate::config_file;
-use crate::configured_node::ConfiguredNodes;
+use crate::config_file::ConfiguredNodes;
 use crate::context::{Context, Failure, GlobalOptions, Result};
 use crate::frames::parse_channel;
 

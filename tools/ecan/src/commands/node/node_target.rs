@@ -10,7 +10,7 @@ use ecan_canopen::{DeviceFile, NodeDescription, NodeId};
 use ecan_tool_support::command_line::options::{ANY_TIME, milliseconds};
 use serde::Serialize;
 
-use crate::configured_node::ConfiguredNodes;
+use crate::config_file::ConfiguredNodes;
 use crate::context::{Context, Failure, Result};
 use crate::frames::{FrameOptions, Service, parse_channel};
 use crate::slave_choice::SlaveChoice;
