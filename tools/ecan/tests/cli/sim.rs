@@ -70,7 +70,11 @@ fn supply_is_switched_while_the_machine_lives() {
     assert!(text.starts_with("scenario cell, seed 1: "), "{text}");
     assert_eq!(row("0 "), "0        0    off     closed  no       -");
     assert_eq!(row("shoulder"), "shoulder  drive  0.2");
-    assert_eq!(served.sim(&["power", "1", "on"]), "no effect: gateway 1 supplied again\n");
+    let text = "no effect: gateway 1 supplied again\n";
+    assert_eq!(served.sim(&["power", "on", "--gateway", "1"]), text);
+    // States what the command requires anyway.
+    let stated = ["--ecrt", "sim", "--via", &served.path, "sim", "power", "1", "on"];
+    assert_eq!(good(&stated), text);
 
     let text = served.sim(&["power", "0", "on"]);
     assert!(text.ends_with(" s: fault: gateway 0 supplied again\n"), "{text}");
@@ -124,6 +128,8 @@ fn wrong_faults_are_rejected() {
     let served = serve_cell(&["--idle"]);
     for (arguments, words) in [
         (&["power", "2", "off"][..], "gateway 2 does not exist; there are 2"),
+        (&["power", "off", "--gateway", "2"], "gateway 2 does not exist; there are 2"),
+        (&["power", "off"], "`power_off` needs `gateway`; there are 2"),
         (&["power", "0", "on", "--off", "1s"], "--off belongs to `cycle`"),
         (&["power", "0", "off", "--wait"], "--wait belongs to `on` and `cycle`"),
         (&["fault", "power-off"], "`power_off` needs `gateway`; there are 2"),

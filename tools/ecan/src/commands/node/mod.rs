@@ -22,8 +22,8 @@ use crate::context::{Context, Result};
 pub const EXAMPLES: &str = "\
 Examples:
   ecan node scan                                      nodes of all channels
-  ecan node info 5                                    node 5 on channel 0
-  ecan node info gripper --config machine.toml        the node with this name in the file
+  ecan node info --node 5                             node 5 on channel 0
+  ecan node info --node gripper --config machine.toml the node with this name in the file
   ecan node sdo read --node 1.5 0x6064                node 5 on channel 1
   ecan node sdo write --node 5 0x1017 500             an object of CiA 301 or CiA 402
   ecan node sdo write --node 5 --type i16 0x2001:3 -7 an object of the manufacturer

@@ -90,14 +90,13 @@ impl TargetArguments {
     }
 }
 
-/// Options that select one node, which can also be an argument without a name.
+/// Options that select one node, for commands without an argument: these also accept the node without a name.
 #[derive(Clone, Debug, Args)]
 pub struct PositionalTarget {
-    /// Node-ID, 1 to 127, CHANNEL.ID, or a name of the configuration file (--config)
-    #[arg(value_name = "NODE", required_unless_present = "node", conflicts_with = "node")]
+    #[arg(value_name = "NODE", hide = true, conflicts_with = "node")]
     target: Option<NodeArgument>,
-    /// The same as an option
-    #[arg(long, value_name = "NODE")]
+    /// Node-ID, 1 to 127, CHANNEL.ID, or a name of the configuration file (--config)
+    #[arg(long, value_name = "NODE", required_unless_present = "target")]
     node: Option<NodeArgument>,
     /// CAN channel, 0 to 3 [default: 0]
     #[arg(long, value_name = "N", value_parser = parse_channel)]

@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 
 use clap::{Args, Subcommand, ValueEnum};
 use ecan_service::client::{INVALID_PARAMS, METHOD_NOT_FOUND};
-use ecan_sim::FaultKind;
+use ecan_sim::{EcrtSetting, FaultKind};
 use fault::FaultRequest;
 pub use fault::{FaultList, FaultReport, SimulationStatus};
 use serde::de::DeserializeOwned;
@@ -33,7 +33,8 @@ pub const EXAMPLES: &str = "\
 Examples:
   ecan --ecrt sim:drives serve &               a simulated machine that stays alive
   ecan sim status
-  ecan sim power 0 cycle                       gateway 0 loses its supply for a second
+  ecan sim power cycle                         the gateway loses its supply for a second
+  ecan sim power off --gateway 1               of several gateways
   ecan sim fault link-loss --for 300ms         at once
   ecan sim fault bus-off --channel 1 --after 2s
   ecan sim faults
@@ -49,11 +50,16 @@ pub struct SimArguments {
 #[derive(Debug, Subcommand)]
 enum Action {
     /// Switch the supply of a gateway
+    #[command(allow_missing_positional = true)]
     Power {
-        /// Index of the gateway in the scenario
-        gateway: usize,
+        /// The index as the first argument.
+        #[arg(hide = true, conflicts_with = "gateway")]
+        index: Option<usize>,
         /// State of the supply; cycle: off, then on
         supply: Supply,
+        /// Index of the gateway in the scenario [default: the only one]
+        #[arg(long, value_name = "N")]
+        gateway: Option<usize>,
         /// Time without supply of `cycle` [default: 1s]
         #[arg(long, value_name = "TIME", value_parser = fault::parse_time)]
         off: Option<Value>,
@@ -101,14 +107,15 @@ pub fn run(arguments: &SimArguments, context: &Context) -> Result {
         Action::Power { supply: Supply::Off, wait: true, .. } => {
             Err(Failure::Usage("--wait belongs to `on` and `cycle`".to_owned()))
         }
-        Action::Power { gateway, supply, off, wait } => {
-            let index = ("gateway", Value::from(*gateway));
+        Action::Power { index, gateway, supply, off, wait } => {
+            let gateway = gateway.or(*index);
+            let gateway_key = gateway.map(|gateway| ("gateway", Value::from(gateway)));
             let off = off.as_ref().map(|off| ("off_ms", off.clone()));
-            let keys = std::iter::once(index).chain(off);
+            let keys = gateway_key.into_iter().chain(off);
             let connection = connect(context)?;
             let report = inject(FaultRequest::new(supply.fault(), keys), &connection)?;
             if *wait {
-                wait_for(*gateway, &connection)?;
+                wait_for(gateway.unwrap_or(0), &connection)?;
             }
             output.data(&report, |out| report.print(out))
         }
@@ -169,15 +176,19 @@ fn call<T: DeserializeOwned>(
     serde_json::from_value(result).map_err(unreadable)
 }
 
+/// Connects to the service. `--ecrt sim` states what these commands require anyway.
 fn connect(context: &Context) -> Result<ServiceConnection> {
-    let connection =
-        context::connect(context.global, context.global.master())?.ok_or_else(|| {
-            Failure::Master(
+    let mut global = context.global.clone();
+    let is_library =
+        |setting: &String| matches!(EcrtSetting::parse(setting), EcrtSetting::Library(_));
+    global.ecrt = global.ecrt.filter(is_library);
+    let connection = context::connect(&global, global.master())?.ok_or_else(|| {
+        Failure::Master(
             "no service with a simulated machine; start `ecan --ecrt sim serve` (a simulation of \
              another command ends with it), or select its socket with --via"
                 .to_owned(),
         )
-        })?;
+    })?;
     match connection.hello().is_simulated {
         true => Ok(connection),
         false => Err(Failure::Master(format!(
