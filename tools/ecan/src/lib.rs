@@ -15,6 +15,7 @@ mod ethercat_tool;
 mod failure;
 mod frames;
 mod global;
+mod hint;
 mod object_path;
 mod output;
 mod program;
@@ -25,7 +26,6 @@ mod value;
 use std::ffi::OsString;
 use std::path::Path;
 
-use clap::error::{ContextKind, ContextValue, ErrorKind};
 use clap::{CommandFactory, FromArgMatches, Parser};
 use clap_mangen::Man;
 use commands::Command;
@@ -108,9 +108,8 @@ fn parse(arguments: &[OsString]) -> Result<Arguments, clap::Error> {
         command = global::fold_global_options(command);
     }
     let matches = command.try_get_matches_from_mut(arguments);
-    let matches = matches.map_err(|error| {
-        with_printable_arguments(with_hint(error, command.clone(), options(arguments)))
-    })?;
+    let matches = matches
+        .map_err(|error| with_printable_arguments(hint::with_hint(error, &command, arguments)))?;
     let mut arguments =
         Arguments::from_arg_matches(&matches).map_err(|error| error.format(&mut command))?;
     arguments.global.given = GivenOptions::of(&command, &matches);
@@ -127,63 +126,15 @@ fn options(arguments: &[OsString]) -> impl Iterator<Item = &OsString> {
     arguments.iter().skip(1).take_while(|argument| *argument != "--")
 }
 
-/// Adds to the message of an argument that a command does not have how it is meant to be written.
-fn with_hint<'a>(
-    mut error: clap::Error,
-    mut command: clap::Command,
-    arguments: impl Iterator<Item = &'a OsString>,
-) -> clap::Error {
-    let Some(ContextValue::String(wrong)) = error.get(ContextKind::InvalidArg).cloned() else {
-        return error;
-    };
-    if error.kind() != ErrorKind::UnknownArgument {
-        return error;
-    }
-    // Global options become those of each command.
-    command.build();
-    let mut words = arguments.filter_map(|argument| argument.to_str());
-    let mut before = "";
-    while let Some(word) = words.next().filter(|word| *word != wrong) {
-        if let Some(inner) = command.find_subcommand(word) {
-            command = inner.clone();
-        }
-        let takes_value = word.strip_prefix("--").is_some_and(|name| {
-            let mut options = command.get_arguments();
-            let option = options.find(|option| option.get_long() == Some(name));
-            option.is_some_and(|option| option.get_action().takes_values())
-        });
-        if takes_value {
-            words.next();
-        }
-        before = word;
-    }
-    let has = |name| command.get_arguments().any(|argument| argument.get_id() == name);
-    let hint = match (wrong.parse::<u8>(), wrong.as_str()) {
-        (_, "--sim" | "--simulator" | "--simulated") => "the simulator is '--ecrt sim'".to_owned(),
-        (Ok(_), _) if before.starts_with("0x") => {
-            format!("a subindex follows a colon: '{before}:{wrong}'")
-        }
-        (Ok(_), _) if has("axis") => format!("an axis is '--axis {wrong}'"),
-        (Ok(_), _) if has("node") => format!("a node is '--node {wrong}'"),
-        (Ok(0..4), _) if has("channel") => format!("a channel is '--channel {wrong}'"),
-        // These commands are about all slaves of a master.
-        (Ok(_), _) if ["scan", "serve", "doctor"].contains(&command.get_name()) => {
-            format!("a master is '--master {wrong}'")
-        }
-        (Ok(_), _) => format!("a slave is '--slave {wrong}'"),
-        _ => return error,
-    };
-    error.insert(ContextKind::Suggested, ContextValue::StyledStrs(vec![hint.into()]));
-    error
-}
-
 /// Prints the message for arguments that clap rejects, or a help; returns the exit status.
 fn reject(arguments: &[OsString], error: &clap::Error) -> u8 {
     let is_json = error.use_stderr() && options(arguments).any(|option| option == "--json");
     let text = error.render().to_string();
-    // The message without the usage.
-    let message = text.split("\n\n").next().unwrap_or_default().trim_start_matches("error: ");
-    let failure = Failure::Usage(message.to_owned());
+    // The message and the hint, without the usage.
+    let (message, rest) = text.split_once("\n\n").unwrap_or((&text, ""));
+    let hint = rest.trim_start().strip_prefix("tip: ").and_then(|hint| hint.lines().next());
+    let hint = hint.map_or(String::new(), |hint| format!("; {hint}"));
+    let failure = Failure::Usage(format!("{}{hint}", message.trim_start_matches("error: ")));
     Output::new(is_json, Color::Never).failure(&failure, failure.status());
     print_message(error)
 }

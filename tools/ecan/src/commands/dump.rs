@@ -89,7 +89,9 @@ struct Rule(Option<Filter>);
 fn parse_rule(text: &str) -> Result<Rule, String> {
     match text {
         "j" | "J" => Ok(Rule(None)),
-        name if names_channel(name) => Err(format!("use --channel {name} to select a channel")),
+        name if names_channel(name) => {
+            Err("the name of a channel is no filter; expected ID:MASK".to_owned())
+        }
         text => text.parse().map(|filter| Rule(Some(filter))).map_err(|error| format!("{error}")),
     }
 }

@@ -159,10 +159,18 @@ fn print_read(read: &Read, out: &mut dyn Write) -> std::io::Result<()> {
 }
 
 fn write(path: ObjectPath, text: &str, ty: Option<ObjectType>, context: &Context) -> Result {
-    let data = encode(text, entry_of(path), ty).map_err(Failure::Usage)?;
+    let ObjectPath { index, subindex } = path;
+    let data = encode(text, entry_of(path), ty).map_err(|error| {
+        let is_swapped =
+            |object: &ObjectPath| entry_of(path).is_none() && entry_of(*object).is_some();
+        let hint = match text.parse().is_ok_and(|object| is_swapped(&object)) {
+            true => "; the value follows the object",
+            false => "",
+        };
+        Failure::Usage(format!("{}: {error}{hint}", describe(index, subindex)))
+    })?;
     let bus = context.bus()?;
     let slave = bus.slave()?;
-    let ObjectPath { index, subindex } = path;
     let entry = entry_of(path);
     let result = entry.and_then(|entry| object(index)?.result_of(entry));
     let sequence = result.and_then(|result| result.sequence);

@@ -58,7 +58,7 @@ enum Word {
 /// Parses a frame, a message or a signal; dots between bytes are allowed, as in cansend.
 fn parse(text: &str) -> Result<Word, String> {
     if names_channel(text) {
-        return Err(format!("use --channel {text} to select a channel"));
+        return Err("the name of a channel is no frame; expected ID#DATA".to_owned());
     }
     let is_name = |text: &str| {
         let is_inner = |character: char| character.is_ascii_alphanumeric() || character == '_';

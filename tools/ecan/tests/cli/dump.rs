@@ -275,8 +275,8 @@ fn dump_ends_cleanly_on_signal_or_closed_output() {
 #[test]
 fn invalid_use_has_message_and_status() {
     all_fail(&[
-        (2, &["dump", "can0"], "use --channel can0"),
-        (2, &["dump", "can2,123:7FF"], "use --channel can2"),
+        (2, &["dump", "can0"], "ecan dump --channel can0`"),
+        (2, &["dump", "can2,123:7FF"], "ecan dump --channel can2 123:7FF`"),
         (2, &["dump", "123"], "expected ID:MASK or ID~MASK"),
         (2, &["dump", "12G:7FF"], "expected ID:MASK or ID~MASK"),
         (2, &["dump", "--channel", "4"], "expected channels 0 to 3"),

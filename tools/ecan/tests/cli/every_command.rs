@@ -453,19 +453,88 @@ fn missing_or_wrong_configuration_returns_status_6() {
     fails(1, &["config", "check", &wrong]);
 }
 
+/// Wrong command lines, and the hint of each.
+const HINTS: &[(&str, &str)] = &[
+    // A slave, node, axis or channel without its option.
+    ("info 1", "the slave is an option: `ecan info --slave 1`"),
+    ("config save 0", "the slave is an option: `ecan config save --slave 0`"),
+    ("sdo read 5 0x1018:1", "the slave is an option: `ecan sdo read 0x1018:1 --slave 5`"),
+    ("scan 1", "the master is an option: `ecan scan --master 1`"),
+    ("node sdo read 5 0x1018:1", "the node is an option: `ecan node sdo read 0x1018:1 --node 5`"),
+    (
+        "node sdo write 5 0x1017 200",
+        "the node is an option: `ecan node sdo write 0x1017 200 --node 5`",
+    ),
+    ("node nmt 5 start", "the node is an option: `ecan node nmt start --node 5`"),
+    ("node 5 info", "the node is an option: `ecan node info --node 5`"),
+    ("node 5", "a command is missing: `ecan node info --node 5`"),
+    ("axis status 1", "the node is an option: `ecan axis status --node 1`"),
+    ("axis move 1 --to 5", "the node is an option: '--node 1'"),
+    ("axis stop elbow", "the axis is an option: `ecan axis stop --axis elbow --config FILE`"),
+    ("node scan 2", "the channel is an option: `ecan node scan --channel 2`"),
+    ("reg read 0 ECR", "the channel is an option: `ecan reg read ECR --channel 0`"),
+    ("sim power cycle 1", "the gateway is an option: `ecan sim power cycle --gateway 1`"),
+    // An option that is missing, or belongs to another command.
+    ("node sdo read 0x1018:1", "for example: `ecan node sdo read 0x1018:1 --node 1`"),
+    ("reg read ECR", "for example: `ecan reg read ECR --channel 0`"),
+    ("info --node 1", "a node has a command of its own: `ecan node info --node 1`"),
+    ("pins --rotation 1", "this argument has no name: `ecan pins 1`"),
+    ("info --slave all", "all gateways are an option: `ecan info --all`"),
+    ("plan x.toml", "this is an option: `ecan plan --config x.toml`"),
+    ("config export x.toml csv", "this is an option: `ecan config export x.toml --format csv`"),
+    ("filter add 0 0x123", "the channel is an option: `ecan filter add --channel 0 --id 0x123`"),
+    ("info --salve 0", "a similar option exists: `ecan info --slave 0`"),
+    // Frames and filters.
+    ("dump 0", "the channel is an option: `ecan dump --channel 0`"),
+    ("dump can0 can1", "the channel is an option: `ecan dump --channel can0,can1`"),
+    ("dump can0,123:7FF", "the channel is an option: `ecan dump --channel can0 123:7FF`"),
+    ("dump 123", "a filter has a mask: `ecan dump 123:7FF`"),
+    ("send 0 123#11", "the channel is an option: `ecan send 123#11 --channel 0`"),
+    ("send 0x123#11", "a frame is ID#DATA in hexadecimal: `ecan send 123#11`"),
+    ("send 123 11 22", "a frame is ID#DATA in hexadecimal: `ecan send 123#1122`"),
+    ("send 12345#11", "a frame is ID#DATA in hexadecimal: `ecan send 00012345#11`"),
+    ("send --id 123 --data 11", "this argument has no name: `ecan send 123#11`"),
+    // Objects.
+    (
+        "sdo read --slave 0 0x1018 1",
+        "a subindex follows a colon: `ecan sdo read --slave 0 0x1018:1`",
+    ),
+    ("sdo read 1018 1", "a subindex follows a colon: `ecan sdo read 0x1018:1`"),
+    ("sdo read 0x1018.1", "a subindex follows a colon: `ecan sdo read 0x1018:1`"),
+    ("sdo read 1018:1", "a hexadecimal number begins with 0x: `ecan sdo read 0x1018:1`"),
+    ("sdo write 0x8010 3 3", "a subindex follows a colon: `ecan sdo write 0x8010:3 3`"),
+    ("sdo write 0x8010:3=3", "a value follows a space: `ecan sdo write 0x8010:3 3`"),
+    ("sdo write 0x8010:3 = 3", "a value follows a space: `ecan sdo write 0x8010:3 3`"),
+    ("sdo 0x1018:1", "a command is missing: `ecan sdo read 0x1018:1`"),
+    // Other tools.
+    ("slaves", "the command has another name here: `ecan scan`"),
+    ("-p 0 info", "the slave is an option: `ecan --slave 0 info`"),
+    ("upload -p 0 0x1018 1", "`ecan sdo read --slave 0 0x1018:1`"),
+    ("cansend can0 123#11", "the command has another name here: `ecan send --channel can0 123#11`"),
+    // The simulator.
+    ("--sim scan", "the simulator is an option: `ecan --ecrt sim scan`"),
+    ("sim scan", "the simulator is an option: `ecan --ecrt sim scan`"),
+    ("sim:drives scan", "the library is an option: `ecan --ecrt sim:drives scan`"),
+    ("--ecrt sim --slave 0", "a command is missing: `ecan --ecrt sim --slave 0 info`"),
+];
+
 #[test]
-fn misplaced_argument_is_rejected_with_the_way_to_write_it() {
+fn wrong_command_line_is_rejected_with_the_one_that_was_meant() {
+    for (line, hint) in HINTS {
+        assert_has(&fails(2, &with(&words(line), &[])), hint);
+    }
+    let json = json_of(&ends(2, &["--json", "info", "1"]));
+    let expected =
+        "unexpected argument '1' found; the slave is an option: `ecan --json info --slave 1`";
+    assert_eq!(json["error"], expected);
+    // A value in the wrong unit or order.
     crate::support::all_fail(&[
-        (2, &["--sim", "scan"], "the simulator is '--ecrt sim'"),
-        (2, &["dump", "0"], "use --channel 0"),
-        (2, &["send", "0", "123#11"], "use --channel 0"),
-        (2, &["send", "0x123#11"], "an ID has no prefix: 123#11"),
-        (2, &["--ecrt", "sim", "sdo", "read", "--slave", "0", "0x1018", "1"], "'0x1018:1'"),
-        (2, &["node", "sdo", "read", "--node", "1", "0x1018", "1"], "'0x1018:1'"),
-        (2, &["node", "scan", "2"], "'--channel 2'"),
-        (2, &["axis", "status", "1"], "'--axis 1'"),
-        (2, &["info", "1"], "'--slave 1'"),
+        (2, &["dump", "--bitrate", "500"], "at least 1000, with k or M for thousands"),
+        (2, &["sdo", "write", "3", "0x8010:3"], "0x0003:00: the object is not in the table"),
     ]);
+    // What fits nothing has no hint.
+    let message = fails(2, &["info", "nonsense"]);
+    assert!(!message.contains("tip:"), "{message}");
 }
 
 #[test]

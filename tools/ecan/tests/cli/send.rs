@@ -192,7 +192,7 @@ fn invalid_use_has_message_and_status() {
     let (good, fd) = (write("good.log", LOG), write("fd.log", "(1.000000) can0 1FF##1AA\n"));
     let (broken, empty) = (write("b.log", "(1.000000) can0 1#\n"), write("e.log", "\n"));
     all_fail(&[
-        (2, &["send", "can1", "123#"], "use --channel can1"),
+        (2, &["send", "can1", "123#"], "ecan send --channel can1 123#`"),
         (2, &["send"], "<FRAME>"),
         (2, &["send", "123"], "column 4"),
         (2, &["send", "123#1"], "two hex digits"),

@@ -69,15 +69,17 @@ fn whole<T: TryFrom<u64>>(
 /// Parses a bit rate: `500000`, `500k`, `1M` or `2.5M`.
 ///
 /// # Errors
-/// The text is not a bit rate from 1 to 4294967295 bit/s.
+/// The text is not a bit rate from 1000 to 4294967295 bit/s: a smaller number is meant in kbit/s, since
+/// transceivers do not transmit that slowly.
 pub fn parse_bit_rate(text: &str) -> Result<u32, String> {
     let (digits, factor) = match text.strip_suffix(['k', 'M']) {
         Some(digits) if text.ends_with('k') => (digits, 1_000),
         Some(digits) => (digits, 1_000_000),
         None => (text, 1),
     };
-    scaled(digits, factor).filter(|rate| *rate > 0).ok_or_else(|| {
-        "expected a bit rate in bit/s, with k or M for thousands or millions: 500000, 500k, 1M"
+    let rate = scaled(digits, factor).filter(|rate| *rate >= 1_000);
+    rate.ok_or_else(|| {
+        "expected a bit rate in bit/s, at least 1000, with k or M for thousands or millions: 500000, 500k, 1M"
             .to_owned()
     })
 }
@@ -311,6 +313,8 @@ mod tests {
             "",
             "0",
             "0k",
+            "500",
+            "0.5k",
             "k",
             "M",
             "5K",

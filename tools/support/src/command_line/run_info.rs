@@ -97,9 +97,10 @@ fn with_environment(words: Vec<String>, setting: Option<String>) -> Vec<String> 
 }
 
 /// Quotes an argument if a shell would split or expand it.
-fn quoted(argument: &str) -> String {
-    let is_plain = |c: char| c.is_ascii_alphanumeric() || "-_=+./:,@%".contains(c);
-    if !argument.is_empty() && argument.chars().all(is_plain) {
+pub fn quoted(argument: &str) -> String {
+    let is_plain = |c: char| c.is_ascii_alphanumeric() || "-_=+./:,@%#".contains(c);
+    // A comment begins with `#` in front of a word.
+    if !argument.is_empty() && argument.chars().all(is_plain) && !argument.starts_with('#') {
         return argument.to_owned();
     }
     // A shell sets a variable only if its name is not quoted.

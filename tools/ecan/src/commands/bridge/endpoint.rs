@@ -219,7 +219,10 @@ pub fn parse_interface(text: &str) -> Result<NameTemplate, String> {
         && name.bytes().all(|byte| byte.is_ascii_graphic() && !matches!(byte, b'/' | b':'));
     match is_possible {
         true => Ok(template),
-        false => Err("expected the name of a network interface, for example vcan0".to_owned()),
+        false => {
+            Err("expected the name of a network interface, 1 to 15 characters, for example vcan0"
+                .to_owned())
+        }
     }
 }
 

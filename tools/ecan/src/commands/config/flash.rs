@@ -17,10 +17,20 @@ use crate::slave_choice::{AllArgument, Recognised};
 #[derive(Debug, Args)]
 pub struct FlashArguments {
     /// Configuration file that selects the gateways [default: the gateway of the bus]
-    #[arg(conflicts_with = "all")]
+    #[arg(conflicts_with = "all", value_parser = parse_file)]
     file: Option<PathBuf>,
     #[command(flatten)]
     all: AllArgument,
+}
+
+/// A number is meant as a slave, which is an option.
+fn parse_file(text: &str) -> Result<PathBuf, String> {
+    match text.parse::<u16>() {
+        Ok(_) => {
+            Err(format!("expected a configuration file; for a file with this name write ./{text}"))
+        }
+        Err(_) => Ok(text.into()),
+    }
 }
 
 #[derive(Debug, Serialize)]
