@@ -27,10 +27,12 @@ use std::ffi::OsString;
 use std::path::Path;
 
 use clap::{CommandFactory, FromArgMatches, Parser};
+use clap_complete::Shell;
 use clap_mangen::Man;
 use commands::Command;
 use context::{Context, Failure, GlobalOptions, Output, note};
 use ecan_protocol::text::Printable;
+use ecan_sim::BUILTIN_SCENARIOS;
 use ecan_tool_support::command_line::new_file::{Existing, create};
 use ecan_tool_support::command_line::screen::{print_message, with_printable_arguments};
 use global::{Color, GivenOptions};
@@ -85,11 +87,7 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> u8 {
         Command::Probe(arguments) => commands::probe::run(arguments, &context),
         Command::Selftest(arguments) => commands::selftest::run(arguments, &context),
         Command::New(arguments) => commands::new::run(arguments, &context),
-        Command::Completions { shell } => {
-            let mut script = Vec::new();
-            clap_complete::generate(*shell, &mut Arguments::command(), "ecan", &mut script);
-            output.bytes(&script)
-        }
+        Command::Completions { shell } => output.bytes(completions(*shell).as_bytes()),
         Command::Man { directory } => write_manual(&Arguments::command(), directory),
     };
     match outcome {
@@ -137,6 +135,68 @@ fn reject(arguments: &[OsString], error: &clap::Error) -> u8 {
     let failure = Failure::Usage(format!("{}{hint}", message.trim_start_matches("error: ")));
     Output::new(is_json, Color::Never).failure(&failure, failure.status());
     print_message(error)
+}
+
+/// Completes the settings of `--ecrt`, whose colon separates words in bash, and keeps a setting `sim` from being taken
+/// for the command of this name.
+const BASH_SETTINGS: &str = r#"
+_ecan_with_settings() {
+    local line="${COMP_LINE:0:COMP_POINT}" all words=() word previous=
+    read -ra all <<< "$line"
+    [[ "$line" == *[[:space:]] ]] && all+=("")
+    if [[ "$line" =~ [[:space:]]--ecrt[[:space:]=]+([^[:space:]]*)$ ]]; then
+        word="${BASH_REMATCH[1]}"
+        COMPREPLY=($(compgen -W "{settings}" -- "$word"))
+        if [[ "$word" == sim:* ]]; then
+            COMPREPLY+=($(compgen -P sim: -f -X '!*.toml' -- "${word#sim:}"))
+        else
+            COMPREPLY+=($(compgen -f -- "$word"))
+        fi
+    else
+        for word in "${all[@]}"; do
+            [[ "$previous" == --ecrt ]] || words+=("$word")
+            previous="$word"
+        done
+        local COMP_WORDS=("${words[@]}") COMP_CWORD=$((${#words[@]} - 1))
+        _ecan "$1" "$word" "${words[COMP_CWORD - 1]}"
+    fi
+    if [[ "$word" == *:* && "$COMP_WORDBREAKS" == *:* ]]; then
+        COMPREPLY=("${COMPREPLY[@]#"${word%:*}:"}")
+    fi
+}
+complete -F _ecan_with_settings -o bashdefault -o default ecan
+"#;
+
+/// As [`BASH_SETTINGS`], before the call of the completion.
+const ZSH_SETTINGS: &str = r#"
+_ecan_settings() {
+    compadd -- {settings}
+    compset -P 'sim:' && _files -g '*.toml' || _files
+}
+
+"#;
+
+/// As [`BASH_SETTINGS`]; files are completed, too.
+const FISH_SETTINGS: &str = r#"complete -c ecan -l ecrt -r -a "{settings}"
+"#;
+
+/// Returns the completion script of a shell.
+fn completions(shell: Shell) -> String {
+    let mut script = Vec::new();
+    clap_complete::generate(shell, &mut command(), "ecan", &mut script);
+    let script = String::from_utf8_lossy(&script);
+    let scenarios = BUILTIN_SCENARIOS.iter().map(|name| format!(" sim:{name}"));
+    let settings = std::iter::once("sim".to_owned()).chain(scenarios).collect::<String>();
+    let own = |text: &str| text.replace("{settings}", &settings);
+    match shell {
+        Shell::Bash => format!("{script}{}", own(BASH_SETTINGS)),
+        Shell::Zsh => {
+            let script = script.replace(":LIBRARY:_default", ":LIBRARY:_ecan_settings");
+            script.replacen("\n_ecan() {", &format!("\n{}_ecan() {{", own(ZSH_SETTINGS)), 1)
+        }
+        Shell::Fish => format!("{script}{}", own(FISH_SETTINGS)),
+        _ => script.into_owned(),
+    }
 }
 
 /// Writes the help as manual pages.

@@ -271,5 +271,46 @@ fn invalid_use_has_message_and_status() {
     let pages = directory.path().join("new/man1");
     good(&["man", pages.to_str().unwrap()]);
     assert!(pages.join("ecan.1").exists());
-    assert!(good(&["completions", "bash"]).contains("_ecan()"));
+}
+
+/// Calls the completion of bash as a tabulator at the end of a line does.
+const COMPLETE_IN_BASH: &str = r#"
+source "$1"
+COMP_LINE=$2 COMP_POINT=${#2}
+IFS=' ' read -ra COMP_WORDS <<< "${2//:/ : }"
+[[ "$2" == *[\ :] ]] && COMP_WORDS+=("")
+COMP_CWORD=$((${#COMP_WORDS[@]} - 1))
+function=$(complete -p ecan | sed 's/.*-F \([^ ]*\).*/\1/')
+"$function" ecan "${COMP_WORDS[COMP_CWORD]}" "${COMP_WORDS[COMP_CWORD - 1]}"
+printf '%s\n' "${COMPREPLY[@]}"
+"#;
+
+#[test]
+fn tabulator_completes_the_settings_of_ecrt_in_bash() {
+    let directory = tempfile::tempdir().unwrap();
+    for file in ["ecan.bash", "cell.toml", "libethercat.so.1"] {
+        std::fs::write(directory.path().join(file), "").unwrap();
+    }
+    std::fs::write(directory.path().join("ecan.bash"), good(&["completions", "bash"])).unwrap();
+    let complete = |line: &str| {
+        let mut shell = std::process::Command::new("bash");
+        shell.args(["-c", COMPLETE_IN_BASH, "bash", "ecan.bash", line]);
+        let output = shell.current_dir(directory.path()).output().unwrap();
+        assert!(output.stderr.is_empty(), "{}", String::from_utf8_lossy(&output.stderr));
+        let text = String::from_utf8(output.stdout).unwrap();
+        text.lines().map(str::to_owned).collect::<Vec<_>>()
+    };
+    let all = complete("ecan --ecrt ");
+    for expected in ["sim", "sim:echo", "sim:drives", "libethercat.so.1"] {
+        assert!(all.iter().any(|word| word == expected), "{expected}: {all:?}");
+    }
+    assert_eq!(complete("ecan --ecrt lib"), ["libethercat.so.1"]);
+    // The shell keeps what is before the colon.
+    assert_eq!(complete("ecan --ecrt sim:dr"), ["drives"]);
+    assert_eq!(complete("ecan --json --ecrt sim:c"), ["cell.toml"]);
+    assert_eq!(complete("ecan sc"), ["scan"]);
+    assert!(complete("ecan --ecrt sim node sdo ").iter().any(|word| word == "read"));
+    assert!(good(&["completions", "zsh"]).contains("compadd -- sim sim:echo sim:drives"));
+    let fish = "complete -c ecan -l ecrt -r -a \"sim sim:echo sim:drives";
+    assert!(good(&["completions", "fish"]).contains(fish));
 }
