@@ -206,7 +206,7 @@ pub fn note(text: impl std::fmt::Display) {
         return;
     }
     clear();
-    screen::print(Stream::Error, format_args!("{text}\n"));
+    screen::print_note(text);
 }
 
 fn unless_reader_gone(printed: io::Result<()>) -> Result {

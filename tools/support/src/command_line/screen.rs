@@ -226,6 +226,66 @@ pub fn print(stream: Stream, text: impl Display) {
     let _ = write!(screen, "{text}").and_then(|()| screen.flush());
 }
 
+/// Width of a terminal that does not state its own.
+const USUAL_WIDTH: usize = 80;
+
+/// Prints lines on standard error. On a terminal, longer lines are broken between words; a command, a name or a
+/// path stays whole. Other readers get each line as it is.
+pub fn print_note(text: impl Display) {
+    if !Stream::Error.is_terminal() {
+        return print(Stream::Error, format_args!("{text}\n"));
+    }
+    let size = rustix::termios::tcgetwinsize(io::stderr());
+    let columns = size.map_or(0, |size| usize::from(size.ws_col));
+    let columns = if columns == 0 { USUAL_WIDTH } else { columns };
+    print(Stream::Error, format_args!("{}\n", wrap(&text.to_string(), columns)));
+}
+
+/// Breaks long lines before words; the rest of a line is indented by two columns more than its start.
+fn wrap(text: &str, columns: usize) -> String {
+    let mut wrapped = String::with_capacity(text.len());
+    for (number, line) in text.split('\n').enumerate() {
+        if number > 0 {
+            wrapped.push('\n');
+        }
+        let indent = line.len() - line.trim_start_matches(' ').len();
+        let (mut rest, mut used) = (line, 0);
+        while !rest.is_empty() {
+            let (gap, after) = rest.split_at(rest.len() - rest.trim_start_matches(' ').len());
+            let (unit, after) = after.split_at(unit_length(after));
+            if used > indent && used + gap.len() + width(unit) > columns {
+                wrapped.push('\n');
+                wrapped.extend(std::iter::repeat_n(' ', indent + 2));
+                used = indent + 2;
+            } else {
+                wrapped.push_str(gap);
+                used += gap.len();
+            }
+            wrapped.push_str(unit);
+            used += width(unit);
+            rest = after;
+        }
+    }
+    wrapped
+}
+
+/// Length of the text that is not broken: up to the next space outside quotation marks.
+fn unit_length(text: &str) -> usize {
+    let mut length = 0;
+    while let Some(character) = text[length..].chars().next().filter(|c| *c != ' ') {
+        let inner = length + character.len_utf8();
+        // An apostrophe inside a word is no quotation mark.
+        let opens = match character {
+            '`' | '"' => true,
+            '\'' => !text[..length].ends_with(char::is_alphanumeric),
+            _ => false,
+        };
+        let end = text[inner..].find(character).filter(|_| opens);
+        length = end.map_or(inner, |end| inner + end + character.len_utf8());
+    }
+    length
+}
+
 /// As `println!`, through the [`screen`](crate::command_line::screen).
 #[macro_export]
 macro_rules! print_line {
@@ -237,14 +297,11 @@ macro_rules! print_line {
     };
 }
 
-/// As `eprintln!`, through the [`screen`](crate::command_line::screen).
+/// As `eprintln!`, through [`print_note`](crate::command_line::screen::print_note).
 #[macro_export]
 macro_rules! print_error_line {
     ($($text:tt)*) => {
-        $crate::command_line::screen::print(
-            $crate::command_line::screen::Stream::Error,
-            format_args!("{}\n", format_args!($($text)*)),
-        )
+        $crate::command_line::screen::print_note(format_args!($($text)*))
     };
 }
 
@@ -258,7 +315,7 @@ pub fn parse_arguments<T: clap::Parser>() -> T {
 /// Prints the message or the help of clap; returns its exit status.
 pub fn print_message(error: &clap::Error) -> u8 {
     if error.use_stderr() {
-        print(Stream::Error, error.render());
+        print_note(error.render().to_string().trim_end());
     } else {
         // A help has no text from outside. A closed stream is not an error.
         let _ = error.print();
@@ -314,6 +371,25 @@ mod tests {
         assert!(!escaped.chars().any(|c| is_control(c) && c != '\n'), "{escaped:?}");
         let value: serde_json::Value = serde_json::from_str(&escaped).unwrap();
         assert_eq!(value["name"], hostile.as_str());
+    }
+
+    #[test]
+    fn long_lines_are_broken_between_words_only() {
+        let message = "ecan: a name that isn't \"at hand\"; run `ecan sdo read 0x1018:1` or\nshort";
+        let lines = [
+            "ecan: a name that isn't",
+            "  \"at hand\"; run",
+            "  `ecan sdo read 0x1018:1`",
+            "  or",
+            "short",
+        ];
+        assert_eq!(wrap(message, 24), lines.join("\n"));
+        assert_eq!(wrap(message, 200), message);
+        assert_eq!(wrap("  tip: one two", 11), "  tip: one\n    two");
+        // A unit that is longer than a line is left to the terminal.
+        assert_eq!(wrap("a /long/path/of/a/file b", 8), "a\n  /long/path/of/a/file\n  b");
+        let red = format!("{}four{} five", Sequence::Red, Sequence::Reset);
+        assert_eq!(wrap(&red, 9), red);
     }
 
     fn json(text: &str) -> String {
