@@ -337,11 +337,11 @@ fn try_bind_to_cpus(cpus: &[usize]) -> Result<(), PrivilegeError> {
     let beyond: Vec<usize> = cpus.iter().copied().filter(|cpu| set.set(*cpu).is_err()).collect();
     let before = sched_getaffinity(THIS_THREAD).map_err(|errno| affinity_denial(errno, cpus))?;
     if !beyond.is_empty() {
-        return Err(absent_cpus(&beyond, &before));
+        return Err(absent_cpus(&beyond, cpus.len(), &before));
     }
     match sched_setaffinity(THIS_THREAD, &set) {
         Ok(()) => {}
-        Err(nix::errno::Errno::EINVAL) => return Err(absent_cpus(cpus, &before)),
+        Err(nix::errno::Errno::EINVAL) => return Err(absent_cpus(cpus, cpus.len(), &before)),
         Err(errno) => return Err(affinity_denial(errno, cpus)),
     }
     // The system leaves out without a word what is not there, as long as one CPU is.
@@ -353,18 +353,20 @@ fn try_bind_to_cpus(cpus: &[usize]) -> Result<(), PrivilegeError> {
     }
     // An incomplete affinity is restored to the previous one, which was possible before.
     let _ = sched_setaffinity(THIS_THREAD, &before);
-    Err(absent_cpus(&absent, &before))
+    Err(absent_cpus(&absent, cpus.len(), &before))
 }
 
-fn absent_cpus(cpus: &[usize], usable: &CpuSet) -> PrivilegeError {
+/// The error names the absent CPUs, unless they are all that were requested, which the privilege names.
+fn absent_cpus(cpus: &[usize], requested: usize, usable: &CpuSet) -> PrivilegeError {
     let there: Vec<usize> =
         (0..CpuSet::count()).filter(|cpu| usable.is_set(*cpu).unwrap_or(false)).collect();
-    let (name, are) = if cpus.len() == 1 { ("CPU", "is") } else { ("CPUs", "are") };
+    let subject = match cpus {
+        [_] if requested == 1 => "the CPU is".to_owned(),
+        [only] => format!("CPU {only} is"),
+        several => format!("CPUs {} are", join(several, ", ")),
+    };
     PrivilegeError {
-        cause: format!(
-            "{name} {} {are} not there, off line or kept from this process",
-            join(cpus, ", ")
-        ),
+        cause: format!("{subject} not there, off line or kept from this process"),
         remedy: format!(
             "this thread could use {}; /sys/devices/system/cpu/online lists those of the machine, \
              and the process's cpuset (its container or systemd's AllowedCPUs=) must include them",

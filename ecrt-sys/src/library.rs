@@ -167,11 +167,19 @@ fn loader_text(error: &libloading::Error) -> String {
     }
 }
 
+/// The loader's message without the name of the library; `None` if it is about another file.
+fn without_name<'a>(path: &Path, loader: &'a str) -> Option<&'a str> {
+    loader.strip_prefix(&*path.to_string_lossy())?.strip_prefix(": ")
+}
+
 fn not_loaded(path: &Path, loader: &str) -> LoadError {
     let has_directory = path.components().count() > 1 || path.is_absolute();
     if has_directory {
         return match std::fs::metadata(path) {
-            Ok(_) => LoadError::NotLoadable { path: path.into(), loader: loader.into() },
+            Ok(_) => LoadError::NotLoadable {
+                path: path.into(),
+                loader: without_name(path, loader).unwrap_or(loader).into(),
+            },
             Err(error) => LoadError::NotFound {
                 path: path.into(),
                 loader: error.to_string(),
@@ -181,12 +189,12 @@ fn not_loaded(path: &Path, loader: &str) -> LoadError {
     }
     // For a bare name the loader's message begins with the file it speaks of: when that is
     // not the library itself, the library was found and something that it needs was not.
-    let itself = loader.starts_with(&*path.to_string_lossy());
+    let about_itself = without_name(path, loader);
     let absent = loader.contains("cannot open shared object file") || loader.contains("not found");
-    if itself && absent {
+    if let (Some(reason), true) = (about_itself, absent) {
         LoadError::NotFound {
             path: path.into(),
-            loader: loader.into(),
+            loader: reason.into(),
             elsewhere: USUAL_DIRECTORIES
                 .iter()
                 .map(|directory| Path::new(directory).join(path))
