@@ -40,9 +40,12 @@ pub fn section() -> Fallible<Section> {
                 if runs { "all follow" } else { "axes hold" }.to_owned(),
             ]);
         }
+        // The curve of the runs ends there.
+        let hold = run.iter().find(|(_, percent)| percent.is_none());
+        let hold = hold.map_or(String::new(), |(axes, _)| format!(": axes hold if there are {axes} or more"));
         let series = |name: &str, tone, points| Series { name: name.to_owned(), tone, points };
         panels.push(CurvePanel {
-            title: format!("cycle of {cycle_ms} ms"),
+            title: format!("cycle of {cycle_ms} ms{hold}"),
             y_label: "load of the bus [%]".to_owned(),
             series: vec![
                 series("without stuff bits", Tone::Difference, least),

@@ -65,7 +65,7 @@ pub fn section() -> Fallible<Section> {
     ];
     Ok(Section {
         name: "mailbox",
-        title: "Mailbox: from the start of the program to all gateways ready",
+        title: "Mailbox: from the start of the program to all gateways ready, four channels each",
         x_label: "gateways",
         panels: vec![panel],
         is_simulated: true,

@@ -6,7 +6,7 @@
 //! ```
 //!
 //! Writes tables of docs/PERFORMANCE.md and their pictures. Simulated times are the same in each run; the times of the host
-//! are not.
+//! and the startup (section `mailbox`, in real time) are not: run them on an idle machine.
 #![forbid(unsafe_code)]
 
 mod bus;
@@ -19,9 +19,9 @@ mod wire;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-use clap::Parser;
+use clap::{Parser, ValueEnum};
 
-use page::Page;
+use page::{Page, Section};
 
 type Fallible<T> = Result<T, Box<dyn std::error::Error>>;
 
@@ -32,6 +32,31 @@ struct Arguments {
     /// Directory with PERFORMANCE.md, and with the folder of its pictures
     #[arg(long, value_name = "DIRECTORY", default_value = "docs")]
     output: PathBuf,
+    /// Sections to write [default: all]
+    #[arg(long, value_name = "SECTION", value_enum)]
+    only: Vec<Name>,
+}
+
+/// Name of a section, or of a group of them.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum Name {
+    Wire,
+    Mailbox,
+    Bus,
+    Clients,
+    Host,
+}
+
+impl Name {
+    fn sections(self) -> Fallible<Vec<Section>> {
+        match self {
+            Self::Wire => Ok(vec![wire::section()?]),
+            Self::Mailbox => Ok(vec![mailbox::section()?]),
+            Self::Bus => Ok(vec![bus::section()?]),
+            Self::Clients => Ok(vec![clients::section()?]),
+            Self::Host => Ok(host::sections()?.into()),
+        }
+    }
 }
 
 fn main() -> ExitCode {
@@ -46,11 +71,11 @@ fn main() -> ExitCode {
 
 fn run(arguments: &Arguments) -> Fallible<()> {
     let mut page = Page::open(&arguments.output)?;
-    for section in [wire::section, mailbox::section, bus::section, clients::section] {
-        page.put(section()?)?;
-    }
-    for section in host::sections()? {
-        page.put(section)?;
+    let is_wanted = |name: &&Name| arguments.only.is_empty() || arguments.only.contains(name);
+    for name in Name::value_variants().iter().filter(is_wanted) {
+        for section in name.sections()? {
+            page.put(section)?;
+        }
     }
     page.write()
 }
