@@ -43,8 +43,8 @@ mod word_ring;
 
 pub use address::{AddressError, ChannelHandle, GatewayHandle};
 pub use bus_watch::{
-    BusChange, BusEvent, BusWatch, ChannelChange, ChannelWatch, LASTING_CAUSE, NotDelivered,
-    check_delivery,
+    BusChange, BusEvent, BusWatch, ChannelChange, GatewayCondition, GatewayWatch, ImageLoss,
+    ImageLossWatch, LASTING_CAUSE, LossWatch, NotDelivered, check_delivery,
 };
 pub use config::{
     AcceptanceFilter, ChannelConfig, ChannelFilter, Config, GatewayConfig, MAX_FILTERS,

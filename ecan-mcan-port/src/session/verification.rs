@@ -395,8 +395,8 @@ impl PendingStep {
         }
     }
 
-    /// Number of the step and its transfer in 40 bits, 0 for none.
-    pub(crate) fn encode(step: Option<Self>) -> u64 {
+    /// Code of the step and its transfer for other programs, in 40 bits: 0 for none.
+    pub fn encode(step: Option<Self>) -> u64 {
         let transfer = |code: u64, it: SdoTransfer| {
             let direction = u64::from(it.is_download) << 32;
             code | u64::from(it.index) << 8 | u64::from(it.subindex) << 24 | direction
@@ -416,8 +416,8 @@ impl PendingStep {
         }
     }
 
-    /// The step of [`encode`](Self::encode).
-    pub(crate) fn decode(code: u64) -> Option<Self> {
+    /// The step of a code of [`encode`](Self::encode); `None` also for one of a later version.
+    pub fn decode(code: u64) -> Option<Self> {
         let transfer = SdoTransfer {
             index: (code >> 8) as u16,
             subindex: (code >> 24) as u8,

@@ -17,8 +17,9 @@ use super::inbox::{ClientError, Event, Inbox, SendError};
 use crate::protocol::{
     Access, ActiveConfig, AssignedParams, AssignedPdo, Axes, BusState, DownloadParams, Empty,
     Hello, HelloParams, ImageSubscription, Link, LinkParams, MAX_AGE_MS, MAX_REQUEST_PAYLOAD,
-    METHODS, MessageKind, Method, NmtParams, PROTOCOL_VERSION, Request, ServiceStats, Slave,
-    SlaveParams, State, Subscription, TransmitRecord, UploadParams, header, methods,
+    METHODS, MessageKind, Method, NmtParams, PROTOCOL_VERSION, RecordedEvents, Request,
+    ServiceStats, Slave, SlaveParams, State, Subscription, TransmitRecord, UploadParams, header,
+    methods,
 };
 
 /// Default time for a response. A transfer without response is repeated for 5 s by the service.
@@ -295,6 +296,11 @@ impl Client {
     /// Counters of the service and its clients.
     pub fn service_stats(&self) -> Result<ServiceStats, ClientError> {
         self.request::<methods::ReadServiceStats>(&Empty {})
+    }
+
+    /// The last events of the bus and the service.
+    pub fn events(&self) -> Result<RecordedEvents, ClientError> {
+        self.request::<methods::ReadEvents>(&Empty {})
     }
 
     /// Sends an NMT command. Needs control.

@@ -25,9 +25,9 @@ pub use message::{
     read_header,
 };
 pub use requests::{
-    DownloadParams, Empty, EventKind, IdFilter, ImageDirection, ImageSubscription, MAX_FILTERS,
-    MAX_GATEWAYS, MAX_SDO_BYTES, METHODS, Method, NmtCommand, NmtParams, Subscription, Upload,
-    UploadParams, methods,
+    DownloadParams, Empty, EventKind, IdFilter, ImageDirection, ImageSubscription, MAX_EVENTS,
+    MAX_FILTERS, MAX_GATEWAYS, MAX_SDO_BYTES, METHODS, Method, NmtCommand, NmtParams,
+    RecordedEvent, RecordedEvents, RecordedKind, Subscription, Upload, UploadParams, methods,
 };
 pub use rpc::{
     BAD_RECORD, BUS_ERROR, BUSY, BusError, DEFAULT_MAX_AGE_MS, EXPIRED, HELLO_FIRST,

@@ -91,6 +91,8 @@ methods! {
     UnsubscribeImages = "images.unsubscribe", Read, Empty => Empty;
     /// Counters of the service and its clients.
     ReadServiceStats = "service.stats", Read, Empty => ServiceStats;
+    /// What happened to the bus and the service.
+    ReadEvents = "events", Read, Empty => RecordedEvents;
     /// Sends an NMT command.
     SendNmt = "nmt", Control, NmtParams => Empty;
 }
@@ -223,6 +225,65 @@ pub struct NmtParams {
     pub node: u8,
     /// Command.
     pub command: NmtCommand,
+}
+
+/// Number of events that a service keeps.
+pub const MAX_EVENTS: usize = 100;
+
+/// Result of `events`: the last [`MAX_EVENTS`] events, the oldest first.
+#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
+pub struct RecordedEvents {
+    /// Earlier events, which are not kept.
+    pub dropped: u64,
+    /// The events.
+    pub events: Vec<RecordedEvent>,
+}
+
+/// An event of the bus or of the service.
+#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
+pub struct RecordedEvent {
+    /// Time, as in a frame record; up to 50 ms late.
+    pub time_ns: u64,
+    /// Kind.
+    pub kind: RecordedKind,
+    /// Index of the gateway; `None` if the event concerns the service.
+    pub gateway: Option<u16>,
+    /// Channel, 0 to 3, of a change of its condition.
+    pub channel: Option<u8>,
+    /// Duration of the outage that ended, in nanoseconds.
+    pub duration_ns: Option<u64>,
+    /// Text with the cause, as far as it is known.
+    pub text: String,
+}
+
+/// Kind of a recorded event.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum RecordedKind {
+    /// A gateway was lost.
+    Lost,
+    /// A lost gateway has waited for a cause for some seconds.
+    Waits,
+    /// The verification of a gateway failed.
+    Failed,
+    /// A gateway is ready.
+    Ready,
+    /// A gateway was lost and is ready again.
+    Interrupted,
+    /// The condition of a channel changed, for example to bus-off.
+    Channel,
+    /// Images or frames were lost.
+    Losses,
+    /// A client was rejected or disconnected, or lost frames.
+    Client,
+    /// A cycle began or ended.
+    Cycle,
+    /// The program that serves recorded it.
+    Program,
+    /// A kind of a later version.
+    #[default]
+    #[serde(other)]
+    Other,
 }
 
 /// Kind of a frame event to subscribe to.

@@ -78,6 +78,9 @@ pub struct GatewayState {
     pub session: SessionState,
     /// Step that the gateway waits for until it is ready.
     pub waiting_for: Option<String>,
+    /// Code of this step, `PendingStep::encode` of the crate `ecan-mcan-port`; 0 for none.
+    #[serde(default)]
+    pub waiting_code: u64,
     /// Working counter of the cycle, and the expected one.
     pub working_counter: u32,
     /// Expected working counter.

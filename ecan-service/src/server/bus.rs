@@ -11,7 +11,7 @@ use ecan_protocol::mapping::Direction;
 use serde_json::Value;
 
 use super::bus_calls::BusCall;
-use super::bus_view::{BusView, nanoseconds};
+use super::bus_view::{BusView, EventLog, nanoseconds};
 use super::config::{Permission, result_value};
 use super::frame_feed::{FrameFeed, Owner};
 use super::job_queue::{ClientId, Requester};
@@ -20,8 +20,8 @@ use super::session::{Host, limit_error, no_such_method};
 use super::workers::{Age, Job, Work, Workers, time_since_boot};
 use crate::protocol::{
     Access, ActiveConfig, Channel, DEFAULT_MAX_AGE_MS, Empty, Gateway, Hello, INVALID_PARAMS,
-    METHODS, Method, NOT_AVAILABLE, NmtParams, RawRequest, RejectReason, RpcError, ServiceStats,
-    TransmitRecord, methods,
+    METHODS, Method, NOT_AVAILABLE, NmtParams, RawRequest, RecordedEvent, RecordedKind,
+    RejectReason, RpcError, ServiceStats, TransmitRecord, methods,
 };
 
 /// Owner of frames that the service queues; no client has this number.
@@ -36,6 +36,7 @@ pub(crate) struct Bus {
     pub(crate) workers: Workers,
     /// As of the start of the requests that are executed now.
     pub(crate) stats: ServiceStats,
+    pub(crate) events: EventLog,
 }
 
 impl Bus {
@@ -43,6 +44,12 @@ impl Bus {
         self.hello.cycle_ns = cycle.as_ref().map(|cycle| cycle.cycle_ns);
         self.hello.gateways = cycle.as_ref().map_or_else(Vec::new, |cycle| cycle.gateways.clone());
         self.cycle = cycle;
+    }
+
+    /// Records an event of the service at the present time.
+    pub(crate) fn record(&mut self, kind: RecordedKind, text: String) {
+        let time_ns = self.clock.now_ns().wrapping_add(since_1970_ns(&*self.clock));
+        self.events.push(RecordedEvent { time_ns, kind, text, ..Default::default() });
     }
 
     /// Values of the metrics, except those that are read from the EtherCAT bus.
@@ -139,6 +146,7 @@ impl Host for Bus {
                 self.stats.requests_pending = self.workers.pending();
                 result_value(&self.stats)
             }
+            methods::ReadEvents::NAME => result_value(&self.events.recorded()),
             methods::SendNmt::NAME => self.nmt(request, age),
             _ => {
                 let work = match self.work(permission, request) {

@@ -1,22 +1,48 @@
 //! State of the cycle, from its snapshot.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, VecDeque};
 use std::time::Duration;
 
 use ecan_cia402::AxesSnapshot;
 use ecan_host::{Observer, ObserverError, Snapshot};
-use ecan_mcan_port::{PortSnapshot, SessionState as PortSession};
+use ecan_mcan_port::{
+    BusEvent, GatewayCondition, GatewayWatch, ImageLossWatch, PendingStep, PortSnapshot,
+    SessionState as PortSession, SlaveStatistics,
+};
 use hdrhistogram::Histogram;
 use serde_json::Value;
 
 use crate::protocol::{
-    Axes, AxisState, ChannelChanged, CycleState, GatewayState, NOT_AVAILABLE, RpcError,
-    SampledTimes, SessionState, State,
+    Axes, AxisState, ChannelChanged, CycleState, GatewayState, MAX_EVENTS, NOT_AVAILABLE,
+    RecordedEvent, RecordedEvents, RecordedKind, RpcError, SampledTimes, SessionState, State,
 };
 use crate::server::metrics::{CycleSample, SlaveSample, TimeHistogram};
 
 /// Longest time in a distribution, in nanoseconds.
 const MAX_TIME_NS: u64 = 10_000_000_000;
+/// Interval of the events of lost images and frames: steady losses leave room for other events.
+pub(crate) const LOSS_INTERVAL: Duration = Duration::from_secs(60);
+
+/// The last events of the bus and the service.
+#[derive(Debug, Default)]
+pub(crate) struct EventLog {
+    events: VecDeque<RecordedEvent>,
+    dropped: u64,
+}
+
+impl EventLog {
+    pub(crate) fn push(&mut self, event: RecordedEvent) {
+        if self.events.len() == MAX_EVENTS {
+            self.events.pop_front();
+            self.dropped += 1;
+        }
+        self.events.push_back(event);
+    }
+
+    pub(crate) fn recorded(&self) -> RecordedEvents {
+        RecordedEvents { dropped: self.dropped, events: self.events.iter().cloned().collect() }
+    }
+}
 
 #[derive(Debug)]
 pub(crate) struct BusView {
@@ -30,6 +56,23 @@ pub(crate) struct BusView {
     buckets: Buckets,
     /// What was last notified of the channels, by gateway and channel.
     channels: BTreeMap<(u16, u8), ChannelState>,
+    watches: BTreeMap<u16, SlaveWatch>,
+}
+
+/// Watches a gateway for the log of events.
+#[derive(Debug)]
+struct SlaveWatch {
+    gateway: GatewayWatch,
+    images: ImageLossWatch,
+}
+
+impl SlaveWatch {
+    fn new(statistics: &SlaveStatistics) -> Self {
+        Self {
+            gateway: GatewayWatch::new(false, statistics),
+            images: ImageLossWatch::new(statistics, LOSS_INTERVAL),
+        }
+    }
 }
 
 /// State of a channel for notifications.
@@ -77,21 +120,25 @@ impl BusView {
             late: histogram(),
             buckets: Buckets::default(),
             channels: BTreeMap::new(),
+            watches: BTreeMap::new(),
         }
     }
 
-    /// Changes of the channels since the last call. Bus-off between two calls is reported, too.
-    pub(crate) fn channel_changes(&mut self) -> Vec<ChannelChanged> {
+    /// Changes of the channels since the last call, and the events of all gateways. Bus-off between two calls is
+    /// reported, too.
+    pub(crate) fn changes(&mut self, log: &mut EventLog) -> Vec<ChannelChanged> {
         let mut changes = Vec::new();
         if self.update().is_err() {
             return changes;
         }
-        let time_ns = self.time_ns();
+        let (time_ns, now_ns) = (self.time_ns(), self.snapshot.time_ns());
         let Some(port) = PortSnapshot::of(&self.snapshot) else { return changes };
         for (slave, gateway) in (0..port.slave_count()).zip(0_u16..) {
-            let Some(statistics) = port.statistics(slave) else { continue };
-            for (channel, counts) in (0_u8..).zip(&statistics.channels) {
-                let Some(status) = port.channel_status(slave, channel) else { continue };
+            let Some(condition) = GatewayCondition::of_snapshot(port, slave) else { continue };
+            let statistics = &condition.statistics;
+            let channels = statistics.channels.iter().zip(condition.channels);
+            for (channel, (counts, status)) in (0_u8..).zip(channels) {
+                let Some(status) = status else { continue };
                 let now = ChannelState {
                     is_bus_off: status.bus_off(),
                     has_warning: status.warn(),
@@ -117,6 +164,13 @@ impl BusView {
                         });
                     }
                 }
+            }
+            let watch = self.watches.entry(gateway).or_insert_with(|| SlaveWatch::new(statistics));
+            let events = watch.gateway.events(condition, now_ns);
+            events.for_each(|event| log.push(recorded(time_ns, gateway, event)));
+            for loss in watch.images.losses(statistics, now_ns) {
+                let (kind, gateway, text) = (RecordedKind::Losses, Some(gateway), loss.to_string());
+                log.push(RecordedEvent { time_ns, kind, gateway, text, ..Default::default() });
             }
         }
         changes
@@ -232,11 +286,33 @@ fn gateway(snapshot: &Snapshot, port: PortSnapshot<'_>, slave: usize) -> Option<
             PortSession::Failed => SessionState::Failed,
         },
         waiting_for: text(port.waiting_for(slave)),
+        waiting_code: PendingStep::encode(port.waiting_for(slave)),
         working_counter: report.working_counter,
         expected_working_counter: report.expected_working_counter,
         channel_status: [status(0), status(1), status(2), status(3)],
         statistics,
     })
+}
+
+fn recorded(time_ns: u64, gateway: u16, event: BusEvent) -> RecordedEvent {
+    let (mut channel, mut duration_ns) = (None, None);
+    let kind = match event {
+        BusEvent::Lost(_) => RecordedKind::Lost,
+        BusEvent::Waits(_) => RecordedKind::Waits,
+        BusEvent::Failed(_) => RecordedKind::Failed,
+        BusEvent::Interrupted => RecordedKind::Interrupted,
+        BusEvent::Ready(after) => {
+            duration_ns = after.map(nanoseconds);
+            RecordedKind::Ready
+        }
+        BusEvent::Channel(changed, _) => {
+            channel = Some(changed);
+            RecordedKind::Channel
+        }
+        _ => RecordedKind::Other,
+    };
+    let (gateway, text) = (Some(gateway), event.to_string());
+    RecordedEvent { time_ns, kind, gateway, channel, duration_ns, text }
 }
 
 fn text(value: Option<impl ToString>) -> Option<String> {
@@ -245,4 +321,21 @@ fn text(value: Option<impl ToString>) -> Option<String> {
 
 pub(crate) fn nanoseconds(duration: Duration) -> u64 {
     u64::try_from(duration.as_nanos()).unwrap_or(u64::MAX)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn event_after_the_last_place_pushes_out_the_first() {
+        let mut log = EventLog::default();
+        (0..MAX_EVENTS as u64)
+            .for_each(|time_ns| log.push(RecordedEvent { time_ns, ..Default::default() }));
+        assert_eq!((log.recorded().dropped, log.recorded().events[0].time_ns), (0, 0));
+        log.push(RecordedEvent { time_ns: 100, ..Default::default() });
+        let RecordedEvents { dropped, events } = log.recorded();
+        let times: Vec<_> = events.iter().map(|event| event.time_ns).collect();
+        assert_eq!((dropped, times), (1, (1..=100).collect()));
+    }
 }

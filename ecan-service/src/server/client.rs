@@ -1,6 +1,5 @@
 //! A client with its socket and session, and the admission of clients.
 
-use std::fmt;
 use std::os::fd::OwnedFd;
 use std::time::{Duration, Instant};
 
@@ -200,7 +199,7 @@ impl Admission {
     /// Logs a client that has no place.
     pub(crate) fn log_rejection(&mut self, peer: Option<Peer>, reason: &str) {
         let process = peer.map_or(0, |peer| peer.pid);
-        self.rejected.report(format_args!("client of process {process} rejected: {reason}"));
+        self.rejected.report(format!("client of process {process} rejected: {reason}"));
     }
 
     /// Ends the clients that sent no `hello` in time and returns their number. Called in a fixed interval: a
@@ -218,7 +217,7 @@ impl Admission {
             client.session.end(NOT_AVAILABLE, text.into());
             client.session.take_end();
             let number = client.session.id;
-            self.silent.report(format_args!("client {number} (process {process}) ended: {text}"));
+            self.silent.report(format!("client {number} (process {process}) ended: {text}"));
         }
         ended
     }
@@ -228,16 +227,23 @@ impl Admission {
         for session in clients.map(|client| &mut client.session) {
             let (number, name) = (session.id, session.name.clone());
             if let Some(text) = session.take_end() {
-                self.broken.report(format_args!("client {number} ({name}) disconnected: {text}"));
+                self.broken.report(format!("client {number} ({name}) disconnected: {text}"));
             }
         }
     }
 
     /// Ends the incidents that did not continue. Called once per second.
     pub(crate) fn end_incidents(&mut self) {
-        for log in [&mut self.rejected, &mut self.silent, &mut self.broken] {
-            log.end_interval();
-        }
+        self.logs().for_each(IncidentLog::end_interval);
+    }
+
+    /// The incidents that were logged since the last call.
+    pub(crate) fn take_incidents(&mut self) -> impl Iterator<Item = String> {
+        self.logs().filter_map(|log| log.last.take())
+    }
+
+    fn logs(&mut self) -> impl Iterator<Item = &mut IncidentLog> {
+        [&mut self.rejected, &mut self.silent, &mut self.broken].into_iter()
     }
 }
 
@@ -249,20 +255,27 @@ struct IncidentLog {
     is_active: bool,
     is_seen: bool,
     repetitions: u64,
+    /// Text that was logged and not taken.
+    last: Option<String>,
 }
 
 impl IncidentLog {
     const fn new(subject: &'static str) -> Self {
-        Self { subject, is_active: false, is_seen: false, repetitions: 0 }
+        Self { subject, is_active: false, is_seen: false, repetitions: 0, last: None }
     }
 
-    fn report(&mut self, text: fmt::Arguments<'_>) {
+    fn report(&mut self, text: String) {
         if std::mem::replace(&mut self.is_active, true) {
             self.repetitions += 1;
         } else {
-            tracing::warn!("service: {text}");
+            self.log(text);
         }
         self.is_seen = true;
+    }
+
+    fn log(&mut self, text: String) {
+        tracing::warn!("service: {text}");
+        self.last = Some(text);
     }
 
     fn end_interval(&mut self) {
@@ -271,7 +284,7 @@ impl IncidentLog {
         }
         let repetitions = std::mem::take(&mut self.repetitions);
         if repetitions > 0 {
-            tracing::warn!("service: {}: {repetitions} further ones since the first", self.subject);
+            self.log(format!("{}: {repetitions} further ones since the first", self.subject));
         }
     }
 }
@@ -336,7 +349,7 @@ mod tests {
     #[test]
     fn repeated_incident_is_counted_until_it_pauses() {
         let mut log = IncidentLog::new("incidents");
-        (0..5).for_each(|_| log.report(format_args!("one")));
+        (0..5).for_each(|_| log.report("one".to_owned()));
         log.end_interval();
         assert!(log.is_active && log.repetitions == 4);
         log.end_interval();

@@ -5,6 +5,7 @@ use std::os::fd::{AsFd as _, OwnedFd};
 use std::sync::Arc;
 use std::time::Duration;
 
+use ecan_mcan_port::LossWatch;
 use ecan_protocol::mapping::Direction;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::fs::{Mode, OFlags};
@@ -13,11 +14,12 @@ use rustix::net::{SendFlags, send};
 use serde_json::Value;
 
 use super::bus::Attachment;
+use super::bus_view::{LOSS_INTERVAL, nanoseconds};
 use super::client::{Admission, UNKNOWN_USER};
 use super::listener::enter_background;
 use crate::protocol::{
-    BUSY, FrameReport, GatewaysChanged, ImageDirection, ImageMessage, MessageKind, Response,
-    RpcError, ServiceStats, header,
+    BUSY, FrameReport, GatewaysChanged, ImageDirection, ImageMessage, MessageKind, RecordedKind,
+    Response, RpcError, ServiceStats, header,
 };
 use crate::server::bus::Bus;
 use crate::server::client::Client;
@@ -59,6 +61,8 @@ pub(crate) struct ServerLoop {
     /// Conditions that were logged.
     has_no_descriptor: bool,
     cannot_restore: bool,
+    /// Frames that were lost for all clients.
+    losses: LossWatch,
 }
 
 /// The clients, as receivers of frames.
@@ -88,6 +92,7 @@ impl ServerLoop {
             reserve: open_reserve(),
             has_no_descriptor: false,
             cannot_restore: false,
+            losses: LossWatch::new(0, LOSS_INTERVAL),
         }
     }
 
@@ -110,11 +115,7 @@ impl ServerLoop {
                 let clients = self.clients.all.values_mut();
                 self.clients.stats.clients_silent += self.admission.end_silent(clients);
                 self.bus.cycle.iter_mut().for_each(|cycle| cycle.view.sample());
-                let cycle = self.bus.cycle.as_mut();
-                let changes = cycle.map(|cycle| cycle.view.channel_changes()).unwrap_or_default();
-                for change in changes {
-                    self.clients.notify(&notification("channel", &change));
-                }
+                self.record_changes();
             }
             if now >= next_check {
                 next_check = now + CHECK_INTERVAL;
@@ -123,6 +124,8 @@ impl ServerLoop {
             }
             let wait = self.drain();
             self.admission.log_ends(self.clients.all.values_mut());
+            let incidents = self.admission.take_incidents();
+            incidents.for_each(|text| self.bus.record(RecordedKind::Client, text));
             self.clients.all.values_mut().for_each(Client::write);
             self.remove_clients();
             self.serve(wait, &mut buffer);
@@ -130,9 +133,37 @@ impl ServerLoop {
         self.close();
     }
 
+    /// Notifies the clients of changes of the cycle, and records these.
+    fn record_changes(&mut self) {
+        let Self { bus, clients, .. } = self;
+        let cycle = bus.cycle.as_mut();
+        let changes = cycle.map(|cycle| cycle.view.changes(&mut bus.events)).unwrap_or_default();
+        for change in changes {
+            clients.notify(&notification("channel", &change));
+        }
+        let now_ns = nanoseconds(time_since_boot());
+        if let Some(frames) = self.losses.next(clients.stats.frames_lost_in_ring, now_ns) {
+            let text = format!("{frames} frames lost for all clients: the service was late");
+            bus.record(RecordedKind::Losses, text);
+        }
+    }
+
     fn apply(&mut self, update: Update) {
         match update {
             Update::Cycle(cycle) => {
+                self.record_changes();
+                match (&self.bus.cycle, &cycle) {
+                    (_, Some(cycle)) => {
+                        let count = cycle.gateways.len();
+                        let text =
+                            format!("cycle of {} us with {count} gateways", cycle.cycle_ns / 1000);
+                        self.bus.record(RecordedKind::Cycle, text);
+                    }
+                    (Some(_), None) => {
+                        self.bus.record(RecordedKind::Cycle, "the cycle has ended".to_owned());
+                    }
+                    (None, None) => {}
+                }
                 if let Some(old) = &mut self.bus.cycle {
                     old.feed.close(&mut self.clients);
                 }
@@ -156,6 +187,7 @@ impl ServerLoop {
                 // The thread of the metrics may no longer wait.
                 let _ = reply.send(self.bus.metrics_sample(stats, clients));
             }
+            Update::Record(text) => self.bus.record(RecordedKind::Program, text),
             Update::Notify(method, params) => {
                 self.clients.notify(&Response::notification(&method, params));
             }
@@ -261,6 +293,14 @@ impl ServerLoop {
             if is_over {
                 stats.requests_cancelled += bus.workers.cancel(*id) as u64;
                 client.session.counters.add_to(stats);
+                let session = &client.session;
+                let lost = session.output.counters.frames_lost;
+                if lost > 0 {
+                    let name = &session.name;
+                    let text =
+                        format!("client {id} ({name}) lost {lost} frames: it read too slowly");
+                    bus.record(RecordedKind::Client, text);
+                }
             }
             !is_over
         });

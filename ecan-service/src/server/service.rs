@@ -10,6 +10,7 @@ use ecan_mcan_port::Port;
 use serde_json::Value;
 
 use super::bus::Attachment;
+use super::bus_view::EventLog;
 use super::client::Admission;
 use crate::protocol::{Access, DEFAULT_MAX_AGE_MS, Hello, PROTOCOL_VERSION, ServiceStats};
 use crate::server::bus::Bus;
@@ -71,7 +72,8 @@ impl Service {
             gateways: Vec::new(),
         };
         let clock = ecrt.clock().clone();
-        let bus = Bus { hello, cycle: None, clock, workers, stats: ServiceStats::default() };
+        let (stats, events) = (ServiceStats::default(), EventLog::default());
+        let bus = Bus { hello, cycle: None, clock, workers, stats, events };
         let shared = Arc::new(Shared::new(waker));
         let socket = (config.mode, config.group.as_deref());
         let metrics = config.metrics.map(|metrics| {
@@ -124,6 +126,11 @@ impl Service {
     /// Sends a notification to every client.
     pub fn notify(&self, method: impl Into<String>, params: Value) {
         self.shared.send(Update::Notify(method.into(), params));
+    }
+
+    /// Records what happened in the program for the method `events`, for example why a cycle ended.
+    pub fn record_event(&self, text: impl Into<String>) {
+        self.shared.send(Update::Record(text.into()));
     }
 
     /// Path of the socket.

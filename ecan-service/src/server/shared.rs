@@ -27,6 +27,8 @@ pub(crate) enum Update {
     MaxClients(usize),
     /// A notification for every client.
     Notify(String, Value),
+    /// An event of the program.
+    Record(String),
     /// A request for a sample of everything that metrics show.
     Metrics(SyncSender<MetricsSample>),
 }

@@ -98,6 +98,37 @@ fn subscription_selects_by_all_of_its_lists() {
 }
 
 #[test]
+fn events_and_states_of_other_versions_are_read() {
+    let recorded = RecordedEvents {
+        dropped: 7,
+        events: vec![RecordedEvent {
+            time_ns: 5,
+            kind: RecordedKind::Ready,
+            gateway: Some(1),
+            channel: None,
+            duration_ns: Some(300_000_000),
+            text: "ready after 0.300 s".into(),
+        }],
+    };
+    let mut text = json!(recorded);
+    assert_eq!(
+        text["events"][0],
+        json!({"time_ns": 5, "kind": "ready", "gateway": 1, "channel": null,
+            "duration_ns": 300_000_000, "text": "ready after 0.300 s"})
+    );
+    assert_eq!(serde_json::from_value::<RecordedEvents>(text.clone()).unwrap(), recorded);
+    text["events"][0]["kind"] = json!("a later kind");
+    text["events"][0]["more"] = json!(1);
+    let later: RecordedEvents = serde_json::from_value(text).unwrap();
+    assert_eq!(later.events[0].kind, RecordedKind::Other);
+
+    let former = json!({"session": "waiting", "waiting_for": "OP", "working_counter": 0,
+        "expected_working_counter": 3, "channel_status": [null, null, null, null], "statistics": {}});
+    let former: GatewayState = serde_json::from_value(former).unwrap();
+    assert_eq!((former.waiting_for.as_deref(), former.waiting_code), (Some("OP"), 0));
+}
+
+#[test]
 fn every_method_name_is_unique() {
     let mut names: Vec<_> = METHODS.iter().map(|(name, _)| name).collect();
     names.sort();

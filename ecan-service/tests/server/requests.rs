@@ -7,7 +7,7 @@ use super::common::{
     Fixture, PATIENCE, call, exists, frame, gateway, next, read, say_hello, wait_for, write,
 };
 use ecan_host::AdapterConfig;
-use ecan_mcan_port::PortConfig;
+use ecan_mcan_port::{BusEvent, PendingStep, PortConfig};
 use ecan_service::client::*;
 use ecan_service::server::{Control, Extension, Permission, Service, ServiceConfig, ServiceError};
 use ecan_sim::{ClockKind, Fault, SimOptions};
@@ -68,6 +68,46 @@ fn changes_of_a_channel_are_notified() {
     let change: ChannelChanged = serde_json::from_value(change).unwrap();
     assert_eq!((change.gateway, change.channel, change.is_bus_off), (0, 1, true));
     assert!(change.time_ns > 0);
+}
+
+#[test]
+fn outage_and_bus_off_are_recorded_with_cause_and_duration() {
+    let fixture = Fixture::start(|_| ());
+    let client = fixture.client();
+    let of_kind = |kind: RecordedKind| {
+        let events = client.events().unwrap().events.into_iter();
+        events.filter(|event| event.kind == kind).collect::<Vec<_>>()
+    };
+    assert_eq!(of_kind(RecordedKind::Cycle)[0].text, "cycle of 1000 us with 1 gateways");
+    wait_for("the first event", || of_kind(RecordedKind::Ready).len() == 1);
+    assert_eq!(of_kind(RecordedKind::Ready)[0].duration_ns, None);
+
+    fixture.simulation.inject(Fault::LinkLoss { gateway: 0, for_ms: 500 });
+    let waiting = || client.state().unwrap().gateways[0].clone();
+    wait_for("the loss", || waiting().waiting_code != 0);
+    wait_for("the return", || of_kind(RecordedKind::Ready).len() == 2);
+    assert_eq!(waiting().waiting_code, 0);
+    let lost = &of_kind(RecordedKind::Lost)[0];
+    assert_eq!(lost.text, BusEvent::Lost(PendingStep::Link).to_string());
+    let returned = &of_kind(RecordedKind::Ready)[1];
+    let duration_ns = returned.duration_ns.unwrap();
+    assert_eq!((lost.gateway, returned.time_ns - lost.time_ns), (Some(0), duration_ns));
+    assert!(duration_ns > 300_000_000, "{returned:?}");
+
+    fixture.simulation.inject(Fault::BusOff { gateway: 0, channel: 1 });
+    wait_for("the bus-off", || !of_kind(RecordedKind::Channel).is_empty());
+    let bus_off = &of_kind(RecordedKind::Channel)[0];
+    assert_eq!((bus_off.channel, bus_off.text.as_str()), (Some(1), "channel 1: bus-off"));
+
+    fixture.execute(|_, service| service.record_event("tool change"));
+    wait_for("the program's event", || !of_kind(RecordedKind::Program).is_empty());
+    let mut stream = fixture.stream();
+    write(&mut stream, MessageKind::Rpc, b"{}");
+    write(&mut stream, MessageKind::Transmit, &[]);
+    wait_for("the client's event", || !of_kind(RecordedKind::Client).is_empty());
+    assert!(of_kind(RecordedKind::Client)[0].text.contains("send hello before frames"));
+    fixture.execute(|_, service| service.detach());
+    wait_for("the end of the cycle", || of_kind(RecordedKind::Cycle).len() == 2);
 }
 
 #[test]

@@ -12,12 +12,14 @@ use ecan_host::{
     AssignedPdo, Clock, Errno, Error, LinkState, MasterInfo, MasterState, MonotonicClock, PdoEntry,
     PortInfo, PortKind, SdoDirection, SlaveAccess, SlaveInfo,
 };
+use ecan_mcan_port::{GatewayCondition, PendingStep, SessionState as PortSession, SlaveStatistics};
+use ecan_protocol::image::ChannelStatus;
 use ecan_protocol::object::AbortCode;
 use ecan_protocol::text::Printable;
 use ecan_service::client::{Client, ClientError};
 use ecan_service::protocol::{
-    Access, BusError, DownloadParams, Hello, NOT_PERMITTED, PortKind as KindOfPort,
-    SdoDirection as DirectionOfSdo, Slave, SlavePort, UploadParams,
+    Access, BusError, DownloadParams, GatewayState, Hello, NOT_PERMITTED, PortKind as KindOfPort,
+    SdoDirection as DirectionOfSdo, SessionState, Slave, SlavePort, UploadParams,
 };
 #[cfg(feature = "zenoh")]
 use ecan_service_zenoh::{Keys, PublicationError, RemoteService};
@@ -193,6 +195,27 @@ impl fmt::Display for ServiceConnection {
         let (address, program) = (&self.address, self.program());
         let simulated = if *is_simulated { ", SIMULATED" } else { "" };
         write!(f, "via {address}: {program}, master {master}, {access}{simulated}")
+    }
+}
+
+/// Counters of a gateway; `None` if those of another version cannot be read.
+pub fn statistics(state: &GatewayState) -> Option<SlaveStatistics> {
+    serde_json::from_value(serde_json::Value::Object(state.statistics.clone())).ok()
+}
+
+/// A gateway in the state of a service, which does not have the fault of a failed verification.
+pub fn condition(state: &GatewayState) -> GatewayCondition {
+    GatewayCondition {
+        session: match state.session {
+            SessionState::Waiting => PortSession::Waiting,
+            SessionState::Verifying => PortSession::Verifying,
+            SessionState::Ready => PortSession::Ready,
+            SessionState::Failed => PortSession::Failed,
+        },
+        fault: None,
+        waiting_for: PendingStep::decode(state.waiting_code),
+        channels: state.channel_status.map(|status| status.map(ChannelStatus::from_raw)),
+        statistics: statistics(state).unwrap_or_default(),
     }
 }
 

@@ -146,7 +146,7 @@ impl FrameCapture {
                     self.recorder.error(time_ns, port_number(gateway, channel), error);
                 }
             }
-            if !link.session(gateway).is_ready() {
+            if !link.condition(gateway).is_ready() {
                 // Results of frames before the loss never arrive.
                 self.pending.retain(|_, sent| sent.gateway != gateway);
             }

@@ -3,11 +3,11 @@
 use std::fmt;
 
 use ecan_host::AdapterConfig;
-use ecan_mcan_port::{PortConfig, SendTicket, Session, SlaveStatistics};
+use ecan_mcan_port::{GatewayCondition, PortConfig, SendTicket, SlaveStatistics};
 use ecan_protocol::can::CanFrame;
 use ecan_protocol::image::{ChannelStatus, ResultCode, Timestamp};
 use ecan_protocol::mapping::Direction;
-use ecan_service::protocol::{self as service, RejectReason};
+use ecan_service::protocol::RejectReason;
 
 use crate::context::Result;
 
@@ -92,46 +92,6 @@ pub struct Arrival {
     pub event: Event,
 }
 
-/// State of the session of a gateway.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum SessionState {
-    Of(Session),
-    /// A service reports that the verification failed.
-    Failed,
-}
-
-impl SessionState {
-    pub fn is_ready(self) -> bool {
-        self == Self::Of(Session::Ready)
-    }
-}
-
-impl From<service::SessionState> for SessionState {
-    fn from(state: service::SessionState) -> Self {
-        match state {
-            service::SessionState::Waiting => Self::Of(Session::Waiting),
-            service::SessionState::Verifying => Self::Of(Session::Verifying),
-            service::SessionState::Ready => Self::Of(Session::Ready),
-            service::SessionState::Failed => Self::Failed,
-        }
-    }
-}
-
-impl Default for SessionState {
-    fn default() -> Self {
-        Self::Of(Session::Waiting)
-    }
-}
-
-impl fmt::Display for SessionState {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Of(session) => session.fmt(f),
-            Self::Failed => f.write_str("not ready: verification failed"),
-        }
-    }
-}
-
 /// Gateways with a running cycle, of this program or of the program that holds the master.
 ///
 /// A program without a service runs the cycle itself, and no server in its own process. Measured with 10,000
@@ -166,15 +126,18 @@ pub trait FrameLink: fmt::Debug {
     /// Ends the cycle.
     fn end(&mut self) -> Result;
 
-    fn session(&self, gateway: usize) -> SessionState;
+    /// A gateway in this cycle, with its counters since the start of the command.
+    fn condition(&self, gateway: usize) -> GatewayCondition;
 
-    /// What a gateway that was lost waits for, if it is more than the master's next step.
-    fn outage_cause(&self, gateway: usize) -> Option<String>;
+    fn statistics(&self, gateway: usize) -> SlaveStatistics {
+        self.condition(gateway).statistics
+    }
 
     /// "Disabled" for a channel that is not enabled.
-    fn channel_status(&self, gateway: usize, channel: u8) -> ChannelStatus;
-
-    fn statistics(&self, gateway: usize) -> SlaveStatistics;
+    fn channel_status(&self, gateway: usize, channel: u8) -> ChannelStatus {
+        let status = self.condition(gateway).channels.get(usize::from(channel)).copied();
+        status.flatten().unwrap_or_default()
+    }
 
     /// Passes the images of this cycle: gateway, time, image.
     fn images(&self, direction: Direction, visit: &mut dyn FnMut(usize, u64, &[u8]));

@@ -17,13 +17,13 @@ pub use channels::{
     ChannelArgument, Channels, Recorded, RecordedLog, can_config, names_channel, parse_channel,
     read_recording,
 };
-pub use link::{BusFrame, Event, FrameLink, Outcome, SessionState, Ticket};
+pub use link::{BusFrame, Event, FrameLink, Outcome, Ticket};
 pub use options::{FrameOptions, GatewayOptions, SetupOptions, WATCHDOG};
 pub use port_link::wait_ready;
 pub use prepared::Prepared;
 pub use printer::{Destination, Printer, Screen, Style, TimedFrame};
 pub use sender::{Due, Record, Sender, TransmitTracker};
-pub use service::{Losses, Service, failure};
+pub use service::{LOSS_INTERVAL, Service, failure};
 pub use service_link::ServiceLink;
 pub use settings::{
     GatewayRequirements, Planned, ServiceSetup, Settings, gateways_of_service, of_file_offline,

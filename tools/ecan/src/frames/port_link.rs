@@ -4,16 +4,15 @@ use std::time::SystemTime;
 
 use ecan_host::{AdapterConfig, Clock, Ecrt};
 use ecan_mcan_port::{
-    Cycle, Port, PortConfig, PortError, Received, ReceivedView, SendError, Session, SlaveStatistics,
+    Cycle, GatewayCondition, Port, PortConfig, PortError, Received, ReceivedView, SendError,
 };
 use ecan_protocol::can::CanFrame;
-use ecan_protocol::image::ChannelStatus;
 use ecan_protocol::mapping::Direction;
 use ecan_tool_support::command_line::interrupt::Interrupt;
 use ecan_tool_support::command_line::options::RealTimeArguments;
 
 use crate::context::{Failure, Result, note};
-use crate::frames::link::{Arrival, BusFrame, Event, FrameLink, Outcome, SessionState, Ticket};
+use crate::frames::link::{Arrival, BusFrame, Event, FrameLink, Outcome, Ticket};
 use crate::frames::service::without_fd;
 
 const ARRIVALS: usize = 512;
@@ -124,25 +123,9 @@ impl FrameLink for PortLink {
         ended.map_err(Failure::master)
     }
 
-    fn outage_cause(&self, gateway: usize) -> Option<String> {
-        let step = self.port.waiting_for(self.port.gateway(gateway).ok()?)?;
-        step.is_cause().then(|| step.to_string())
-    }
-
-    fn session(&self, gateway: usize) -> SessionState {
+    fn condition(&self, gateway: usize) -> GatewayCondition {
         let gateway = self.port.gateway(gateway);
-        SessionState::Of(gateway.map_or(Session::Waiting, |gateway| self.port.session(gateway)))
-    }
-
-    fn channel_status(&self, gateway: usize, channel: u8) -> ChannelStatus {
-        let channel = self.port.channel(gateway, channel);
-        channel
-            .map_or_else(|_| ChannelStatus::default(), |channel| self.port.channel_status(channel))
-    }
-
-    fn statistics(&self, gateway: usize) -> SlaveStatistics {
-        let gateway = self.port.gateway(gateway);
-        gateway.map_or_else(|_| SlaveStatistics::default(), |gateway| self.port.statistics(gateway))
+        gateway.map(|gateway| GatewayCondition::of(&self.port, gateway)).unwrap_or_default()
     }
 
     fn images(&self, direction: Direction, visit: &mut dyn FnMut(usize, u64, &[u8])) {

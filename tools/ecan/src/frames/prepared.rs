@@ -119,7 +119,7 @@ impl<'a> Prepared<'a> {
             }
             if service.response_ns() > READY_NS {
                 service.finish()?;
-                let reason = format!("still {} after 10 s", service.session(gateway));
+                let reason = format!("still {} after 10 s", service.condition(gateway).session);
                 return Err(Failure::NotReady { position: service.position(gateway), reason });
             }
         }

@@ -4,7 +4,9 @@ use std::fmt::Display;
 use std::path::Path;
 use std::time::Duration;
 
-use ecan_mcan_port::{ChannelWatch, LASTING_CAUSE, PortError, Session, SlaveStatistics};
+use ecan_mcan_port::{
+    BusEvent, GatewayCondition, GatewayWatch, ImageLossWatch, PortError, SlaveStatistics,
+};
 use ecan_protocol::can::CanFrame;
 use ecan_protocol::config::McanChannelConfig;
 use ecan_protocol::image::ChannelStatus;
@@ -14,7 +16,7 @@ use ecan_tool_support::command_line::interrupt::Interrupt;
 
 use super::capture::FrameCapture;
 use super::channels::{BitRates, Channels, can_config};
-use super::link::{Arrival, BusFrame, Event, FrameLink, SessionState, Ticket};
+use super::link::{Arrival, BusFrame, Event, FrameLink, Ticket};
 use crate::context::{Failure, Result, note};
 
 /// Default depth of a channel's transmit cache (manual 13.8).
@@ -233,13 +235,13 @@ impl Service {
         u64::from(cache) + u64::from(controller)
     }
 
-    pub fn session(&self, gateway: usize) -> SessionState {
-        self.link.session(gateway)
+    pub fn condition(&self, gateway: usize) -> GatewayCondition {
+        self.link.condition(gateway)
     }
 
     /// Returns whether frames can be sent to a gateway.
     pub fn is_ready(&self, gateway: usize) -> bool {
-        self.session(gateway).is_ready()
+        self.condition(gateway).is_ready()
     }
 
     /// A gateway that is not ready.
@@ -263,15 +265,10 @@ impl Service {
     }
 
     pub fn not_ready(&self, gateway: usize, what: &str) -> Failure {
-        let session = self.session(gateway);
-        let reason = match session.is_ready() {
+        let condition = self.condition(gateway);
+        let reason = match condition.is_ready() {
             true => format!("lost temporarily: {what}"),
-            false => {
-                let cause = self.link.outage_cause(gateway);
-                let cause =
-                    cause.map_or_else(String::new, |cause| format!("; it waits for {cause}"));
-                format!("lost, now {session}{cause}: {what}")
-            }
+            false => format!("{}: {what}", BusEvent::Lost(condition.step())),
         };
         Failure::NotReady { position: self.position(gateway), reason }
     }
@@ -401,158 +398,81 @@ impl Gap {
     }
 }
 
-/// Interval of the reports of losses, in nanoseconds.
-const PAUSE_NS: u64 = 1_000_000_000;
-
-/// Reported number of losses, for example of lost images.
-#[derive(Debug, Default)]
-pub struct Losses {
-    reported: u64,
-    next_ns: u64,
-}
-
-impl Losses {
-    /// Updates the number; returns the number to report, at most once per interval.
-    pub fn next(&mut self, lost: u64, now_ns: u64) -> Option<u64> {
-        let new = lost.saturating_sub(self.reported);
-        if new == 0 || now_ns < self.next_ns {
-            return None;
-        }
-        *self = Self { reported: lost, next_ns: now_ns.saturating_add(PAUSE_NS) };
-        Some(new)
-    }
-}
+/// Interval of the reports of losses, for example of lost images.
+pub const LOSS_INTERVAL: Duration = Duration::from_secs(1);
 
 /// Reported state of a gateway.
 #[derive(Debug)]
-struct GatewayWatch {
+struct ReportedGateway {
     gateway: usize,
     /// Names the gateway if there are several.
     prefix: String,
     channels: Channels,
-    reported: [ChannelWatch; CHANNELS],
-    session: SessionState,
-    lost_since_ns: Option<u64>,
-    /// Causes of the present outage that have been reported.
-    causes: Vec<String>,
-    /// The present cause, and since when.
-    cause: (Option<String>, u64),
-    losses: Losses,
-    /// Images before the gateway started its sequence again.
-    unknown: Losses,
-    /// Images of which the gateway has left frames out.
-    incomplete: Losses,
+    watch: GatewayWatch,
+    losses: ImageLossWatch,
 }
 
-impl GatewayWatch {
+impl ReportedGateway {
     fn new(gateway: usize, prefix: String, channels: Channels, link: &dyn FrameLink) -> Self {
         let counters = link.statistics(gateway);
-        let since = |reported| Losses { reported, ..Losses::default() };
-        Self {
-            gateway,
-            prefix,
-            channels,
-            reported: Default::default(),
-            session: SessionState::Of(Session::Ready),
-            lost_since_ns: None,
-            causes: Vec::new(),
-            cause: (None, 0),
-            losses: since(counters.txpdo_lost),
-            unknown: since(counters.txpdo_unknown),
-            incomplete: since(counters.txpdo_incomplete),
-        }
+        let watch = GatewayWatch::new(true, &counters);
+        let losses = ImageLossWatch::new(&counters, LOSS_INTERVAL);
+        Self { gateway, prefix, channels, watch, losses }
     }
 
     fn look(&mut self, link: &dyn FrameLink, now_ns: u64, report: &mut impl FnMut(String)) {
-        let is_ready = self.look_at_session(link, now_ns, report);
-        self.report_losses(link, now_ns, report);
-        if !is_ready {
-            return;
-        }
-        for channel in self.channels.iter() {
-            let status = link.channel_status(self.gateway, channel);
-            let reported = self.reported.get_mut(usize::from(channel));
-            let Some(change) = reported.and_then(|reported| reported.next(status, now_ns)) else {
-                continue;
+        let Self { gateway, prefix, channels, watch, .. } = self;
+        let now = link.condition(*gateway);
+        for event in watch.events(now, now_ns) {
+            let rates = match event {
+                BusEvent::Channel(channel, _) if is_disturbed(&now, channel) => {
+                    let can = can_config(link.port_config(), *gateway, channel);
+                    can.map_or_else(String::new, |can| format!(", at {}", BitRates::of(can)))
+                }
+                _ => String::new(),
             };
-            let can = can_config(link.port_config(), self.gateway, channel);
-            let rates = can.filter(|_| status.warn() || status.bus_off());
-            let rates = rates.map_or_else(String::new, |can| format!(", at {}", BitRates::of(can)));
-            report(format!("{}can{channel}: {change}{rates}", self.prefix));
+            let line = line(prefix, *channels, event);
+            line.into_iter().for_each(|line| report(format!("{line}{rates}")));
         }
-    }
-
-    /// Reports a change of the session, and each cause of an outage once.
-    fn look_at_session(
-        &mut self,
-        link: &dyn FrameLink,
-        now_ns: u64,
-        report: &mut impl FnMut(String),
-    ) -> bool {
-        let session = link.session(self.gateway);
-        let is_change = std::mem::replace(&mut self.session, session) != session;
-        let prefix = &self.prefix;
-        if session.is_ready() {
-            if let Some(since_ns) = self.lost_since_ns.take() {
-                let seconds = now_ns.saturating_sub(since_ns) as f64 / 1e9;
-                report(format!("{prefix}gateway: ready after {seconds:.3} s"));
-            }
-            self.causes.clear();
-            return true;
-        }
-        self.lost_since_ns.get_or_insert(now_ns);
-        let cause = link.outage_cause(self.gateway);
-        if self.cause.0 != cause {
-            self.cause = (cause.clone(), now_ns);
-        }
-        // The master takes several steps after a loss.
-        let lasts = Duration::from_nanos(now_ns.saturating_sub(self.cause.1)) >= LASTING_CAUSE;
-        let is_told = is_change || lasts;
-        let cause = cause.filter(|cause| is_told && !self.causes.contains(cause));
-        match &cause {
-            Some(cause) => report(format!("{prefix}gateway: {session}; it waits for {cause}")),
-            None if is_change => report(format!("{prefix}gateway: {session}")),
-            None => {}
-        }
-        self.causes.extend(cause);
-        false
+        self.report_losses(&now, now_ns, report);
     }
 
     fn finish(&mut self, link: &dyn FrameLink, report: &mut impl FnMut(String)) {
-        self.report_losses(link, u64::MAX, report);
-        for (channel, reported) in self.reported.iter_mut().enumerate() {
-            if let Some(change) = reported.rest() {
-                report(format!("{}can{channel}: {change}", self.prefix));
-            }
-        }
+        self.report_losses(&link.condition(self.gateway), u64::MAX, report);
+        let Self { prefix, channels, watch, .. } = self;
+        watch.rest().filter_map(|event| line(prefix, *channels, event)).for_each(report);
     }
 
     fn report_losses(
         &mut self,
-        link: &dyn FrameLink,
+        now: &GatewayCondition,
         now_ns: u64,
         report: &mut impl FnMut(String),
     ) {
-        let (counters, prefix) = (link.statistics(self.gateway), &self.prefix);
-        if let Some(lost) = self.losses.next(counters.txpdo_lost, now_ns) {
-            report(format!("{prefix}gateway: {lost} images lost, received frames may be missing"));
-        }
-        if let Some(unknown) = self.unknown.next(counters.txpdo_unknown, now_ns) {
-            report(format!(
-                "{prefix}gateway: up to {unknown} images unknown, received frames may be missing"
-            ));
-        }
-        if let Some(incomplete) = self.incomplete.next(counters.txpdo_incomplete, now_ns) {
-            report(format!(
-                "{prefix}gateway: {incomplete} images incomplete, it has dropped frames"
-            ));
-        }
+        let losses = self.losses.losses(&now.statistics, now_ns);
+        losses.for_each(|loss| report(format!("{}gateway: {loss}", self.prefix)));
     }
+}
+
+/// Line of an event; `None` for one of another channel.
+fn line(prefix: &str, channels: Channels, event: BusEvent) -> Option<String> {
+    match event {
+        BusEvent::Channel(channel, change) => {
+            channels.contains(channel).then(|| format!("{prefix}can{channel}: {change}"))
+        }
+        event => Some(format!("{prefix}gateway: {event}")),
+    }
+}
+
+/// Returns whether the bit rates of a channel may be the cause of its condition.
+fn is_disturbed(gateway: &GatewayCondition, channel: u8) -> bool {
+    let status = gateway.channels.get(usize::from(channel)).copied().flatten();
+    status.is_some_and(|status| status.warn() || status.bus_off())
 }
 
 #[derive(Debug)]
 pub struct StatusWatch {
-    gateways: Vec<GatewayWatch>,
+    gateways: Vec<ReportedGateway>,
 }
 
 impl StatusWatch {
@@ -564,7 +484,7 @@ impl StatusWatch {
                 [_] => String::new(),
                 _ => format!("slave {position} "),
             };
-            GatewayWatch::new(gateway, prefix, *channels, link)
+            ReportedGateway::new(gateway, prefix, *channels, link)
         };
         Self { gateways: gateways.iter().enumerate().map(watch).collect() }
     }

@@ -3,7 +3,7 @@
 use std::time::{Duration, SystemTime};
 
 use ecan_host::{AdapterConfig, Clock as _, Errno, MonotonicClock, SlaveAccess as _};
-use ecan_mcan_port::{PendingStep, PortConfig, Session, SlaveStatistics};
+use ecan_mcan_port::{GatewayCondition, PortConfig};
 use ecan_protocol::can::CanFrame;
 use ecan_protocol::image::{ChannelState, ChannelStatus, Timestamp};
 use ecan_protocol::mapping::{CHANNELS, Direction};
@@ -16,8 +16,8 @@ use serde_json::Value;
 
 use crate::context::{Failure, Result, note};
 use crate::frames::channels::Channels;
-use crate::frames::link::{Arrival, BusFrame, Event, FrameLink, Outcome, SessionState, Ticket};
-use crate::service_access::ServiceConnection;
+use crate::frames::link::{Arrival, BusFrame, Event, FrameLink, Outcome, Ticket};
+use crate::service_access::{ServiceConnection, condition};
 
 /// Longest age of the state while own frames are sent, and otherwise.
 const SENDING_NS: u64 = 1_000_000_000;
@@ -34,14 +34,12 @@ struct LinkedGateway {
     /// Index in the service.
     index: u16,
     position: u16,
-    session: SessionState,
-    waiting_for: Option<String>,
-    status: [ChannelStatus; CHANNELS],
-    /// Status in the last state; `status` differs for one cycle after a bus-off between two states.
-    last_status: [ChannelStatus; CHANNELS],
+    /// Its counters are those since the start of the command.
+    condition: GatewayCondition,
+    /// Channels in the last state; those of `condition` differ for one cycle after a bus-off between two states.
+    last_channels: [Option<ChannelStatus>; CHANNELS],
     /// Counters at the start of the command.
     start: Value,
-    statistics: SlaveStatistics,
     /// Images while there was no connection, at most.
     missed: u64,
 }
@@ -376,42 +374,38 @@ impl LinkedGateway {
         Self {
             index,
             position,
-            session: SessionState::default(),
-            waiting_for: None,
-            status: [ChannelStatus::default(); CHANNELS],
-            last_status: [ChannelStatus::default(); CHANNELS],
+            condition: GatewayCondition::default(),
+            last_channels: [None; CHANNELS],
             start: Value::Null,
-            statistics: SlaveStatistics::default(),
             missed: 0,
         }
     }
 
     fn forget_session(&mut self) {
-        (self.session, self.waiting_for) = (SessionState::default(), None);
+        let GatewayCondition { channels, statistics, .. } = self.condition;
+        self.condition = GatewayCondition { channels, statistics, ..GatewayCondition::default() };
     }
 
     /// Begins a cycle.
     fn begin(&mut self) {
-        self.status = self.last_status;
+        self.condition.channels = self.last_channels;
     }
 
     fn update(&mut self, state: &GatewayState) {
-        self.session = state.session.into();
-        self.waiting_for.clone_from(&state.waiting_for);
-        self.last_status =
-            state.channel_status.map(|raw| ChannelStatus::from_raw(raw.unwrap_or_default()));
+        let before = self.condition.statistics.channels;
+        self.condition = condition(state);
+        self.last_channels = self.condition.channels;
         let counters = Value::Object(state.statistics.clone());
         if self.start.is_null() {
             self.start = counters.clone();
         }
         let since = difference(&counters, &self.start);
-        let before = self.statistics.channels;
-        self.statistics = serde_json::from_value(since).unwrap_or_default();
-        self.statistics.txpdo_unknown += self.missed;
-        self.status = self.last_status;
-        let counts = before.iter().zip(&self.statistics.channels);
-        for (status, (before, now)) in self.status.iter_mut().zip(counts) {
-            if now.bus_off_images > before.bus_off_images {
+        let GatewayCondition { channels, statistics, .. } = &mut self.condition;
+        *statistics = serde_json::from_value(since).unwrap_or_default();
+        statistics.txpdo_unknown += self.missed;
+        let counts = before.iter().zip(&statistics.channels);
+        for (status, (before, now)) in channels.iter_mut().zip(counts) {
+            if let (Some(status), true) = (status, now.bus_off_images > before.bus_off_images) {
                 *status = status.with_state(ChannelState::BusOff).with_bus_off(true);
             }
         }
@@ -501,31 +495,8 @@ impl FrameLink for ServiceLink {
         self.failure.take().map_or(Ok(()), Err)
     }
 
-    fn outage_cause(&self, gateway: usize) -> Option<String> {
-        let LinkedGateway { session, waiting_for, .. } = self.gateways.get(gateway)?;
-        let follows_each_outage = |step: &String| {
-            [PendingStep::Operational, PendingStep::NextAttempt]
-                .iter()
-                .any(|other| other.to_string() == *step)
-        };
-        let is_waiting = *session == SessionState::Of(Session::Waiting);
-        waiting_for.clone().filter(|step| is_waiting && !follows_each_outage(step))
-    }
-
-    fn session(&self, gateway: usize) -> SessionState {
-        self.gateways.get(gateway).map_or_else(SessionState::default, |gateway| gateway.session)
-    }
-
-    fn channel_status(&self, gateway: usize, channel: u8) -> ChannelStatus {
-        let status =
-            self.gateways.get(gateway).and_then(|gateway| gateway.status.get(usize::from(channel)));
-        status.copied().unwrap_or_default()
-    }
-
-    fn statistics(&self, gateway: usize) -> SlaveStatistics {
-        self.gateways
-            .get(gateway)
-            .map_or_else(SlaveStatistics::default, |gateway| gateway.statistics)
+    fn condition(&self, gateway: usize) -> GatewayCondition {
+        self.gateways.get(gateway).map(|gateway| gateway.condition).unwrap_or_default()
     }
 
     fn images(&self, direction: Direction, visit: &mut dyn FnMut(usize, u64, &[u8])) {
@@ -554,7 +525,7 @@ impl FrameLink for ServiceLink {
 
 #[cfg(test)]
 mod tests {
-    use ecan_mcan_port::ChannelStatistics;
+    use ecan_mcan_port::{ChannelStatistics, SlaveStatistics};
     use serde_json::json;
 
     use super::*;
@@ -600,6 +571,7 @@ mod tests {
             GatewayState {
                 session: ecan_service::protocol::SessionState::Ready,
                 waiting_for: None,
+                waiting_code: 0,
                 working_counter: 3,
                 expected_working_counter: 3,
                 channel_status: [Some(run.raw()); CHANNELS],
@@ -610,7 +582,7 @@ mod tests {
         let mut bus_off = |bus_off_images: Option<u64>| {
             gateway.begin();
             bus_off_images.into_iter().for_each(|images| gateway.update(&state(images)));
-            gateway.status.map(ChannelStatus::bus_off)
+            gateway.condition.channels.map(|status| status.unwrap().bus_off())
         };
         assert_eq!(bus_off(Some(7)), [false; CHANNELS], "before the command");
         assert_eq!(bus_off(Some(9)), [false, true, false, false]);

@@ -191,7 +191,7 @@ fn lost_gateway_is_shown_through_a_service() {
     let arguments = ["--via", &daemon.path, "monitor", "--for", "0.2s"];
     assert!(ends(1, &arguments).contains("LOST"));
     client.call("sim.fault", json!({ "kind": "power_on", "gateway": 0 })).unwrap();
-    monitor.wait_for("ready again after");
+    monitor.wait_for("gateway 0: ready after");
     monitor.quit();
 }
 

@@ -3,12 +3,13 @@
 use std::collections::HashMap;
 
 use ecan_can_io::bridge::{BusEvent, ClientFrame};
+use ecan_mcan_port::LossWatch;
 use ecan_protocol::can::CanFrame;
 use ecan_protocol::image::{ChannelState, ChannelStatus, ResultCode};
 
 use super::endpoint::{Address, Endpoint, LOSSES, LaneId, TransmitGate};
 use crate::context::{Result, note};
-use crate::frames::{Event, Losses, Outcome, Service, Ticket};
+use crate::frames::{Event, LOSS_INTERVAL, Outcome, Service, Ticket};
 
 /// A bus without progress for this time of reported status, despite pending frames, has no
 /// acknowledging node.
@@ -26,7 +27,7 @@ pub struct Lane {
     pub id: LaneId,
     endpoints: Vec<Endpoint>,
     /// Reported losses of each endpoint.
-    losses: Vec<[Losses; LOSSES]>,
+    losses: Vec<[LossWatch; LOSSES]>,
     is_listening: bool,
     /// Frame that waits for space.
     waiting: Option<PendingFrame>,
@@ -50,7 +51,7 @@ impl Lane {
             turns: RoundRobin::default(),
             gate: TransmitGate::new(&endpoints),
             events: ChannelEvents::default(),
-            losses: endpoints.iter().map(|_| Default::default()).collect(),
+            losses: vec![[LossWatch::new(0, LOSS_INTERVAL); LOSSES]; endpoints.len()],
             moved_ns: 0,
             status_ns: 0,
             idle_ns: 0,

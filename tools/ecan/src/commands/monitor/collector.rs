@@ -5,7 +5,7 @@
 use std::collections::VecDeque;
 use std::sync::Arc;
 
-use ecan_mcan_port::{Session, SlaveStatistics};
+use ecan_mcan_port::{BusEvent, GatewayCondition, GatewayWatch, SessionState, SlaveStatistics};
 use ecan_protocol::image::ChannelState;
 use ecan_protocol::mapping::CHANNELS;
 use ecan_service::protocol::{AxisState, ServiceStats};
@@ -20,7 +20,6 @@ use super::snapshot::{
     AxesView, ChannelView, Direction, Errors, Event, GatewayState, GatewayView, Head, IdsView,
     Snapshot,
 };
-use crate::frames::SessionState;
 
 const EVENTS: usize = 200;
 
@@ -36,7 +35,7 @@ struct Counted {
     busy_s: [f64; CHANNELS],
 }
 
-#[derive(Clone, Debug, Default)]
+#[derive(Debug)]
 struct Memory {
     layout: LayoutGateway,
     now: GatewayObservation,
@@ -46,7 +45,7 @@ struct Memory {
     busy_s: [f64; CHANNELS],
     errors: GatewayErrors,
     errors_base: GatewayErrors,
-    lost_ns: Option<u64>,
+    watch: GatewayWatch,
 }
 
 #[derive(Debug)]
@@ -100,7 +99,7 @@ impl Collector {
             for (at, seen) in observation.gateways.iter().enumerate() {
                 self.report_changes(at, seen);
                 if let Some(gateway) = self.gateways.get_mut(at) {
-                    gateway.now = seen.clone();
+                    gateway.now = *seen;
                 }
             }
             self.report_axis_errors(&observation.axes);
@@ -108,7 +107,12 @@ impl Collector {
             self.service.clone_from(&observation.service);
         }
         let counted = |gateway: &Memory| Counted {
-            received: gateway.now.statistics.channels.map(|channel| channel.frames_received),
+            received: gateway
+                .now
+                .condition
+                .statistics
+                .channels
+                .map(|channel| channel.frames_received),
             busy_s: gateway.busy_s,
         };
         let gateways = self.gateways.iter().map(counted).collect();
@@ -128,8 +132,14 @@ impl Collector {
         let memory = |gateway: &LayoutGateway| Memory {
             layout: gateway.clone(),
             base: gateway.base,
-            now: GatewayObservation { statistics: gateway.base, ..Default::default() },
-            ..Memory::default()
+            now: GatewayObservation {
+                condition: GatewayCondition { statistics: gateway.base, ..Default::default() },
+                ..Default::default()
+            },
+            busy_s: [0.0; CHANNELS],
+            errors: None,
+            errors_base: None,
+            watch: GatewayWatch::new(false, &gateway.base),
         };
         self.gateways = layout.gateways.iter().map(memory).collect();
         self.cycle = CycleTimes::new(layout);
@@ -177,7 +187,7 @@ impl Collector {
     pub fn clear(&mut self) {
         self.cycle.clear();
         for gateway in &mut self.gateways {
-            gateway.base = gateway.now.statistics;
+            gateway.base = gateway.now.condition.statistics;
             gateway.errors_base = gateway.errors;
         }
         self.ids = IdTable::default();
@@ -198,49 +208,16 @@ impl Collector {
     }
 
     fn report_changes(&mut self, at: usize, seen: &GatewayObservation) {
-        let Some(memory) = self.gateways.get(at) else { return };
-        let (before, position, lost_ns) = (&memory.now, memory.layout.position, memory.lost_ns);
-        let (was, is) = (before.session.is_ready(), seen.session.is_ready());
-        let mut lines = Vec::new();
-        // Check the counter too: a gateway may be lost and ready again between two observations.
-        let is_lost_again = seen.statistics.sessions_lost > before.statistics.sessions_lost;
-        let mut lost_ns = if is_lost_again { Some(self.now_ns) } else { lost_ns };
-        if is_lost_again {
-            lines.push(format!("gateway {position}: lost"));
-        }
-        if is && (!was || is_lost_again) {
-            lines.push(match lost_ns.take() {
-                Some(since_ns) => {
-                    let away_s = self.now_ns.saturating_sub(since_ns) as f64 / 1e9;
-                    format!("gateway {position}: ready again after {away_s:.1} s")
-                }
-                None => format!("gateway {position}: ready"),
-            });
-        }
-        if let (false, Some(fault)) = (seen.session == before.session, fault(seen.session)) {
-            lines.push(format!("gateway {position}: {fault}"));
-        }
-        if is {
-            let counters = before.statistics.channels.iter().zip(seen.statistics.channels);
-            // An observation may miss a short one; its images are counted.
-            let has_been_off = counters.map(|(old, new)| new.bus_off_images > old.bus_off_images);
-            let channels = before.channels.iter().zip(seen.channels).zip(has_been_off);
-            for (channel, ((old, new), has_been_off)) in channels.enumerate() {
-                let was_off = was && old.bus_off();
-                if !was_off && (new.bus_off() || has_been_off) {
-                    lines.push(format!("gateway {position} can{channel}: bus-off"));
-                }
-                if !new.bus_off() && (was_off || has_been_off) {
-                    lines.push(format!("gateway {position} can{channel}: recovered"));
-                }
+        let Some(memory) = self.gateways.get_mut(at) else { return };
+        let position = memory.layout.position;
+        let lines = memory.watch.events(seen.condition, self.now_ns).map(|event| match event {
+            BusEvent::Channel(channel, change) => {
+                format!("gateway {position} can{channel}: {change}")
             }
-        }
-        if let Some(memory) = self.gateways.get_mut(at) {
-            memory.lost_ns = lost_ns;
-        }
-        for line in lines {
-            self.add_event(line);
-        }
+            event => format!("gateway {position}: {event}"),
+        });
+        let lines: Vec<_> = lines.collect();
+        lines.into_iter().for_each(|line| self.add_event(line));
     }
 
     fn report_axis_errors(&mut self, axes: &[AxisState]) {
@@ -288,19 +265,21 @@ impl Collector {
     }
 
     fn gateway(&self, at: usize, memory: &Memory) -> GatewayView {
-        let (now, base) = (&memory.now.statistics, &memory.base);
+        let condition = &memory.now.condition;
+        let (now, base) = (&condition.statistics, &memory.base);
         let since = |count: fn(&SlaveStatistics) -> u64| count(now).saturating_sub(count(base));
-        let session = memory.now.session;
-        let state = match session {
-            SessionState::Of(Session::Ready) => GatewayState::Ready,
-            _ if now.sessions > 0 => GatewayState::Lost,
-            _ => GatewayState::Starting,
+        let state = match condition.is_ready() {
+            true => GatewayState::Ready,
+            false if now.sessions > 0 => GatewayState::Lost,
+            false => GatewayState::Starting,
         };
-        let reason = match (fault(session), memory.now.waiting_for.text()) {
-            _ if session.is_ready() => String::new(),
-            (Some(fault), _) => fault,
-            (None, Some(awaited)) => format!("waiting for {awaited}"),
-            (None, None) => session.to_string(),
+        let reason = match (condition.fault, condition.waiting_for) {
+            _ if condition.is_ready() => String::new(),
+            (Some(fault), _) => fault.to_string(),
+            (None, Some(step)) if condition.session != SessionState::Failed => {
+                format!("waiting for {step}")
+            }
+            _ => condition.session.to_string(),
         };
         GatewayView {
             position: memory.layout.position,
@@ -325,10 +304,11 @@ impl Collector {
         state: GatewayState,
         channel: usize,
     ) -> ChannelView {
+        let condition = &memory.now.condition;
         let received = |statistics: &SlaveStatistics| {
             statistics.channels.get(channel).map_or(0, |channel| channel.frames_received)
         };
-        let total = received(&memory.now.statistics).saturating_sub(received(&memory.base));
+        let total = received(&condition.statistics).saturating_sub(received(&memory.base));
         let (rx_per_second, load) = self.rates(at, channel);
         let of =
             |errors: &GatewayErrors| errors.and_then(|channels| channels.get(channel).copied());
@@ -344,7 +324,7 @@ impl Collector {
         if state != GatewayState::Ready {
             return view;
         }
-        let status = memory.now.channels.get(channel).copied().unwrap_or_default();
+        let status = condition.channels.get(channel).copied().flatten().unwrap_or_default();
         let state = if status.bus_off() { ChannelState::BusOff } else { status.state() };
         ChannelView {
             state: Some(state.to_string()),
@@ -383,14 +363,6 @@ impl Collector {
 /// Counter of the gateway since the last clear; starts at 0 after a restart.
 fn since(now: u64, base: u64) -> u64 {
     now.checked_sub(base).unwrap_or(now)
-}
-
-fn fault(session: SessionState) -> Option<String> {
-    match session {
-        SessionState::Of(Session::Failed(fault)) => Some(fault.to_string()),
-        SessionState::Failed => Some("verification failed".to_owned()),
-        SessionState::Of(_) => None,
-    }
 }
 
 #[cfg(test)]

@@ -5,16 +5,14 @@ use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
 use std::time::Duration;
 
 use ecan_host::{CycleStart, Diagnostics};
-use ecan_mcan_port::{ChannelConfig, GatewayConfig, PendingStep, SlaveStatistics};
+use ecan_mcan_port::{ChannelConfig, GatewayCondition, GatewayConfig, SlaveStatistics};
 use ecan_protocol::can::{CanFrame, FrameBits};
-use ecan_protocol::image::ChannelStatus;
 use ecan_protocol::mapping::CHANNELS;
 use ecan_service::protocol::{AxisState, CycleState, SampledTimes, ServiceStats};
 use ecan_tool_support::diagnosis::registers::ErrorCounters;
 
 use super::snapshot::{Direction, Errors};
 use crate::context::{Failure, Result};
-use crate::frames::SessionState;
 
 /// Interval of looking at the state of the gateways, in ns.
 pub const LOOK_NS: u64 = 100_000_000;
@@ -57,32 +55,11 @@ pub struct SampledCycle {
     pub late: SampledTimes,
 }
 
-#[derive(Clone, Debug, Default)]
-pub enum WaitingFor {
-    #[default]
-    Nothing,
-    Step(PendingStep),
-    Text(String),
-}
-
-impl WaitingFor {
-    pub fn text(&self) -> Option<String> {
-        match self {
-            Self::Nothing => None,
-            Self::Step(step) => Some(step.to_string()),
-            Self::Text(text) => Some(text.clone()),
-        }
-    }
-}
-
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Copy, Debug, Default)]
 pub struct GatewayObservation {
-    pub session: SessionState,
-    pub waiting_for: WaitingFor,
+    pub condition: GatewayCondition,
     pub working_counter: u32,
     pub expected_working_counter: u32,
-    pub statistics: SlaveStatistics,
-    pub channels: [ChannelStatus; CHANNELS],
 }
 
 #[derive(Clone, Copy, Debug)]

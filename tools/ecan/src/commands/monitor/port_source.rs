@@ -1,17 +1,15 @@
 //! Observations of a cycle of this program, which keeps the gateways ready.
 
 use ecan_host::OpWait;
-use ecan_mcan_port::{Port, PortError, Received};
+use ecan_mcan_port::{GatewayCondition, Port, PortError, Received};
 
 use super::observation::{
     ChannelRates, ErrorReader, GatewayErrors, GatewayObservation, Layout, LayoutGateway, Mark,
-    Observation, ObservedFrame, Origin, Source, WaitingFor, read_errors,
+    Observation, ObservedFrame, Origin, Source, read_errors,
 };
 use super::snapshot::Direction;
 use crate::context::{Bus, Failure, GlobalOptions, Result, note};
-use crate::frames::{
-    GatewayOptions, GatewayRequirements, Planned, SessionState, Settings, failure,
-};
+use crate::frames::{GatewayOptions, GatewayRequirements, Planned, Settings, failure};
 
 #[derive(Debug)]
 pub struct PortSource<'a> {
@@ -130,18 +128,11 @@ impl Source for PortSource<'_> {
         observation.layout = observation.layout.take().or(self.layout.take());
         let port = &self.port;
         for (handle, gateway) in port.gateways().zip(&mut observation.gateways) {
-            let slave = handle.slave();
-            let domain = port.adapter().domain_report(slave);
+            let domain = port.adapter().domain_report(handle.slave());
             *gateway = GatewayObservation {
-                session: SessionState::Of(port.session(handle)),
-                waiting_for: port.waiting_for(handle).map_or(WaitingFor::Nothing, WaitingFor::Step),
+                condition: GatewayCondition::of(port, handle),
                 working_counter: domain.working_counter,
                 expected_working_counter: domain.expected_working_counter,
-                statistics: port.statistics(handle),
-                channels: std::array::from_fn(|channel| {
-                    let channel = port.channel(slave, channel as u8);
-                    channel.map(|channel| port.channel_status(channel)).unwrap_or_default()
-                }),
             };
         }
         Ok(())

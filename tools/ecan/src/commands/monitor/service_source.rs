@@ -3,23 +3,20 @@
 use std::time::Duration;
 
 use ecan_host::{Clock as _, Diagnostics, MonotonicClock};
-use ecan_mcan_port::SlaveStatistics;
-use ecan_protocol::image::ChannelStatus;
 use ecan_service::client::{Client, ClientError, Event};
 use ecan_service::protocol::{
     AxisState, CycleState, FrameEvent, FrameReport, GatewayState, NOT_AVAILABLE, State,
     Subscription,
 };
-use serde_json::Value;
 
 use super::observation::{
     ChannelRates, ErrorReader, GatewayErrors, GatewayObservation, Layout, LayoutGateway,
-    Observation, ObservedFrame, Origin, SampledCycle, Source, WaitingFor,
+    Observation, ObservedFrame, Origin, SampledCycle, Source,
 };
 use super::snapshot::Direction;
 use crate::context::{Bus, Failure, Result};
 use crate::frames::{GatewayRequirements, SetupOptions, of_service};
-use crate::service_access::ServiceConnection;
+use crate::service_access::{ServiceConnection, condition, statistics};
 
 /// Longest wait for an event, and between two attempts to read the gateways.
 const POLL: Duration = Duration::from_millis(10);
@@ -341,17 +338,10 @@ fn failure(connection: &ServiceConnection, error: &ClientError) -> Failure {
     Failure::Device(connection.error("service", error))
 }
 
-fn statistics(state: &GatewayState) -> Option<SlaveStatistics> {
-    serde_json::from_value(Value::Object(state.statistics.clone())).ok()
-}
-
 fn gateway_observation(state: &GatewayState) -> GatewayObservation {
     GatewayObservation {
-        session: state.session.into(),
-        waiting_for: state.waiting_for.clone().map_or(WaitingFor::Nothing, WaitingFor::Text),
+        condition: condition(state),
         working_counter: state.working_counter,
         expected_working_counter: state.expected_working_counter,
-        statistics: statistics(state).unwrap_or_default(),
-        channels: state.channel_status.map(|status| ChannelStatus::from_raw(status.unwrap_or(0))),
     }
 }

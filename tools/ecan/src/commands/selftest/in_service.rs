@@ -89,12 +89,9 @@ fn state(bus: &Bus, slave: usize, running: Option<&Running>) -> Result<String, S
     else {
         return Ok(state);
     };
-    let session = running.link.session(gateway);
-    if session.is_ready() {
-        Ok(format!("{state}, ready"))
-    } else {
-        Err(format!("{state}, {session}"))
-    }
+    let condition = running.link.condition(gateway);
+    let text = format!("{state}, {}", condition.session);
+    if condition.is_ready() { Ok(text) } else { Err(text) }
 }
 
 /// Status and error counters of a channel.
