@@ -154,9 +154,8 @@ impl ServerLoop {
                 self.record_changes();
                 match (&self.bus.cycle, &cycle) {
                     (_, Some(cycle)) => {
-                        let count = cycle.gateways.len();
-                        let text =
-                            format!("cycle of {} us with {count} gateways", cycle.cycle_ns / 1000);
+                        let (us, gateways) = (cycle.cycle_ns / 1000, cycle.gateways.len());
+                        let text = format!("cycle of {us} us, gateways: {gateways}");
                         self.bus.record(RecordedKind::Cycle, text);
                     }
                     (Some(_), None) => {

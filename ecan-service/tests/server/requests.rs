@@ -78,7 +78,7 @@ fn outage_and_bus_off_are_recorded_with_cause_and_duration() {
         let events = client.events().unwrap().events.into_iter();
         events.filter(|event| event.kind == kind).collect::<Vec<_>>()
     };
-    assert_eq!(of_kind(RecordedKind::Cycle)[0].text, "cycle of 1000 us with 1 gateways");
+    assert_eq!(of_kind(RecordedKind::Cycle)[0].text, "cycle of 1000 us, gateways: 1");
     wait_for("the first event", || of_kind(RecordedKind::Ready).len() == 1);
     assert_eq!(of_kind(RecordedKind::Ready)[0].duration_ns, None);
 

@@ -121,8 +121,7 @@ impl ServiceConnection {
 
     /// Name, version and process.
     pub fn program(&self) -> String {
-        let Hello { server, server_version, pid, .. } = self.hello();
-        format!("{} {} (pid {pid})", Printable(server), Printable(server_version))
+        program(self.hello())
     }
 
     /// Reason why this client may only read.
@@ -196,6 +195,12 @@ impl fmt::Display for ServiceConnection {
         let simulated = if *is_simulated { ", SIMULATED" } else { "" };
         write!(f, "via {address}: {program}, master {master}, {access}{simulated}")
     }
+}
+
+/// Name, version and process of a service.
+pub fn program(hello: &Hello) -> String {
+    let Hello { server, server_version, pid, .. } = hello;
+    format!("{} {} (pid {pid})", Printable(server), Printable(server_version))
 }
 
 /// Counters of a gateway; `None` if those of another version cannot be read.

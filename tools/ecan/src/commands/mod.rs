@@ -1,5 +1,6 @@
 pub mod axis;
 pub mod bridge;
+mod bundle;
 pub mod config;
 pub mod diag;
 pub mod doctor;

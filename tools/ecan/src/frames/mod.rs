@@ -23,7 +23,7 @@ pub use port_link::wait_ready;
 pub use prepared::Prepared;
 pub use printer::{Destination, Printer, Screen, Style, TimedFrame};
 pub use sender::{Due, Record, Sender, TransmitTracker};
-pub use service::{LOSS_INTERVAL, Service, failure};
+pub use service::{LOSS_INTERVAL, Service, ServiceEvents, failure};
 pub use service_link::ServiceLink;
 pub use settings::{
     GatewayRequirements, Planned, ServiceSetup, Settings, gateways_of_service, of_file_offline,

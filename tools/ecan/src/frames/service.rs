@@ -1,6 +1,8 @@
-//! Running gateways with their cycle, for the frame commands, and the reports of their status.
+//! Running gateways with their cycle, for the frame commands, and the reports of their status: changes while a command
+//! runs, and the events that a service has recorded.
 
 use std::fmt::Display;
+use std::io::Write;
 use std::path::Path;
 use std::time::Duration;
 
@@ -12,12 +14,16 @@ use ecan_protocol::config::McanChannelConfig;
 use ecan_protocol::image::ChannelStatus;
 use ecan_protocol::mapping::{CHANNELS, Direction};
 use ecan_protocol::text::Printable;
+use ecan_service::protocol::{Gateway, Hello, RecordedEvent, RecordedEvents};
 use ecan_tool_support::command_line::interrupt::Interrupt;
+use serde::Serialize;
 
 use super::capture::FrameCapture;
 use super::channels::{BitRates, Channels, can_config};
 use super::link::{Arrival, BusFrame, Event, FrameLink, Ticket};
+use super::printer::{Style, Timestamps};
 use crate::context::{Failure, Result, note};
+use crate::service_access::{ServiceConnection, program};
 
 /// Default depth of a channel's transmit cache (manual 13.8).
 pub const CACHE_DEPTH: u32 = 64;
@@ -497,6 +503,59 @@ impl StatusWatch {
 
     pub fn finish(&mut self, link: &dyn FrameLink, mut report: impl FnMut(String)) {
         self.gateways.iter_mut().for_each(|gateway| gateway.finish(link, &mut report));
+    }
+}
+
+/// Events that a service has recorded.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct ServiceEvents {
+    #[serde(flatten)]
+    recorded: RecordedEvents,
+    #[serde(skip)]
+    hello: Hello,
+}
+
+impl ServiceEvents {
+    pub fn new(hello: Hello, recorded: RecordedEvents) -> Self {
+        Self { recorded, hello }
+    }
+
+    /// `None` if the service does not record any, or does not respond.
+    pub fn read(connection: &ServiceConnection) -> Option<Self> {
+        Some(Self::new(connection.hello().clone(), connection.client().events().ok()?))
+    }
+
+    /// Prints a line with date and slave for each event.
+    pub fn print(&self, out: &mut dyn Write) -> std::io::Result<()> {
+        let RecordedEvents { dropped, events } = &self.recorded;
+        if events.is_empty() {
+            return Ok(());
+        }
+        writeln!(out, "\nevents of {}", program(&self.hello))?;
+        if *dropped > 0 {
+            writeln!(out, "{dropped} earlier ones are not kept")?;
+        }
+        let style = if self.hello.is_free_running { Style::Date } else { Style::Absolute };
+        let mut times = Timestamps::new(style, false);
+        for RecordedEvent { time_ns, gateway, text, .. } in events {
+            let time = times.text(*time_ns);
+            let slave =
+                gateway.map_or_else(String::new, |index| format!("{}: ", self.slave(index)));
+            writeln!(out, "{time} {slave}{}", Printable(text))?;
+        }
+        Ok(())
+    }
+
+    /// Name of a gateway as it is configured; that of an earlier configuration may be another one.
+    fn slave(&self, index: u16) -> String {
+        match self.hello.gateways.get(usize::from(index)) {
+            Some(Gateway { alias: 0, position, .. }) => format!("slave {position}"),
+            Some(Gateway { alias, position: 0, .. }) => format!("slave with alias {alias}"),
+            Some(Gateway { alias, position, .. }) => {
+                format!("slave {position} after alias {alias}")
+            }
+            None => format!("gateway {index}"),
+        }
     }
 }
 

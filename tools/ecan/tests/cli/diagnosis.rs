@@ -5,7 +5,7 @@ use std::process::Command;
 
 use crate::support::terminal::with_answer;
 use crate::support::{
-    all_fail, ends, fails, good, json_of, scenario, setting, simulated, write_program,
+    all_fail, ecan, ends, fails, good, json_of, scenario, setting, simulated, write_program,
 };
 
 /// The bundle of the simulated gateway, with values changed: object and value.
@@ -325,6 +325,44 @@ fn all_gateways_are_diagnosed() {
     assert_eq!(output.status.code(), Some(5));
     let errors = String::from_utf8(output.stderr).unwrap();
     assert!(errors.contains("\nslave 1: counters and flags cleared\n"), "{errors}");
+}
+
+#[test]
+fn doctor_writes_a_bundle_and_names_it_last() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = |name: &str| directory.path().join(name).display().to_string();
+    let (file, config, nowhere) =
+        (path("bundle.json"), path("cell.toml"), path("none/bundle.json"));
+    std::fs::write(&config, "[[gateway]]\n").unwrap();
+    for (ecrt, failure) in [(&["--ecrt", "sim"][..], None), (&[], Some("libethercat.so.1"))] {
+        let plain = ecan(&[ecrt, &["doctor"]].concat());
+        let record =
+            |file| ecan(&[ecrt, &["doctor", "--record", file, "--config", &config]].concat());
+        let output = record(&file);
+        assert_eq!(output.status, plain.status);
+        let message = String::from_utf8(output.stderr).unwrap();
+        assert!(message.ends_with(&format!("written to {file}\n")), "{message}");
+        let bundle = json_of(&std::fs::read_to_string(&file).unwrap());
+        let told = bundle["failure"].as_str();
+        assert_eq!(told.is_some(), failure.is_some(), "{told:?}");
+        assert!(told.unwrap_or_default().contains(failure.unwrap_or_default()), "{told:?}");
+        let host = &bundle["host"];
+        assert_eq!(host["configuration"], "[[gateway]]\n");
+        let checks = host["checks"].as_array().unwrap();
+        assert!(checks.iter().any(|check| check["name"] == "library"), "{checks:?}");
+        assert_eq!(bundle["master"].is_null(), failure.is_some());
+
+        let output = record(&nowhere);
+        assert_eq!((output.status.code(), output.stdout), (Some(6), plain.stdout));
+        let message = String::from_utf8(output.stderr).unwrap();
+        let errors = message.lines().filter(|line| line.starts_with("ecan: "));
+        assert_eq!(errors.count(), 1, "{message}");
+        assert!(message.contains(&format!("ecan: cannot write {nowhere}: ")), "{message}");
+    }
+    all_fail(&[
+        (2, &["doctor", "--root", "/", "--record", &file], "cannot be used with"),
+        (2, &["doctor", "--config", &config], "--record"),
+    ]);
 }
 
 #[test]

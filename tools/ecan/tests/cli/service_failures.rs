@@ -7,13 +7,15 @@ use std::os::unix::net::{UnixListener, UnixStream};
 use std::process::Command;
 
 use ecan_protocol::can::{CanFrame, CanId};
-use ecan_service::client::{Client, ClientError, Event, Subscription, UploadParams};
+use ecan_service::client::{
+    Client, ClientError, Event, RecordedEvents, RecordedKind, Subscription, UploadParams,
+};
 use rustix::process::Signal;
 use serde_json::{Value, json};
 
 use crate::serve::serve_ready;
 use crate::support::timed_reader::LIMIT;
-use crate::support::{Running, assert_has, fails, wait_for};
+use crate::support::{Running, assert_has, ecan, ends, fails, good, json_of, wait_for};
 use ecan_test_support::Killed;
 
 fn upload() -> UploadParams {
@@ -49,6 +51,56 @@ fn is_complete(numbers: &[u16], end: u16) -> bool {
     let Some(&first) = numbers.first() else { return false };
     let rest = numbers.iter().skip_while(|number| **number == first).copied();
     rest.eq((first + 1..end).flat_map(|number| [number; 2]))
+}
+
+#[test]
+fn link_loss_is_told_by_clients_and_afterwards() {
+    let mut daemon = serve_ready();
+    let arguments =
+        ["--via", &daemon.path, "dump", "--record", &daemon.path_of("bus.log"), "--channel", "0"];
+    let mut dump = Running::start(&arguments);
+    let client = daemon.client();
+    client.subscribe(&Subscription::default()).unwrap();
+    wait_for("the subscription", || {
+        exchange(&client, 1);
+        let clients = client.service_stats().unwrap().clients;
+        clients.iter().any(|client| client.name == "ecan" && client.frames_delivered > 0)
+    });
+    let fault = json!({ "kind": "link_loss", "gateway": 0, "for_ms": 3000 });
+    client.call("sim.fault", fault).unwrap();
+    let lost = "lost, waits for the network link of the master; check the cable";
+    dump.wait_for_error(&format!("gateway: {lost}"));
+    // The reports need no bus.
+    let bundle = daemon.path_of("bundle.json");
+    let during = ["--via", &daemon.path, "diag", "--record", &bundle];
+    assert_has(&ends(3, &during), &format!(") slave 0: {lost}"));
+    let recorded = json_of(&std::fs::read_to_string(&bundle).unwrap());
+    assert_has(recorded["failure"].as_str().unwrap(), "no link");
+    assert_has(&recorded["service"]["events"].to_string(), lost);
+    assert_has(&good(&["diag", "--from", &bundle]), &format!(") slave 0: {lost}"));
+
+    dump.wait_for_error("gateway: ready after ");
+    daemon.program.wait_for_error("slave 0: ready after ");
+    let is_told = |events: &RecordedEvents| {
+        events
+            .events
+            .iter()
+            .any(|event| event.kind == RecordedKind::Ready && event.duration_ns > Some(0))
+    };
+    wait_for("the return", || is_told(&client.events().unwrap()));
+    for command in [&["diag"][..], &["monitor", "--once"]] {
+        let output = ecan(&[&["--via", &daemon.path], command].concat());
+        let shown = String::from_utf8(output.stdout).unwrap();
+        let events = shown.split("\nevents of ecan serve ").nth(1).unwrap();
+        let at = |words: &str| events.find(words).unwrap_or_else(|| panic!("{words}: {events}"));
+        assert!(at(&format!(") slave 0: {lost}")) < at(") slave 0: ready after "), "{events}");
+    }
+    let arguments = ["--via", &daemon.path, "monitor", "--once", "--json"];
+    let events = json_of(&String::from_utf8(ecan(&arguments).stdout).unwrap());
+    assert_eq!(events["service_events"]["dropped"], 0);
+    dump.terminate();
+    let errors = dump.ends(0);
+    assert_eq!(errors.matches("gateway: lost").count(), 1, "{errors}");
 }
 
 #[test]

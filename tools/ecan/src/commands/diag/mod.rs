@@ -1,11 +1,9 @@
 //! `ecan diag`: problems of a gateway, with causes and remedies (manual 16).
 
-mod bundle;
 mod report;
 
 use std::path::{Path, PathBuf};
 
-use bundle::{Bundle, Gateway, read_gateway, selected_slaves};
 use clap::Args;
 use ecan_host::{Maintenance, MaintenanceError};
 use ecan_protocol::device::MaintenanceCommand;
@@ -13,7 +11,12 @@ use ecan_protocol::text::Printable;
 use ecan_tool_support::diagnosis::Depth;
 use report::DiagnosisReport;
 
+use crate::commands::bundle::{
+    Bundle, Evidence, Gateway, RecordArguments, connection, read_gateway, selected_slaves,
+};
+use crate::commands::doctor::{Check, Root, host_checks};
 use crate::context::{Bus, Context, Failure, Output, Result, note};
+use crate::frames::ServiceEvents;
 use crate::output::Progress;
 use crate::slave_choice::AllArgument;
 
@@ -29,9 +32,8 @@ Examples:
 
 Exit status 1 if there is a finding. A gateway in PREOP without application is not a finding.")]
 pub struct DiagArguments {
-    /// Write a support bundle with all that can be read: gateways, versions, host; also after a failure
-    #[arg(long, value_name = "FILE")]
-    record: Option<PathBuf>,
+    #[command(flatten)]
+    record: RecordArguments,
     /// Explain a file written by --record, offline
     #[arg(long, value_name = "FILE", conflicts_with_all = ["record", "clear", "all"])]
     from: Option<PathBuf>,
@@ -51,27 +53,29 @@ pub struct DiagArguments {
 pub fn run(arguments: &DiagArguments, context: &Context) -> Result {
     if let Some(path) = &arguments.from {
         context.global.without_slave("--from explains the gateways of a file")?;
-        let Bundle { failure, gateways, .. } = Bundle::load(path)?;
-        if let Some(failure) = failure {
+        let bundle = Bundle::load(path)?;
+        if let Some(failure) = &bundle.failure {
             note(format_args!("the bundle was written after a failure: {}", Printable(failure)));
         }
-        return explain(&gateways, arguments, &context.output);
+        let events = bundle.service_events();
+        return explain(&bundle.gateways, events.as_ref(), arguments, &context.output);
     }
     let mut reading = Reading::default();
     let read = reading.read(arguments, context);
     let Reading { bus, slaves, gateways } = reading;
+    let events = connection(bus.as_ref(), context).as_ref().and_then(ServiceEvents::read);
     // Print the report even if the rest fails; clear only after recording.
-    let explained = match gateways.is_empty() {
+    let explained = match gateways.is_empty() && context.global.json {
         true => Ok(()),
-        false => explain(&gateways, arguments, &context.output),
+        false => explain(&gateways, events.as_ref(), arguments, &context.output),
     };
     let is_read = read.is_ok();
-    let mut result = read.and(explained);
-    if let Some(path) = &arguments.record {
-        result = save(path, bus.as_ref(), gateways, result, context);
-    }
-    let is_kept =
-        arguments.record.is_none() || matches!(result, Ok(()) | Err(Failure::Recorded { .. }));
+    let result = read.and(explained);
+    let is_requested = arguments.record.is_requested();
+    let checks = if is_requested { default_host_checks(context) } else { Vec::new() };
+    let evidence = Evidence { bus: bus.as_ref(), checks: &checks, gateways, failure: None };
+    let result = arguments.record.save(evidence, result, context);
+    let is_kept = !is_requested || matches!(result, Ok(()) | Err(Failure::Recorded { .. }));
     if let Some(bus) = bus.filter(|_| arguments.clear && is_read && is_kept) {
         clear_all(&bus, &slaves)?;
     }
@@ -89,7 +93,7 @@ struct Reading {
 impl Reading {
     fn read(&mut self, arguments: &DiagArguments, context: &Context) -> Result {
         let bus = self.bus.insert(context.bus()?);
-        let is_recorded = arguments.record.is_some();
+        let is_recorded = arguments.record.is_requested();
         let all = arguments.all.all || is_recorded && !bus.is_chosen();
         self.slaves = selected_slaves(bus, all)?;
         let progress = Progress::show("reading the gateways");
@@ -109,37 +113,6 @@ impl Reading {
     }
 }
 
-/// Writes a bundle with what was read, also after a failure, and names it last.
-fn save(
-    path: &Path,
-    bus: Option<&Bus>,
-    gateways: Vec<Gateway>,
-    result: Result,
-    context: &Context,
-) -> Result {
-    let failure = match &result {
-        Ok(()) | Err(Failure::ProblemsFound) => None,
-        Err(failure) => Some(failure.to_string()),
-    };
-    let is_failed = failure.is_some();
-    let saved = Bundle::gather(bus, gateways, failure, context).save(path);
-    match (saved, result) {
-        (Ok(()), Err(Failure::ReaderGone)) => Err(Failure::ReaderGone),
-        (Ok(()), Err(failure)) => {
-            Err(Failure::Recorded { failure: Box::new(failure), path: path.to_owned() })
-        }
-        (Ok(()), Ok(())) => {
-            note(format_args!("written to {}", Printable(path.display())));
-            Ok(())
-        }
-        (Err(unsaved), result) if is_failed => {
-            note(format_args!("{unsaved}"));
-            result
-        }
-        (unsaved, _) => unsaved,
-    }
-}
-
 /// The bundle of one gateway, as `--record` writes it, with what could be read.
 pub fn gather(
     bus: &Bus,
@@ -149,7 +122,13 @@ pub fn gather(
 ) -> impl serde::Serialize + use<> {
     let read = read_gateway(bus, slave, Depth::Everything, None);
     let failure = failure.or(read.as_ref().err().map(ToString::to_string));
-    Bundle::gather(Some(bus), read.into_iter().collect(), failure, context)
+    let checks = &default_host_checks(context);
+    let gateways = read.into_iter().collect();
+    Bundle::gather(Evidence { bus: Some(bus), checks, gateways, failure }, None, context)
+}
+
+fn default_host_checks(context: &Context) -> Vec<Check> {
+    host_checks(&Root::default(), context.global.master())
 }
 
 /// Clears every gateway; returns the first error.
@@ -166,8 +145,16 @@ fn clear_all(bus: &Bus, slaves: &[usize]) -> Result {
     failed.map_or(Ok(()), Err)
 }
 
-fn explain(gateways: &[Gateway], arguments: &DiagArguments, output: &Output) -> Result {
-    let reports: Vec<_> = gateways.iter().map(DiagnosisReport::new).collect();
+/// Prints a report of each gateway, and the events of the service.
+fn explain(
+    gateways: &[Gateway],
+    events: Option<&ServiceEvents>,
+    arguments: &DiagArguments,
+    output: &Output,
+) -> Result {
+    let report =
+        |gateway| DiagnosisReport { service_events: events, ..DiagnosisReport::new(gateway) };
+    let reports: Vec<_> = gateways.iter().map(report).collect();
     output.one_or_list(arguments.all.all || reports.len() > 1, &reports, |out| {
         for (number, report) in reports.iter().enumerate() {
             if number != 0 {
@@ -175,7 +162,7 @@ fn explain(gateways: &[Gateway], arguments: &DiagArguments, output: &Output) -> 
             }
             report::print(report, arguments.brief, output, out)?;
         }
-        Ok(())
+        events.iter().filter(|_| !arguments.brief).try_for_each(|events| events.print(out))
     })?;
     match reports.iter().all(|report| report.findings.is_empty()) {
         true => Ok(()),

@@ -16,8 +16,9 @@ use ecan_tool_support::diagnosis::registers::{
 use ecan_tool_support::diagnosis::{Finding, ObjectKey, Severity, Snapshot, findings, flag_names};
 use serde::Serialize;
 
-use super::bundle::Gateway;
+use crate::commands::bundle::Gateway;
 use crate::context::{Output, Tone};
+use crate::frames::ServiceEvents;
 use crate::output;
 
 /// DiagnosisReport of a gateway. A missing value is `None`, not zero.
@@ -33,6 +34,9 @@ pub(super) struct DiagnosisReport<'a> {
     pub(super) flags: Option<Vec<&'static str>>,
     pub(super) findings: Vec<Finding>,
     pub(super) gateway: &'a Gateway,
+    /// Events of the service, of all gateways.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) service_events: Option<&'a ServiceEvents>,
 }
 
 #[derive(Debug, Serialize)]
@@ -130,6 +134,7 @@ impl<'a> DiagnosisReport<'a> {
             flags: snapshot.get(0xB000, 6).map(flag_names),
             findings: findings(snapshot),
             gateway,
+            service_events: None,
         }
     }
 }

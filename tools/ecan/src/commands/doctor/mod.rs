@@ -15,6 +15,7 @@ use clap::Args;
 use ecan_host::Diagnostics;
 use ecan_sim::Backend;
 
+use crate::commands::bundle::{Evidence, RecordArguments};
 use crate::context::{Context, Failure, Output, Result, Tone};
 use crate::ethercat_tool::EthercatTool;
 use crate::output;
@@ -24,11 +25,12 @@ use crate::output;
 Examples:
   ecan doctor
   ecan doctor --root /mnt/image      check the files of another system
+  ecan doctor --record bundle.json   write a bundle for support: host, master, service
 
 Exit status 1 if problems are found.")]
 pub struct DoctorArguments {
     /// Check the files below this directory, without library and bus
-    #[arg(long, value_name = "DIRECTORY")]
+    #[arg(long, value_name = "DIRECTORY", conflicts_with = "record")]
     root: Option<PathBuf>,
     /// Path of ethtool for the interrupt coalescing [default: found, not with --root]
     #[arg(long, value_name = "PROGRAM")]
@@ -36,27 +38,43 @@ pub struct DoctorArguments {
     /// Path of IgH's tool ethercat, which reads the SII [default: PATH, IgH's paths]
     #[arg(long, value_name = "PROGRAM")]
     ethercat: Option<PathBuf>,
+    #[command(flatten)]
+    record: RecordArguments,
 }
 
 pub fn run(arguments: &DoctorArguments, context: &Context) -> Result {
     context.global.without_slave("doctor checks the host; use `ecan diag` for a gateway")?;
     context.global.without_service("doctor checks this host")?;
-    let checks = match &arguments.root {
+    let root = match &arguments.root {
         Some(path) if !path.is_dir() => {
             return Err(Failure::file("read", path, "not a directory"));
         }
-        Some(path) => {
-            let root = Root::at(path.clone()).with_ethtool(arguments.ethtool.clone());
-            host_checks(&root, context.global.master())
-        }
-        None => {
-            let root = Root::default().with_ethtool(arguments.ethtool.clone());
-            all_checks(&root, arguments.ethercat.as_deref(), context)?
-        }
+        Some(path) => Root::at(path.clone()),
+        None => Root::default(),
     };
-    context.output.data(&checks, |out| print(&checks, &context.output, out))?;
-    let has_problem = checks.iter().any(Check::has_problem);
-    if has_problem { Err(Failure::ProblemsFound) } else { Ok(()) }
+    let root = root.with_ethtool(arguments.ethtool.clone());
+    let of_files = || host_checks(&root, context.global.master());
+    let (checks, result) = match &arguments.root {
+        Some(_) => (of_files(), Ok(())),
+        None => match all_checks(&root, arguments.ethercat.as_deref(), context) {
+            Ok(checks) => (checks, Ok(())),
+            Err(failure) => (of_files(), Err(failure)),
+        },
+    };
+    let result = result.and_then(|()| {
+        context.output.data(&checks, |out| print(&checks, &context.output, out))?;
+        let has_problem = checks.iter().any(Check::has_problem);
+        if has_problem { Err(Failure::ProblemsFound) } else { Ok(()) }
+    });
+    if !arguments.record.is_requested() {
+        return result;
+    }
+    let (bus, failure) = match context.bus() {
+        Ok(bus) => (Some(bus), None),
+        Err(failure) => (None, Some(failure.to_string())),
+    };
+    let evidence = Evidence { bus: bus.as_ref(), checks: &checks, gateways: Vec::new(), failure };
+    arguments.record.save(evidence, result, context)
 }
 
 /// Checks of files.

@@ -260,6 +260,7 @@ impl Collector {
                 without_axes: (!has_axes).then(|| self.origin.without_axes.clone()),
                 axes: self.axes.clone(),
             },
+            service_events: None,
             signals: Arc::default(),
         }
     }

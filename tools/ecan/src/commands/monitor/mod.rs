@@ -147,7 +147,8 @@ fn print_once(
     let read = source.read_errors().map(|errors| {
         errors.into_iter().for_each(|(position, errors)| collector.take_errors(position, errors));
     });
-    let snapshot = Snapshot { signals, ..collector.snapshot() };
+    let service_events = source.service_events();
+    let snapshot = Snapshot { signals, service_events, ..collector.snapshot() };
     print(&snapshot, choice, context)?;
     let Head { frames_lost, interruption, .. } = &snapshot.head;
     if *frames_lost > 0 {

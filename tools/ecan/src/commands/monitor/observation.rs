@@ -13,6 +13,7 @@ use ecan_tool_support::diagnosis::registers::ErrorCounters;
 
 use super::snapshot::{Direction, Errors};
 use crate::context::{Failure, Result};
+use crate::frames::ServiceEvents;
 
 /// Interval of looking at the state of the gateways, in ns.
 pub const LOOK_NS: u64 = 100_000_000;
@@ -306,6 +307,11 @@ pub trait Source {
 
     /// Clock for intervals.
     fn now_ns(&self) -> u64;
+
+    /// Events that the service has recorded; `None` on the direct way.
+    fn service_events(&self) -> Option<ServiceEvents> {
+        None
+    }
 
     /// Reads the error counters of all gateways, by position.
     fn read_errors(&mut self) -> Result<Vec<(usize, GatewayErrors)>>;

@@ -15,7 +15,7 @@ use super::observation::{
 };
 use super::snapshot::Direction;
 use crate::context::{Bus, Failure, Result};
-use crate::frames::{GatewayRequirements, SetupOptions, of_service};
+use crate::frames::{GatewayRequirements, ServiceEvents, SetupOptions, of_service};
 use crate::service_access::{ServiceConnection, condition, statistics};
 
 /// Longest wait for an event, and between two attempts to read the gateways.
@@ -319,6 +319,10 @@ impl Source for ServiceSource {
 
     fn now_ns(&self) -> u64 {
         MonotonicClock.now_ns()
+    }
+
+    fn service_events(&self) -> Option<ServiceEvents> {
+        ServiceEvents::read(&self.connection)
     }
 
     fn read_errors(&mut self) -> Result<Vec<(usize, GatewayErrors)>> {

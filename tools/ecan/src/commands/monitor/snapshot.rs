@@ -8,8 +8,8 @@ use ecan_protocol::mapping::CHANNELS;
 use ecan_service::protocol::{AxisState, ServiceStats};
 use serde::{Serialize, Serializer};
 
-use crate::frames::Signals;
 use crate::frames::signals::DecodedMessage;
+use crate::frames::{ServiceEvents, Signals};
 
 pub const CLASSES: usize = 7;
 /// Class limits: difference between period and cycle in microseconds.
@@ -27,6 +27,9 @@ pub struct Snapshot {
     pub gateways: Vec<GatewayView>,
     /// Events, the latest last.
     pub events: Vec<Event>,
+    /// Events that the service has recorded, also before this program.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub service_events: Option<ServiceEvents>,
     #[serde(skip)]
     pub ids: IdsView,
     #[serde(skip)]

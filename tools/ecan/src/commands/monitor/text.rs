@@ -54,7 +54,7 @@ pub fn print_overview(out: &mut dyn Write, snapshot: &Snapshot) -> std::io::Resu
     for event in &snapshot.events {
         writeln!(out, "{:8.1} s  {}", event.seconds, event.words)?;
     }
-    Ok(())
+    snapshot.service_events.iter().try_for_each(|events| events.print(out))
 }
 
 pub fn gateway_cells(gateway: &GatewayView) -> [String; 9] {

@@ -177,6 +177,10 @@ impl Reporter {
                 let index = gateway.slave();
                 let position = self.positions.get(index).copied().unwrap_or_default();
                 note(format_args!("slave {position}: {event}"));
+                // The service does not see the fault of a verification.
+                if let BusEvent::Failed(Some(fault)) = event {
+                    self.record(format!("slave {position}: {fault}"));
+                }
                 if let Some(is_ready) = self.are_ready.get_mut(index) {
                     *is_ready = matches!(event, BusEvent::Ready(_) | BusEvent::Channel(..));
                 }
@@ -184,6 +188,7 @@ impl Reporter {
             Event::State(text) => {
                 self.positions.clear();
                 self.are_ready.clear();
+                self.record(text.clone());
                 return self.set_status(text);
             }
             Event::Idle => {
@@ -207,6 +212,12 @@ impl Reporter {
             Event::End => {}
         }
         self.set_status(self.text());
+    }
+
+    fn record(&self, text: String) {
+        if let Some(service) = self.reloader.service.upgrade() {
+            service.record_event(text);
+        }
     }
 
     fn text(&self) -> String {

@@ -1,22 +1,25 @@
 //! Support bundle: everything that could be read of gateways, their master, a service and the host, with versions.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::Duration;
 
+use clap::Args;
 use ecan_host::Error;
 use ecan_protocol::device::AlState;
 use ecan_protocol::mapping::SyncManagerLayout;
+use ecan_protocol::text::Printable;
 use ecan_service::client::ClientError;
 use ecan_tool_support::command_line::new_file;
 use ecan_tool_support::diagnosis::{Depth, ReadError, Snapshot};
 use serde::{Deserialize, Serialize};
 
 use crate::bus::serial_number;
-use crate::commands::doctor;
+use crate::commands::doctor::{Check, Root};
 use crate::config_file;
-use crate::context::{Bus, Context, Failure, GlobalOptions, Result, note};
+use crate::context::{Bus, Context, Failure, Result, note, open};
 use crate::ethercat_tool::EthercatTool;
+use crate::frames::ServiceEvents;
 use crate::program;
 use crate::service_access::ServiceConnection;
 use crate::slave_choice::Recognised;
@@ -26,22 +29,73 @@ const LOG_LIMIT: Duration = Duration::from_secs(5);
 const FORMAT: &str = "ecan-diagnosis";
 const VERSION: u32 = 2;
 
+#[derive(Debug, Args)]
+pub struct RecordArguments {
+    /// Write a support bundle with all that can be read, also after a failure
+    #[arg(long, value_name = "FILE")]
+    record: Option<PathBuf>,
+    /// Configuration file for the bundle [default: /etc/ecan/master<N>.toml]
+    #[arg(long, value_name = "FILE", requires = "record")]
+    config: Option<PathBuf>,
+}
+
+/// What a command has read for a bundle.
+pub struct Evidence<'a> {
+    pub bus: Option<&'a Bus>,
+    /// Results of `ecan doctor`.
+    pub checks: &'a [Check],
+    pub gateways: Vec<Gateway>,
+    /// Failure that does not end the command.
+    pub failure: Option<String>,
+}
+
+impl RecordArguments {
+    pub fn is_requested(&self) -> bool {
+        self.record.is_some()
+    }
+
+    /// Writes a bundle if one is requested, also after a failure, and names it last.
+    pub fn save(&self, mut evidence: Evidence<'_>, result: Result, context: &Context) -> Result {
+        let Some(path) = &self.record else { return result };
+        let failure =
+            result.as_ref().err().filter(|failure| !matches!(failure, Failure::ProblemsFound));
+        let is_failed = failure.is_some();
+        evidence.failure = failure.map(ToString::to_string).or(evidence.failure);
+        let saved = Bundle::gather(evidence, self.config.as_deref(), context).save(path);
+        match (saved, result) {
+            (Ok(()), Err(Failure::ReaderGone)) => Err(Failure::ReaderGone),
+            (Ok(()), Err(failure)) => {
+                Err(Failure::Recorded { failure: Box::new(failure), path: path.clone() })
+            }
+            (Ok(()), Ok(())) => {
+                note(format_args!("written to {}", Printable(path.display())));
+                Ok(())
+            }
+            (Err(unsaved), result) if is_failed => {
+                note(format_args!("{unsaved}"));
+                result
+            }
+            (unsaved, _) => unsaved,
+        }
+    }
+}
+
 /// What could be gathered: with a failure, everything up to it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub(super) struct Bundle {
+pub struct Bundle {
     format: String,
     version: u32,
     program: String,
     /// Time in seconds since 1970, UTC.
     taken_s: u64,
     /// Error of the command that wrote the bundle.
-    pub(super) failure: Option<String>,
+    pub failure: Option<String>,
     host: Host,
     /// `None` if it could not be reached.
     master: Option<Master>,
     /// State and counters of the service, if the command used one.
     service: Option<serde_json::Value>,
-    pub(super) gateways: Vec<Gateway>,
+    pub gateways: Vec<Gateway>,
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -57,7 +111,7 @@ struct Host {
     checks: serde_json::Value,
     /// Last lines of the master in the kernel log, or why there is none.
     kernel_log: Vec<String>,
-    /// Configuration file of the service of this master, if it is at its usual place.
+    /// The named configuration file, or why it is not there; otherwise that of the service of this master.
     configuration: Option<String>,
 }
 
@@ -85,45 +139,60 @@ struct Slave {
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub(super) struct Gateway {
-    pub(super) name: String,
+pub struct Gateway {
+    pub name: String,
     /// 0x100A and 0x1009; `None` if not read.
-    pub(super) firmware: Option<String>,
-    pub(super) hardware: Option<String>,
-    pub(super) serial: Option<u64>,
-    pub(super) snapshot: Snapshot,
+    pub firmware: Option<String>,
+    pub hardware: Option<String>,
+    pub serial: Option<u64>,
+    pub snapshot: Snapshot,
 }
 
 impl Bundle {
-    /// Gathers the state of the host, the master and the service, with the gateways that were read.
-    pub(super) fn gather(
-        bus: Option<&Bus>,
-        gateways: Vec<Gateway>,
-        failure: Option<String>,
+    /// Gathers the state of the host, the master and the service, with what a command has read.
+    pub fn gather(
+        Evidence { bus, checks, gateways, failure }: Evidence<'_>,
+        config: Option<&Path>,
         context: &Context,
     ) -> Self {
         let since_1970 = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH);
+        let master_index = context.global.master();
+        let mut host = host(bus, checks);
+        host.configuration = match config {
+            Some(path) => {
+                let text = config_file::read_input_text(path);
+                Some(text.unwrap_or_else(|error| error.to_string()))
+            }
+            None => Root::default().text(format!("etc/ecan/master{master_index}.toml")),
+        };
         Self {
             format: FORMAT.to_owned(),
             version: VERSION,
             program: format!("ecan {}", env!("CARGO_PKG_VERSION")),
             taken_s: since_1970.map_or(0, |time| time.as_secs()),
             failure,
-            host: host(bus, context.global),
+            host,
             master: bus.and_then(master),
-            service: bus.and_then(Bus::service).map(service),
+            service: connection(bus, context).as_ref().map(service),
             gateways,
         }
     }
 
-    pub(super) fn save(&self, path: &Path) -> Result {
+    /// Events of the service.
+    pub fn service_events(&self) -> Option<ServiceEvents> {
+        let of_service = |name| self.service.as_ref()?.get(name).cloned();
+        let hello = serde_json::from_value(of_service("hello")?).ok()?;
+        Some(ServiceEvents::new(hello, serde_json::from_value(of_service("events")?).ok()?))
+    }
+
+    pub fn save(&self, path: &Path) -> Result {
         let mut text = serde_json::to_string_pretty(self)
             .map_err(|error| Failure::file("write", path, error))?;
         text.push('\n');
         new_file::write(path, text).map_err(|error| Failure::file("write", path, error))
     }
 
-    pub(super) fn load(path: &Path) -> Result<Self> {
+    pub fn load(path: &Path) -> Result<Self> {
         let text = config_file::read_input_text(path)?;
         let wrong = |reason: String| Failure::file("understand", path, reason);
         // Check format and version first: this gives a better message than the first missing field.
@@ -142,9 +211,17 @@ impl Bundle {
     }
 }
 
+/// The service of a bus; a bus that could not be opened may have one all the same.
+pub fn connection(bus: Option<&Bus>, context: &Context) -> Option<ServiceConnection> {
+    match bus {
+        Some(bus) => bus.service().cloned(),
+        None => open(context.global, context.global.master()).ok().flatten(),
+    }
+}
+
 /// Selects the slaves, with two differences to other commands: the only slave of a bus is read even
 /// if it is not identified as a gateway, and `--all` includes slaves that cannot be identified.
-pub(super) fn selected_slaves(bus: &Bus, all: bool) -> Result<Vec<usize>> {
+pub fn selected_slaves(bus: &Bus, all: bool) -> Result<Vec<usize>> {
     match bus.one_or_all(all) {
         Err(Failure::Slave(_)) if !bus.is_chosen() && bus.diagnostics().slave_count() == 1 => {
             Ok(vec![0])
@@ -158,7 +235,7 @@ pub(super) fn selected_slaves(bus: &Bus, all: bool) -> Result<Vec<usize>> {
     }
 }
 
-pub(super) fn read_gateway(
+pub fn read_gateway(
     bus: &Bus,
     slave: usize,
     depth: Depth,
@@ -250,9 +327,8 @@ fn register(
     }
 }
 
-fn host(bus: Option<&Bus>, global: &GlobalOptions) -> Host {
-    let root = doctor::Root::default();
-    let checks = doctor::host_checks(&root, global.master());
+fn host(bus: Option<&Bus>, checks: &[Check]) -> Host {
+    let root = Root::default();
     let is_simulated = bus.is_some_and(Bus::is_simulated);
     Host {
         kernel: root.first_line("proc/version").unwrap_or_default(),
@@ -263,7 +339,7 @@ fn host(bus: Option<&Bus>, global: &GlobalOptions) -> Host {
         is_simulated,
         checks: serde_json::to_value(checks).unwrap_or_default(),
         kernel_log: if is_simulated { Vec::new() } else { kernel_log() },
-        configuration: root.text(format!("etc/ecan/master{}.toml", global.master())),
+        configuration: None,
     }
 }
 
@@ -288,11 +364,13 @@ fn service(connection: &ServiceConnection) -> serde_json::Value {
     let text = |error: ClientError| serde_json::Value::from(error.to_string());
     let stats = client.service_stats().map_or_else(text, |stats| serde_json::json!(stats));
     let state = client.state().map_or_else(text, |state| serde_json::json!(state));
-    serde_json::json!({ "hello": connection.hello(), "stats": stats, "state": state })
+    let events = client.events().map_or_else(text, |events| serde_json::json!(events));
+    let hello = connection.hello();
+    serde_json::json!({ "hello": hello, "stats": stats, "state": state, "events": events })
 }
 
 /// PRETTY_NAME of /etc/os-release.
-fn system_name(root: &doctor::Root) -> String {
+fn system_name(root: &Root) -> String {
     let text = root.text("etc/os-release").unwrap_or_default();
     let line = text.lines().find_map(|line| line.strip_prefix("PRETTY_NAME="));
     line.unwrap_or_default().trim_matches('"').to_owned()
