@@ -198,6 +198,8 @@ impl Bundle {
         // Check format and version first: this gives a better message than the first missing field.
         let value: serde_json::Value =
             serde_json::from_str(&text).map_err(|error| wrong(format!("invalid JSON: {error}")))?;
+        // The report of a probe contains a bundle.
+        let value = value.get("diagnosis").cloned().unwrap_or(value);
         if value["format"] != FORMAT {
             return Err(wrong("not a bundle of `ecan diag --record`".to_owned()));
         }

@@ -68,6 +68,7 @@ fn report_has_everything_and_is_written_once() {
     );
     assert_eq!(diagnosis["gateways"].as_array().unwrap().len(), 1);
     assert!(read("gateway.toml").contains("\nschedule_depth = 64\n"), "{}", read("gateway.toml"));
+    assert_has(&good(&["diag", "--from", &file]), "slave 0, PREOP, ECAN-Lite, firmware 2.2.1");
     assert_has(&fails(6, &["--ecrt", "sim", "probe", "--report", &file]), "file exists");
 }
 
