@@ -42,7 +42,8 @@ pub fn section() -> Fallible<Section> {
         }
         // The curve of the runs ends there.
         let hold = run.iter().find(|(_, percent)| percent.is_none());
-        let hold = hold.map_or(String::new(), |(axes, _)| format!(": axes hold if there are {axes} or more"));
+        let hold = hold
+            .map_or(String::new(), |(axes, _)| format!(": axes hold if there are {axes} or more"));
         let series = |name: &str, tone, points| Series { name: name.to_owned(), tone, points };
         panels.push(CurvePanel {
             title: format!("cycle of {cycle_ms} ms{hold}"),

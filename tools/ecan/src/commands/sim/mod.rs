@@ -53,7 +53,7 @@ enum Action {
     #[command(allow_missing_positional = true)]
     Power {
         /// The index as the first argument.
-        #[arg(hide = true, conflicts_with = "gateway")]
+        #[arg(value_name = "GATEWAY", hide = true, conflicts_with = "gateway")]
         index: Option<usize>,
         /// State of the supply; cycle: off, then on
         supply: Supply,
