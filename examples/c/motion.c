@@ -6,6 +6,7 @@
 
 #include "cycle_result.h"
 #include "frame_plan.h"
+#include "gateway_report.h"
 #include "igh_cia402_protocol.h"
 #include "igh_plan.h"
 #include "interrupt.h"
@@ -303,7 +304,9 @@ static bool move(igh_cia402_context_t *cia402, bus_t *bus, const motion_t *motio
     uint8_t phases[MOTION_MAX_AXES];
     memset(phases, IGH_CIA402_PHASE_RUNNING, sizeof(phases));
     for (uint64_t cycle = 0; cycle < motion->cycles && !interrupt_is_set(); cycle++) {
-        if (!run_cycle(cia402, bus, &health)) {
+        bool may_go_on = run_cycle(cia402, bus, &health);
+        gateway_report_print_changes(bus);
+        if (!may_go_on) {
             return false;
         }
         if (igh_cia402_get_send_summary(cia402, &summary) != ECAN_OK) {
@@ -339,6 +342,7 @@ static bool run_axes(igh_cia402_context_t *cia402, bus_t *bus, const motion_t *m
         report_sdk_error();
         is_good = false;
     }
+    gateway_report_print_changes(bus);
     motion_table_print(&table);
     real_time_print_statistics(&motion->thread, bus);
     return is_good;

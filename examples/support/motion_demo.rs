@@ -8,7 +8,7 @@ use clap::Args;
 use ecan_cia402::{AxisConfig, Cia402, Cia402Config, axis_traffic};
 use ecan_host::{Adapter, AdapterConfig, ClockSource, DcSync, Ecrt, Faults, StartupPlan};
 use ecan_lite::EcrtOptions;
-use ecan_mcan_port::{ChannelConfig, GatewayConfig, Port, PortConfig, PortPlan, Traffic};
+use ecan_mcan_port::{BusWatch, ChannelConfig, GatewayConfig, Port, PortConfig, PortPlan, Traffic};
 use ecan_protocol::image::{EncapsulationProfile, OptionFlags};
 use ecan_protocol::mapping::CHANNELS;
 use ecan_tool_support::command_line::options::{parse_bit_rate, parse_svg_path};
@@ -63,7 +63,8 @@ pub fn run_motion(
 
     let mut cia402 = Cia402::new(&port, axes, motion.cia402())?;
     let mut record = MotionRecord::new(&port, &cia402, cycles);
-    let moved = move_axes(&mut port, &mut cia402, &mut record, cycles, &interrupt);
+    let mut watch = BusWatch::new(&port);
+    let moved = move_axes((&mut port, &mut watch), &mut cia402, &mut record, cycles, &interrupt);
     let was_running = moved.is_ok() && cia402.all_running();
     record.end_motion(&cia402);
     if interrupt.is_set() {
@@ -74,6 +75,7 @@ pub fn run_motion(
     let shutdown = cia402
         .blocking(&mut port, SHUTDOWN)
         .on_progress(|axis| record.on_shutdown(axis))
+        .on_bus_change(&mut watch, |change| print_line!("{change}"))
         .shut_down();
     print(Stream::Output, record.table(&cia402));
     let heading = Heading::new("Positions and following errors")
@@ -96,20 +98,24 @@ pub fn run_motion(
 
 /// Configures and enables the axes at their actual positions, then sends a target per cycle.
 fn move_axes(
-    port: &mut Port,
+    (port, watch): (&mut Port, &mut BusWatch),
     cia402: &mut Cia402,
     record: &mut MotionRecord,
     cycles: u64,
     interrupt: &Interrupt,
 ) -> Result<(), Box<dyn Error>> {
-    cia402.blocking(port, STARTUP).on_progress(|axis| record.print_progress(axis)).start_up()?;
+    cia402
+        .blocking(port, STARTUP)
+        .on_progress(|axis| record.print_progress(axis))
+        .on_bus_change(watch, |change| print_line!("{change}"))
+        .start_up()?;
     record.start_motion(cia402, cycles);
     for number in 0..cycles {
         let mut cycle = port.next_cycle();
         cia402.process_rx(&mut cycle);
         let sent = cia402.send_target_step(&mut cycle);
         cycle.end()?;
-        record.end_cycle(number, cia402, sent.closed > 0);
+        record.end_cycle(number, watch.changes(port), cia402, sent.closed > 0);
         if interrupt.is_set() {
             break;
         }

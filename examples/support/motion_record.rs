@@ -8,7 +8,7 @@ use std::sync::Arc;
 use ecan_canopen::{EmcyLog, error_code_text};
 use ecan_cia402::{AxisError, AxisPhase, AxisProgress, AxisRef, Cia402, LoadWarning};
 use ecan_host::Clock;
-use ecan_mcan_port::Port;
+use ecan_mcan_port::{BusChange, Port};
 use ecan_tool_support::plot::{AxisRecorder, Heading, PlotError};
 use ecan_tool_support::print_line;
 use indicatif::ProgressBar;
@@ -70,10 +70,18 @@ impl MotionRecord {
         self.start_ns = now_ns;
     }
 
-    /// Records a cycle for the plot; prints the axes' progress if an axis rejected its target.
-    pub fn end_cycle(&mut self, cycle: u64, cia402: &Cia402, has_rejected: bool) {
+    /// Records a cycle for the plot; prints what changed on the bus, and the axes' progress if an axis rejected its
+    /// target.
+    pub fn end_cycle(
+        &mut self,
+        cycle: u64,
+        changes: impl Iterator<Item = BusChange>,
+        cia402: &Cia402,
+        has_rejected: bool,
+    ) {
         let seconds = (self.clock.now_ns() - self.start_ns) as f64 / 1e9;
         self.recorder.record(seconds, cycle, cia402);
+        changes.for_each(|change| self.progress.suspend(|| print_line!("{change}")));
         if has_rejected {
             let printer = &mut self.printer;
             self.progress

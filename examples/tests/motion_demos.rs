@@ -113,6 +113,23 @@ fn fault_during_a_hold_is_in_the_plot_and_the_table() {
 }
 
 #[test]
+fn link_loss_and_its_end_are_told_once_with_the_cause() {
+    let directory = tempfile::tempdir().unwrap();
+    let scenario = directory.path().join("x.toml");
+    let loss =
+        "[[fault]]\nafter_ready_ms = 3000\nkind = \"link_loss\"\ngateway = 0\nfor_ms = 300\n";
+    std::fs::write(&scenario, faulty_drive(loss)).unwrap();
+    let setting = format!("sim:{}", scenario.display());
+    let output = run(SINGLE, &["--ecrt", &setting, "--step", "100", "--cycles", "300"]);
+    assert_eq!(output.status.code(), Some(1), "{}", text(&output.stderr));
+    let printed = text(&output.stdout);
+    for told in ["slave 0: lost, waits for the network link of the master", "slave 0: ready after "]
+    {
+        assert_eq!(printed.matches(told).count(), 1, "{told}: {printed}");
+    }
+}
+
+#[test]
 fn results_are_printed_before_the_error_of_the_plot() {
     let arguments = ["--ecrt", "sim", "--cycles", "20", "--plot"];
     let png = run(SINGLE, &[&arguments[..], &["a.png"]].concat());

@@ -9,7 +9,7 @@ use ecan_canopen::{
     LssFailure, LssResult, Network, NodeHandle, Sdo, SdoStartError, Step, WaitError,
     run_cycle_uninterrupted, run_cycle_until,
 };
-use ecan_mcan_port::Port;
+use ecan_mcan_port::{BusChange, BusWatch, Port};
 
 use super::cia402::Cia402;
 use super::shutdown::Shutdown;
@@ -42,8 +42,7 @@ pub struct Blocking<'a> {
     table: &'a mut Cia402,
     port: &'a mut Port,
     timeout: Duration,
-    progress: Box<dyn FnMut(&AxisProgress) + 'a>,
-    reported: Changes<(AxisPhase, Option<AxisError>)>,
+    reports: Reports<'a>,
 }
 
 impl fmt::Debug for Blocking<'_> {
@@ -52,29 +51,55 @@ impl fmt::Debug for Blocking<'_> {
     }
 }
 
-/// Reports the axes whose phase or error is new.
-fn report(
-    table: &Cia402,
-    reported: &mut Changes<(AxisPhase, Option<AxisError>)>,
-    progress: &mut dyn FnMut(&AxisProgress),
-) {
-    for axis in table.axes() {
-        let axis = axis.progress();
-        if reported.is_new(axis.axis, (axis.phase, axis.error)) {
-            progress(&axis);
+type BusReports<'a> = (&'a mut BusWatch, Box<dyn FnMut(&BusChange) + 'a>);
+
+/// What the application is told while it waits.
+#[derive(Default)]
+struct Reports<'a> {
+    progress: Option<Box<dyn FnMut(&AxisProgress) + 'a>>,
+    reported: Changes<(AxisPhase, Option<AxisError>)>,
+    bus: Option<BusReports<'a>>,
+}
+
+impl Reports<'_> {
+    /// Reports the axes whose phase or error is new, and the changes of the bus.
+    fn report(&mut self, table: &Cia402, port: &Port) {
+        if let Some(progress) = &mut self.progress {
+            for axis in table.axes() {
+                let axis = axis.progress();
+                if self.reported.is_new(axis.axis, (axis.phase, axis.error)) {
+                    progress(&axis);
+                }
+            }
+        }
+        if let Some((watch, on_change)) = &mut self.bus {
+            watch.changes(port).for_each(|change| on_change(&change));
         }
     }
 }
 
 impl<'a> Blocking<'a> {
     pub(super) fn new(table: &'a mut Cia402, port: &'a mut Port, timeout: Duration) -> Self {
-        Self { table, port, timeout, progress: Box::new(|_| {}), reported: Changes::default() }
+        Self { table, port, timeout, reports: Reports::default() }
     }
 
     /// Calls `progress` for each axis at the start, and when its phase or its error changes.
     #[must_use]
-    pub fn on_progress(self, progress: impl FnMut(&AxisProgress) + 'a) -> Self {
-        Self { progress: Box::new(progress), ..self }
+    pub fn on_progress(mut self, progress: impl FnMut(&AxisProgress) + 'a) -> Self {
+        self.reports.progress = Some(Box::new(progress));
+        self
+    }
+
+    /// Calls `on_change` for each change that a watch of the bus tells, until the axes are configured, enabled or
+    /// stopped.
+    #[must_use]
+    pub fn on_bus_change(
+        mut self,
+        watch: &'a mut BusWatch,
+        on_change: impl FnMut(&BusChange) + 'a,
+    ) -> Self {
+        self.reports.bus = Some((watch, Box::new(on_change)));
+        self
     }
 
     /// [`configure`](Self::configure), [`read_positions`](Self::read_positions) and [`enable`](Self::enable) in
@@ -203,10 +228,10 @@ impl<'a> Blocking<'a> {
         what: &'static str,
         is_complete: impl Fn(&Cia402) -> bool,
     ) -> Result<(), Cia402Error> {
-        let Self { table, port, timeout, progress, reported } = self;
+        let Self { table, port, timeout, reports } = self;
         let ended = run_cycle_uninterrupted(port, *timeout, |cycle, _| {
             table.serve(cycle);
-            report(table, reported, progress);
+            reports.report(table, cycle);
             (table.all_stopped() && is_complete(table)).then_some(())
         });
         let Err(error) = ended else { return Ok(()) };
@@ -225,11 +250,11 @@ impl<'a> Blocking<'a> {
         what: &'static str,
         status: impl Fn(&Axis) -> WaitStatus,
     ) -> Result<(), Cia402Error> {
-        let Self { table, port, timeout, progress, reported } = self;
+        let Self { table, port, timeout, reports } = self;
         let start_ns = table.now_ns;
         let ended = run_cycle_until(port, *timeout, |cycle, _| {
             table.serve(cycle);
-            report(table, reported, progress);
+            reports.report(table, cycle);
             let is_waiting = |axis: &Axis| status(axis) == WaitStatus::Waiting;
             (!table.axes.iter().any(is_waiting)).then_some(())
         });

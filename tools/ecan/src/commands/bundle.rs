@@ -157,8 +157,7 @@ impl Bundle {
     ) -> Self {
         let since_1970 = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH);
         let master_index = context.global.master();
-        let mut host = host(bus, checks);
-        host.configuration = match config {
+        let configuration = match config {
             Some(path) => {
                 let text = config_file::read_input_text(path);
                 Some(text.unwrap_or_else(|error| error.to_string()))
@@ -171,7 +170,7 @@ impl Bundle {
             program: format!("ecan {}", env!("CARGO_PKG_VERSION")),
             taken_s: since_1970.map_or(0, |time| time.as_secs()),
             failure,
-            host,
+            host: host(bus, checks, configuration),
             master: bus.and_then(master),
             service: connection(bus, context).as_ref().map(service),
             gateways,
@@ -329,7 +328,7 @@ fn register(
     }
 }
 
-fn host(bus: Option<&Bus>, checks: &[Check]) -> Host {
+fn host(bus: Option<&Bus>, checks: &[Check], configuration: Option<String>) -> Host {
     let root = Root::default();
     let is_simulated = bus.is_some_and(Bus::is_simulated);
     Host {
@@ -341,7 +340,7 @@ fn host(bus: Option<&Bus>, checks: &[Check]) -> Host {
         is_simulated,
         checks: serde_json::to_value(checks).unwrap_or_default(),
         kernel_log: if is_simulated { Vec::new() } else { kernel_log() },
-        configuration: None,
+        configuration,
     }
 }
 

@@ -290,6 +290,10 @@ fn hold_after_an_outage_names_the_next_step() {
     let next = "the motion ended: holding: the working counter stayed incomplete; next: check the \
                 EtherCAT link and the real-time priority, then run the command again";
     assert!(message.ends_with(next), "{message}");
+    for told in ["slave 0: lost, waits for the network link of the master", "slave 0: ready after "]
+    {
+        assert_eq!(message.matches(told).count(), 1, "{told}: {message}");
+    }
 }
 
 #[test]

@@ -4,10 +4,10 @@ use std::time::Duration;
 
 use ecan_canopen::{DriveState, OperatingMode};
 use ecan_cia402::{
-    AxisCommand, AxisError, AxisPhase, AxisRef, Cia402, Cia402Config, Cia402Error, Decision,
-    HomingState, InputObject, Takeover, TargetRejection, WaitReason,
+    AxisCommand, AxisError, AxisPhase, AxisRef, Blocking, Cia402, Cia402Config, Cia402Error,
+    Decision, HomingState, InputObject, Takeover, TargetRejection, WaitReason,
 };
-use ecan_mcan_port::Port;
+use ecan_mcan_port::{BusChange, BusWatch, Port};
 use ecan_protocol::mapping::Direction;
 use ecan_sim::ClockKind;
 use serde::Serialize;
@@ -64,10 +64,17 @@ impl AxisEnd {
     }
 }
 
+fn change_text(position: usize, change: &BusChange) -> String {
+    format!("slave {position}: {}", change.event)
+}
+
 /// A gateway in operation, and the axis.
 #[derive(Debug)]
 pub struct AxisSession {
     port: Port,
+    /// Position of the gateway on the bus.
+    position: usize,
+    bus_watch: BusWatch,
     cia402: Cia402,
     pub operator: Option<Operator>,
     label: String,
@@ -144,6 +151,8 @@ impl AxisSession {
         let set = cia402.network_mut().set_time(time);
         set.map_err(|error| Failure::Usage(error.to_string()))?;
         Ok(Self {
+            position: planned.positions.first().copied().unwrap_or_default(),
+            bus_watch: BusWatch::new(&port),
             port,
             cia402,
             operator,
@@ -240,6 +249,9 @@ impl AxisSession {
         }
         self.cia402.send_targets_all(&mut cycle);
         cycle.end().map_err(Failure::master)?;
+        for change in self.bus_watch.changes(&self.port) {
+            self.output.text(change_text(self.position, &change));
+        }
         let decision = self.axis().map_or(Decision::Closed, AxisRef::decision);
         Ok(CycleEnd { now_ns, decision })
     }
@@ -379,14 +391,20 @@ impl AxisSession {
     pub fn number(&mut self, index: u16, subindex: u8) -> Option<u64> {
         let axis = self.axis()?;
         let (node, index) = (axis.node(), axis.config().object_index(index));
-        let mut waiting = self.cia402.blocking(&mut self.port, Duration::from_millis(500));
-        let read = waiting.upload(node, (index, subindex));
+        let read = self.blocking(Duration::from_millis(500)).upload(node, (index, subindex));
         read.ok().map(|data| crate::commands::node::node_client::decode_unsigned(&data))
+    }
+
+    /// Calls that run the cycle; they report what changes on the bus.
+    fn blocking(&mut self, timeout: Duration) -> Blocking<'_> {
+        let Self { port, cia402, bus_watch, output, position, .. } = self;
+        let report = |change: &BusChange| output.text(change_text(*position, change));
+        cia402.blocking(port, timeout).on_bus_change(bus_watch, report)
     }
 
     /// Stops the drive by quick stop, and waits until it is off.
     pub fn stop(&mut self) -> Result {
-        let stopped = self.cia402.blocking(&mut self.port, STOP).stop();
+        let stopped = self.blocking(STOP).stop();
         // The drop does not wait once more.
         self.cia402.set_stop_time(Duration::ZERO);
         stopped.map_err(|error| self.still_moving(&error))?;
@@ -470,7 +488,7 @@ impl AxisSession {
         };
         // After a stop that was not confirmed, a shutdown would wait for the same drive once more.
         let shutdown = match &stopped {
-            Ok(()) => self.cia402.blocking(&mut self.port, SHUTDOWN).shut_down(),
+            Ok(()) => self.blocking(SHUTDOWN).shut_down(),
             Err(_) => Ok(()),
         };
         let shutdown = shutdown.map_err(|error| self.still_moving(&error));
