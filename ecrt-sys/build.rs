@@ -22,7 +22,7 @@ fn regenerate() {
         header.display()
     );
 
-    // The output depends on the target version, so it is fixed: the workspace's rust-version.
+    // The output depends on the target version, so it is fixed, and no newer than the workspace's rust-version.
     let rust = bindgen::RustTarget::stable(88, 0)
         .unwrap_or_else(|error| panic!("bindgen does not know Rust 1.88: {error}"));
     let text = std::fs::read_to_string(&header)

@@ -347,9 +347,9 @@ pub(crate) unsafe fn enter_to_end<T: Pooled>(
 /// The error of a context that names no object.
 #[cold]
 pub(crate) fn not_initialised(call: Call, kind: Kind) -> ecan_result_t {
+    let init = kind.init();
     let text = format_args!(
-        "the context is not initialised, is deinitialised, or was copied: call {} on it",
-        kind.init()
+        "the context is not initialised, is deinitialised, or was copied: call {init} on it"
     );
     call.fail(ecan_result_t::ECAN_ERR_NOT_INITIALISED, text)
 }

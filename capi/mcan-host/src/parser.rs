@@ -177,7 +177,8 @@ fn parse_into(
     }
     let Parsed { found, layout } = parsed.map_err(|diagnosis| match diagnosis.pdo_error() {
         Some(PdoError::ActiveArea) => {
-            let text = format_args!("{} bytes are not an image of this profile", image.len());
+            let bytes = image.len();
+            let text = format_args!("{bytes} bytes are not an image of this profile");
             call.fail(ecan_result_t::ECAN_ERR_BUFFER, text)
         }
         _ => call.error(&diagnosis),

@@ -347,8 +347,8 @@ pub fn clean_name(name: &str) -> String {
         at.is_control()
             || matches!(at, '\u{200B}'..='\u{200F}' | '\u{2028}'..='\u{202E}' | '\u{2066}'..='\u{2069}' | '\u{FEFF}')
     };
-    let kept = name.get(..name.floor_char_boundary(MAX_NAME_BYTES)).unwrap_or_default();
-    kept.chars().map(|at| if is_hidden(at) { '?' } else { at }).collect()
+    let kept = name.char_indices().take_while(|(at, text)| at + text.len_utf8() <= MAX_NAME_BYTES);
+    kept.map(|(_, text)| if is_hidden(text) { '?' } else { text }).collect()
 }
 
 /// Access of a client.

@@ -45,8 +45,8 @@ struct Others {
 
 impl Others {
     fn observe(&mut self, kind: SampleKind, token: &str) {
-        let end = token.floor_char_boundary(MAX_TOKEN_BYTES);
-        let token = token.get(..end).unwrap_or_default();
+        let token =
+            (0..=MAX_TOKEN_BYTES).rev().find_map(|end| token.get(..end)).unwrap_or_default();
         match kind {
             SampleKind::Delete => drop(self.tokens.remove(token)),
             SampleKind::Put if self.tokens.len() < MAX_OTHERS => {

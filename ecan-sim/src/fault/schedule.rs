@@ -124,7 +124,8 @@ fn insert(list: &mut VecDeque<(u64, Fault)>, at: u64, fault: Fault) {
 }
 
 fn take_due(list: &mut VecDeque<(u64, Fault)>, now: u64) -> Option<Fault> {
-    list.pop_front_if(|(at, _)| *at <= now).map(|(_, fault)| fault)
+    let (_, fault) = if list.front()?.0 <= now { list.pop_front()? } else { return None };
+    Some(fault)
 }
 
 /// Number of records that are kept.

@@ -47,10 +47,9 @@ impl AxisTable {
         let unfilled = axes.iter().enumerate().filter(|(_, axis)| axis.seal != SEAL);
         let unfilled: Vec<_> = unfilled.map(|(index, _)| index.to_string()).collect();
         if !unfilled.is_empty() {
-            let text = format_args!(
-                "axis {} is not filled: call igh_cia402_axis_init first",
-                unfilled.join(", ")
-            );
+            let unfilled = unfilled.join(", ");
+            let text =
+                format_args!("axis {unfilled} is not filled: call igh_cia402_axis_init first");
             return Err(call.fail(ecan_result_t::ECAN_ERR_NOT_INITIALISED, text));
         }
         let mut table = Self { axes: Vec::new(), faults: Vec::new() };

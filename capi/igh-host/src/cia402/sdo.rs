@@ -47,11 +47,12 @@ pub(crate) fn put_value(
     room: &mut OutArray<u8>,
     length: &OutPointer<usize>,
 ) -> Result<(), ecan_result_t> {
-    length.set(value.len());
+    let bytes = value.len();
+    length.set(bytes);
     if room.push_bytes(value) {
         return Ok(());
     }
-    let text = format_args!("the value has {} bytes, more than the buffer", value.len());
+    let text = format_args!("the value has {bytes} bytes, more than the buffer");
     Err(call.fail(ecan_result_t::ECAN_ERR_BUFFER, text))
 }
 

@@ -352,7 +352,8 @@ fn set_object(
 
 #[cold]
 fn no_object(call: Call, index: u16, subindex: u8) -> ecan_result_t {
-    let text = format_args!("{} is not a configured object", describe(index, subindex));
+    let object = describe(index, subindex);
+    let text = format_args!("{object} is not a configured object");
     call.fail(ecan_result_t::ECAN_ERR_ARGUMENT, text)
 }
 

@@ -39,10 +39,10 @@ impl Parameter {
     /// Returns whether a node that has this value returned `value`.
     pub(super) fn is_confirmed_by(&self, value: &[u8]) -> bool {
         let is_pdo_cob_id = matches!(self.key(), (0x1400..=0x15FF | 0x1800..=0x19FF, 1));
-        match (self.data.as_array::<4>(), value.as_array::<4>()) {
+        match (<[u8; 4]>::try_from(&*self.data), <[u8; 4]>::try_from(value)) {
             // Nodes differ in whether bit 30, no remote request, can change.
-            (Some(own), Some(found)) if is_pdo_cob_id => {
-                (u32::from_le_bytes(*own) ^ u32::from_le_bytes(*found)) & !NO_RTR == 0
+            (Ok(own), Ok(found)) if is_pdo_cob_id => {
+                (u32::from_le_bytes(own) ^ u32::from_le_bytes(found)) & !NO_RTR == 0
             }
             _ => self.data == value,
         }

@@ -1,9 +1,9 @@
 //! Carry-less multiplication of x86-64: PCLMULQDQ.
 
 use core::arch::x86_64::{
-    __cpuid, __cpuid_count, __m128i, _mm_clmulepi64_si128, _mm_cvtsi128_si32, _mm_loadu_si128,
-    _mm_set_epi8, _mm_set_epi64x, _mm_set1_epi8, _mm_shuffle_epi8, _mm_slli_si128, _mm_sub_epi8,
-    _mm_xor_si128, _xgetbv,
+    __cpuid_count, __m128i, _mm_clmulepi64_si128, _mm_cvtsi128_si32, _mm_loadu_si128, _mm_set_epi8,
+    _mm_set_epi64x, _mm_set1_epi8, _mm_shuffle_epi8, _mm_slli_si128, _mm_sub_epi8, _mm_xor_si128,
+    _xgetbv, CpuidResult,
 };
 
 use super::shared::{ABSENT, POLYNOMIAL, PRESENT, level, quotient};
@@ -30,7 +30,7 @@ pub(super) fn detect() -> u8 {
         // Miri has no cpuid.
         return if IS_CERTAIN { PRESENT } else { ABSENT };
     }
-    let features = __cpuid(1).ecx;
+    let features = cpuid(1).ecx;
     if features & PCLMULQDQ == 0 || features & SSSE3 == 0 {
         ABSENT
     } else if has_wide() {
@@ -48,16 +48,22 @@ fn has_wide() -> bool {
     const VPCLMULQDQ: u32 = 1 << 10;
     const SSE_AND_AVX_STATE: u64 = 0b110;
     const EXTENDED_FEATURES: u32 = 7;
-    let features = __cpuid(1).ecx;
-    if features & OSXSAVE == 0 || features & AVX == 0 || __cpuid(0).eax < EXTENDED_FEATURES {
+    let features = cpuid(1).ecx;
+    if features & OSXSAVE == 0 || features & AVX == 0 || cpuid(0).eax < EXTENDED_FEATURES {
         return false;
     }
     // SAFETY: OSXSAVE says that the instruction may be used.
     let kept = unsafe { _xgetbv(0) };
-    let extended = __cpuid_count(EXTENDED_FEATURES, 0);
+    let extended = cpuid(EXTENDED_FEATURES);
     kept & SSE_AND_AVX_STATE == SSE_AND_AVX_STATE
         && extended.ebx & AVX2 != 0
         && extended.ecx & VPCLMULQDQ != 0
+}
+
+#[allow(unused_unsafe, reason = "the function is safe since Rust 1.94")]
+fn cpuid(leaf: u32) -> CpuidResult {
+    // SAFETY: every processor of this architecture has the instruction.
+    unsafe { __cpuid_count(leaf, 0) }
 }
 
 /// The bytes as they lie in memory.

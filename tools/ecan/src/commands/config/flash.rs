@@ -51,10 +51,10 @@ pub fn run(
 ) -> Result {
     let (bus, positions) = gateways(arguments, context)?;
     if command == FlashCommand::Factory {
-        let list: Vec<_> = positions.iter().map(ToString::to_string).collect();
+        let slaves: Vec<_> = positions.iter().map(ToString::to_string).collect();
+        let slaves = slaves.join(", ");
         let question = format_args!(
-            "Restore the factory configuration of slave {} and erase the saved one?",
-            list.join(", ")
+            "Restore the factory configuration of slave {slaves} and erase the saved one?"
         );
         confirm(is_confirmed, "the loss of the configuration", question, "not restored")?;
     }
