@@ -68,7 +68,6 @@ fi
 
 if [[ $static ]]; then
     # No path of this machine in the program.
-    export CARGO_PROFILE_RELEASE_STRIP=debuginfo
     sysroot=$(rustc --print sysroot)
     export RUSTFLAGS="--remap-path-prefix=${CARGO_HOME:-$HOME/.cargo}=/cargo
         --remap-path-prefix=$sysroot=/rust --remap-path-prefix=$PWD=/ecan-lite"

@@ -1,5 +1,6 @@
 # Makes OUTPUT, a static library of one object whose only global symbols are those of the version
-# script MAP, from cargo's static library ARCHIVE, with the tools CC, OBJCOPY and AR.
+# script MAP, from cargo's static library ARCHIVE, with the tools CC, OBJCOPY and AR. STRIP is a further
+# option of OBJCOPY, or empty.
 #
 # cargo's archive holds the whole Rust runtime with global symbols. With local ones a program may link
 # several Rust libraries, with --whole-archive as well.
@@ -27,7 +28,7 @@ file(REMOVE "${OUTPUT}")
 run(${CC} -r -nostdlib -o "${_object}" -Wl,--gc-sections ${_roots}
     -Wl,--whole-archive "${ARCHIVE}" -Wl,--no-whole-archive)
 # Bitcode for an optimisation at link time is of no use to a C compiler, and confuses its plugins.
-run(${OBJCOPY} --remove-section=.llvmbc --remove-section=.llvmcmd
+run(${OBJCOPY} ${STRIP} --remove-section=.llvmbc --remove-section=.llvmcmd
     "--keep-global-symbols=${OUTPUT}.symbols" "${_object}")
 run(${AR} rcsD "${OUTPUT}" "${_object}")
 file(REMOVE "${_object}" "${OUTPUT}.symbols")

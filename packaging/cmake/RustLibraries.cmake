@@ -98,7 +98,7 @@ function(ecan_add_library name)
     add_custom_command(OUTPUT "${_static}"
         COMMAND ${CMAKE_COMMAND} "-DCC=${CMAKE_C_COMPILER}" "-DOBJCOPY=${CMAKE_OBJCOPY}"
             "-DAR=${CMAKE_AR}" "-DARCHIVE=${_archive}" "-DMAP=${_map}" "-DOUTPUT=${_static}"
-            -P "${_prelink}"
+            "-DSTRIP=$<$<CONFIG:Release>:--strip-debug>" -P "${_prelink}"
         DEPENDS ${name}_cargo "${_archive}" "${_map}" "${_prelink}")
     add_custom_target(${name}_archive ALL DEPENDS "${_static}")
     set(_needs_static)
