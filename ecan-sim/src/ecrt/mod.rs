@@ -5,7 +5,6 @@
 
 mod clocks;
 mod domain;
-mod kernel_log;
 mod shared;
 // the crate root documents the safety contract of all functions, `ecrt_sys::Functions` each of them
 #[allow(missing_docs, clippy::missing_safety_doc)]

@@ -6,9 +6,9 @@
 use ecan_protocol::device::{AlState, AlStatusCode};
 use ecan_protocol::mapping::{Direction, sync_manager};
 
+use super::KernelLog;
 use crate::ecrt::clocks::Clocks;
 use crate::ecrt::domain::{AssignmentWrite, SyncWatchdog, assignment_writes, pdo_bytes};
-use crate::ecrt::kernel_log::KernelLog;
 use crate::ecrt::sdo_transfer::{
     MailboxTransfer, Pace, Payload, Progress, Receiver, SdoFailure, SdoObject, proceed,
 };
