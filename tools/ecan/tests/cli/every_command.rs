@@ -2,6 +2,8 @@
 
 use std::process::Command;
 
+use crate::support::terminal::Pty;
+use crate::support::timed_reader::TimedReader;
 use crate::support::{
     FakeLibrary, Scenario, assert_has, ends, fails, first_silent, json_of, setting, two_gateways,
 };
@@ -535,6 +537,22 @@ fn wrong_command_line_is_rejected_with_the_one_that_was_meant() {
     // What fits nothing has no hint.
     let message = fails(2, &["info", "nonsense"]);
     assert!(!message.contains("tip:"), "{message}");
+}
+
+#[test]
+fn long_message_is_broken_on_a_terminal_only() {
+    let missing = ["--ecrt", "/nowhere/libethercat.so", "scan"];
+    let whole = fails(3, &missing);
+    assert_eq!(whole.lines().count(), 1, "{whole}");
+    let terminal = Pty::open((60, 24));
+    let mut command = Command::new(env!("CARGO_BIN_EXE_ecan"));
+    let status = command.args(missing).stderr(terminal.stdio()).status().unwrap();
+    assert_eq!(status.code(), Some(3));
+    let mut shown = TimedReader::new(terminal.master.try_clone().unwrap());
+    shown.wait_for("ECAN_ECRT=sim\r\n");
+    let shown = shown.text().replace('\r', "");
+    assert!(shown.lines().all(|line| line.len() <= 60), "{shown}");
+    assert_eq!(shown.trim_end().replace("\n  ", " "), whole);
 }
 
 #[test]
