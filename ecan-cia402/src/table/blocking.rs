@@ -51,12 +51,13 @@ impl fmt::Debug for Blocking<'_> {
     }
 }
 
+type OnProgress<'a> = Box<dyn FnMut(&AxisProgress) + 'a>;
 type BusReports<'a> = (&'a mut BusWatch, Box<dyn FnMut(&BusChange) + 'a>);
 
 /// What the application is told while it waits.
 #[derive(Default)]
 struct Reports<'a> {
-    progress: Option<Box<dyn FnMut(&AxisProgress) + 'a>>,
+    progress: Option<OnProgress<'a>>,
     reported: Changes<(AxisPhase, Option<AxisError>)>,
     bus: Option<BusReports<'a>>,
 }
