@@ -60,7 +60,7 @@ fn has_wide() -> bool {
         && extended.ecx & VPCLMULQDQ != 0
 }
 
-#[allow(unused_unsafe, reason = "the function is safe since Rust 1.94")]
+#[allow(unused_unsafe, reason = "newer versions of Rust have a safe function")]
 fn cpuid(leaf: u32) -> CpuidResult {
     // SAFETY: every processor of this architecture has the instruction.
     unsafe { __cpuid_count(leaf, 0) }
