@@ -235,7 +235,7 @@ fn wrong_use_of_the_demos_returns_a_helpful_message() {
     let cases: &[(&[&str], &str)] = &[
         (&["--profile", "2"], "allowed: 0, 1, 4, 5"),
         (&["--node", "0"], "--node"),
-        (&["--bitrate", "1"], "bit timing"),
+        (&["--bitrate", "3M"], "bit timing"),
         (&["--plot", "/no/such/dir/a.svg"], "cannot write /no/such/dir/a.svg"),
         (&["--skip-sdo-config"], "0x8011:09"),
     ];

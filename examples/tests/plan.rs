@@ -71,7 +71,7 @@ fn impossible_plan_ends_with_the_reason() {
         (&["--slaves", "3", "--pdo-n", "11", "--cycle-us", "500"], &["700.8 us on the wire"]),
         (&["--cycle-us", "100"], &["1128 bytes", "no slave reach OP"]),
         (&["--bitrate", "125000", "--cycle-us", "1000"], &["178 to 216 % of the bus"]),
-        (&["--bitrate", "1"], &["bit timing"]),
+        (&["--bitrate", "3M"], &["bit timing"]),
     ];
     for (arguments, expected) in cases {
         let output = run(LOOP, &[&["--plan"], arguments].concat());

@@ -238,7 +238,7 @@ fn wrong_use_returns_a_helpful_message() {
         (&["--dump", "/no/such/dir/out.log"], "cannot write /no/such/dir/out.log"),
         (&["--pdo-n", "0"], "allowed: 1 to 24"),
         (&["--pdo-n", "12"], "at most 11"),
-        (&["--bitrate", "123"], "bit timing"),
+        (&["--bitrate", "3M"], "bit timing"),
         (&["--cycle-us", "10"], "cycle of 10 us"),
     ];
     program::all_fail("simple_loop", &["--ecrt", "sim"], cases);
@@ -411,7 +411,7 @@ fn cycle_period_and_denied_settings_are_printed() {
     assert!(!succeeds(&base).contains("master_period"), "not requested");
     let asked = ["--spin-us", "100", "--cpu", "4095"];
     let printed = succeeds(&[&base[..], &asked].concat());
-    let rejected = "CPU 4095: not granted, CPU 4095 is not there";
+    let rejected = "CPU 4095: not granted, the CPU is not there";
     assert!(
         printed.contains(rejected) && printed.contains("continuing without the denied settings"),
         "{printed}"
