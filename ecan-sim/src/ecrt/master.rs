@@ -7,25 +7,18 @@ mod startup;
 mod transfers;
 mod transport;
 
-use std::collections::VecDeque;
-
-use activity::{BusScan, Pacing, Requests, Reservation};
+use activity::{BusScan, KernelLog, Pacing, Requests, Reservation};
 use dictionary::DictionaryReader;
 pub(crate) use dictionary::{dictionary_ns, object_count};
 use ecan_protocol::device::AlState;
-use ecan_protocol::object::{AbortCode, describe};
 use startup::SlaveStartup;
 use transport::{Contents, Transport};
 
 use super::clocks::Clocks;
 use super::domain::Queued;
-use super::sdo_transfer::{SdoFailure, SdoObject};
 use super::slaves::{Configs, SlaveConfig, SlaveView, is_any_configured};
 use crate::scenario::{EcrtVersion, MasterBehaviour, Scenario};
 use crate::world::{Slot, World};
-
-/// Lines that the kernel log keeps.
-const LOG_LINES: usize = 1000;
 
 /// The master with its state machines.
 #[derive(Debug)]
@@ -270,49 +263,5 @@ impl MasterModel {
             config.load_defaults(&slave.assigned);
         }
         Ok(index)
-    }
-}
-
-/// The last lines that the master wrote to the kernel log.
-#[derive(Debug, Default)]
-pub(crate) struct KernelLog {
-    lines: VecDeque<String>,
-}
-
-impl KernelLog {
-    pub(crate) fn push(&mut self, line: String) {
-        if self.lines.len() == LOG_LINES {
-            self.lines.pop_front();
-        }
-        self.lines.push_back(line);
-    }
-
-    /// Writes a line about a slave.
-    pub(crate) fn push_slave(&mut self, slave: usize, text: &str) {
-        self.push(format!("EtherCAT 0-{slave}: {text}"));
-    }
-
-    /// Writes the failure of an SDO download to a slave.
-    pub(crate) fn push_sdo(
-        &mut self,
-        slave: usize,
-        what: &str,
-        object: SdoObject,
-        failure: SdoFailure,
-    ) {
-        let object = describe(object.index, object.subindex);
-        let text = if failure == SdoFailure::NO_COE {
-            format!("{what} {object}: the slave does not support CoE")
-        } else if failure.abort_code == 0 {
-            format!("{what} {object}: no response")
-        } else {
-            format!("{what} {object} aborted: {}", AbortCode(failure.abort_code))
-        };
-        self.push_slave(slave, &text);
-    }
-
-    /// The lines, oldest first.
-    pub(crate) fn lines(&self) -> impl Iterator<Item = &str> {
-        self.lines.iter().map(String::as_str)
     }
 }

@@ -1,5 +1,9 @@
 //! What the master does at a time: the handle that has reserved it, the pace of its state machines, the poll or
-//! scan of the bus, and the turn of the requests, those of blocking calls included.
+//! scan of the bus, the turn of the requests, those of blocking calls included, and the kernel log about it.
+
+use std::collections::VecDeque;
+
+use ecan_protocol::object::{AbortCode, describe};
 
 use crate::ecrt::sdo_transfer::{MailboxTransfer, Pace, SdoFailure, SdoObject, TransferOwner};
 use crate::ecrt::slaves::{Configs, RequestProgress, SlaveView};
@@ -332,5 +336,52 @@ impl Requests {
                 }
             }
         }
+    }
+}
+
+/// Lines that the kernel log keeps.
+const LOG_LINES: usize = 1000;
+
+/// The last lines that the master wrote to the kernel log.
+#[derive(Debug, Default)]
+pub(crate) struct KernelLog {
+    lines: VecDeque<String>,
+}
+
+impl KernelLog {
+    pub(crate) fn push(&mut self, line: String) {
+        if self.lines.len() == LOG_LINES {
+            self.lines.pop_front();
+        }
+        self.lines.push_back(line);
+    }
+
+    /// Writes a line about a slave.
+    pub(crate) fn push_slave(&mut self, slave: usize, text: &str) {
+        self.push(format!("EtherCAT 0-{slave}: {text}"));
+    }
+
+    /// Writes the failure of an SDO download to a slave.
+    pub(crate) fn push_sdo(
+        &mut self,
+        slave: usize,
+        what: &str,
+        object: SdoObject,
+        failure: SdoFailure,
+    ) {
+        let object = describe(object.index, object.subindex);
+        let text = if failure == SdoFailure::NO_COE {
+            format!("{what} {object}: the slave does not support CoE")
+        } else if failure.abort_code == 0 {
+            format!("{what} {object}: no response")
+        } else {
+            format!("{what} {object} aborted: {}", AbortCode(failure.abort_code))
+        };
+        self.push_slave(slave, &text);
+    }
+
+    /// The lines, oldest first.
+    pub(crate) fn lines(&self) -> impl Iterator<Item = &str> {
+        self.lines.iter().map(String::as_str)
     }
 }

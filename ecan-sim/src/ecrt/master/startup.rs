@@ -6,7 +6,7 @@
 use ecan_protocol::device::{AlState, AlStatusCode};
 use ecan_protocol::mapping::{Direction, sync_manager};
 
-use super::KernelLog;
+use super::activity::KernelLog;
 use crate::ecrt::clocks::Clocks;
 use crate::ecrt::domain::{AssignmentWrite, SyncWatchdog, assignment_writes, pdo_bytes};
 use crate::ecrt::sdo_transfer::{
