@@ -24,40 +24,61 @@ pub(super) fn is_wide() -> bool {
 }
 
 pub(super) fn detect() -> u8 {
-    const PCLMULQDQ: u32 = 1 << 1;
-    const SSSE3: u32 = 1 << 9;
     if cfg!(miri) {
         // Miri has no cpuid.
         return if IS_CERTAIN { PRESENT } else { ABSENT };
     }
-    let features = cpuid(1).ecx;
-    if features & PCLMULQDQ == 0 || features & SSSE3 == 0 {
-        ABSENT
-    } else if has_wide() {
-        WIDE
-    } else {
-        PRESENT
-    }
+    Support::read().level()
 }
 
-/// True if the processor has AVX2 and VPCLMULQDQ, and the system keeps their registers.
-fn has_wide() -> bool {
+/// What processor and system state about the instructions.
+#[derive(Clone, Copy)]
+struct Support {
+    /// ECX of leaf 1.
+    features: u32,
+    /// EBX and ECX of leaf 7; 0 if there is none.
+    extended: (u32, u32),
+    /// Registers that the system keeps; 0 if it does not say.
+    kept: u64,
+}
+
+impl Support {
+    const PCLMULQDQ: u32 = 1 << 1;
+    const SSSE3: u32 = 1 << 9;
     const OSXSAVE: u32 = 1 << 27;
     const AVX: u32 = 1 << 28;
     const AVX2: u32 = 1 << 5;
     const VPCLMULQDQ: u32 = 1 << 10;
     const SSE_AND_AVX_STATE: u64 = 0b110;
-    const EXTENDED_FEATURES: u32 = 7;
-    let features = cpuid(1).ecx;
-    if features & OSXSAVE == 0 || features & AVX == 0 || cpuid(0).eax < EXTENDED_FEATURES {
-        return false;
+
+    fn read() -> Self {
+        const EXTENDED_FEATURES: u32 = 7;
+        let features = cpuid(1).ecx;
+        let extended = match cpuid(0).eax {
+            0..EXTENDED_FEATURES => (0, 0),
+            _ => (cpuid(EXTENDED_FEATURES).ebx, cpuid(EXTENDED_FEATURES).ecx),
+        };
+        let kept = match features & Self::OSXSAVE {
+            0 => 0,
+            // SAFETY: OSXSAVE says that the instruction may be used.
+            _ => unsafe { _xgetbv(0) },
+        };
+        Self { features, extended, kept }
     }
-    // SAFETY: OSXSAVE says that the instruction may be used.
-    let kept = unsafe { _xgetbv(0) };
-    let extended = cpuid(EXTENDED_FEATURES);
-    kept & SSE_AND_AVX_STATE == SSE_AND_AVX_STATE
-        && extended.ebx & AVX2 != 0
-        && extended.ecx & VPCLMULQDQ != 0
+
+    fn level(self) -> u8 {
+        let Self { features, extended: (ebx, ecx), kept } = self;
+        let has = |bits: u32| features & bits == bits;
+        let is_wide = has(Self::OSXSAVE | Self::AVX)
+            && kept & Self::SSE_AND_AVX_STATE == Self::SSE_AND_AVX_STATE
+            && ebx & Self::AVX2 != 0
+            && ecx & Self::VPCLMULQDQ != 0;
+        match has(Self::PCLMULQDQ | Self::SSSE3) {
+            true if is_wide => WIDE,
+            true => PRESENT,
+            false => ABSENT,
+        }
+    }
 }
 
 #[allow(unused_unsafe, reason = "newer versions of Rust have a safe function")]
@@ -118,4 +139,32 @@ pub(super) fn reduce(sum: Block) -> u16 {
     let times = _mm_xor_si128(upper, _mm_clmulepi64_si128::<0x01>(upper, constants));
     let product = _mm_clmulepi64_si128::<0x11>(times, constants);
     _mm_cvtsi128_si32(_mm_xor_si128(sum, product)) as u16
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_missing_feature_lowers_the_level() {
+        let narrow = Support::PCLMULQDQ | Support::SSSE3;
+        let features = narrow | Support::OSXSAVE | Support::AVX;
+        let extended = (Support::AVX2, Support::VPCLMULQDQ);
+        let all = Support { features, extended, kept: 0b111 };
+        assert_eq!(all.level(), WIDE);
+        for missing in [
+            Support { features: features & !Support::OSXSAVE, ..all },
+            Support { features: features & !Support::AVX, ..all },
+            Support { extended: (!Support::AVX2, Support::VPCLMULQDQ), ..all },
+            Support { extended: (Support::AVX2, !Support::VPCLMULQDQ), ..all },
+            Support { kept: 0b101, ..all },
+            Support { kept: 0b011, ..all },
+        ] {
+            assert_eq!(missing.level(), PRESENT);
+        }
+        for bit in [Support::PCLMULQDQ, Support::SSSE3] {
+            assert_eq!(Support { features: features & !bit, ..all }.level(), ABSENT);
+        }
+        assert_eq!(Support { features: narrow, extended: (0, 0), kept: 0 }.level(), PRESENT);
+    }
 }
